@@ -1,0 +1,59 @@
+"""The errors a user can meet, and the exit code each one ends a command with."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class TacbenchError(Exception):
+    """Any error with a message meant for the user: one line, no traceback.
+
+    Attributes:
+        exit_code: What a command ends with (0 is success, 130 an interruption).
+    """
+
+    exit_code = 2
+
+
+class InputError(TacbenchError):
+    """A field has a value that is not allowed.
+
+    Args:
+        field: Name of the field, option or file.
+        value: The value that was given.
+        allowed: What would be allowed, as the end of a sentence.
+    """
+
+    def __init__(self, field: str, value: object, allowed: str) -> None:
+        self.field = field
+        self.value = value
+        self.allowed = allowed
+        super().__init__(f"{field} = {value!r}: {allowed}" if value is not None else f"{field}: {allowed}")
+
+
+class MissingToolError(TacbenchError):
+    """Something asked for needs a package or a system library that is not there."""
+
+
+class CheckFailedError(TacbenchError):
+    """A part or a file was examined and found wrong."""
+
+    exit_code = 1
+
+
+def nearest(word: str, allowed: Iterable[str]) -> str:
+    """Return a hint naming the allowed word nearest to ``word``, or the whole list.
+
+    Args:
+        word: What was written.
+        allowed: The words that would have been accepted.
+
+    Returns:
+        ``'did you mean "scale"?'`` or ``'allowed: a, b, c'``.
+    """
+    words = list(allowed)
+    close = difflib.get_close_matches(word, words, n=1, cutoff=0.6)
+    if close:
+        return f'did you mean "{close[0]}"?'
+    return "allowed: " + ", ".join(words)

@@ -1,0 +1,257 @@
+"""Lowest and highest values with a proved error, by branch and bound.
+
+Both searches bound a smooth function on a cell by its second-order Taylor polynomial about the centre, whose
+remainder follows from bounds of the second derivatives over the whole domain. Cells that cannot hold a better value
+are dropped, the rest are halved, until the proved gap is below the error asked for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+#: Cells alive at one time: past this the search stops and reports the gap that it has proved so far.
+MOST_CELLS = 2_000_000
+#: Halvings after which rounding would decide.
+MOST_ROUNDS = 60
+
+
+@dataclass(frozen=True)
+class Extremes:
+    """The lowest and the highest value over a domain.
+
+    Attributes:
+        low: Lowest value found; the true one is not below ``low - error``.
+        high: Highest value found; the true one is not above ``high + error``.
+        at_low: A point where ``low`` is taken.
+        at_high: A point where ``high`` is taken.
+        error: The proved error.
+    """
+
+    low: float
+    high: float
+    at_low: tuple[float, ...]
+    at_high: tuple[float, ...]
+    error: float
+
+
+@dataclass(frozen=True)
+class HalfPlane:
+    """The points with ``a u + b v <= c``."""
+
+    a: float
+    b: float
+    c: float
+
+    def excess(self, u: ArrayLike, v: ArrayLike) -> Floats:
+        """How far ``a u + b v`` passes ``c``: zero or negative inside."""
+        return np.asarray(self.a * np.asarray(u) + self.b * np.asarray(v) - self.c, dtype=np.float64)
+
+
+class Function1D(Protocol):
+    """A function of one variable with derivatives."""
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> Floats: ...
+
+
+class Function2D(Protocol):
+    """A function of two variables with partial derivatives."""
+
+    def __call__(self, u: ArrayLike, v: ArrayLike, order: tuple[int, int] = (0, 0)) -> Floats: ...
+
+
+def search_interval(function: Function1D, second: float, low: float, high: float, error: float) -> Extremes:
+    """Extremes over ``[low, high]``.
+
+    Args:
+        function: The function; called with arrays.
+        second: A bound of ``|f''|``.
+        low: Lower end.
+        high: Upper end.
+        error: The gap to prove.
+    """
+    top, at_top, gap_top = _highest_1d(function, 1.0, second, low, high, error)
+    bottom, at_bottom, gap_bottom = _highest_1d(function, -1.0, second, low, high, error)
+    return Extremes(-bottom, top, (at_bottom,), (at_top,), max(gap_top, gap_bottom))
+
+
+def search_rectangle(
+    function: Function2D,
+    second: tuple[float, float, float],
+    u: tuple[float, float],
+    v: tuple[float, float],
+    error: float,
+    keep: HalfPlane | None = None,
+) -> Extremes:
+    """Extremes over a rectangle, or over the part of it in a half-plane.
+
+    Args:
+        function: The function; called with arrays.
+        second: Bounds of ``|f_uu|``, ``|f_uv|``, ``|f_vv|``.
+        u: Ends along u.
+        v: Ends along v.
+        error: The gap to prove.
+        keep: The half-plane that counts.
+    """
+    top, at_top, gap_top = _highest_2d(function, 1.0, second, u, v, error, keep)
+    bottom, at_bottom, gap_bottom = _highest_2d(function, -1.0, second, u, v, error, keep)
+    return Extremes(-bottom, top, at_bottom, at_top, max(gap_top, gap_bottom))
+
+
+def _highest_1d(
+    function: Function1D, sign: float, second: float, low: float, high: float, error: float
+) -> tuple[float, float, float]:
+    """Highest value of ``sign * function``, where it is taken, and the proved gap."""
+    ends = np.array([low, high])
+    values = sign * function(ends)
+    best, place = float(values.max()), float(ends[int(values.argmax())])
+    if high <= low or second == 0.0:
+        return best, place, 0.0
+    cells = int(np.clip(4.0 * (high - low) * np.sqrt(second), 16, 20_000))
+    half = (high - low) / (2 * cells)
+    centre = low + half * (2 * np.arange(cells) + 1)
+    gap = 0.0
+    for _ in range(MOST_ROUNDS):
+        value = sign * function(centre)
+        best, place = _better(best, place, value, centre)
+        best, place = _polish_1d(function, sign, best, place, low, high)
+        upper = value + np.abs(function(centre, 1)) * half + 0.5 * second * half * half
+        gap = float(upper.max()) - best if len(upper) else 0.0
+        if gap <= error:
+            return best, place, max(gap, 0.0)
+        centre = centre[upper > best + error]
+        if 2 * len(centre) > MOST_CELLS:
+            break
+        half /= 2.0
+        centre = np.concatenate([centre - half, centre + half])
+    return best, place, gap
+
+
+def _better(best: float, place: float, value: Floats, centre: Floats) -> tuple[float, float]:
+    if len(value) == 0:
+        return best, place
+    i = int(value.argmax())
+    return (float(value[i]), float(centre[i])) if value[i] > best else (best, place)
+
+
+def _polish_1d(
+    function: Function1D, sign: float, best: float, place: float, low: float, high: float
+) -> tuple[float, float]:
+    """Newton steps to the top of the hill that ``place`` stands on; never returns a worse point."""
+    t = np.array(place)
+    for _ in range(3):
+        curve = float(function(t, 2))
+        if sign * curve >= 0.0:
+            break
+        t = np.clip(t - function(t, 1) / curve, low, high)
+        value = sign * float(function(t))
+        if value <= best:
+            break
+        best, place = value, float(t)
+    return best, place
+
+
+def _highest_2d(
+    function: Function2D,
+    sign: float,
+    second: tuple[float, float, float],
+    u: tuple[float, float],
+    v: tuple[float, float],
+    error: float,
+    keep: HalfPlane | None,
+) -> tuple[float, tuple[float, float], float]:
+    """Highest value of ``sign * function``, where it is taken, and the proved gap."""
+    uu, uv, vv = second
+    count_u = int(np.clip((u[1] - u[0]) * np.sqrt(uu), 8, 400))
+    count_v = int(np.clip((v[1] - v[0]) * np.sqrt(vv), 8, 400))
+    half_u, half_v = (u[1] - u[0]) / (2 * count_u), (v[1] - v[0]) / (2 * count_v)
+    grid_u = u[0] + half_u * (2 * np.arange(count_u) + 1)
+    grid_v = v[0] + half_v * (2 * np.arange(count_v) + 1)
+    cu, cv = (part.ravel() for part in np.meshgrid(grid_u, grid_v, indexing="ij"))
+    best, place, gap = -np.inf, (u[0], v[0]), np.inf
+    for _ in range(2 * MOST_ROUNDS):
+        if keep is not None:
+            cu, cv = _inside(keep, cu, cv, half_u, half_v)
+        value = sign * function(cu, cv)
+        best, place = _best_point(function, sign, best, place, value, cu, cv, half_u, half_v, keep)
+        best, place = _polish_2d(function, sign, best, place, u, v, keep)
+        upper = value + np.abs(function(cu, cv, (1, 0))) * half_u + np.abs(function(cu, cv, (0, 1))) * half_v
+        upper += 0.5 * uu * half_u**2 + uv * half_u * half_v + 0.5 * vv * half_v**2
+        gap = float(upper.max()) - best
+        if gap <= error:
+            break
+        alive = upper > best + error
+        if 2 * np.count_nonzero(alive) > MOST_CELLS:
+            break
+        cu, cv = cu[alive], cv[alive]
+        if uu * half_u**2 >= vv * half_v**2:
+            half_u /= 2.0
+            cu, cv = np.concatenate([cu - half_u, cu + half_u]), np.concatenate([cv, cv])
+        else:
+            half_v /= 2.0
+            cu, cv = np.concatenate([cu, cu]), np.concatenate([cv - half_v, cv + half_v])
+    return best, place, max(gap, 0.0)
+
+
+def _corner_inside(keep: HalfPlane, cu: Floats, cv: Floats, half_u: float, half_v: float) -> tuple[Floats, Floats]:
+    """Of each cell, the corner that lies deepest in the half-plane."""
+    return cu - np.sign(keep.a) * half_u, cv - np.sign(keep.b) * half_v
+
+
+def _inside(keep: HalfPlane, cu: Floats, cv: Floats, half_u: float, half_v: float) -> tuple[Floats, Floats]:
+    touched = keep.excess(*_corner_inside(keep, cu, cv, half_u, half_v)) <= 0.0
+    return cu[touched], cv[touched]
+
+
+def _best_point(
+    function: Function2D,
+    sign: float,
+    best: float,
+    place: tuple[float, float],
+    value: Floats,
+    cu: Floats,
+    cv: Floats,
+    half_u: float,
+    half_v: float,
+    keep: HalfPlane | None,
+) -> tuple[float, tuple[float, float]]:
+    """The better of ``best`` and the cells' own points that count."""
+    if keep is not None:
+        corner_u, corner_v = _corner_inside(keep, cu, cv, half_u, half_v)
+        outside = keep.excess(cu, cv) > 0.0
+        cu, cv = np.where(outside, corner_u, cu), np.where(outside, corner_v, cv)
+        value = np.where(outside, sign * function(cu, cv), value)
+    i = int(value.argmax())
+    return (float(value[i]), (float(cu[i]), float(cv[i]))) if value[i] > best else (best, place)
+
+
+def _polish_2d(
+    function: Function2D,
+    sign: float,
+    best: float,
+    place: tuple[float, float],
+    u: tuple[float, float],
+    v: tuple[float, float],
+    keep: HalfPlane | None,
+) -> tuple[float, tuple[float, float]]:
+    """Newton steps, clipped to the rectangle; never returns a worse point or one that does not count."""
+    point = np.array(place)
+    for _ in range(3):
+        slope = np.array([float(function(*point, (1, 0))), float(function(*point, (0, 1)))])
+        mixed = float(function(*point, (1, 1)))
+        hessian = np.array([[float(function(*point, (2, 0))), mixed], [mixed, float(function(*point, (0, 2)))]])
+        if np.linalg.eigvalsh(sign * hessian)[1] >= 0.0:
+            break
+        point = point - np.linalg.solve(hessian, slope)
+        point = np.array([np.clip(point[0], *u), np.clip(point[1], *v)])
+        value = sign * float(function(*point))
+        if value <= best or (keep is not None and float(keep.excess(*point)) > 0.0):
+            break
+        best, place = value, (float(point[0]), float(point[1]))
+    return best, place
+

@@ -1,0 +1,58 @@
+"""Triangle meshes of printable parts, and what is proved of a block's top."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+#: A mesh that would need more triangles than this is refused.
+MOST_TRIANGLES = 20_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A triangle mesh in millimetres.
+
+    Args:
+        vertices: Shape (n, 3). Every coordinate is a float32 value held as float64, so that what is checked in memory
+            is what an STL file holds.
+        triangles: Vertex indices, shape (m, 3), counter-clockwise seen from outside.
+    """
+
+    vertices: Floats
+    triangles: Indices
+
+    @property
+    def corners(self) -> Floats:
+        """Corner coordinates of every triangle, shape (m, 3, 3)."""
+        return self.vertices[self.triangles]
+
+    @property
+    def bounds_mm(self) -> tuple[Floats, Floats]:
+        """Lowest and highest corner of the bounding box, each (3,), in mm."""
+        return self.vertices.min(axis=0), self.vertices.max(axis=0)
+
+    @property
+    def volume_mm3(self) -> float:
+        """Enclosed volume in mm^3, by the divergence theorem about the box's centre; negative when inside out."""
+        low, high = self.bounds_mm
+        a, b, c = np.moveaxis(self.corners - (low + high) / 2.0, 1, 0)
+        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Certificate:
+    """What is proved of a surface against the formula, over all of it.
+
+    Args:
+        distance_mm: Bound of ``|z - formula| / sqrt(1 + |gradient|^2)``.
+        vertical_mm: Bound of ``|z - formula|``.
+    """
+
+    distance_mm: float
+    vertical_mm: float

@@ -1,0 +1,287 @@
+"""The six textures of the paper, the families they belong to, and textures that a user writes in a TOML file."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from tacbench_cad.errors import InputError, nearest
+from tacbench_cad.waves import Wave, WaveSum
+
+Law = Literal["triangle", "square"]
+Terms = Literal["highest", "count"]
+Axes = Literal["x", "y", "xy"]
+
+#: The highest odd multiple that is taken before a series is refused.
+MOST_TERMS = 100_001
+#: Names that a user's texture may not take, because other parts of a print set bear them.
+RESERVED = ("holder", "jig", "coupon", "preview", "manifest", "all")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Texture:
+    """A named surface.
+
+    Args:
+        name: Lower-case name, used in file names: ``texture-4``, ``hex``.
+        equation: The formula for people to read.
+        waves: The same formula for everything else.
+        number: 1 to 6 for the paper's own, else None.
+    """
+
+    name: str
+    equation: str
+    waves: WaveSum
+    number: int | None = None
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,30}[a-z0-9])?", self.name):
+            raise InputError("texture name", self.name, "use 1 to 32 of a-z, 0-9 and inner hyphens")
+        if self.number is None and (self.name in RESERVED or re.fullmatch(r"(texture-?)?\d+", self.name)):
+            raise InputError("texture name", self.name, "this name is taken by a part of the print set")
+        if all(w.amplitude == 0.0 or (w.f, w.g) == (0.0, 0.0) for w in self.waves.waves):
+            raise InputError("texture", self.name, "is flat; at least one wave needs an amplitude and a frequency")
+
+
+def equation1(A1: float, A2: float, f1: float, f2: float, phase: float) -> WaveSum:  # noqa: N803 (the paper's names)
+    """The paper's first equation, ``A1 sin(f1 u) + A2 sin(f2 v + phase)``."""
+    return WaveSum(
+        (Wave(amplitude=A1, f=f1, g=0.0, phase=0.0), Wave(amplitude=A2, f=0.0, g=f2, phase=phase)),
+    )
+
+
+def series(law: Law, N: int, terms: Terms = "highest", axes: Axes = "xy") -> WaveSum:  # noqa: N803
+    """A Fourier series over odd multiples, the paper's second equation.
+
+    Args:
+        law: ``triangle``: ``8/pi^2 (-1)^((i-1)/2) / i^2``; ``square``: ``4/(pi i)``.
+        N: The highest odd multiple, or the number of terms.
+        terms: What ``N`` is: the ``highest`` multiple (as in the released files) or the ``count`` of terms.
+        axes: The axes along which the series runs.
+
+    Raises:
+        InputError: ``N`` is not a positive whole number, or is even where it is the highest multiple.
+    """
+    if isinstance(N, bool) or not isinstance(N, int) or N < 1:
+        raise InputError("N", N, "must be a whole number of at least 1")
+    _one_of("terms", terms, ("highest", "count"))
+    _one_of("law", law, ("triangle", "square"))
+    _one_of("axes", axes, ("x", "y", "xy"))
+    if terms == "highest" and N % 2 == 0:
+        raise InputError("N", N, f'must be odd where terms = "highest"; {N - 1} and {N + 1} are')
+    highest = N if terms == "highest" else 2 * N - 1
+    if highest > MOST_TERMS:
+        raise InputError("N", N, f"the highest multiple may be {MOST_TERMS} at most")
+    odd = range(1, highest + 1, 2)
+    if law == "triangle":
+        weights = [(i, 8.0 / math.pi**2 * (-1.0) ** ((i - 1) // 2) / i**2) for i in odd]
+    else:
+        weights = [(i, 4.0 / (math.pi * i)) for i in odd]
+    along_x = [Wave(amplitude=w, f=float(i), g=0.0) for i, w in weights if "x" in axes]
+    along_y = [Wave(amplitude=w, f=0.0, g=float(i)) for i, w in weights if "y" in axes]
+    return WaveSum(tuple(along_x + along_y))
+
+
+def _series_texture(number: int, law: Law, highest: int, axes: Axes) -> Texture:
+    weight = "8/pi^2 (-1)^((i-1)/2)/i^2" if law == "triangle" else "4/(pi i)"
+    shape = "(sin iu + sin iv)" if axes == "xy" else "sin iu"
+    text = f"sum of {weight} {shape}, odd i = 1..{highest}"
+    return Texture(name=f"texture-{number}", number=number, equation=text, waves=series(law, highest, axes=axes))
+
+
+def catalogue(preset: str = "paper") -> tuple[Texture, ...]:
+    """The paper's six textures; ``released`` has N = 101 in textures 4 and 6, as the published files."""
+    square = 101 if preset == "released" else 25
+    return (
+        Texture(name="texture-1", number=1, equation="sin u", waves=equation1(1.0, 0.0, 1.0, 1.0, math.pi / 2)),
+        Texture(
+            name="texture-2",
+            number=2,
+            equation="sin u + sin(v + pi/2)",
+            waves=equation1(1.0, 1.0, 1.0, 1.0, math.pi / 2),
+        ),
+        _series_texture(3, "triangle", 25, "xy"),
+        _series_texture(4, "square", square, "xy"),
+        _series_texture(5, "triangle", 25, "x"),
+        _series_texture(6, "square", square, "x"),
+    )
+
+
+def texture(name: str | int, preset: str = "paper") -> Texture:
+    """One of the six by its number or name (``4``, ``"4"``, ``"texture-4"``).
+
+    Raises:
+        InputError: There is no such texture.
+    """
+    wanted = str(name).strip().lower()
+    known = catalogue(preset)
+    for one in known:
+        if wanted in (str(one.number), one.name):
+            return one
+    raise InputError("texture", str(name), "allowed: 1 to 6, texture-1 to texture-6, a TOML file or all")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlockTable:
+    """What a texture file may say of its block; None where it says nothing.
+
+    Args:
+        size_mm: Sides x, y in mm.
+        height_mm: Height of the highest point in mm.
+        mm_per_unit: Millimetres per unit of u, v and height.
+        domain: ``((u low, u high), (v low, v high))``.
+    """
+
+    size_mm: tuple[float, float] | None = None
+    height_mm: float | None = None
+    mm_per_unit: tuple[float, float, float] | None = None
+    domain: tuple[tuple[float, float], tuple[float, float]] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class TextureFile:
+    """A texture read from a TOML file, with the block it asks for."""
+
+    texture: Texture
+    block: BlockTable = field(default_factory=BlockTable)
+
+
+def read_texture(path: Path) -> TextureFile:
+    """Read a texture and its block from a TOML file.
+
+    Args:
+        path: The file. ``docs/textures.md`` lists the keys.
+
+    Raises:
+        InputError: The file cannot be read, or a key or a value in it is not allowed; the message names all three.
+    """
+    if path.is_dir():
+        raise InputError("texture", str(path), "is a folder; name a TOML file")
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError("texture", str(path), f"cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError("texture", str(path), "is not UTF-8 text") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError("texture", str(path), f"is not valid TOML: {error}") from None
+    try:
+        return _texture_file(document)
+    except InputError as error:
+        raise InputError(f"{path}: {error.field}", error.value, error.allowed) from None
+
+
+_FAMILY_KEYS = {
+    "equation1": ("A1", "A2", "f1", "f2", "phase"),
+    "series": ("law", "N", "terms", "axes"),
+    "plane-waves": (),
+}
+
+
+def _texture_file(document: Mapping[str, Any]) -> TextureFile:
+    _only(document, ("texture", "block", "wave"), "")
+    spec = _table(document, "texture")
+    _only(spec, dict.fromkeys(["name", "family", *(key for keys in _FAMILY_KEYS.values() for key in keys)]), "[texture] ")
+    family = spec.get("family")
+    _one_of("[texture] family", family, tuple(_FAMILY_KEYS))
+    _only(spec, ("name", "family", *_FAMILY_KEYS[str(family)]), "[texture] ")
+    name = spec.get("name")
+    if not isinstance(name, str):
+        raise InputError("[texture] name", name, "must be a text")
+    if family != "plane-waves" and "wave" in document:
+        raise InputError("[[wave]]", None, f'belongs to family = "plane-waves", this is "{family}"')
+    reader = {"equation1": _read_equation1, "series": _read_series, "plane-waves": _read_waves}[str(family)]
+    waves, text = reader(spec, document)
+    block = _read_block(_table(document, "block")) if "block" in document else BlockTable()
+    return TextureFile(texture=Texture(name=name, equation=text, waves=waves), block=block)
+
+
+def _read_equation1(spec: Mapping[str, Any], _: Mapping[str, Any]) -> tuple[WaveSum, str]:
+    keys = _FAMILY_KEYS["equation1"]
+    a1, a2, f1, f2, phase = (_number(spec, key, "[texture] ") for key in keys)
+    return equation1(a1, a2, f1, f2, phase), f"{a1:g} sin({f1:g} u) + {a2:g} sin({f2:g} v + {phase:g})"
+
+
+def _read_series(spec: Mapping[str, Any], _: Mapping[str, Any]) -> tuple[WaveSum, str]:
+    law, terms, axes = spec.get("law"), spec.get("terms", "highest"), spec.get("axes", "xy")
+    if "N" not in spec:
+        raise InputError("[texture] N", None, "is missing; a whole number")
+    _one_of("[texture] law", law, ("triangle", "square"))
+    _one_of("[texture] terms", terms, ("highest", "count"))
+    _one_of("[texture] axes", axes, ("x", "y", "xy"))
+    assert law in ("triangle", "square")
+    waves = series(law, spec["N"], terms, axes)
+    return waves, f"{law} series along {axes}, {terms} = {spec['N']}"
+
+
+def _read_waves(_: Mapping[str, Any], document: Mapping[str, Any]) -> tuple[WaveSum, str]:
+    tables = document.get("wave")
+    if not isinstance(tables, list) or not tables or not all(isinstance(one, dict) for one in tables):
+        raise InputError("[[wave]]", None, "at least one such table is needed")
+    waves = []
+    for i, one in enumerate(tables, start=1):
+        where = f"[[wave]] {i}: "
+        _only(one, ("amplitude", "f", "g", "phase"), where)
+        amplitude, f, g = (_number(one, key, where) for key in ("amplitude", "f", "g"))
+        phase = _number(one, "phase", where) if "phase" in one else 0.0
+        waves.append(Wave(amplitude=amplitude, f=f, g=g, phase=phase))
+    text = " + ".join(f"{w.amplitude:g} sin({w.f:g} u + {w.g:g} v + {w.phase:g})" for w in waves[:3])
+    return WaveSum(tuple(waves)), text + (f" + {len(waves) - 3} more waves" if len(waves) > 3 else "")
+
+
+def _read_block(spec: Mapping[str, Any]) -> BlockTable:
+    _only(spec, ("size_mm", "height_mm", "mm_per_unit", "domain"), "[block] ")
+    size = _numbers(spec["size_mm"], 2, "[block] size_mm") if "size_mm" in spec else None
+    unit = _numbers(spec["mm_per_unit"], 3, "[block] mm_per_unit") if "mm_per_unit" in spec else None
+    domain = None
+    if "domain" in spec:
+        pair = spec["domain"]
+        if not isinstance(pair, list) or len(pair) != 2:
+            raise InputError("[block] domain", pair, "must be [[u low, u high], [v low, v high]]")
+        ends = [_numbers(one, 2, "[block] domain") for one in pair]
+        domain = ((ends[0][0], ends[0][1]), (ends[1][0], ends[1][1]))
+    return BlockTable(
+        size_mm=(size[0], size[1]) if size else None,
+        height_mm=_number(spec, "height_mm", "[block] ") if "height_mm" in spec else None,
+        mm_per_unit=(unit[0], unit[1], unit[2]) if unit else None,
+        domain=domain,
+    )
+
+
+def _table(document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    table = document.get(name)
+    if not isinstance(table, dict):
+        raise InputError(f"[{name}]", None, "such a table is needed")
+    return table
+
+
+def _only(table: Mapping[str, Any], allowed: Iterable[str], where: str) -> None:
+    names = tuple(allowed)
+    for key in table:
+        if key not in names:
+            raise InputError(f"{where}{key}", None, f"unknown key; {nearest(key, names)}")
+
+
+def _one_of(name: str, value: object, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise InputError(name, value, nearest(str(value), allowed) if value else "allowed: " + ", ".join(allowed))
+
+
+def _number(table: Mapping[str, Any], key: str, where: str) -> float:
+    if key not in table:
+        raise InputError(f"{where}{key}", None, "is missing; a finite number")
+    value = table[key]
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise InputError(f"{where}{key}", value, "must be a finite number")
+    return float(value)
+
+
+def _numbers(value: object, count: int, name: str) -> tuple[float, ...]:
+    if not isinstance(value, list) or len(value) != count:
+        raise InputError(name, value, f"must be a list of {count} numbers")
+    return tuple(_number({"value": one}, "value", f"{name} ") for one in value)
