@@ -297,7 +297,7 @@ class Block:
 
     @property
     def solid_datum_mm(self) -> float:
-        """z at which the formula's zero lies in the solid: the grid's for ``released`` on a grid, else the formula's."""
+        """z of the formula's zero in the solid: the grid's for ``released`` on its grid, else the formula's."""
         return self.datum_mm if self.preset == "released" else self.formula_datum_mm
 
     @property

@@ -53,6 +53,24 @@ class HalfPlane:
         return np.asarray(self.a * np.asarray(u) + self.b * np.asarray(v) - self.c, dtype=np.float64)
 
 
+def clipped_rectangle(
+    u: tuple[float, float], v: tuple[float, float], keep: HalfPlane | None
+) -> list[tuple[float, float]]:
+    """Corners of a rectangle's part in a half-plane, in order; all four corners where there is no half-plane."""
+    corners = [(u[0], v[0]), (u[1], v[0]), (u[1], v[1]), (u[0], v[1])]
+    if keep is None:
+        return corners
+    kept = []
+    for (u0, v0), (u1, v1) in zip(corners, corners[1:] + corners[:1], strict=True):
+        e0, e1 = float(keep.excess(u0, v0)), float(keep.excess(u1, v1))
+        if e0 <= 0.0:
+            kept.append((u0, v0))
+        if (e0 < 0.0 < e1) or (e1 < 0.0 < e0):
+            share = e0 / (e0 - e1)
+            kept.append((u0 + share * (u1 - u0), v0 + share * (v1 - v0)))
+    return kept
+
+
 class Function1D(Protocol):
     """A function of one variable with derivatives."""
 
@@ -114,10 +132,10 @@ def _highest_1d(
         return best, place, 0.0
     cells = int(np.clip(4.0 * (high - low) * np.sqrt(second), 16, 20_000))
     half = (high - low) / (2 * cells)
-    centre = low + half * (2 * np.arange(cells) + 1)
+    centre: Floats = low + half * (2.0 * np.arange(cells) + 1.0)
     gap = 0.0
     for _ in range(MOST_ROUNDS):
-        value = sign * function(centre)
+        value = np.asarray(sign * function(centre), dtype=np.float64)
         best, place = _better(best, place, value, centre)
         best, place = _polish_1d(function, sign, best, place, low, high)
         upper = value + np.abs(function(centre, 1)) * half + 0.5 * second * half * half
@@ -240,18 +258,17 @@ def _polish_2d(
     keep: HalfPlane | None,
 ) -> tuple[float, tuple[float, float]]:
     """Newton steps, clipped to the rectangle; never returns a worse point or one that does not count."""
-    point = np.array(place)
+    a, b = place
     for _ in range(3):
-        slope = np.array([float(function(*point, (1, 0))), float(function(*point, (0, 1)))])
-        mixed = float(function(*point, (1, 1)))
-        hessian = np.array([[float(function(*point, (2, 0))), mixed], [mixed, float(function(*point, (0, 2)))]])
+        slope = np.array([float(function(a, b, (1, 0))), float(function(a, b, (0, 1)))])
+        mixed = float(function(a, b, (1, 1)))
+        hessian = np.array([[float(function(a, b, (2, 0))), mixed], [mixed, float(function(a, b, (0, 2)))]])
         if np.linalg.eigvalsh(sign * hessian)[1] >= 0.0:
             break
-        point = point - np.linalg.solve(hessian, slope)
-        point = np.array([np.clip(point[0], *u), np.clip(point[1], *v)])
-        value = sign * float(function(*point))
-        if value <= best or (keep is not None and float(keep.excess(*point)) > 0.0):
+        step = np.linalg.solve(hessian, slope)
+        a, b = min(max(a - float(step[0]), u[0]), u[1]), min(max(b - float(step[1]), v[0]), v[1])
+        value = sign * float(function(a, b))
+        if value <= best or (keep is not None and float(keep.excess(a, b)) > 0.0):
             break
-        best, place = value, (float(point[0]), float(point[1]))
+        best, place = value, (a, b)
     return best, place
-

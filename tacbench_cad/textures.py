@@ -186,7 +186,9 @@ _FAMILY_KEYS = {
 def _texture_file(document: Mapping[str, Any]) -> TextureFile:
     _only(document, ("texture", "block", "wave"), "")
     spec = _table(document, "texture")
-    _only(spec, dict.fromkeys(["name", "family", *(key for keys in _FAMILY_KEYS.values() for key in keys)]), "[texture] ")
+    _only(
+        spec, dict.fromkeys(["name", "family", *(key for keys in _FAMILY_KEYS.values() for key in keys)]), "[texture] "
+    )
     family = spec.get("family")
     _one_of("[texture] family", family, tuple(_FAMILY_KEYS))
     _only(spec, ("name", "family", *_FAMILY_KEYS[str(family)]), "[texture] ")

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tacbench_cad.errors import InputError
-from tacbench_cad.extremes import Extremes, HalfPlane, search_interval, search_rectangle
+from tacbench_cad.extremes import Extremes, HalfPlane, clipped_rectangle, search_interval, search_rectangle
 
 Floats = NDArray[np.float64]
 
@@ -240,27 +240,25 @@ class WaveSum:
         Args:
             u: Lower and upper end along u.
             v: Lower and upper end along v.
-            keep: Only the part of the rectangle in this half-plane counts (always searched in two dimensions).
+            keep: Only the part of the rectangle in this half-plane counts.
         """
         if keep is None and self.is_separable:
             return _sum_of(
                 self.along_u.extremes(u[0], u[1], EXTREMES_ERROR / 2.0),
                 self.along_v.extremes(v[0], v[1], EXTREMES_ERROR / 2.0),
             )
-        if keep is None and self._common_direction is not None:
-            return self._extremes_parallel(u, v, self._common_direction)
+        if self._common_direction is not None:
+            return self._extremes_parallel(clipped_rectangle(u, v, keep), self._common_direction)
         bounds = (self.bound(2, 0), self.bound(1, 1), self.bound(0, 2))
         error = EXTREMES_SHARE * self.amplitude_sum
         return search_rectangle(self, bounds, u, v, error, keep)
 
-    def _extremes_parallel(
-        self, u: tuple[float, float], v: tuple[float, float], direction: tuple[float, float]
-    ) -> Extremes:
+    def _extremes_parallel(self, region: list[tuple[float, float]], direction: tuple[float, float]) -> Extremes:
+        """Extremes over a convex region when all waves run one way: only the distance along that way matters."""
         c, s = direction
-        terms = [(w.amplitude, w.f * c + w.g * s, w.phase) for w in self.waves]
-        along = Sines.of(terms)
-        start = (u[0] if c >= 0 else u[1], v[0] if s >= 0 else v[1])
-        end = (u[1] if c >= 0 else u[0], v[1] if s >= 0 else v[0])
+        along = Sines.of((w.amplitude, w.f * c + w.g * s, w.phase) for w in self.waves)
+        start = min(region, key=lambda point: c * point[0] + s * point[1])
+        end = max(region, key=lambda point: c * point[0] + s * point[1])
         low, high = c * start[0] + s * start[1], c * end[0] + s * end[1]
         found = along.extremes(low, high)
 

@@ -1,0 +1,48 @@
+# `make` sets up .venv, then makes and verifies the whole print set in stl_out/. `make test` runs the tests.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+# Processes that the tests are spread over.
+JOBS ?= auto
+
+.PHONY: all test test-long lint docs bench clean system-libraries
+all: $(VENV)/.user
+	$(BIN)/tacbench make
+
+test: $(VENV)/.dev
+	$(BIN)/python -m pytest -n $(JOBS)
+
+test-long: $(VENV)/.dev
+	$(BIN)/python -m pytest -n $(JOBS) --long
+
+lint: $(VENV)/.dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+docs: $(VENV)/.user
+	$(BIN)/python docs/pictures.py
+
+bench: $(VENV)/.bench
+	$(BIN)/python benchmarks/all.py
+
+clean:
+	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+
+$(VENV)/.user: EXTRA := all
+$(VENV)/.dev: EXTRA := dev
+$(VENV)/.bench: EXTRA := bench
+$(VENV)/.user $(VENV)/.dev $(VENV)/.bench: pyproject.toml constraints.txt | system-libraries $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[$(EXTRA)]'
+	$(BIN)/tacbench doctor --repair
+	touch $@
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "error: $(PYTHON) is older than Python 3.11; name another with make PYTHON=python3.12"; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+
+# The CAD kernel needs two libraries that a bare server lacks: installed where that is allowed, else named.
+system-libraries:
+	@if command -v ldconfig >/dev/null && ! { ldconfig -p | grep -q 'libGL\.so\.1' && ldconfig -p | grep -q 'libX11\.so\.6'; }; then \
+	  if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then apt-get update -qq && apt-get install -y -qq libgl1 libx11-6; \
+	  else echo "libGL.so.1 or libX11.so.6 is missing; run: sudo apt-get install -y libgl1 libx11-6"; fi; fi
