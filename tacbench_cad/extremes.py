@@ -132,7 +132,7 @@ def _highest_1d(
         return best, place, 0.0
     cells = int(np.clip(4.0 * (high - low) * np.sqrt(second), 16, 20_000))
     half = (high - low) / (2 * cells)
-    centre: Floats = low + half * (2.0 * np.arange(cells) + 1.0)
+    centre = np.asarray(low + half * (2 * np.arange(cells) + 1), dtype=np.float64)
     gap = 0.0
     for _ in range(MOST_ROUNDS):
         value = np.asarray(sign * function(centre), dtype=np.float64)
