@@ -1,0 +1,229 @@
+"""Triangles at one measured distance: our meshes against four simplifiers.
+
+Each texture of preset paper is meshed within a tolerance, and the distance of its top from the formula is measured. Each
+peer then gets a start mesh whose own error is below a tenth of that, and the fewest triangles are searched with which it
+stays within the same distance, measured in the same way. Counts are of the whole closed part; pydelatin makes tops only, so
+the walls and the underside that its outline needs are added to its count.
+
+    python benchmarks/mesh_triangles.py [--textures 1,2,3,5,6] [--tolerance 0.01] [--peers manifold3d,...]
+
+Needs the extra ``bench``. Texture 4 takes minutes, nearly all of it the peers'.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.block import Block, SampleGrid, Tolerance
+from tacbench_cad.block_mesh import mesh_block
+from tacbench_cad.certify import derivatives
+from tacbench_cad.mesh import Mesh
+from tacbench_cad.waves import Sines
+
+Floats = NDArray[np.float64]
+
+#: Rounds of each search for the fewest triangles.
+ROUNDS = 9
+#: Points of the measurement lie this close along x and y, in mm, or at a twelfth of a triangle.
+STEP_MM = 0.04
+
+
+class Profile:
+    """One axis of the formula as a table: value and slope by cubic interpolation on 400,000 points."""
+
+    def __init__(self, sines: Sines, length_mm: float) -> None:
+        self.step = length_mm / 400_000
+        self.value, self.slope = derivatives(sines, np.arange(400_003) * self.step, [0, 1])
+
+    def __call__(self, t: Floats) -> tuple[Floats, Floats]:
+        place = np.clip(t / self.step, 0.0, 400_001.0)
+        i = place.astype(np.int64)
+        s, h = place - i, self.step
+        low, high = self.value[i], self.value[i + 1]
+        m0, m1 = h * self.slope[i], h * self.slope[i + 1]
+        value = low + s * (m0 + s * (3 * (high - low) - 2 * m0 - m1 + s * (2 * (low - high) + m0 + m1)))
+        return value, self.slope[i] + s * (self.slope[i + 1] - self.slope[i])
+
+
+class Ruler:
+    """Measures the distance of upward triangles from a block's formula."""
+
+    def __init__(self, block: Block) -> None:
+        self.datum = block.formula_datum_mm
+        self.p = Profile(block.surface.along_u, block.size_mm[0])
+        self.q = Profile(block.surface.along_v, block.size_mm[1])
+
+    def distance(self, mesh: Mesh) -> float:
+        """Largest ``|z - formula| / sqrt(1 + |gradient|^2)`` at dense points of the top, in mm."""
+        corners = mesh.corners
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        top = corners[normal[:, 2] > 1e-3 * np.linalg.norm(normal, axis=1)]
+        # triangles of the underside look down and those of the walls sideways
+        span = np.ptp(top[:, :, :2], axis=1).max(axis=1)
+        order = np.clip(np.ceil(span / STEP_MM), 12, 400).astype(np.int64)
+        order = 12 * 2 ** np.ceil(np.log2(order / 12)).astype(np.int64)
+        worst = 0.0
+        for one in np.unique(order):
+            group = top[order == one]
+            weights = _lattice(int(one))
+            for part in np.array_split(group, max(1, len(group) * len(weights) // 2_000_000)):
+                points = np.einsum("kw,nwc->nkc", weights, part).reshape(-1, 3)
+                p, dp = self.p(points[:, 0])
+                q, dq = self.q(points[:, 1])
+                gap = np.abs(points[:, 2] - self.datum - p - q) / np.sqrt(1.0 + dp**2 + dq**2)
+                worst = max(worst, float(gap.max(initial=0.0)))
+        return worst
+
+
+def _lattice(order: int) -> Floats:
+    i, j = np.meshgrid(np.arange(order + 1), np.arange(order + 1), indexing="ij")
+    inside = i + j <= order
+    a, b = i[inside] / order, j[inside] / order
+    return np.column_stack([a, b, 1.0 - a - b])
+
+
+def start_mesh(block: Block, distance_mm: float) -> Mesh:
+    """A sample grid of the block, as coarse as its distance stays below a tenth; one axis only where one is flat."""
+    ruler = Ruler(block)
+    steps = [2 if s.is_constant else 100 for s in (block.surface.along_u, block.surface.along_v)]
+    while True:
+        grid = SampleGrid(nx=steps[0], ny=steps[1])
+        fine = Block.of(block.texture, sampling=grid)
+        mesh = mesh_block(fine)[0]
+        # a grid's datum puts its highest sample at the height; the formula's datum makes it comparable
+        mesh.vertices[mesh.vertices[:, 2] > 0.0, 2] += block.formula_datum_mm - fine.datum_mm
+        if ruler.distance(mesh) < distance_mm / 10.0:
+            return mesh
+        steps = [2 if n == 2 else int(n * 1.25) for n in steps]
+
+
+def fewest(reduce: Callable[[float], Mesh], ruler: Ruler, distance_mm: float, low: float, high: float) -> Iterator[float]:
+    """Search the control value (low: many triangles kept) and yield the best count and the time of one run."""
+    best, spent = np.inf, 0.0
+    for _ in range(ROUNDS):
+        middle = float(np.sqrt(low * high))
+        start = time.perf_counter()
+        mesh = reduce(middle)
+        spent = max(spent, time.perf_counter() - start)
+        if ruler.distance(mesh) <= distance_mm:
+            best, low = min(best, len(mesh.triangles)), middle
+        else:
+            high = middle
+    yield best
+    yield spent
+
+
+def pymeshlab_peer(start: Mesh) -> Callable[[float], Mesh]:
+    import pymeshlab
+
+    def reduce(factor: float) -> Mesh:
+        work = pymeshlab.MeshSet()
+        work.add_mesh(pymeshlab.Mesh(start.vertices, start.triangles))
+        work.meshing_decimation_quadric_edge_collapse(
+            targetfacenum=int(len(start.triangles) / factor),
+            preservenormal=True,
+            preservetopology=True,
+            optimalplacement=True,
+            planarquadric=True,
+            planarweight=1e-4,
+        )
+        found = work.current_mesh()
+        return Mesh(np.array(found.vertex_matrix()), np.array(found.face_matrix(), dtype=np.int32))
+
+    return reduce
+
+
+def fast_simplification_peer(start: Mesh) -> Callable[[float], Mesh]:
+    import fast_simplification
+
+    def reduce(factor: float) -> Mesh:
+        target = int(len(start.triangles) / factor)
+        points, faces = fast_simplification.simplify(
+            start.vertices.astype(np.float32), start.triangles, target_count=target, agg=1.0
+        )
+        return Mesh(points.astype(np.float64), faces.astype(np.int32))
+
+    return reduce
+
+
+def manifold_peer(start: Mesh, distance_mm: float) -> Callable[[float], Mesh]:
+    import manifold3d
+
+    body = manifold3d.Manifold(
+        manifold3d.Mesh(start.vertices.astype(np.float32), start.triangles.astype(np.uint32))
+    )
+
+    def reduce(factor: float) -> Mesh:
+        found = body.simplify(distance_mm * factor / 100.0).to_mesh()
+        return Mesh(found.vert_properties[:, :3].astype(np.float64), found.tri_verts.astype(np.int32))
+
+    return reduce
+
+
+def pydelatin_peer(block: Block, start: Mesh, distance_mm: float) -> Callable[[float], Mesh]:
+    from pydelatin import Delatin
+
+    x, y = np.unique(start.vertices[:, 0]), np.unique(start.vertices[:, 1])
+    if len(x) == 2:
+        x = np.linspace(0.0, x[-1], 50)
+    if len(y) == 2:
+        y = np.linspace(0.0, y[-1], 50)
+    height = (block.formula_datum_mm + block.surface.grid(x, y)).astype(np.float32)
+
+    def reduce(factor: float) -> Mesh:
+        # its own error is vertical: the search goes on until the measured distance fits
+        found = Delatin(np.ascontiguousarray(height.T), max_error=distance_mm * factor / 10.0)
+        column, row = found.vertices[:, 0].astype(np.int64), found.vertices[:, 1].astype(np.int64)
+        points = np.column_stack([x[column], y[row], height[column, row]])
+        faces = np.asarray(found.triangles, dtype=np.int32).reshape(-1, 3)
+        a, b, c = (points[faces[:, k], :2] for k in range(3))
+        turned = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0] < 0.0
+        faces[turned] = faces[turned][:, ::-1]
+        edge = np.isin(points[:, 0], x[[0, -1]]) | np.isin(points[:, 1], y[[0, -1]])
+        closing = np.zeros((int(edge.sum()) + 4 + 2, 3), dtype=np.int32)  # walls and underside, for the count
+        return Mesh(points, np.concatenate([faces, closing]))
+
+    return reduce
+
+
+def main() -> None:
+    """Print one table row for each texture and peer."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--textures", default="1,2,3,4,5,6")
+    parser.add_argument("--tolerance", type=float, default=0.01)
+    parser.add_argument("--peers", default="pymeshlab,fast-simplification,manifold3d,pydelatin")
+    options = parser.parse_args()
+    print(f"{'texture':8}{'who':22}{'triangles':>10}{'ratio':>8}{'seconds':>9}   measured distance, start mesh")
+    for number in options.textures.split(","):
+        block = Block.of(number, sampling=Tolerance(mm=options.tolerance))
+        start_time = time.perf_counter()
+        mesh, certificate = mesh_block(block)
+        spent = time.perf_counter() - start_time
+        ruler = Ruler(block)
+        distance = ruler.distance(mesh)
+        ours = len(mesh.triangles)
+        proved = f"{distance:.5f} mm measured, {certificate.distance_mm:.5f} proved"
+        print(f"{number:8}{'ours':22}{ours:10}{1:8.2f}{spent:9.3f}   {proved}", flush=True)
+        start = start_mesh(block, distance)
+        most = len(start.triangles) / 20.0
+        peers: dict[str, Callable[[], tuple[Callable[[float], Mesh], float, float]]] = {
+            "pymeshlab": lambda s=start, m=most: (pymeshlab_peer(s), 1.0, m),
+            "fast-simplification": lambda s=start, m=most: (fast_simplification_peer(s), 1.0, m),
+            "manifold3d": lambda s=start, d=distance: (manifold_peer(s, d), 1.0, 1000.0),
+            "pydelatin": lambda b=block, s=start, d=distance: (pydelatin_peer(b, s, d), 1.0, 200.0),
+        }
+        for name in options.peers.split(","):
+            reduce, low, high = peers[name]()
+            count, seconds = fewest(reduce, ruler, distance, low, high)
+            verdict = "  PEER WINS" if count < ours else ""
+            about = f"from {len(start.triangles)}"
+            print(f"{number:8}{name:22}{count:10.0f}{count / ours:8.2f}{seconds:9.3f}   {about}{verdict}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,58 @@
+"""How long the light commands take, against importing NumPy, in the same run.
+
+    python benchmarks/startup.py [--runs 15]
+
+Every command is a fresh process. Rounds are interleaved, so that a busy machine slows all of them alike; the figure is
+the median. Claim: at most 3 times ``python -c "import numpy"``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+
+REFERENCE = "import numpy"
+LIMIT = 3.0
+COMMANDS = ("--help", "textures", "--version", "make --help")
+#: The commands of the claim; the others are shown beside them.
+CLAIMED = ("--help", "textures")
+
+
+def seconds(argv: Sequence[str]) -> float:
+    """Wall time of a process."""
+    start = time.perf_counter()
+    subprocess.run(argv, stdout=subprocess.DEVNULL, check=True)
+    return time.perf_counter() - start
+
+
+def command_line(command: str) -> list[str]:
+    """The process that an entry point would start."""
+    return [sys.executable, "-c", "import sys; from tacbench_cad.cli import main; sys.exit(main())", *command.split()]
+
+
+def main() -> int:
+    """Print the table; the exit code is 1 where the claim does not hold."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=15, help="rounds (default 15)")
+    runs = parser.parse_args().runs
+    times: dict[str, list[float]] = {name: [] for name in (REFERENCE, *COMMANDS)}
+    for _ in range(runs + 1):
+        times[REFERENCE].append(seconds([sys.executable, "-c", REFERENCE]))
+        for command in COMMANDS:
+            times[command].append(seconds(command_line(command)))
+    medians = {name: statistics.median(values[1:]) for name, values in times.items()}  # the first round fills caches
+    print(f"{'process':<24}{'median (s)':>12}{'times NumPy':>14}")
+    for name, median in medians.items():
+        shown = f'python -c "{name}"' if name == REFERENCE else f"tacbench {name}"
+        print(f"{shown:<24}{median:>12.3f}{median / medians[REFERENCE]:>14.2f}")
+    held = all(medians[name] <= LIMIT * medians[REFERENCE] for name in CLAIMED)
+    print(f"tacbench --help and tacbench textures at most {LIMIT:g} times: {'yes' if held else 'NO'}")
+    return 0 if held else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

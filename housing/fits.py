@@ -1,0 +1,77 @@
+"""Named fits, the least walls that a printer can be trusted with, and the clearances that follow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from tacbench_cad.errors import InputError, nearest
+
+#: Clearance on each side between a block and its pocket, in mm.
+FITS: dict[str, float] = {"press": 0.05, "slip": 0.15, "loose": 0.30}
+#: Clearances outside of this range are taken for mistakes, in mm per side.
+CLEARANCE_RANGE_MM = (0.0, 1.0)
+#: Least thickness below a pocket, in mm.
+LEAST_FLOOR_MM = 1.2
+#: Least thickness of a wall that bears something, in mm; also at least two nozzle widths.
+LEAST_WALL_MM = 1.6
+#: Width of the nozzle that the fixtures are laid out for, in mm.
+NOZZLE_MM = 0.4
+#: Nozzles outside of this range are taken for mistakes, in mm; resin printers count as their pixel.
+NOZZLE_RANGE_MM = (0.02, 1.2)
+#: Lengths that differ by less than this are equal: below any rounding that matters, in mm.
+ROUNDING_MM = 1e-9
+
+
+def clearance_mm(fit: str | float) -> float:
+    """Clearance per side of a fit.
+
+    Args:
+        fit: ``press``, ``slip``, ``loose``, or a number of mm per side (also as text).
+
+    Raises:
+        InputError: The fit is unknown, or the number is not from 0 to 1 mm.
+    """
+    if isinstance(fit, str) and fit in FITS:
+        return FITS[fit]
+    try:
+        value = float(fit)
+    except (TypeError, ValueError):
+        raise InputError("fit", fit, f"{nearest(str(fit), FITS)}, or a number of mm per side") from None
+    least, most = CLEARANCE_RANGE_MM
+    if isinstance(fit, bool) or not (math.isfinite(value) and least <= value <= most):
+        raise InputError("fit", fit, f"must be press, slip, loose, or from {least:g} to {most:g} mm per side")
+    return value
+
+
+def require_nozzle(nozzle_mm: float) -> None:
+    """Refuse a nozzle that no printer has.
+
+    Raises:
+        InputError: The width is not a number in the range.
+    """
+    least, most = NOZZLE_RANGE_MM
+    if isinstance(nozzle_mm, bool) or not (math.isfinite(nozzle_mm) and least <= nozzle_mm <= most):
+        raise InputError("nozzle", nozzle_mm, f"must be from {least:g} to {most:g} mm")
+
+
+def least_bearing_wall_mm(nozzle_mm: float) -> float:
+    """Least thickness of a wall that bears something: 1.6 mm, or two nozzle widths where that is more."""
+    return max(LEAST_WALL_MM, 2.0 * nozzle_mm)
+
+
+def require_walls(field: str, value: object, walls: Mapping[str, float], least_mm: float) -> None:
+    """Refuse walls that are thinner than a least thickness.
+
+    Args:
+        field: The field to name in the error.
+        value: Its value.
+        walls: What each wall is, and its thickness in mm.
+        least_mm: The least thickness in mm.
+
+    Raises:
+        InputError: A wall is too thin; the message has the thinnest one, its thickness and the least.
+    """
+    name, thickness = min(walls.items(), key=lambda item: item[1])
+    if thickness < least_mm - ROUNDING_MM:
+        raise InputError(field, value, f"the {name} would be {thickness:.4g} mm, at least {least_mm:.4g} mm is needed")

@@ -1,0 +1,392 @@
+"""The grid-marker jig: a plate that sits on holder and blocks and marks the 5 x 5 press positions.
+
+It is drawn in the holder frame, as it is used, and printed upside down: its marked face lies on the bed, so that
+lips and recess open upward and nothing hangs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from housing.fits import (
+    FITS,
+    LEAST_FLOOR_MM,
+    NOZZLE_MM,
+    ROUNDING_MM,
+    clearance_mm,
+    least_bearing_wall_mm,
+    require_nozzle,
+    require_walls,
+)
+from housing.fixture import Fixture, mm, report
+from housing.holder import Holder
+from housing.lettering import COUNTER_MM
+from housing.marks import (
+    DEPTH_MM,
+    Groove,
+    datum_lines,
+    gap_to_circle_mm,
+    hairs,
+    is_engraved,
+    least_gap_mm,
+    merged,
+    numerals,
+    outside_mm2,
+)
+from housing.seat import AIR_MM, LIP_MM, ROOF_MM, Seat
+from housing.shapes import Bore, box, one_solid, prism, wrapped
+from tacbench_cad.block import decimal
+from tacbench_cad.errors import InputError, nearest
+from tacbench_cad.part import Kind
+from tacbench_cad.protocol import PER_SIDE, PressGrid
+
+if TYPE_CHECKING:
+    from OCP.TopoDS import TopoDS_Solid
+
+Floats = NDArray[np.float64]
+
+#: Least length of a lip between two corners, in mm.
+LEAST_LIP_LENGTH_MM = 8.0
+#: Least wall between an engraving and the jig's edge, in mm.
+EDGE_MM = 0.8
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Marker:
+    """Diameters of a marker's hole and of its lead-in, in mm, and which positions have one."""
+
+    hole_mm: float
+    lead_in_mm: float
+    positions: tuple[int, ...]
+
+
+_LAST = PER_SIDE * PER_SIDE - 1
+_MARKERS = {
+    # Corners and centre: at the paper's 1.25 mm there is no room for 25 holes that a 0.4 mm nozzle could print.
+    "default": _Marker(
+        hole_mm=1.5, lead_in_mm=2.2, positions=(0, PER_SIDE - 1, _LAST // 2, _LAST + 1 - PER_SIDE, _LAST)
+    ),
+    "all": _Marker(hole_mm=0.6, lead_in_mm=0.8, positions=tuple(range(_LAST + 1))),
+}
+MARKS: tuple[str, ...] = tuple(_MARKERS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Jig(Fixture):
+    """A grid-marker jig for all slots of a holder.
+
+    Args:
+        holder: The holder that it sits on, with its blocks.
+        press_grid: The press positions; None for the paper's at the block's scale.
+        marks: ``default``: holes at corners and centre, cross hairs elsewhere, for a 0.4 mm nozzle; ``all``: 25
+            small holes, for resin.
+        fit: Fit between lips and holder; None for the holder's own clearance, at least that of ``slip``.
+        nozzle_mm: The printer's nozzle, or a resin printer's pixel: the least wall between markers.
+
+    Raises:
+        InputError: A value is not allowed, the press grid leaves the block, or markers merge: with the numbers.
+    """
+
+    holder: Holder
+    press_grid: PressGrid | None = None
+    marks: str = "default"
+    fit: str | float | None = None
+    nozzle_mm: float = NOZZLE_MM
+
+    def __post_init__(self) -> None:
+        if self.marks not in _MARKERS:
+            raise InputError("jig", self.marks, nearest(str(self.marks), MARKS))
+        require_nozzle(self.nozzle_mm)
+        if self.fit is not None:
+            clearance_mm(self.fit)
+        self.grid.require_on(self.holder.block)
+        self._check_markers()
+        self._check_plate()
+
+    def _check_markers(self) -> None:
+        """Refuse markers that merge, before anything is drawn."""
+        lead, nozzle, scale = self._marker.lead_in_mm, self.nozzle_mm, self.holder.block.scale
+        distance = self._least_hole_distance_mm
+        if distance - lead < nozzle - ROUNDING_MM:
+            least = math.ceil(scale * (lead + nozzle) / distance * 1000.0 - 1e-6) / 1000.0
+            raise InputError(
+                "jig",
+                self.marks,
+                f"holes {distance:.4g} mm apart with lead-ins of {lead:g} mm leave a wall of {distance - lead:.4g} mm, "
+                f"below the nozzle's {nozzle:g} mm: the markers merge; at this block's spacing a scale of at least "
+                f"{least:g} would do",
+            )
+        wall = self._marker_walls["wall between markers"]
+        if wall < nozzle - 1e-6:
+            x, y = self.grid.spacing_mm
+            raise InputError(
+                "jig",
+                self.marks,
+                f"at press positions {x:.4g} x {y:.4g} mm apart the least wall between marks is {wall:.4g} mm, "
+                f"below the nozzle's {nozzle:g} mm: the markers merge; a larger scale or a finer nozzle would do",
+            )
+
+    def _check_plate(self) -> None:
+        walls = dict(self.seat.walls_mm)
+        roof = {name: walls.pop(name) for name in ("roof", "roof below the marks")}
+        require_walls("roof", ROOF_MM, roof, LEAST_FLOOR_MM)
+        require_walls("nozzle", self.nozzle_mm, walls, least_bearing_wall_mm(self.nozzle_mm))
+        short = min(self.seat.lip_lengths_mm)
+        if short < LEAST_LIP_LENGTH_MM:
+            raise InputError(
+                "size",
+                mm(*self.holder.block.size_mm),
+                f"a lip of the jig would be {short:.4g} mm long between the screws' corners, "
+                f"at least {LEAST_LIP_LENGTH_MM:g} mm is needed",
+            )
+        lost = outside_mm2([groove.outer for groove in self._grooves_in_holder], self.seat.outline(), EDGE_MM)
+        if lost > 1e-6:
+            raise InputError(
+                "press grid",
+                self._presses,
+                f"{lost:.4g} mm^2 of the jig's numerals and lines would leave the plate or come within {EDGE_MM:g} mm "
+                "of its edge; a wider margin of the holder gives room",
+            )
+
+    @property
+    def grid(self) -> PressGrid:
+        """The press positions in the block frame."""
+        return self.press_grid or PressGrid.paper(self.holder.block.scale)
+
+    @property
+    def _marker(self) -> _Marker:
+        return _MARKERS[self.marks]
+
+    @property
+    def holes_mm(self) -> Floats:
+        """Press positions that have a hole, in the block frame, shape (5, 2) or (25, 2), in mm."""
+        return np.asarray(self.grid.positions_mm[list(self._marker.positions)])
+
+    @property
+    def cross_hairs_mm(self) -> Floats:
+        """The other press positions, in the block frame, shape (20, 2) or (0, 2), in mm."""
+        return np.delete(self.grid.positions_mm, list(self._marker.positions), axis=0)
+
+    @property
+    def _least_hole_distance_mm(self) -> float:
+        points = self.holes_mm
+        apart = np.linalg.norm(points[:, None] - points[None, :], axis=2)
+        return float(apart[np.triu_indices(len(points), 1)].min())
+
+    @property
+    def _keep_off_mm(self) -> float:
+        """Distance of a hair's edge from a hole's axis: the lead-in's radius and one nozzle width."""
+        return self._marker.lead_in_mm / 2.0 + self.nozzle_mm
+
+    @cached_property
+    def grooves(self) -> tuple[Groove, ...]:
+        """The engravings for one block, in the block frame."""
+        strokes = hairs(self.grid, self.holes_mm, self._keep_off_mm)
+        strokes += numerals(self.grid, self._keep_off_mm)
+        return merged(strokes + datum_lines(self.holder.block.size_mm))
+
+    @cached_property
+    def _grooves_in_holder(self) -> tuple[Groove, ...]:
+        return tuple(
+            Groove(place.to_holder(one.outer), tuple(place.to_holder(island) for island in one.islands))
+            for place in self.holder.block_placements()
+            for one in self.grooves
+        )
+
+    @cached_property
+    def _marker_walls(self) -> Mapping[str, float]:
+        outlines = [groove.outer for groove in self._grooves_in_holder]
+        radius = self._marker.lead_in_mm / 2.0
+        holes = [gap_to_circle_mm(one, bore.at_mm, radius) for one in outlines for bore in self.bores]
+        lead_ins = self._least_hole_distance_mm - 2.0 * radius
+        return {
+            # Rounded to a nanometre: outlines are merged on a grid of 1e-8 mm.
+            "wall between markers": round(min(lead_ins, *holes, least_gap_mm(outlines)), 6),
+            "wall inside a numeral": COUNTER_MM,
+        }
+
+    @property
+    def clearance_mm(self) -> tuple[float, float]:
+        """Clearance per side between lips and holder along x and y, the jig in the middle."""
+        if self.fit is not None:
+            return (clearance_mm(self.fit),) * 2
+        x, y = self.holder.clearance_mm
+        return (max(x, FITS["slip"]), max(y, FITS["slip"]))
+
+    @property
+    def datum_shift_mm(self) -> tuple[float, float]:
+        """How far markers fall short of their positions along x and y when block and jig are pushed to one corner."""
+        (jx, jy), (bx, by) = self.clearance_mm, self.holder.clearance_mm
+        return (jx - bx, jy - by)
+
+    @cached_property
+    def seat(self) -> Seat:
+        """How it sits on the holder."""
+        return Seat(holder=self.holder, clearance_mm=self.clearance_mm)
+
+    @property
+    def bores(self) -> tuple[Bore, ...]:
+        """The marker holes, slot by slot, in the holder frame."""
+        marker = self._marker
+        return tuple(
+            Bore(at_mm=(float(x), float(y)), diameter_mm=marker.hole_mm, lead_in_mm=marker.lead_in_mm)
+            for place in self.holder.block_placements()
+            for x, y in place.to_holder(self.holes_mm)
+        )
+
+    @property
+    def size_mm(self) -> tuple[float, float, float]:
+        """Bounding box as printed, in mm."""
+        return (*self.seat.outer.size_mm, self.seat.roof_mm[1] - self.seat.bottom_mm)
+
+    @property
+    def genus(self) -> int:
+        """Through holes: the marker holes of all slots."""
+        return len(self.bores)
+
+    @property
+    def walls_mm(self) -> Mapping[str, float]:
+        """The jig's walls and their thickness, in mm."""
+        return {**self.seat.walls_mm, **self._marker_walls}
+
+    @property
+    def name(self) -> str:
+        """Stem of the file names: ``jig_paper_x1``, then only what is not the default."""
+        parts = ["jig", self.holder.stem]
+        if self.marks != "default":
+            parts.append(self.marks)
+        scale = self.holder.block.scale
+        if self.grid == PressGrid.paper(scale, "1mm"):
+            parts.append("1mm")
+        elif self.grid != PressGrid.paper(scale):
+            parts.append(
+                "press" + "_".join("x".join(map(decimal, places)) for places in (self.grid.x_mm, self.grid.y_mm))
+            )
+        if self.fit is not None:
+            parts.append(f"seat{decimal(clearance_mm(self.fit))}")
+        if self.nozzle_mm != NOZZLE_MM:
+            parts.append(f"nozzle{decimal(self.nozzle_mm)}")
+        return "_".join(parts)
+
+    @property
+    def kind(self) -> Kind:
+        """``jig``."""
+        return "jig"
+
+    @property
+    def title(self) -> str:
+        """One line for people."""
+        return f"Grid-marker jig for presses at {self._presses} of each block"
+
+    @property
+    def _presses(self) -> str:
+        (x0, x1), (y0, y1) = ((places[0], places[-1]) for places in (self.grid.x_mm, self.grid.y_mm))
+        return f"x {x0:g} to {x1:g}, y {y0:g} to {y1:g} mm"
+
+    @property
+    def volume_mm3(self) -> float:
+        """Arms, lips and roof less holes and marks, in mm^3."""
+        marks = self.holder.slots * sum(one.area_mm2 for one in self.grooves) * DEPTH_MM
+        return self.seat.volume_mm3 - sum(bore.volume_mm3(ROOF_MM) for bore in self.bores) - marks
+
+    def chord_slack_mm3(self, deflection_mm: float) -> float:
+        """How much a mesh's volume may exceed the true one, in mm^3."""
+        return sum(bore.chord_slack_mm3(ROOF_MM, deflection_mm) for bore in self.bores)
+
+    def to_print(self, points_mm: ArrayLike) -> Floats:
+        """Points (n, 3) of the holder frame where they lie in the printed part, upside down, in mm."""
+        (x0, _), (_, y1), top = self.seat.outer.low, self.seat.outer.high, self.seat.roof_mm[1]
+        x, y, z = np.asarray(points_mm, dtype=np.float64).T
+        return np.column_stack([x - x0, y1 - y, top - z])
+
+    def solid(self) -> TopoDS_Solid:
+        """The Open CASCADE solid as printed: marked face on the bed."""
+        from build123d import Axis, Pos
+
+        (x0, _), (_, y1), top = self.seat.outer.low, self.seat.outer.high, self.seat.roof_mm[1]
+        return wrapped(Pos(-x0, y1, top) * self._shape.rotate(Axis.X, 180.0))
+
+    def solid_in_use(self) -> TopoDS_Solid:
+        """The Open CASCADE solid in the holder frame, seated on the holder."""
+        return wrapped(self._shape)
+
+    @cached_property
+    def _shape(self) -> Any:
+        seat, (ceiling, top) = self.seat, self.seat.roof_mm
+        plate = prism(seat.outline(), [], (seat.bottom_mm, top))
+        tools = [box(seat.inner, (seat.bottom_mm - 1.0, seat.rest_mm))]
+        tools += [box(recess, (seat.rest_mm - 1.0, ceiling)) for recess in seat.recesses]
+        tools += [bore.solid((ceiling, top)) for bore in self.bores]
+        tools += [prism(one.outer, one.islands, (top - DEPTH_MM, top + 1.0)) for one in self._grooves_in_holder]
+        return one_solid(plate.cut(*tools), "jig")
+
+    def spec(self) -> dict[str, Any]:
+        """Everything that went into the jig, as plain JSON values."""
+        marker = self._marker
+        near = self.crossings_cut_short
+        notes = [
+            f"rests on the holder's rim alone, {AIR_MM:g} mm above the blocks; the screws' corners are free",
+            "push block and jig towards the edges X0 and Y0: both move by their clearance, and each marker lies "
+            f"{mm(*(round(s, 9) for s in self.datum_shift_mm))} (holder x, y) short of its position",
+            "rows and columns are numbered 1 to 5 from low y and low x",
+        ]
+        if near:
+            notes.append(
+                f"{near} of {len(self.cross_hairs_mm)} cross hairs lie so near to a hole that their hairs break off "
+                "before they cross: sight along them"
+            )
+        return {
+            "holder": self.holder.name,
+            "marks": self.marks,
+            "press_x_mm": list(self.grid.x_mm),
+            "press_y_mm": list(self.grid.y_mm),
+            "hole_mm": marker.hole_mm,
+            "lead_in_mm": marker.lead_in_mm,
+            "holes_per_block": len(marker.positions),
+            "holes_at_mm": [list(bore.at_mm) for bore in self.bores],
+            "holes_frame": "holder",
+            "clearance_per_side_mm": [round(c, 9) for c in self.clearance_mm],
+            "datum_shift_mm": [round(s, 9) for s in self.datum_shift_mm],
+            "rest_plane_mm": self.seat.rest_mm,
+            "air_over_block_mm": AIR_MM,
+            "recess_depth_mm": round(self.seat.recess_depth_mm, 9),
+            "roof_mm": ROOF_MM,
+            "lip_mm": [LIP_MM, self.seat.lip_depth_mm],
+            "mark_depth_mm": DEPTH_MM,
+            "walls_mm": {name: round(wall, 9) for name, wall in self.walls_mm.items()},
+            "nozzle_mm": self.nozzle_mm,
+            "print_orientation": "upside down as in the file: marked face on the bed, lips upward; no supports",
+            "notes": notes,
+        }
+
+    @property
+    def crossings_cut_short(self) -> int:
+        """Cross hairs whose crossing point itself lies within reach of a hole, so that no groove is left there."""
+        if len(self.cross_hairs_mm) == 0:
+            return 0
+        return sum(not is_engraved(point, self.grooves) for point in self.cross_hairs_mm)
+
+    def __str__(self) -> str:
+        wall = min(self.walls_mm, key=lambda one: self.walls_mm[one])
+        marker, cut = self._marker, self.crossings_cut_short
+        lines = {
+            "name": self.name,
+            "size": mm(*self.size_mm),
+            "holes": f"{len(self.bores)} of {mm(marker.hole_mm)}, lead-in {mm(marker.lead_in_mm)}",
+            "cross hairs": f"{len(self.cross_hairs_mm)} a block" + (f", {cut} broken off by a hole" if cut else ""),
+            "columns x": ", ".join(f"{x:g}" for x in self.grid.x_mm) + " mm",
+            "rows y": ", ".join(f"{y:g}" for y in self.grid.y_mm) + " mm",
+            "clearance": f"{mm(*self.clearance_mm)} per side, lips {mm(self.seat.lip_depth_mm)} deep",
+            "rests on": f"the holder's rim, {mm(AIR_MM)} above the block",
+            "roof": mm(ROOF_MM),
+            "least wall": f"{mm(self.least_wall_mm)} ({wall})",
+            "print": "upside down, marked face on the bed",
+        }
+        return report(self.title, lines)

@@ -1,0 +1,184 @@
+"""What the jig engraves around the press positions: hairs, leaders, numerals and datum lines, in the block frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from housing.lettering import HEIGHT_MM, stroke, width_mm, word
+from housing.shapes import area_mm2
+from tacbench_cad.protocol import PER_SIDE, PressGrid
+
+Floats = NDArray[np.float64]
+
+#: Width of the hairs, in mm. It is a gap, not a wall, so it stays the same for every nozzle.
+HAIR_MM = 0.4
+#: Pieces of a hair shorter than this are left out, in mm.
+LEAST_PIECE_MM = 0.3
+#: Depth of all engravings, in mm.
+DEPTH_MM = 0.4
+#: Length of the tick beyond the last marker, in mm.
+TICK_MM = 1.0
+#: Numerals of neighbouring columns and of neighbouring rows stand this far apart, in mm.
+NUMERAL_PITCH_MM = (2.8, 3.5)
+#: Length of the leaders that fan out from the ticks to the numerals, in mm: of columns, of rows.
+LEADER_MM = (6.0, 8.0)
+#: Between a leader's end and its numeral, in mm.
+NUMERAL_GAP_MM = 0.8
+#: Length of the lines that mark the block's edges x = 0 and y = 0, in mm.
+DATUM_MM = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class Groove:
+    """One connected engraving.
+
+    Args:
+        outer: Its outline, counter-clockwise, (n, 2), in mm.
+        islands: Outlines of what stands inside, clockwise.
+    """
+
+    outer: Floats
+    islands: tuple[Floats, ...]
+
+    @property
+    def area_mm2(self) -> float:
+        """Area of the groove's floor, in mm^2."""
+        return area_mm2((self.outer, *self.islands))
+
+
+def merged(strokes: Iterable[Floats]) -> tuple[Groove, ...]:
+    """Join overlapping strokes into grooves, sorted by their lowest left point.
+
+    Args:
+        strokes: Counter-clockwise convex outlines, (n, 2), in mm.
+    """
+    from manifold3d import CrossSection, FillRule
+
+    pieces = CrossSection(list(strokes), FillRule.NonZero).decompose()
+    grooves = []
+    for piece in pieces:
+        loops = [np.asarray(loop, dtype=np.float64) for loop in piece.to_polygons()]
+        outer = [loop for loop in loops if area_mm2([loop]) > 0.0]
+        islands = tuple(loop for loop in loops if area_mm2([loop]) < 0.0)
+        grooves.append(Groove(outer[0], islands))
+    return tuple(sorted(grooves, key=lambda one: (float(one.outer[:, 1].min()), float(one.outer[:, 0].min()))))
+
+
+def hairs(grid: PressGrid, holes_mm: Floats, keep_off_mm: float) -> list[Floats]:
+    """Lines along all rows and columns with a tick beyond both ends, broken off round the holes.
+
+    Args:
+        grid: The press positions: each that is no hole lies where the hairs of its row and column cross, or would.
+        holes_mm: Centres of the holes, (n, 2).
+        keep_off_mm: Distance that a hair's edge keeps from a hole's centre: its radius and the least wall.
+    """
+    x, y = np.array(grid.x_mm), np.array(grid.y_mm)
+    strokes = []
+    for axis, places, ends in ((0, y, x), (1, x, y)):
+        for place in places:
+            low, high = ends[0] - keep_off_mm - TICK_MM, ends[-1] + keep_off_mm + TICK_MM
+            for start, end in _unbroken(low, high, place, holes_mm[:, axis], holes_mm[:, 1 - axis], keep_off_mm):
+                first, last = np.array([start, place]), np.array([end, place])
+                if axis == 1:
+                    first, last = first[::-1], last[::-1]
+                strokes.append(stroke(first, last, HAIR_MM))
+    return strokes
+
+
+def _unbroken(
+    low: float, high: float, place: float, along: Floats, across: Floats, keep_off: float
+) -> list[tuple[float, float]]:
+    """Pieces of a hair that keep off the holes; pieces too short to see are left out."""
+    aside = np.maximum(np.abs(across - place) - HAIR_MM / 2.0, 0.0)
+    near = aside < keep_off
+    reach = np.sqrt(keep_off**2 - aside[near] ** 2)
+    breaks = sorted(zip(along[near] - reach, along[near] + reach, strict=True))
+    pieces, start = [], low
+    for begin, end in breaks:
+        pieces.append((start, min(begin, high)))
+        start = max(start, end)
+    pieces.append((start, high))
+    return [(a, b) for a, b in pieces if b - a >= LEAST_PIECE_MM]
+
+
+def numerals(grid: PressGrid, keep_off_mm: float) -> list[Floats]:
+    """Leaders that fan out from the ticks at low y and low x, and the numerals 1 to 5 at their ends."""
+    strokes: list[Floats] = []
+    middle = (PER_SIDE - 1) / 2.0
+    centre = ((grid.x_mm[0] + grid.x_mm[-1]) / 2.0, (grid.y_mm[0] + grid.y_mm[-1]) / 2.0)
+    below = grid.y_mm[0] - keep_off_mm - TICK_MM
+    left = grid.x_mm[0] - keep_off_mm - TICK_MM
+    for i in range(PER_SIDE):
+        spread = centre[0] + (i - middle) * NUMERAL_PITCH_MM[0]
+        foot = below - LEADER_MM[0]
+        strokes.append(stroke(np.array([grid.x_mm[i], below]), np.array([spread, foot]), HAIR_MM, HAIR_MM / 2.0))
+        strokes += word(str(i + 1), (spread - width_mm(str(i + 1)) / 2.0, foot - NUMERAL_GAP_MM - HEIGHT_MM))
+        spread = centre[1] + (i - middle) * NUMERAL_PITCH_MM[1]
+        foot = left - LEADER_MM[1]
+        strokes.append(stroke(np.array([left, grid.y_mm[i]]), np.array([foot, spread]), HAIR_MM, HAIR_MM / 2.0))
+        strokes += word(str(i + 1), (foot - NUMERAL_GAP_MM - width_mm(str(i + 1)), spread - HEIGHT_MM / 2.0))
+    return strokes
+
+
+def datum_lines(size_mm: tuple[float, float]) -> list[Floats]:
+    """Lines over the block's edges x = 0 (near its far end) and y = 0, with ``X0`` and ``Y0`` beside them."""
+    x, y = size_mm
+    gap = NUMERAL_GAP_MM + HAIR_MM / 2.0
+    edge_x = stroke(np.array([0.0, y - 1.0]), np.array([0.0, y - 1.0 + DATUM_MM]), HAIR_MM)
+    end = x - 4.0
+    edge_y = stroke(np.array([end - DATUM_MM, 0.0]), np.array([end, 0.0]), HAIR_MM)
+    start = end - (DATUM_MM + width_mm("Y0")) / 2.0
+    return [edge_x, *word("X0", (gap, y + 1.0)), edge_y, *word("Y0", (start, -gap - HEIGHT_MM))]
+
+
+def is_engraved(point: Floats, grooves: Iterable[Groove]) -> bool:
+    """Whether a point (2,) lies in a groove (even-odd rule, outlines and islands together)."""
+    crossings = 0
+    for loop in (loop for groove in grooves for loop in (groove.outer, *groove.islands)):
+        a, b = loop, np.roll(loop, -1, axis=0)
+        spans = (a[:, 1] > point[1]) != (b[:, 1] > point[1])
+        a, b = a[spans], b[spans]
+        x = a[:, 0] + (point[1] - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
+        crossings += int(np.count_nonzero(x > point[0]))
+    return crossings % 2 == 1
+
+
+def least_gap_mm(outlines: Sequence[Floats]) -> float:
+    """Least distance between any two of some outlines that do not overlap; infinite for fewer than two."""
+    boxes = np.array([[*one.min(axis=0), *one.max(axis=0)] for one in outlines])
+    least = math.inf
+    for i in range(len(outlines)):
+        for j in range(i + 1, len(outlines)):
+            away = np.maximum(np.maximum(boxes[j, :2] - boxes[i, 2:], boxes[i, :2] - boxes[j, 2:]), 0.0)
+            if np.hypot(*away) < least:
+                one, other = outlines[i], outlines[j]
+                least = min(least, _to_outline(one, other), _to_outline(other, one))
+    return least
+
+
+def gap_to_circle_mm(outline: Floats, centre_mm: tuple[float, float], radius_mm: float) -> float:
+    """Distance from an outline to a circle outside of it."""
+    return _to_outline(np.array([centre_mm]), outline) - radius_mm
+
+
+def outside_mm2(outlines: Iterable[Floats], plate: Floats, edge_mm: float) -> float:
+    """Area of outlines that lies outside of a plate or within a distance of its edge, in mm^2."""
+    from manifold3d import CrossSection, FillRule, JoinType
+
+    room = CrossSection([plate], FillRule.NonZero).offset(-edge_mm, JoinType.Miter)
+    return float((CrossSection(list(outlines), FillRule.NonZero) - room).area())
+
+
+def _to_outline(points: Floats, outline: Floats) -> float:
+    """Least distance from points to the edges of an outline."""
+    start, end = outline, np.roll(outline, -1, axis=0)
+    edge = end - start
+    length2 = np.maximum(np.einsum("ij,ij->i", edge, edge), 1e-300)
+    offset = points[:, None, :] - start[None, :, :]
+    share = np.clip(np.einsum("pij,ij->pi", offset, edge) / length2, 0.0, 1.0)
+    return float(np.linalg.norm(offset - share[..., None] * edge, axis=2).min())

@@ -1,0 +1,71 @@
+"""Where a block lies in a fixture, and the names of fixtures made for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tacbench_cad.block import Block
+
+Floats = NDArray[np.float64]
+
+_TURNS = np.array(
+    [[[1.0, 0.0], [0.0, 1.0]], [[0.0, -1.0], [1.0, 0.0]], [[-1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [-1.0, 0.0]]]
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placement:
+    """The block's frame in the holder's frame: quarter turns about z, then a shift.
+
+    Args:
+        origin_mm: The block frame's origin in the holder frame, x, y, z.
+        quarter_turns: Quarter turns counter-clockwise seen from above, 0 to 3.
+    """
+
+    origin_mm: tuple[float, float, float]
+    quarter_turns: int = 0
+
+    @classmethod
+    def at(cls, low_mm: tuple[float, float, float], size_mm: tuple[float, float], quarter_turns: int) -> Placement:
+        """Put a block so that the lower corner of its turned outline lies at a point.
+
+        Args:
+            low_mm: That point in the holder frame.
+            size_mm: The block's sides x, y in its own frame.
+            quarter_turns: Quarter turns counter-clockwise.
+        """
+        corners = np.array([[0.0, 0.0], size_mm]) @ _TURNS[quarter_turns].T
+        x, y = np.array(low_mm[:2]) - corners.min(axis=0)
+        return cls(origin_mm=(float(x), float(y), low_mm[2]), quarter_turns=quarter_turns)
+
+    def to_holder(self, xy_mm: ArrayLike) -> Floats:
+        """Points (n, 2) of the block frame in the holder frame, in mm."""
+        turned = np.asarray(xy_mm, dtype=np.float64) @ _TURNS[self.quarter_turns].T
+        return np.asarray(turned + np.array(self.origin_mm[:2]))
+
+    def to_block(self, xy_mm: ArrayLike) -> Floats:
+        """Points (n, 2) of the holder frame in the block frame, in mm."""
+        shifted = np.asarray(xy_mm, dtype=np.float64) - np.array(self.origin_mm[:2])
+        return np.asarray(shifted @ _TURNS[self.quarter_turns])
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain values for a manifest."""
+        return {"origin_mm": list(self.origin_mm), "quarter_turns_ccw": self.quarter_turns}
+
+
+def turned_size_mm(size_mm: tuple[float, float], quarter_turns: int) -> tuple[float, float]:
+    """Sides along the holder's x and y of a block that is turned."""
+    return size_mm if quarter_turns % 2 == 0 else (size_mm[1], size_mm[0])
+
+
+def block_stem(block: Block) -> str:
+    """What a fixture's name takes from a block's: preset, scale, then sides and key where they are not the default.
+
+    Texture, mapping, sampling, label and copy change nothing that a fixture touches.
+    """
+    preset, scale, *others = block.name.removeprefix(f"{block.texture.name}_").split("_")
+    kept = [one for one in others if one[0].isdigit() or one.startswith("key")]
+    return "_".join([preset, scale, *kept])

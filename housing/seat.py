@@ -1,0 +1,141 @@
+"""How the jig sits on a holder: lips round its edge, arms on its rim, recesses over its blocks. All in the holder frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from housing.holder import Holder
+from housing.marks import DEPTH_MM
+from housing.shapes import Rectangle
+
+Floats = NDArray[np.float64]
+
+#: Air between a block's highest point and the jig: the jig rests on the holder's rim alone, in mm.
+AIR_MM = 0.3
+#: The recess over a block is this much wider than the pocket on each side, in mm.
+RECESS_MM = 0.5
+#: Thickness over the recess, in mm.
+ROOF_MM = 2.0
+#: Thickness of the lips round the holder's edge, in mm.
+LIP_MM = 2.4
+#: How far the lips reach down the holder's edge where it is high enough, in mm.
+LIP_DEPTH_MM = 3.0
+#: Radius that is kept free for a screw's head and washer, in mm.
+SCREW_HEAD_MM = 4.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seat:
+    """The jig without its markers.
+
+    Args:
+        holder: The holder that it sits on.
+        clearance_mm: Clearance per side between lips and holder along x and y.
+    """
+
+    holder: Holder
+    clearance_mm: tuple[float, float]
+
+    @property
+    def rest_mm(self) -> float:
+        """z of the plane on which it rests: the holder's rim."""
+        return self.holder.size_mm[2]
+
+    @property
+    def recess_depth_mm(self) -> float:
+        """Height of the recesses above the rim, in mm."""
+        return self.holder.rim_height_mm + AIR_MM
+
+    @property
+    def roof_mm(self) -> tuple[float, float]:
+        """z of the plate's lower and upper face over the blocks."""
+        ceiling = self.rest_mm + self.recess_depth_mm
+        return (ceiling, ceiling + ROOF_MM)
+
+    @property
+    def lip_depth_mm(self) -> float:
+        """How far the lips reach below the rim; they end 1 mm above the bed at least."""
+        return min(LIP_DEPTH_MM, self.rest_mm - 1.0)
+
+    @property
+    def bottom_mm(self) -> float:
+        """z of the lips' lower ends."""
+        return self.rest_mm - self.lip_depth_mm
+
+    @property
+    def inner(self) -> Rectangle:
+        """Inner faces of the lips."""
+        x, y, _ = self.holder.size_mm
+        return Rectangle(low=(0.0, 0.0), high=(x, y)).grown(*self.clearance_mm)
+
+    @property
+    def outer(self) -> Rectangle:
+        """Outer faces of the lips."""
+        return self.inner.grown(LIP_MM, LIP_MM)
+
+    @property
+    def notches(self) -> tuple[Rectangle, ...]:
+        """Corners that are left out above the screws' heads: low low, high low, low high, high high."""
+        (x0, y0), (x1, y1) = self.outer.low, self.outer.high
+        a, b, c, d = (bore.at_mm for bore in self.holder.screws)
+        r = SCREW_HEAD_MM
+        return (
+            Rectangle(low=(x0, y0), high=(a[0] + r, a[1] + r)),
+            Rectangle(low=(b[0] - r, y0), high=(x1, b[1] + r)),
+            Rectangle(low=(x0, c[1] - r), high=(c[0] + r, y1)),
+            Rectangle(low=(d[0] - r, d[1] - r), high=(x1, y1)),
+        )
+
+    @property
+    def recesses(self) -> tuple[Rectangle, ...]:
+        """Recesses over the pockets."""
+        return tuple(pocket.grown(RECESS_MM, RECESS_MM) for pocket in self.holder.pockets)
+
+    @property
+    def lip_lengths_mm(self) -> tuple[float, ...]:
+        """Lengths of the lips between the notches: at low y, high y, low x, high x."""
+        a, b, c, d = self.notches
+        return (b.low[0] - a.high[0], d.low[0] - c.high[0], c.low[1] - a.high[1], d.low[1] - b.high[1])
+
+    def outline(self) -> Floats:
+        """The outline, counter-clockwise, shape (12, 2), in mm."""
+        (x0, y0), (x1, y1) = self.outer.low, self.outer.high
+        a, b, c, d = self.notches
+        low_y = [(a.high[0], y0), (b.low[0], y0), (b.low[0], b.high[1])]
+        high_x = [(x1, b.high[1]), (x1, d.low[1]), d.low]
+        high_y = [(d.low[0], y1), (c.high[0], y1), (c.high[0], c.low[1])]
+        low_x = [(x0, c.low[1]), (x0, a.high[1]), a.high]
+        return np.array([*low_y, *high_x, *high_y, *low_x])
+
+    @property
+    def walls_mm(self) -> Mapping[str, float]:
+        """What each wall is, and its thickness in mm."""
+        (x0, y0), (x1, y1) = self.outer.low, self.outer.high
+        arms = [min(r.low[0] - x0, r.low[1] - y0, x1 - r.high[0], y1 - r.high[1]) for r in self.recesses]
+        pinches = [gap for n in self.notches for r in self.recesses if (gap := n.apart_mm(r)) is not None]
+        walls = {
+            "lip": LIP_MM,
+            "roof": ROOF_MM,
+            "roof below the marks": ROOF_MM - DEPTH_MM,
+            "wall from recess to outer face": min(arms),
+        }
+        if pinches:
+            walls["wall from recess to screw corner"] = min(pinches)
+        if self.holder.slots > 1:
+            walls["foot between recesses"] = self.holder.web_mm - 2.0 * RECESS_MM
+        return walls
+
+    @property
+    def volume_mm3(self) -> float:
+        """Arms, lips and roof less what is hollow under them, in mm^3."""
+
+        def covered(plan: Rectangle) -> float:
+            return plan.area_mm2 - sum(plan.common(notch).area_mm2 for notch in self.notches)
+
+        height = self.roof_mm[1] - self.bottom_mm
+        hollow = covered(self.inner) * self.lip_depth_mm
+        return covered(self.outer) * height - hollow - sum(map(covered, self.recesses)) * self.recess_depth_mm

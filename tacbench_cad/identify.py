@@ -1,0 +1,300 @@
+"""``tacbench check``: what a file is, whoever made it, and everything that is wrong with it.
+
+The origin may lie anywhere and the block may be turned by quarter turns. A file of ours says what it is (see
+:mod:`tacbench_cad.claim`) and is held to it; another is compared with all that is known, and the nearest named.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+
+from tacbench_cad import meshcheck
+from tacbench_cad.block import Tolerance, decimal
+from tacbench_cad.candidates import SIDE_MM, Wanted, stretch_of
+from tacbench_cad.claim import claimed_name
+from tacbench_cad.errors import CheckFailedError
+from tacbench_cad.export import format_of
+from tacbench_cad.label import LABEL_DEPTH_MM
+from tacbench_cad.look import Look, look_at_mesh, look_at_solid
+from tacbench_cad.match import GRID_MM, Candidate, Match, Residual, nearest
+from tacbench_cad.mesh import Mesh
+from tacbench_cad.report import Check, Report
+from tacbench_cad.textures import Texture
+
+#: A residual above this share of the relief's own spread means that no texture was found, not that one is wrong.
+UNLIKE = 0.5
+#: The solid's own error, and the kernel's, on top of a tolerance, in mm.
+ROUNDING_MM = 1e-5
+
+
+def examine(
+    path: Path,
+    texture: Texture | str | None = None,
+    preset: str | None = None,
+    scale: float | None = None,
+    *,
+    full: bool | None = None,
+) -> Report:
+    """Look at a file and name what it is and every fault.
+
+    Args:
+        path: An STL, 3MF or STEP file.
+        texture: What its relief shall be: a texture, its number or name, or a TOML file; None for the nearest.
+        preset: ``paper`` or ``released`` (which means the published sample-grid surface); None for the nearest.
+        scale: Its scale; None to take it from the file's name for itself, or from its sides.
+        full: Add pymeshlab's checks; None adds them where it is installed.
+
+    Returns:
+        The report. What cannot be read as its format is a failed check, too.
+
+    Raises:
+        InputError: There is no such file, its format is not known, or texture or preset are not.
+        MissingToolError: A package that the format, or ``full``, needs is not there.
+    """
+    wanted = Wanted(texture=texture, preset=preset, scale=scale)
+    try:
+        if format_of(path).shape == "solid":
+            return _examine_solid(path, wanted)
+        return _examine_mesh(path, wanted, full)
+    except CheckFailedError as error:
+        return Report(path=path, checks=(Check(name="file", ok=False, detail=str(error).removeprefix(f"{path}: ")),))
+
+
+def _with_claim(wanted: Wanted, path: Path, metadata: dict[str, str] | None) -> Wanted:
+    return Wanted(texture=wanted.texture, preset=wanted.preset, scale=wanted.scale, claim=claimed_name(path, metadata))
+
+
+def _examine_mesh(path: Path, wanted: Wanted, full: bool | None) -> Report:
+    metadata: dict[str, str] | None = None
+    if format_of(path).name == "3mf":
+        from tacbench_cad.export.threemf import read_3mf
+
+        mesh, metadata = read_3mf(path)
+    else:
+        mesh = meshcheck.read_mesh(path)
+    checks = _mesh_soundness(mesh)
+    pieces = meshcheck.bodies(mesh)
+    deviation = None
+    if pieces == 1:
+        found, deviation = _identity(look_at_mesh(mesh), _with_claim(wanted, path, metadata))
+        checks += found
+    else:
+        checks.append(_several(pieces))
+    checks += _full(mesh, full)
+    low, high = mesh.bounds_mm
+    x, y, z = (high - low).tolist()
+    return Report(
+        path=path,
+        checks=tuple(checks),
+        deviation_mm=deviation,
+        triangles=len(mesh.triangles),
+        volume_mm3=mesh.volume_mm3,
+        size_mm=(x, y, z),
+    )
+
+
+def _several(pieces: int) -> Check:
+    detail = f"{pieces} separate bodies, a plate or an assembly; check the file of each"
+    return Check(name="bodies", ok=False, detail=detail)
+
+
+def _mesh_soundness(mesh: Mesh) -> list[Check]:
+    """Everything about a mesh that has nothing to do with textures."""
+    found = meshcheck.edges(mesh)
+    checks = [
+        Check(name="file", ok=True, detail="readable; all coordinates finite"),
+        *meshcheck.edge_checks(found),
+        meshcheck.degenerate_check(mesh),
+    ]
+    if not found.sound:
+        return checks
+    volume = mesh.volume_mm3
+    low, high = mesh.bounds_mm
+    if abs(volume) <= 1e-9 * float(np.prod(np.maximum(high - low, 1e-6))):
+        return [*checks, Check(name="volume", ok=False, detail="the surface encloses no volume")]
+    inside_out = "" if volume > 0.0 else "inside out: all triangles face inwards; "
+    checks.append(Check(name="volume", ok=volume > 0.0, detail=f"{inside_out}{volume:.6g} mm^3"))
+    solidity = meshcheck.solidity(mesh)
+    holes = f", {solidity.genus} through holes" if solidity.status == "NoError" else ": not manifold"
+    ok = solidity.status == "NoError"
+    checks.append(Check(name="manifold", ok=ok, detail=f"manifold3d: {solidity.status}{holes}"))
+    return checks
+
+
+def _full(mesh: Mesh, full: bool | None) -> list[Check]:
+    if full is False:
+        return []
+    if full is None and importlib.util.find_spec("pymeshlab") is None:
+        detail = 'not looked for: pip install "tacbench-cad[cad]" adds pymeshlab, which does'
+        return [Check(name="self-intersection", ok=True, detail=detail)]
+    return meshcheck.full_checks(mesh)
+
+
+def _examine_solid(path: Path, wanted: Wanted) -> Report:
+    from tacbench_cad import solidcheck
+    from tacbench_cad.export.step import read_step
+
+    shape = read_step(path)
+    checks = [Check(name="file", ok=True, detail="read by the kernel"), *solidcheck.solid_checks(shape)]
+    measured = solidcheck.measure(shape)
+    solids = solidcheck.count(shape, "SOLID")
+    volume = measured.volume_mm3
+    detail = f"{volume:.6g} mm^3" + ("" if volume > 0.0 else ": inside out or empty")
+    checks.append(Check(name="volume", ok=volume > 0.0, detail=detail))
+    deviation = None
+    if solids == 1:
+        look = look_at_solid(shape, measured.low_mm, measured.high_mm)
+        found, deviation = _identity(look, _with_claim(wanted, path, None))
+        checks += found
+    elif solids > 1:
+        checks.append(_several(solids))
+    return Report(
+        path=path,
+        checks=tuple(checks),
+        deviation_mm=deviation,
+        volume_mm3=volume,
+        size_mm=measured.size_mm,
+    )
+
+
+def _identity(look: Look, wanted: Wanted) -> tuple[list[Check], float | None]:
+    """What the shape is, and how far it is from that."""
+    match = nearest(look, lambda placement: wanted(look, placement)) if len(look.points) else None
+    if match is None or (not look.is_block and wanted.is_open and wanted.claimed is None):
+        return [_no_texture(look, match, asked=not wanted.is_open or wanted.claimed is not None)], None
+    allowed = _allowed(match.candidate)
+    residual = match.candidate.measure(look, match.placement, near_mm=allowed)
+    checks = [
+        _placement(look, match),
+        *_size(look, match),
+        *_corner(look, match, wanted),
+        *_sides(look, match),
+        _relief(look, match, residual, wanted, allowed),
+    ]
+    if look.engraved:
+        checks.append(Check(name="label", ok=True, detail=f"pockets of {LABEL_DEPTH_MM:g} mm in the underside"))
+    return checks, residual.largest_mm
+
+
+def _no_texture(look: Look, match: Match | None, asked: bool) -> Check:
+    size = " x ".join(f"{side:.6g}" for side in look.size_mm)
+    near = ""
+    if match is not None:
+        near = f"; the nearest is {_name(match.candidate)}, {match.rms_mm:.3g} mm rms from it"
+    return Check(name="texture", ok=not asked, detail=f"none: a part of {size} mm without a relief over its top{near}")
+
+
+def _name(candidate: Candidate) -> str:
+    block = candidate.block
+    grid = " on its sample grid" if candidate.on_grid else ""
+    return f"{block.texture.name}, preset {block.preset}{grid}, scale {decimal(block.scale)}"
+
+
+def _allowed(candidate: Candidate) -> float:
+    """The residual that a candidate may have, in mm."""
+    sampling = candidate.block.sampling
+    if isinstance(sampling, Tolerance):
+        return sampling.mm + ROUNDING_MM
+    if candidate.as_solid:
+        return Tolerance().mm + ROUNDING_MM
+    return GRID_MM * max(1.0, candidate.block.scale)
+
+
+def _placement(look: Look, match: Match) -> Check:
+    corner = "at the origin" if max(map(abs, look.origin_mm)) <= SIDE_MM else _at(look.origin_mm)
+    turned = f", turned by {90 * match.placement.quarters} degrees about z" if match.placement.quarters else ""
+    faults = []
+    if look.upside_down:
+        faults.append("upside down: the relief faces down")
+    if match.placement.mirrored:
+        faults.append("mirrored: the relief is the mirror image")
+    detail = "; ".join([*faults, f"lower corner {corner}{turned}"])
+    return Check(name="placement", ok=not faults, detail=detail)
+
+
+def _at(place: tuple[float, float, float]) -> str:
+    return "at x {:.4g}, y {:.4g}, z {:.4g} mm".format(*place)
+
+
+def _size(look: Look, match: Match) -> list[Check]:
+    """Sides and height against the candidate's."""
+    block = match.candidate.block
+    found = (*match.placement.sides(look.size_mm), look.size_mm[2])
+    sides = (*block.size_mm, block.height_mm)
+    off = [one - want for one, want in zip(found, sides, strict=True)]
+    text = " x ".join(f"{one:.6g}" for one in found)
+    if max(map(abs, off)) <= SIDE_MM:
+        return [Check(name="size", ok=True, detail=f"{text} mm")]
+    shares = stretch_of(block, look, match.placement)
+    if max(shares) - min(shares) <= 1e-4:
+        how = f"{(sum(shares) / 3.0):.5g} times as large as wanted"
+    else:
+        how = ", ".join(f"{name} by {one:+.4g} mm" for name, one in zip("xyz", off, strict=True) if abs(one) > SIDE_MM)
+    wanted = " x ".join(f"{one:.6g}" for one in sides)
+    return [Check(name="size", ok=False, detail=f"wrong size: {text} mm, {wanted} mm is wanted ({how})")]
+
+
+def _corner(look: Look, match: Match, wanted: Wanted) -> list[Check]:
+    """The key: a cut corner at (X, 0) of the block."""
+    cut = look.cut_corners
+    claimed = wanted.claimed
+    asked = None if claimed is None else claimed.key_mm
+    if not cut:
+        return [] if asked is None else [Check(name="key", ok=False, detail=f"missing: {asked:g} mm is wanted")]
+    if len(cut) > 1:
+        return [Check(name="key", ok=False, detail=f"{len(cut)} corners of the underside are cut off; a key is one")]
+    i, j, leg = cut[0]
+    corner = np.array([[i * look.size_mm[0], j * look.size_mm[1]]])
+    x, y = (float(one[0]) for one in match.placement.to_block(corner, look.size_mm))
+    width = match.placement.sides(look.size_mm)[0]
+    right = abs(x - width) < SIDE_MM and abs(y) < SIDE_MM
+    where = "at the corner (X, 0)" if right else f"at the corner ({x:.4g}, {y:.4g}) mm; it belongs to (X, 0)"
+    as_asked = claimed is None or (asked is not None and abs(leg - asked) <= SIDE_MM)
+    want = "" if as_asked else f"; {'none' if asked is None else f'{asked:g} mm'} is wanted"
+    return [Check(name="key", ok=right and as_asked, detail=f"{leg:.4g} mm {where}{want}")]
+
+
+def _sides(look: Look, match: Match) -> list[Check]:
+    """Walls stand on the sides of the box or on the cut of the key."""
+    off = look.off_sides_mm
+    for i, j, leg in look.cut_corners:
+        from_x = np.abs(off[:, 0] - i * look.size_mm[0])
+        from_y = np.abs(off[:, 1] - j * look.size_mm[1])
+        off = off[np.abs(from_x + from_y - leg) > SIDE_MM]
+    if len(off) == 0:
+        return []
+    x, y = off[0].tolist()
+    detail = f"{len(off)} corners of walls stand away from the sides (one at x {x:.4g}, y {y:.4g} mm of the box)"
+    return [Check(name="sides", ok=False, detail=detail)]
+
+
+def _relief(look: Look, match: Match, residual: Residual, wanted: Wanted, allowed: float) -> Check:
+    candidate = match.candidate
+    name, numbers = _name(candidate), f"{residual.largest_mm:.3g} mm at most, {residual.rms_mm:.3g} mm rms"
+    unlike = match.rms_mm > UNLIKE * float(look.points[:, 2].std())
+    if residual.above_mm and not unlike:
+        height = f"stands {abs(residual.above_mm):.4g} mm too {'high' if residual.above_mm > 0.0 else 'low'}"
+        numbers = f"{numbers}, once shifted back: it {height} above the underside"
+    if max(abs(one - 1.0) for one in candidate.stretch) > 1e-4:
+        numbers = f"{numbers}, once brought back to the wanted size"
+    if residual.largest_mm <= allowed and not residual.above_mm:
+        return Check(name="relief", ok=True, detail=f"{name}: {numbers} (allowed {allowed:.3g})")
+    detail = f"wrong relief: {name} is {numbers} away (allowed {allowed:.3g}), worst {_at(residual.at_mm)} of the box"
+    if unlike:
+        detail = f"{detail}; it does not look like it at all"
+    other = _other(look, match, wanted)
+    return Check(name="relief", ok=False, detail=detail + other)
+
+
+def _other(look: Look, match: Match, wanted: Wanted) -> str:
+    """What the surface is nearest to when nothing is asked of it, if that is something else."""
+    if wanted.is_open and wanted.claimed is None:
+        return ""
+    anything = Wanted()
+    found = nearest(look, lambda placement: anything(look, placement))
+    if found is None or found.rms_mm >= match.rms_mm or _name(found.candidate) == _name(match.candidate):
+        return ""
+    return f"; the nearest known is {_name(found.candidate)} ({found.rms_mm:.3g} mm rms)"

@@ -1,0 +1,149 @@
+"""One part, some formats: write each file, examine it as it lies on disk, and only then give it its name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tacbench_cad import __version__
+from tacbench_cad.block import Block, SampleGrid
+from tacbench_cad.errors import CheckFailedError
+from tacbench_cad.export import FORMATS
+from tacbench_cad.files import replacing, sha256
+from tacbench_cad.manifest import Row
+from tacbench_cad.mesh import Certificate, Mesh
+from tacbench_cad.part import Body, Part
+from tacbench_cad.sources import part_of
+from tacbench_cad.verify import verify
+
+if TYPE_CHECKING:
+    from housing.coupon import Coupon
+    from housing.holder import Holder
+    from housing.jig import Jig
+    from tacbench_cad.report import Report
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failure:
+    """A file that was written, examined and found wrong, so that it was not put in place.
+
+    Args:
+        file: The name it would have had.
+        faults: What is wrong with it.
+    """
+
+    file: str
+    faults: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {"file": self.file, "faults": list(self.faults)}
+
+
+Made = Row | Failure
+
+
+class _RejectedError(Exception):
+    """Leaves the body of :func:`tacbench_cad.files.replacing`, so that the file is not renamed."""
+
+
+def file_name(part: Part, format_name: str) -> str:
+    """Name of a part's file in one format."""
+    return f"{part.name}{FORMATS[format_name].suffix}"
+
+
+def make_files(part: Part, formats: tuple[str, ...], out: Path, full: bool) -> list[Made]:
+    """Write a part in some formats.
+
+    Args:
+        part: The part.
+        formats: Names of :data:`tacbench_cad.export.FORMATS`.
+        out: The output folder; it must exist.
+        full: Add the slow checks.
+
+    Returns:
+        A manifest row for each file put in place, a failure for each that was not.
+
+    Raises:
+        InputError: The folder cannot be written or is full.
+    """
+    return [_make_file(part, name, out, full) for name in formats]
+
+
+def make_in_child(
+    maker: Block | Holder | Jig | Coupon,
+    step_tolerance_mm: float | None,
+    formats: tuple[str, ...],
+    out: Path,
+    full: bool,
+) -> tuple[list[Made], Mesh | None]:
+    """The same in a child process, from what a part is built of; a fixture's mesh is handed back for the pictures."""
+    part = part_of(maker, step_tolerance_mm)
+    made = make_files(part, formats, out, full)
+    return made, part.mesh[0] if part.mesh_needs_cad else None
+
+
+def _make_file(part: Part, format_name: str, out: Path, full: bool) -> Made:
+    path = out / file_name(part, format_name)
+    try:
+        with replacing(path) as temporary:
+            FORMATS[format_name].write(part, temporary)
+            report = verify(part, temporary, full=full)
+            if not report.ok:
+                raise _RejectedError
+            hashed, size = sha256(temporary), temporary.stat().st_size
+    except _RejectedError:
+        faults = tuple(f"{check.name}: {check.detail}" for check in report.faults) or ("nothing could be checked",)
+        return Failure(file=path.name, faults=faults)
+    except CheckFailedError as error:
+        return Failure(file=path.name, faults=(str(error),))
+    return _row(part, format_name, report, hashed, size)
+
+
+def _row(part: Part, format_name: str, report: Report, hashed: str, size: int) -> dict[str, Any]:
+    """The manifest row of a file that passed."""
+    body = part.solid[1] if FORMATS[format_name].shape == "solid" else part.mesh[1]
+    found = report.as_dict()
+    row: dict[str, Any] = {
+        "file": file_name(part, format_name),
+        "part": part.name,
+        "kind": part.kind,
+        "format": format_name,
+        "version": __version__,
+        "sha256": hashed,
+        "bytes": size,
+        "triangles": report.triangles,
+        "size_mm": found["size_mm"],
+        "volume_mm3": report.volume_mm3,
+        "closed_form_volume_mm3": body.volume_mm3,
+        "certificate": _certificate(body),
+        "deviation_mm": report.deviation_mm,
+        "checks": found["checks"],
+    }
+    if part.least_wall_mm is not None:
+        row["least_wall_mm"] = part.least_wall_mm
+    if part.block is not None and isinstance(part.block.sampling, SampleGrid):
+        row["grid_to_formula"] = _grid_to_formula(part, part.block)
+    row["spec"] = dict(part.spec)
+    return row
+
+
+def _certificate(body: Body) -> dict[str, float] | None:
+    proved = body.certificate
+    return None if proved is None else _bounds(proved)
+
+
+def _bounds(proved: Certificate) -> dict[str, float]:
+    return {"distance_mm": proved.distance_mm, "vertical_mm": proved.vertical_mm}
+
+
+def _grid_to_formula(part: Part, block: Block) -> dict[str, Any]:
+    """How far the straight lines between samples leave the formula, also for the solid, which follows the formula."""
+    proved = part.mesh[1].certificate
+    assert proved is not None, "a block's mesh has a certificate"
+    return {
+        **_bounds(proved),
+        "formula_above_height_mm": block.datum_mm - block.formula_datum_mm,
+        "aliases": block.grid_aliases,
+    }

@@ -1,0 +1,78 @@
+"""``manifest.json``: a row for each file of a print set. No times, paths or host: the same set gives the same bytes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.files import replacing, sha256
+
+#: The manifest's file name in the output folder.
+MANIFEST_NAME = "manifest.json"
+#: Number of the layout of the manifest; it changes when a key changes its meaning.
+SCHEMA = 1
+
+Row = Mapping[str, Any]
+
+
+def read_rows(folder: Path) -> list[Row]:
+    """The rows of a folder's manifest; none when there is no manifest.
+
+    Raises:
+        InputError: The file there is not a manifest that this version understands. It is left as it is.
+    """
+    path = folder / MANIFEST_NAME
+    if not path.exists():
+        return []
+    wrong = "is not a manifest of a print set; move it away or choose another output folder"
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError("manifest", str(path), f"cannot be read: {error.strerror}") from None
+    except ValueError:
+        raise InputError("manifest", str(path), wrong) from None
+    rows = document.get("files") if isinstance(document, dict) else None
+    if not isinstance(rows, list) or not all(isinstance(row, dict) and _named(row) for row in rows):
+        raise InputError("manifest", str(path), wrong)
+    if document.get("schema") != SCHEMA:
+        raise InputError("manifest", str(path), f"has schema {document.get('schema')!r}, this version reads {SCHEMA}")
+    return rows
+
+
+def _named(row: Row) -> bool:
+    """Whether a row names a file of the folder itself and its hash."""
+    name = row.get("file")
+    return isinstance(name, str) and Path(name).name == name and isinstance(row.get("sha256"), str)
+
+
+def unchanged(folder: Path, rows: Iterable[Row]) -> list[Row]:
+    """Those rows whose file is still in the folder with the same SHA-256."""
+    return [row for row in rows if (folder / row["file"]).is_file() and sha256(folder / row["file"]) == row["sha256"]]
+
+
+def write_manifest(folder: Path, rows: Iterable[Row]) -> Path:
+    """Write the manifest whole or not at all, its rows in the order of their file names.
+
+    Args:
+        folder: The output folder.
+        rows: Plain JSON values with finite numbers; each has ``file`` and ``sha256``.
+
+    Raises:
+        InputError: The folder cannot be written.
+    """
+    path = folder / MANIFEST_NAME
+    document = {"schema": SCHEMA, "units": "mm", "files": sorted(rows, key=lambda row: str(row["file"]))}
+    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+    return path
+
+
+def merge(old: Iterable[Row], new: Iterable[Row]) -> list[Row]:
+    """Old rows with those of the new files put in their place."""
+    rows = {str(row["file"]): row for row in old}
+    rows.update({str(row["file"]): row for row in new})
+    return [rows[name] for name in sorted(rows)]

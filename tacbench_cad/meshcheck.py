@@ -1,0 +1,235 @@
+"""What can be wrong with a closed triangle mesh, found from the triangles alone.
+
+The order of the checks matters. manifold3d hangs on infinite coordinates and calls an inside-out or zero-thickness
+solid sound, so finite values (the readers), edges and volume come before it. pymeshlab sees what none of these do,
+triangles that cut each other, and is an extra: it stands behind one function.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.errors import MissingToolError
+from tacbench_cad.mesh import Floats, Mesh
+from tacbench_cad.report import Check
+
+#: A triangle whose height is below this share of its longest side has no area to speak of.
+DEGENERATE_SHARE = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True)
+class Edges:
+    """How the edges of a mesh are used.
+
+    Attributes:
+        open: Edges of one triangle only.
+        same_way: Edges of two triangles that both run along them the same way: one of the two is flipped.
+        crowded: Edges of three triangles or more.
+        open_at: The midpoint of an open edge; None without one.
+        same_way_at: The midpoint of an edge with inconsistent winding; None without one.
+        crowded_at: The midpoint of a crowded edge; None without one.
+    """
+
+    open: int = 0
+    same_way: int = 0
+    crowded: int = 0
+    open_at: tuple[float, float, float] | None = None
+    same_way_at: tuple[float, float, float] | None = None
+    crowded_at: tuple[float, float, float] | None = None
+
+    @property
+    def sound(self) -> bool:
+        """Whether every edge has exactly two triangles that run along it in opposite ways."""
+        return not (self.open or self.same_way or self.crowded)
+
+
+def edges(mesh: Mesh) -> Edges:
+    """Look at every edge.
+
+    Args:
+        mesh: The mesh.
+    """
+    count = np.int64(len(mesh.vertices))
+    tail = mesh.triangles.astype(np.int64).ravel()
+    head = np.roll(mesh.triangles, -1, axis=1).astype(np.int64).ravel()
+    forward, backward = np.sort(tail * count + head), np.sort(head * count + tail)
+    if np.array_equal(forward, backward) and not np.any(forward[1:] == forward[:-1]):
+        return Edges()
+    low, high = np.minimum(tail, head), np.maximum(tail, head)
+    _, first, index, used = np.unique(low * count + high, return_index=True, return_inverse=True, return_counts=True)
+    turn = np.bincount(index, weights=np.where(tail < head, 1.0, -1.0))
+
+    def place(which: NDArray[np.bool_]) -> tuple[float, float, float] | None:
+        if not which.any():
+            return None
+        i = first[int(np.argmax(which))]
+        x, y, z = (mesh.vertices[low[i]] + mesh.vertices[high[i]]) / 2.0
+        return (float(x), float(y), float(z))
+
+    alone, same, crowd = used == 1, (used == 2) & (turn != 0.0), used > 2
+    return Edges(
+        open=int(alone.sum()),
+        same_way=int(same.sum()),
+        crowded=int(crowd.sum()),
+        open_at=place(alone),
+        same_way_at=place(same),
+        crowded_at=place(crowd),
+    )
+
+
+def degenerate(mesh: Mesh) -> NDArray[np.bool_]:
+    """Which triangles have no area: two corners in one place, or all three on a line; shape (m,)."""
+    corners = mesh.corners
+    sides = corners - np.roll(corners, 1, axis=1)
+    longest = np.einsum("ijk,ijk->ij", sides, sides).max(axis=1)
+    cross = _cross(sides[:, 1], sides[:, 2])
+    doubled = np.sqrt(np.einsum("ij,ij->i", cross, cross))
+    return np.asarray(doubled <= DEGENERATE_SHARE * longest)
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    """The cross products of rows; numpy.cross is several times slower."""
+    return np.stack(
+        [
+            a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1],
+            a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2],
+            a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0],
+        ],
+        axis=1,
+    )
+
+
+def doubled_normals(mesh: Mesh) -> Floats:
+    """Normals of the triangles, twice their area long; shape (m, 3), in mm^2."""
+    a, b, c = np.moveaxis(mesh.corners, 1, 0)
+    return _cross(b - a, c - a)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solidity:
+    """What manifold3d says of a mesh with sound edges.
+
+    Attributes:
+        status: ``NoError`` or the name of what it found.
+        genus: Number of through holes (0 where it refuses the mesh).
+        volume_mm3: Its own volume.
+    """
+
+    status: str
+    genus: int
+    volume_mm3: float
+
+
+def solidity(mesh: Mesh) -> Solidity:
+    """Ask manifold3d. Only for finite coordinates: it hangs on infinite ones."""
+    import manifold3d
+
+    body = manifold3d.Manifold(
+        manifold3d.Mesh(mesh.vertices.astype(np.float32), np.ascontiguousarray(mesh.triangles, dtype=np.uint32))
+    )
+    status = str(body.status()).rpartition(".")[2]
+    sound = status == "NoError"
+    return Solidity(status=status, genus=body.genus() if sound else 0, volume_mm3=body.volume() if sound else 0.0)
+
+
+def bodies(mesh: Mesh) -> int:
+    """Number of pieces that share no vertex."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    tail, head = mesh.triangles.ravel(), np.roll(mesh.triangles, -1, axis=1).ravel()
+    links = coo_matrix((np.ones(len(tail), dtype=np.int8), (tail, head)), shape=(len(mesh.vertices),) * 2)
+    _, label = connected_components(links, directed=False)
+    return len(np.unique(label[mesh.triangles[:, 0]]))
+
+
+def edge_checks(found: Edges) -> list[Check]:
+    """The report's lines on edges: closed, wound, two triangles an edge."""
+
+    def at(place: tuple[float, float, float] | None) -> str:
+        return "" if place is None else " (one at x {:.4g}, y {:.4g}, z {:.4g} mm)".format(*place)
+
+    return [
+        Check(
+            name="closed",
+            ok=found.open == 0,
+            detail="no open edge" if found.open == 0 else f"{found.open} open edges{at(found.open_at)}",
+        ),
+        Check(
+            name="winding",
+            ok=found.same_way == 0,
+            detail="consistent"
+            if found.same_way == 0
+            else f"inconsistent winding along {found.same_way} edges{at(found.same_way_at)}: triangles are flipped",
+        ),
+        Check(
+            name="edges",
+            ok=found.crowded == 0,
+            detail="no edge has more than two triangles"
+            if found.crowded == 0
+            else f"not manifold: {found.crowded} edges have more than two triangles{at(found.crowded_at)}",
+        ),
+    ]
+
+
+def degenerate_check(mesh: Mesh) -> Check:
+    """The report's line on triangles without area."""
+    flat = degenerate(mesh)
+    count = int(flat.sum())
+    if count == 0:
+        return Check(name="triangles", ok=True, detail=f"{len(flat)}, none degenerate")
+    x, y, z = mesh.corners[int(np.argmax(flat)), 0]
+    return Check(
+        name="triangles",
+        ok=False,
+        detail=f"{count} of {len(flat)} are degenerate (no area; one at x {x:.4g}, y {y:.4g}, z {z:.4g} mm)",
+    )
+
+
+def full_checks(mesh: Mesh) -> list[Check]:
+    """What only pymeshlab finds: non-manifold edges and vertices, triangles that cut each other, boundary.
+
+    pymeshlab is GPL-3 and part of the extra ``cad``; nothing else of the package uses it.
+
+    Args:
+        mesh: The mesh; its coordinates must be finite.
+
+    Raises:
+        MissingToolError: pymeshlab is not installed.
+    """
+    try:
+        import pymeshlab
+    except ImportError:
+        raise MissingToolError('the full check needs pymeshlab: pip install "tacbench-cad[cad]"') from None
+    with contextlib.ExitStack() as stack:
+        meshes: Any = pymeshlab.MeshSet(verbose=False)
+        stack.callback(meshes.clear)
+        meshes.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.triangles.astype(np.int32)))
+        shape: dict[str, Any] = meshes.get_topological_measures()
+        meshes.compute_selection_by_self_intersections_per_face()
+        cut = int(meshes.current_mesh().selected_face_number())
+    rows = (
+        ("two-manifold", int(shape["non_two_manifold_edges"]), "non-manifold edges"),
+        ("vertices", int(shape["non_two_manifold_vertices"]), "non-manifold vertices"),
+        ("boundary", int(shape["boundary_edges"]), "boundary edges"),
+        ("self-intersection", cut, "triangles that cut each other"),
+    )
+    return [
+        Check(name=name, ok=count == 0, detail=f"{'no' if count == 0 else count} {what} (pymeshlab)")
+        for name, count, what in rows
+    ]
+
+
+def read_mesh(path: Path) -> Mesh:
+    """Read an STL or a 3MF by the end of its name; see the two readers for what they refuse."""
+    from tacbench_cad.export import format_of
+    from tacbench_cad.export.stl import read_stl
+    from tacbench_cad.export.threemf import read_3mf
+
+    return read_3mf(path)[0] if format_of(path).name == "3mf" else read_stl(path)

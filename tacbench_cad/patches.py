@@ -1,0 +1,274 @@
+"""The relief of a block as spline patches: how many, of which degree, with how many poles, and what is proved of them.
+
+No CAD kernel is needed here; :mod:`tacbench_cad.brep` makes the solid from these patches.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.block import Block
+from tacbench_cad.errors import InputError
+from tacbench_cad.mesh import Certificate
+from tacbench_cad.spline import Axis, basis
+from tacbench_cad.waves import WaveSum
+
+Floats = NDArray[np.float64]
+
+#: A surface that would need more poles than this is refused.
+MOST_POLES = 4_000_000
+#: More spans on one piece are not tried: an axis that needs more gets more pieces.
+MOST_SPANS = 64
+#: Polynomial degree of the splines along an axis with waves.
+DEGREE = 7
+#: Waves of the finest kind on one piece. The kernel's default area and volume take at most 61 points along each axis of
+#: a face: with more waves they leave 1e-4, with fewer everything the kernel does takes longer.
+WAVES_PER_PIECE = 6.5
+#: The same where one axis has no or few waves: there the kernel takes fewer points along the other as well.
+WAVES_PER_PIECE_SMOOTH = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """Spline patches over the rectangle of a block. Build them with :func:`patches`.
+
+    Args:
+        surface: The formula in mm.
+        datum_mm: z of the formula's zero.
+        x: The axis x.
+        y: The axis y.
+        certificate: What is proved of the distance between patches and formula.
+        key_pieces: Pieces of either axis within the key's square; 0 without a key.
+    """
+
+    surface: WaveSum
+    datum_mm: float
+    x: Axis
+    y: Axis
+    certificate: Certificate
+    key_pieces: int
+
+    @property
+    def pole_count(self) -> int:
+        """Poles of the whole surface; those at the joints are shared."""
+        return self.x.pole_count * self.y.pole_count
+
+    @cached_property
+    def profiles_mm(self) -> tuple[Floats, Floats] | None:
+        """Of a separable surface ``p(x) + q(y)``: poles of p with the datum, and of q; (pieces, count) each."""
+        if not self.surface.is_separable:
+            return None
+        p, q = self.surface.along_u, self.surface.along_v
+        return self.datum_mm + self.x.sines(p), self.y.sines(q)
+
+    @cached_property
+    def _factors(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        amplitude, f, g, phase = self.surface.table.T
+        return self.x.poles(f) * (amplitude * np.exp(1j * phase)), self.y.poles(g)
+
+    def heights_mm(self, i: int, j: int) -> Floats:
+        """z of the poles of patch (i, j), shape (count x, count y).
+
+        B-splines sum to one, so ``a_i + b_j`` are the poles of ``S_p(x) + S_q(y)``. A surface that is not separable
+        is a sum of products of exponentials, and so are its poles.
+        """
+        if self.profiles_mm is not None:
+            along_x, along_y = self.profiles_mm
+            return np.asarray(along_x[i][:, None] + along_y[j][None, :], dtype=np.float64)
+        along_x, along_y = self._factors
+        return np.asarray(self.datum_mm + np.imag(along_x[i] @ along_y[j].T), dtype=np.float64)
+
+    def __call__(self, x: Floats, y: Floats) -> Floats:
+        """z of the patches at the points (x, y), all in mm; one-dimensional arrays of one length."""
+        i = np.clip(np.searchsorted(self.x.lines, x, side="right") - 1, 0, self.x.pieces - 1)
+        j = np.clip(np.searchsorted(self.y.lines, y, side="right") - 1, 0, self.y.pieces - 1)
+        z = np.empty(len(x))
+        for one in np.unique(i * self.y.pieces + j):
+            a, b = divmod(int(one), self.y.pieces)
+            here = (i == a) & (j == b)
+            left = self.x.basis.values(self._unit(self.x, a, x[here]))
+            right = self.y.basis.values(self._unit(self.y, b, y[here]))
+            z[here] = np.einsum("ki,ij,kj->k", left, self.heights_mm(a, b), right)
+        return z
+
+    @staticmethod
+    def _unit(axis: Axis, piece: int, at: Floats) -> Floats:
+        low, high = axis.lines[piece], axis.lines[piece + 1]
+        return np.clip((at - low) / (high - low), 0.0, 1.0)
+
+
+def patches(block: Block, tolerance_mm: float) -> Patches:
+    """Patches that stay within a tolerance of the formula everywhere.
+
+    The error of the surface is at most ``sum A (E_x + (1 + E_x) E_y)`` over the waves, E_x and E_y being the errors
+    of the splines of their factors: for ``P_x, P_y`` the two projections, ``F - P_x P_y F`` is ``(F - P_x F)`` plus
+    ``P_x (F - P_y F)``. For a wave along one axis the other error is zero.
+
+    Args:
+        block: The block.
+        tolerance_mm: Greatest distance along z in mm.
+
+    Raises:
+        InputError: The tolerance is not allowed, or needs more than :data:`MOST_POLES` poles.
+    """
+    if not (math.isfinite(tolerance_mm) and tolerance_mm > 0.0):
+        raise InputError("step-tolerance", tolerance_mm, "must be a positive number of mm")
+    plan = _plan(block, tolerance_mm)
+    if plan.poles > MOST_POLES:
+        raise InputError("step-tolerance", tolerance_mm, _too_many(block, tolerance_mm, plan.poles))
+    x, y = plan.axes(block)
+    bound = _bound(block.surface, x, y)
+    if not bound <= tolerance_mm:
+        raise InputError("step-tolerance", tolerance_mm, f"is too fine; rounding alone may reach {bound:.1g} mm")
+    return Patches(
+        surface=block.surface,
+        datum_mm=block.solid_datum_mm,
+        x=x,
+        y=y,
+        certificate=Certificate(distance_mm=bound, vertical_mm=bound),
+        key_pieces=plan.key_pieces,
+    )
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """How the axes are cut, as numbers only.
+
+    Args:
+        pieces: Pieces along x and y outside of the key's square.
+        key_pieces: Pieces of either axis within it.
+        degree: Degree along x and y.
+        spans: Spans on each piece along x and y.
+    """
+
+    pieces: tuple[int, int]
+    key_pieces: int
+    degree: tuple[int, int]
+    spans: tuple[int, int]
+
+    @property
+    def poles(self) -> int:
+        """Poles of the whole surface."""
+        along = [(self.pieces[i] + self.key_pieces) * (self.degree[i] + self.spans[i] - 1) + 1 for i in (0, 1)]
+        return along[0] * along[1]
+
+    def axes(self, block: Block) -> tuple[Axis, Axis]:
+        """Both axes; the key's square ends x and begins y."""
+        (x, y), key, square = block.size_mm, block.key_mm or 0.0, self.key_pieces
+        steps = key * np.arange(square + 1) / max(square, 1)
+        along_x = np.concatenate([_steps(x - key, self.pieces[0]), (x - key) + steps[1:]])
+        along_y = np.concatenate([steps[:-1], key + _steps(y - key, self.pieces[1])])
+        along_x[-1], along_y[-1] = x, y
+        return (
+            Axis(along_x, basis(self.degree[0], self.spans[0])),
+            Axis(along_y, basis(self.degree[1], self.spans[1])),
+        )
+
+
+def _steps(length: float, count: int) -> Floats:
+    return np.asarray(length * np.arange(count + 1) / count, dtype=np.float64)
+
+
+def _plan(block: Block, tolerance_mm: float) -> _Plan:
+    """Patches for a tolerance, half of which belongs to each axis."""
+    table = block.surface.table[block.surface.table[:, 0] != 0.0]
+    amplitude = np.abs(table[:, 0])
+    frequency = (np.abs(table[:, 1]), np.abs(table[:, 2]))
+    share = tolerance_mm / 2.0 * (1.0 - 1e-6)
+    finest = [_finest(amplitude, f, share / 4.0) for f in frequency]
+    limit = 1024.0 * max(float(f.max()) for f in frequency)
+    while max(finest) <= limit:
+        pieces, in_key = _pieces(block, finest)
+        along_x = _spans(frequency[0] * _widest(block, 0, pieces, in_key), amplitude, share)
+        weight = amplitude
+        if along_x <= MOST_SPANS and not block.surface.is_separable:
+            turn = frequency[0] * _widest(block, 0, pieces, in_key)
+            single = [basis(DEGREE, along_x).error(turn[[k]], np.ones(1)) for k in range(len(turn))]
+            weight = amplitude * (1.0 + np.array(single))
+        along_y = _spans(frequency[1] * _widest(block, 1, pieces, in_key), weight, share)
+        if max(along_x, along_y) <= MOST_SPANS:
+            degrees = [DEGREE if np.any(f) else 1 for f in frequency]
+            return _Plan(pieces, in_key, (degrees[0], degrees[1]), (along_x, along_y))
+        finest = [fine * (2.0 if n > MOST_SPANS else 1.0) for fine, n in zip(finest, (along_x, along_y), strict=True)]
+    raise InputError("step-tolerance", tolerance_mm, "is too fine for the rounding of this surface")
+
+
+def _finest(amplitude: Floats, frequency: Floats, rest: float) -> float:
+    """The frequency above which all amplitudes together are at most ``rest``."""
+    order = np.argsort(-frequency)
+    above = np.cumsum(amplitude[order])
+    first = int(np.searchsorted(above, rest, side="right"))
+    return float(frequency[order[min(first, len(order) - 1)]])
+
+
+def _pieces(block: Block, finest: list[float]) -> tuple[tuple[int, int], int]:
+    """Pieces along x and y outside of the key's square, and of either axis within it.
+
+    Args:
+        block: The block.
+        finest: Along x and y the frequency in radians per mm that counts.
+    """
+    waves = [side * fine / (2.0 * math.pi) for side, fine in zip(block.size_mm, finest, strict=True)]
+    on_piece = WAVES_PER_PIECE if min(waves) > WAVES_PER_PIECE else WAVES_PER_PIECE_SMOOTH
+
+    def count(length: float, axis: int) -> int:
+        return max(1, math.ceil(waves[axis] * (length / block.size_mm[axis]) / on_piece - 1e-9))
+
+    key = block.key_mm or 0.0
+    in_key = max(count(key, 0), count(key, 1)) if key else 0
+    x, y = block.size_mm
+    return (count(x - key, 0), count(y - key, 1)), in_key
+
+
+def _widest(block: Block, axis: int, pieces: tuple[int, int], in_key: int) -> float:
+    """Width of the widest piece along an axis in mm."""
+    key = block.key_mm or 0.0
+    return max((block.size_mm[axis] - key) / pieces[axis], key / max(in_key, 1))
+
+
+def _spans(turn: Floats, weight: Floats, share: float) -> int:
+    """The fewest spans on one piece, at most one more than :data:`MOST_SPANS`, that keep the error within a share.
+
+    The least error of a spline of degree d with spans h for a wave is near ``4 / pi (k h / pi)^(d + 1)`` (Favard):
+    from there one or two steps find the number.
+    """
+    if not np.any(turn):
+        return 1
+
+    def fits(spans: int) -> bool:
+        return basis(DEGREE, spans).error(turn, weight) <= share
+
+    near = float(4.0 / math.pi * (weight @ (turn / math.pi) ** (DEGREE + 1)))
+    found = int(np.clip(round((near / share) ** (1.0 / (DEGREE + 1))), 1, MOST_SPANS))
+    while found <= MOST_SPANS and not fits(found):
+        found += 1
+    while 1 < found <= MOST_SPANS and fits(found - 1):
+        found -= 1
+    return found
+
+
+def _bound(surface: WaveSum, x: Axis, y: Axis) -> float:
+    """The proved vertical bound of :func:`patches`."""
+    amplitude, f, g, phase = np.abs(surface.table.T)
+    first = x.error(f, amplitude)
+    one = np.ones(1)
+    single = np.zeros(len(f)) if surface.is_separable else np.array([x.error(f[[k]], one) for k in range(len(f))])
+    second = y.error(g, amplitude * (1.0 + single))
+    rounding = 4.0 * np.finfo(float).eps * float(amplitude @ (1.0 + np.abs(phase)))
+    return first + second + rounding
+
+
+def _too_many(block: Block, tolerance_mm: float, poles: int) -> str:
+    """What a solid would need, and the tolerance that would do."""
+    need = f"the solid would need {poles / 1e6:.3g} million poles, {MOST_POLES / 1e6:g} million is the most"
+    coarser = float(f"{tolerance_mm:.1g}")
+    while coarser < block.surface.amplitude_sum:
+        coarser = float(f"{coarser * 2.0:.1g}")
+        if _plan(block, coarser).poles <= MOST_POLES:
+            return f"{need}; --step-tolerance {coarser:g} would do"
+    return f"{need}; no tolerance would do"

@@ -1,0 +1,222 @@
+"""Making a print set: build each part, write it, check what was written, rename it, and keep the manifest."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, as_completed
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tacbench_cad import __version__, manifest
+from tacbench_cad.block import Block
+from tacbench_cad.errors import InputError, MissingToolError, TacbenchError
+from tacbench_cad.files import TEMPORARY_PREFIX, locked
+from tacbench_cad.making import Failure, Made, file_name, make_files, make_in_child
+from tacbench_cad.mesh import Mesh
+from tacbench_cad.request import Request, plan
+from tacbench_cad.sources import LeftOut, Plan, Source
+from tacbench_cad.tools import why_missing
+from tacbench_cad.workers import Workers, cpu_count, why_not_importable
+
+__all__ = ["PREVIEW_NAME", "Failure", "LeftOut", "Plan", "Request", "Result", "build", "plan"]
+
+#: The picture sheet's file name in the output folder.
+PREVIEW_NAME = "preview.png"
+
+#: Called with what was just done, how many steps are done, and how many there are.
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(kw_only=True)
+class Result:
+    """What a call made.
+
+    Attributes:
+        out: The output folder.
+        rows: Manifest rows of the files made, by name.
+        failures: Files that failed their checks, so that they were not put in place.
+        left_out: What was not made, and why.
+        preview: Whether the picture sheet was made.
+    """
+
+    out: Path
+    rows: list[manifest.Row] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
+    left_out: list[LeftOut] = field(default_factory=list)
+    preview: bool = False
+
+    @property
+    def ok(self) -> bool:
+        """Whether everything that was made passed its checks."""
+        return not self.failures
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "version": __version__,
+            "ok": self.ok,
+            "files": self.rows,
+            "failed": [one.as_dict() for one in self.failures],
+            "left_out": [one.as_dict() for one in self.left_out],
+            "preview": PREVIEW_NAME if self.preview else None,
+        }
+
+
+def build(request: Request, progress: Progress = lambda message, done, total: None) -> Result:
+    """Make everything that a request means.
+
+    Every refusal comes before the first file is written. Each file is written under a temporary name, examined as it
+    lies on disk, and renamed only if nothing is wrong with it. An interruption leaves whole files and a manifest that
+    is true of them.
+
+    Args:
+        request: The options.
+        progress: Told after each step.
+
+    Returns:
+        What was made; files that failed their checks are named in it and not in the folder.
+
+    Raises:
+        InputError: An option, or the output folder, is not allowed.
+        MissingToolError: Something asked for by name cannot be made here.
+    """
+    wanted = plan(request)
+    reason = why_missing("pymeshlab") if request.full else None
+    if reason:
+        raise MissingToolError(f"verify = 'full': {reason}")
+    with Workers(cpu_count()) as workers:
+        progress("loading the CAD kernel" if wanted.needs_kernel else "meshing", 0, wanted.file_count)
+        wanted = _with_kernel(request, wanted, workers)
+        if not wanted.sources:
+            raise InputError("parts", None, "nothing can be made: " + "; ".join(one.reason for one in wanted.left_out))
+        for source in wanted.sources:
+            if isinstance(source.maker, Block):
+                _ = source.part.mesh  # refuses a tolerance that is too fine before anything is written
+        with locked(request.out):
+            return _Making(request, wanted, workers, progress).run()
+
+
+def _with_kernel(request: Request, wanted: Plan, workers: Workers) -> Plan:
+    """Find out, in the children that will need it, whether the CAD kernel loads; if not, do without or refuse."""
+    modules = wanted.needs_kernel
+    if not modules:
+        return wanted
+    first = workers.submit(why_not_importable, modules)
+    # The other children load the kernel at the same time; nobody waits for them here.
+    slow = sum(1 for source in wanted.sources if source.part.mesh_needs_cad or "step" in source.formats)
+    for _ in range(min(cpu_count(), slow) - 1):
+        workers.submit(why_not_importable, modules[:1])
+    reason = first.result()
+    if reason is None:
+        return wanted
+    message = f"the CAD kernel does not load ({reason}); tacbench doctor shows the repair"
+    asked = "step" in (request.formats or ()) or set(request.parts or ()) - {"blocks"} or request.jig is not None
+    if asked:
+        raise MissingToolError(message)
+    return wanted.without_kernel(message)
+
+
+class _Making:
+    """One run in a folder that is held.
+
+    Args:
+        request: The options.
+        wanted: What to make.
+        workers: Children for what needs the kernel.
+        progress: Told after each file.
+    """
+
+    def __init__(self, request: Request, wanted: Plan, workers: Workers, progress: Progress) -> None:
+        self._out, self._full = request.out, request.full
+        self._wanted, self._workers, self._progress = wanted, workers, progress
+        self._result = Result(out=request.out, left_out=list(wanted.left_out))
+        self._fixture_meshes: dict[str, Mesh] = {}
+        self._old = manifest.read_rows(request.out)
+        for name in (manifest.MANIFEST_NAME, PREVIEW_NAME):
+            if (self._out / name).is_dir():
+                raise InputError("output file", str(self._out / name), "is a folder; move it away")
+
+    def run(self) -> Result:
+        """Make the files, the picture sheet and the manifest."""
+        try:
+            slow = self._start_slow()
+            for source in self._wanted.sources:
+                light = tuple(name for name in source.formats if name != "step")
+                if not source.part.mesh_needs_cad:
+                    self._take(make_files(source.part, light, self._out, self._full))
+            self._finish({job: source for job, source in slow.items() if source.part.mesh_needs_cad})
+            self._preview()  # while the children are still at the solids
+            self._finish({job: source for job, source in slow.items() if not source.part.mesh_needs_cad})
+            if self._result.failures:
+                self._preview()
+        finally:
+            self._workers.close()
+            for leftover in self._out.glob(f"{TEMPORARY_PREFIX}*"):
+                with contextlib.suppress(OSError):
+                    leftover.unlink()
+            self._write_manifest()
+        return self._result
+
+    def _start_slow(self) -> dict[Future[Any], Source]:
+        """Hand what needs the kernel to the children: fixtures first, then the solids that take longest."""
+        jobs: dict[Future[Any], Source] = {}
+        needy = [source for source in self._wanted.sources if source.part.mesh_needs_cad or "step" in source.formats]
+        for source in sorted(needy, key=lambda one: -one.effort):
+            formats = source.formats if source.part.mesh_needs_cad else ("step",)
+            call = (source.maker, source.step_tolerance_mm, formats, self._out, self._full)
+            jobs[self._workers.submit(make_in_child, *call)] = source
+        return jobs
+
+    def _finish(self, jobs: dict[Future[Any], Source]) -> None:
+        """Take the results of children as they come."""
+        for job in as_completed(jobs):
+            source = jobs[job]
+            try:
+                made, mesh = job.result()
+            except TacbenchError as error:
+                if error.exit_code != 1:
+                    raise
+                names = [file_name(source.part, f) for f in source.formats if source.part.mesh_needs_cad or f == "step"]
+                self._take([Failure(file=name, faults=(str(error),)) for name in names])
+                continue
+            if mesh is not None:
+                self._fixture_meshes[source.name] = mesh
+            self._take(made)
+
+    def _take(self, made: Sequence[Made]) -> None:
+        for one in made:
+            if isinstance(one, Failure):
+                self._result.failures.append(one)
+            else:
+                self._result.rows.append(one)
+            name = one.file if isinstance(one, Failure) else str(one["file"])
+            done = len(self._result.rows) + len(self._result.failures)
+            self._progress(name, done, self._wanted.file_count)
+
+    def _preview(self) -> None:
+        """Draw every part of which a file was made, or will be as far as is known."""
+        failed = {one.file for one in self._result.failures}
+        items = []
+        for source in self._wanted.sources:
+            part = source.part
+            mesh = self._fixture_meshes.get(part.name) if part.mesh_needs_cad else part.mesh[0]
+            if mesh is not None and any(file_name(part, name) not in failed for name in source.formats):
+                size = " x ".join(f"{side:.4g}" for side in part.size_mm)
+                items.append((f"{part.name}\n{size} mm", mesh))
+        reason = why_missing("matplotlib")
+        if reason and not any(one.what == PREVIEW_NAME for one in self._result.left_out):
+            self._result.left_out.append(LeftOut(what=PREVIEW_NAME, reason=reason))
+        if items and not reason:
+            from tacbench_cad.pictures import preview_sheet
+
+            preview_sheet(items, self._out / PREVIEW_NAME)
+            self._result.preview = True
+
+    def _write_manifest(self) -> None:
+        """Rows of this run, and of earlier ones whose file is still there unchanged."""
+        rows = manifest.merge(self._old, self._result.rows)
+        if rows:
+            manifest.write_manifest(self._out, manifest.unchanged(self._out, rows))
+        self._result.rows.sort(key=lambda row: str(row["file"]))

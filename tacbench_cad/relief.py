@@ -1,0 +1,100 @@
+"""Points of a textured top, from triangles, and how far they lie from a formula.
+
+The distance at a point of the top is ``|z - formula| / sqrt(1 + |gradient|^2)`` at its own x and y: to first order
+the distance to the surface, and the measure in which the certificates are stated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.mesh import Floats, Mesh
+from tacbench_cad.waves import WaveSum
+
+#: Triangles whose normal has a smaller vertical share than this are walls.
+WALL_SHARE = 1e-4
+#: About so many points are taken inside the triangles of a top; never fewer than four in each triangle.
+POINTS = 200_000
+#: The finest lattice of points in one triangle: 45 steps along a side, 1,081 points.
+MOST_STEPS = 45
+
+
+@dataclass(frozen=True, kw_only=True)
+class Distance:
+    """How far points lie from a formula.
+
+    Attributes:
+        largest_mm: The largest distance.
+        rms_mm: The root mean square.
+        at_mm: x, y, z of the point with the largest distance.
+        largest_vertical_mm: The largest ``|z - formula|``.
+    """
+
+    largest_mm: float
+    rms_mm: float
+    at_mm: tuple[float, float, float]
+    largest_vertical_mm: float
+
+
+def upward(mesh: Mesh, normals: Floats) -> NDArray[np.bool_]:
+    """Which triangles face upwards and are no walls, shape (m,); in a block of ours they are the textured top."""
+    length = np.sqrt(np.einsum("ij,ij->i", normals, normals))
+    return np.asarray((normals[:, 2] > WALL_SHARE * length) & (length > 0.0))
+
+
+def points_on(corners: Floats, points: int = POINTS) -> Floats:
+    """Dense points on triangles: their corners, the middles of their sides, and points inside.
+
+    Every triangle carries a regular lattice with an even number of steps a side (so that side middles, where straight
+    lines are worst, belong to it); few triangles carry finer lattices.
+
+    Args:
+        corners: Shape (m, 3, 3).
+        points: About how many are wanted.
+
+    Returns:
+        Points, shape (k, 3); one shared by several triangles comes several times.
+    """
+    wanted = points / max(len(corners), 1)
+    steps = int(np.clip(2 * round(np.sqrt(2.0 * wanted) / 2.0), 2, MOST_STEPS - 1))
+    first, second = np.meshgrid(np.arange(steps + 1), np.arange(steps + 1), indexing="ij")
+    inside = first + second <= steps
+    a, b = first[inside] / steps, second[inside] / steps
+    weights = np.stack([1.0 - a - b, a, b], axis=1)
+    if steps == 2:
+        weights = np.vstack([weights, [1.0 / 3.0] * 3])
+    return np.asarray((weights @ corners).reshape(-1, 3))
+
+
+def distance(points: Floats, surface: WaveSum, datum_mm: float) -> Distance:
+    """Distances of points from ``z = datum + surface(x, y)``.
+
+    Args:
+        points: Shape (k, 3), in mm, in the surface's frame.
+        surface: The formula in mm.
+        datum_mm: z of its zero.
+    """
+    x, y, z = np.ascontiguousarray(points.T)
+    vertical = np.abs(z - datum_mm - surface(x, y))
+    # The gradient is needed only where it can matter: no distance is larger than the vertical one.
+    likely = np.argpartition(vertical, -min(len(vertical), 1000))[-1000:]
+    best = float(_slanted(vertical[likely], x[likely], y[likely], surface).max())
+    possible = np.nonzero(vertical >= best)[0]
+    slanted = _slanted(vertical[possible], x[possible], y[possible], surface)
+    i = possible[int(np.argmax(slanted))]
+    some = slice(None, None, max(1, len(x) // 20_000))
+    sample = _slanted(vertical[some], x[some], y[some], surface)
+    return Distance(
+        largest_mm=float(slanted.max()),
+        rms_mm=float(np.sqrt(np.mean(sample**2))),
+        at_mm=(float(x[i]), float(y[i]), float(z[i])),
+        largest_vertical_mm=float(vertical.max()),
+    )
+
+
+def _slanted(vertical: Floats, x: Floats, y: Floats, surface: WaveSum) -> Floats:
+    along_x, along_y = surface.gradient(x, y)
+    return np.asarray(vertical / np.sqrt(1.0 + along_x**2 + along_y**2))

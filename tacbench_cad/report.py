@@ -1,0 +1,65 @@
+"""What a look at one file found: named checks, each with its numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """One thing that was looked at.
+
+    Args:
+        name: Two or three words.
+        ok: Whether it is as it should be.
+        detail: What was found, with numbers.
+    """
+
+    name: str
+    ok: bool
+    detail: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """All that was found of one file.
+
+    Args:
+        path: The file.
+        checks: In the order in which they were made; those that would mean nothing after a failure are left out.
+        deviation_mm: Largest measured distance of the top from its formula; None where there is none.
+        triangles: Number of triangles; None for a solid.
+        volume_mm3: Enclosed volume; None where the file could not be read.
+        size_mm: Bounding box x, y, z; None where the file could not be read.
+    """
+
+    path: Path
+    checks: tuple[Check, ...]
+    deviation_mm: float | None = None
+    triangles: int | None = None
+    volume_mm3: float | None = None
+    size_mm: tuple[float, float, float] | None = None
+
+    @property
+    def ok(self) -> bool:
+        """Whether every check passed, and there was one."""
+        return bool(self.checks) and all(check.ok for check in self.checks)
+
+    @property
+    def faults(self) -> tuple[Check, ...]:
+        """The checks that failed."""
+        return tuple(check for check in self.checks if not check.ok)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON: the file's name without its folder, and everything else."""
+        return {
+            "file": self.path.name,
+            "ok": self.ok,
+            "triangles": self.triangles,
+            "size_mm": None if self.size_mm is None else list(self.size_mm),
+            "volume_mm3": self.volume_mm3,
+            "deviation_mm": self.deviation_mm,
+            "checks": [{"name": check.name, "ok": check.ok, "detail": check.detail} for check in self.checks],
+        }

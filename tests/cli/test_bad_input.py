@@ -1,0 +1,238 @@
+"""Bad input: one line that names field, value and what is allowed; exit code 2; nothing written, nothing lost."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tacbench_cad.cli import main
+from tacbench_cad.files import locked
+
+Capture = pytest.CaptureFixture[str]
+
+LIGHT = ("--formats", "stl", "--parts", "blocks")
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Iterator[Path]:
+    """An output folder with a file in it that must survive; afterwards nothing else may be there."""
+    folder = tmp_path / "out"
+    folder.mkdir()
+    precious = folder / "texture-1_paper_x1.stl"
+    precious.write_bytes(b"made before")
+    yield folder
+    assert precious.read_bytes() == b"made before"
+    assert [one.name for one in folder.iterdir()] == [precious.name]
+
+
+def refusal(capsys: Capture, *argv: str) -> str:
+    """The one line of a command that must end with exit code 2."""
+    assert main(argv) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    lines = [line for line in err.splitlines() if not line.startswith("[0/")]
+    assert len(lines) == 1 and lines[0].startswith("error: "), err
+    return lines[0]
+
+
+@pytest.mark.parametrize(
+    ("options", "needles"),
+    [
+        (["--scale", "-1"], ["scale", "-1", "between"]),
+        (["--scale", "0"], ["scale", "0", "between"]),
+        (["--scale", "nan"], ["scale", "nan", "between"]),
+        (["--scale", "inf"], ["scale", "inf", "between"]),
+        (["--scale", "1e9"], ["scale", "1000000000.0", "between"]),
+        (["--scale", "two"], ["--scale", "two"]),
+        (["--size", "0,30"], ["size x", "0.0", "mm"]),
+        (["--size", "-3,30"], ["size x", "-3.0"]),
+        (["--size", "nan,30"], ["size x", "nan"]),
+        (["--size", "30,1e300"], ["size y", "1e+300"]),
+        (["--size", "30"], ["size", "'30'", "X,Y"]),
+        (["--size", "30,40,50"], ["size", "X,Y"]),
+        (["--size", "a,b"], ["size", "a,b", "numbers"]),
+        (["--height", "inf"], ["height", "inf"]),
+        (["--height", "-7"], ["height", "-7"]),
+        (["--height", "2.5"], ["height", "2.5", "relief of 4.718", "a height of 5.52 mm would do"]),
+        (["--mm-per-unit", "1,1"], ["mm per unit", "X,Y,Z"]),
+        (["--mm-per-unit", "1,0,1"], ["mm per unit y", "0.0"]),
+        (["--mm-per-unit", "1,1,nan"], ["mm per unit z", "nan"]),
+        (["--tolerance", "0"], ["tolerance", "0.0", "positive"]),
+        (["--tolerance", "-0.01"], ["tolerance", "-0.01"]),
+        (["--tolerance", "nan"], ["tolerance", "nan"]),
+        (["--grid", "1x5"], ["grid nx", "1", "from 2"]),
+        (["--grid", "189"], ["grid", "189", "NXxNY"]),
+        (["--grid", "-1x4"], ["grid", "-1x4", "NXxNY"]),
+        (["--grid", "--tolerance", "0.1"], ["grid", "not both"]),
+        (["--key", "0"], ["key", "0.0"]),
+        (["--key", "-3"], ["key", "-3.0"]),
+        (["--key", "nan"], ["key", "nan"]),
+        (["--key", "20"], ["key", "20.0", "7.767"]),
+        (["--key", "0.2"], ["key", "0.2", "turned by half", "above 0.5121"]),
+        (["--key", "three"], ["key", "three", "number"]),
+        (["--copies", "0"], ["copies", "0", "from 1"]),
+        (["--copies", "-2"], ["copies", "-2"]),
+        (["--copies", "2.5"], ["--copies", "2.5"]),
+        (["--preset", "relesed"], ["preset", "relesed", 'did you mean "released"']),
+        (["--texture", "7"], ["texture", "'7'", "1 to 6"]),
+        (["--texture", "texture4"], ["texture4", 'did you mean "texture-4"']),
+        (["--texture", ""], ["texture", "name at least one"]),
+        (["--texture", "4,texture-4"], ["texture", "texture-4", "twice"]),
+        (["--step-tolerance", "0"], ["step tolerance", "0.0"]),
+        (["--verify", "all"], ["verify", "all", "default, full"]),
+        (["--jig", "al"], ["jig", "al", 'did you mean "all"']),
+        (["--preset", "released", "--height", "9"], ["released", "--grid or --tolerance"]),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) and value and value[0].startswith("-") else "",
+)
+def test_an_option_with_a_wrong_value(options: list[str], needles: list[str], out: Path, capsys: Capture) -> None:
+    line = refusal(capsys, "make", *LIGHT, *options, "--out", str(out))
+    for needle in needles:
+        assert needle in line
+
+
+@pytest.mark.parametrize(
+    ("options", "needles"),
+    [
+        (["--formats", "stp"], ["formats", "stp", 'did you mean "step"']),
+        (["--formats", "obj"], ["formats", "obj", "stl, 3mf, step"]),
+        (["--formats", ","], ["formats", "stl, 3mf, step"]),
+        (["--parts", "block"], ["parts", "block", 'did you mean "blocks"']),
+        (["--parts", "blocks", "--slots", "2"], ["slots", "2", "--parts"]),
+        (["--parts", "holder", "--fit", "tight"], ["fit", "tight", "slip"]),
+        (["--parts", "holder", "--fit", "-1"], ["fit", "-1"]),
+        (["--parts", "holder", "--rim", "nan"], ["rim", "nan"]),
+        (["--parts", "holder", "--slots", "0"], ["slots", "0"]),
+        (["--parts", "holder", "--nozzle", "inf"], ["nozzle", "inf"]),
+        (["--unknown"], ["--unknown"]),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) and value and value[0].startswith("-") else "",
+)
+def test_a_part_or_a_format_that_there_is_not(
+    options: list[str], needles: list[str], out: Path, capsys: Capture
+) -> None:
+    line = refusal(capsys, "make", *options, "--out", str(out))
+    for needle in needles:
+        assert needle in line
+
+
+def test_the_misspelt_option_is_told_the_right_one(capsys: Capture) -> None:
+    assert "--texture" in refusal(capsys, "make", "--textur", "1")
+
+
+def test_the_misspelt_command_is_told(capsys: Capture) -> None:
+    assert "mak" in refusal(capsys, "mak")
+
+
+SERIES = '[texture]\nname = "mine"\nfamily = "series"\nlaw = "square"\nN = 5\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "needles"),
+    [
+        (SERIES.replace("N = 5", "N = 4"), ["N", "4", "must be odd", "3 and 5"]),
+        (SERIES.replace("N = 5", "N = 0"), ["N", "0", "at least 1"]),
+        (SERIES.replace("N = 5", 'N = "5"'), ["N", "'5'", "whole number"]),
+        (SERIES.replace("square", "sqare"), ["law", "sqare", 'did you mean "square"']),
+        (SERIES.replace("law =", "lwa ="), ["lwa", 'did you mean "law"']),
+        (SERIES + "[block]\nsize_m = [20.0, 20.0]\n", ["size_m", 'did you mean "size_mm"']),
+        (SERIES + '[block]\nheight_mm = "7"\n', ["height_mm", "'7'", "number"]),
+        (SERIES + "[block]\nsize_mm = 20.0\n", ["size_mm", "20.0", "list of 2"]),
+        ("[texture\n", ["not valid TOML"]),
+        ("", ["[texture]", "needed"]),
+    ],
+)
+def test_a_texture_file_with_a_mistake(
+    text: str, needles: list[str], out: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(text)
+    line = refusal(capsys, "make", *LIGHT, "--texture", str(file), "--out", str(out))
+    assert "mine.toml" in line
+    for needle in needles:
+        assert needle in line
+
+
+def test_a_folder_and_a_missing_file_in_place_of_a_texture(out: Path, tmp_path: Path, capsys: Capture) -> None:
+    assert "is a folder" in refusal(capsys, "make", *LIGHT, "--texture", str(tmp_path), "--out", str(out))
+    line = refusal(capsys, "make", *LIGHT, "--texture", str(tmp_path / "no.toml"), "--out", str(out))
+    assert "no.toml" in line and "No such file" in line
+
+
+def test_a_tolerance_so_fine_that_the_mesh_would_be_absurd(out: Path, capsys: Capture) -> None:
+    # Texture 1 alone would be small enough: it must not be written before texture 4 is refused.
+    options = ("--texture", "1,4", "--tolerance", "3e-5")
+    line = refusal(capsys, "make", *LIGHT, *options, "--out", str(out))
+    assert "tolerance" in line and "3e-05" in line and "20" in line
+
+
+def test_the_press_grid_leaves_the_block(out: Path, capsys: Capture) -> None:
+    line = refusal(capsys, "make", "--parts", "jig", "--size", "30,20", "--out", str(out))
+    assert "30 x 20 mm" in line and "9 x 23 mm" in line
+
+
+def test_the_markers_merge(out: Path, capsys: Capture) -> None:
+    line = refusal(capsys, "make", "--jig", "all", "--scale", "0.6", "--height", "12", "--out", str(out))
+    assert "jig" in line and "merge" in line and "0.75" in line
+
+
+def test_a_solid_that_there_is_not_is_refused_when_nothing_else_is_asked_for(out: Path, capsys: Capture) -> None:
+    argv = ("make", "--texture", "4", "--preset", "released", "--formats", "step", "--parts", "blocks")
+    line = refusal(capsys, *argv, "--out", str(out))
+    assert "step" in line and "texture-4" in line
+
+
+def test_a_file_in_place_of_the_output_folder(tmp_path: Path, capsys: Capture) -> None:
+    file = tmp_path / "out"
+    file.write_text("precious")
+    for folder in (file, file / "inner"):
+        line = refusal(capsys, "make", *LIGHT, "--texture", "1", "--out", str(folder))
+        assert "output folder" in line and str(folder) in line
+    assert file.read_text() == "precious"
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere")
+def test_an_output_folder_that_cannot_be_written(tmp_path: Path, capsys: Capture) -> None:
+    tmp_path.chmod(0o500)
+    try:
+        assert "not writable" in refusal(capsys, "make", *LIGHT, "--texture", "1", "--out", str(tmp_path))
+    finally:
+        tmp_path.chmod(0o700)
+
+
+def test_an_output_folder_that_runs_full(out: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    from tacbench_cad.export import FORMATS
+    from tacbench_cad.part import Part
+
+    def write(part: Part, path: Path) -> None:
+        path.write_bytes(b"half of it")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setitem(FORMATS, "stl", type(FORMATS["stl"])(**{**vars(FORMATS["stl"]), "write": write}))
+    assert main(["make", *LIGHT, "--texture", "1", "--out", str(out)]) == 2
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert line.startswith("error: ") and "no space left" in line and str(out) in line
+
+
+def test_a_manifest_that_is_not_ours(tmp_path: Path, capsys: Capture) -> None:
+    (tmp_path / "manifest.json").write_text('{"name": "a web page"}')
+    line = refusal(capsys, "make", *LIGHT, "--texture", "1", "--out", str(tmp_path))
+    assert "manifest" in line and "move it away" in line
+    assert (tmp_path / "manifest.json").read_text() == '{"name": "a web page"}'
+    assert [one.name for one in tmp_path.iterdir()] == ["manifest.json"]
+
+
+def test_a_second_process_in_one_folder_is_refused(tmp_path: Path) -> None:
+    code = "import sys; from tacbench_cad.cli import main; sys.exit(main())"
+    argv = [sys.executable, "-c", code, "make", *LIGHT, "--texture", "1", "--out", str(tmp_path)]
+    with locked(tmp_path):
+        done = subprocess.run(argv, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "another tacbench is writing" in done.stderr and "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,62 @@
+"""What a command loads: asking for help or for the catalogue must not cost the import of a CAD kernel."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+KERNEL = ("OCP", "cadquery", "build123d", "pymeshlab", "gmsh", "vtkmodules")
+HEAVY = (*KERNEL, "matplotlib", "scipy", "numba")
+
+
+def modules_after(*argv: str) -> set[str]:
+    """Top-level modules that a run of ``tacbench`` leaves loaded in its own process."""
+    code = (
+        "import json, sys\n"
+        "from tacbench_cad.cli import main\n"
+        f"code = main({list(argv)!r})\n"
+        "print(json.dumps([code, sorted({name.split('.')[0] for name in sys.modules})]), file=sys.stderr)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    exit_code, names = json.loads(done.stderr.splitlines()[-1])
+    assert exit_code == 0, done.stderr
+    return set(names)
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ("--help",),
+        ("--version",),
+        ("make", "--help"),
+        ("check", "--help"),
+        ("show", "--help"),
+        ("doctor", "--help"),
+        ("textures",),
+        ("textures", "--preset", "released", "--json"),
+    ],
+    ids=" ".join,
+)
+def test_no_heavy_module_is_loaded(argv: tuple[str, ...]) -> None:
+    assert modules_after(*argv) & set(HEAVY) == set()
+
+
+def test_help_does_not_even_load_numpy() -> None:
+    assert "numpy" not in modules_after("--help")
+
+
+def test_meshes_are_made_and_checked_without_the_kernel(tmp_path: Path) -> None:
+    argv = ("make", "--texture", "1", "--formats", "stl,3mf", "--parts", "blocks", "--out", str(tmp_path))
+    loaded = modules_after(*argv)
+    assert loaded & set(KERNEL) == set()
+    assert "manifold3d" in loaded, "the files must have been checked"
+
+
+def test_solids_are_made_in_child_processes(tmp_path: Path) -> None:
+    argv = ("make", "--texture", "1", "--formats", "step", "--parts", "blocks", "--out", str(tmp_path))
+    assert modules_after(*argv) & set(KERNEL) == set()
+    assert (tmp_path / "texture-1_paper_x1.step").is_file()

@@ -1,0 +1,65 @@
+"""``tacbench textures``: the catalogue's numbers."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from tacbench_cad.cli import main
+
+Capture = pytest.CaptureFixture[str]
+
+
+def catalogue(capsys: Capture, *options: str) -> list[dict[str, object]]:
+    assert main(["textures", "--json", *options]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    rows = json.loads(out)["textures"]
+    assert isinstance(rows, list)
+    return rows
+
+
+def test_relief_of_the_released_files(capsys: Capture) -> None:
+    rows = catalogue(capsys, "--preset", "released")
+    # Peak to peak of the published files; with N = 101 the formula's own overshoot lies between their samples.
+    published = [2.000, 4.000, 3.937, None, 1.969, None]
+    for row, relief in zip(rows, published, strict=True):
+        if relief is not None:
+            assert row["relief_mm"] == pytest.approx(relief, abs=1e-3)
+        assert row["relief_mm"] + row["base_mm"] == pytest.approx(7.0)  # type: ignore[operator]
+
+
+def test_extremes_of_the_paper_preset(capsys: Capture) -> None:
+    highest = [row["highest"] for row in catalogue(capsys)]
+    assert highest == pytest.approx([1.0, 2.0, 1.9688396, 2.3589463, 0.9844198, 1.1794732], abs=1e-7)
+
+
+def test_finest_ridge_is_half_the_shortest_wave_in_mm(capsys: Capture) -> None:
+    rows = catalogue(capsys, "--scale", "2", "--nozzle", "0.4")
+    mm_x, mm_y = 2 * 23.3 / (6 * math.pi + 0.5), 2 * 30.0 / (6 * math.pi + 1.2)
+    assert rows[3]["finest_ridge_mm"] == pytest.approx(math.pi * min(mm_x, mm_y) / 25)
+    printable = sum(math.pi * mm / i >= 0.4 for mm in (mm_x, mm_y) for i in range(1, 26, 2))
+    assert (rows[3]["waves_printable"], rows[3]["waves"]) == (printable, 26)
+
+
+def test_a_texture_file_is_described(capsys: Capture, tmp_path: Path) -> None:
+    file = tmp_path / "hex.toml"
+    file.write_text(
+        '[texture]\nname = "hex"\nfamily = "plane-waves"\n[[wave]]\namplitude = 0.5\nf = 3.0\ng = 4.0\n'
+        "[block]\nsize_mm = [20.0, 20.0]\nmm_per_unit = [1.0, 1.0, 1.0]\n"
+    )
+    (row,) = catalogue(capsys, "--texture", str(file))
+    assert row["texture"] == "hex"
+    assert row["finest_ridge_mm"] == pytest.approx(math.pi / 5)
+    assert row["relief_mm"] == pytest.approx(1.0)
+
+
+def test_the_table_has_a_line_for_each_texture(capsys: Capture) -> None:
+    assert main(["textures"]) == 0
+    out = capsys.readouterr().out
+    for number in range(1, 7):
+        assert f"texture-{number}" in out
+    assert "sin u + sin(v + pi/2)" in out

@@ -1,0 +1,46 @@
+"""lib3mf's strict reader: no warning, millimetres, the very triangles, and the texture's parameters as metadata."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from outsiders import Written, part_named
+
+from tacbench_cad import __version__
+
+pytestmark = pytest.mark.real
+
+PARTS = ["paper-1", "paper-2", "paper-5", "keyed-4", "released-6", "holder", "jig", "coupon"]
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_reads_strictly_and_without_warning(written: Written, name: str) -> None:
+    lib3mf = pytest.importorskip("lib3mf", reason="lib3mf has no wheel for this machine")
+    part = part_named(name)
+    mesh, _ = part.mesh
+    model = lib3mf.get_wrapper().CreateModel()
+    reader = model.QueryReader("3mf")
+    reader.SetStrictModeActive(True)
+    reader.ReadFromFile(str(written(name, "3mf")))
+    assert [reader.GetWarning(i) for i in range(reader.GetWarningCount())] == []
+    assert model.GetUnit() == lib3mf.ModelUnit.MilliMeter
+
+    objects = model.GetMeshObjects()
+    assert objects.MoveNext()
+    thing = objects.GetCurrentMeshObject()
+    assert not objects.MoveNext(), "one object"
+    assert thing.IsManifoldAndOriented()
+    assert thing.GetName() == part.name
+    vertices = np.array([list(v.Coordinates) for v in thing.GetVertices()], dtype=np.float64)
+    triangles = np.array([list(t.Indices) for t in thing.GetTriangleIndices()])
+    assert np.array_equal(vertices[triangles], mesh.corners)
+    assert model.GetBuildItems().Count() == 1
+
+    group = model.GetMetaDataGroup()
+    entries = {e.GetName(): e.GetValue() for e in map(group.GetMetaData, range(group.GetMetaDataCount()))}
+    assert entries["Title"] == part.title
+    assert entries["version"] == __version__
+    if part.block is not None:
+        assert set(part.spec) <= set(entries)
+        assert entries["preset"] == part.block.preset
+        assert float(entries["scale"]) == part.block.scale

@@ -1,0 +1,92 @@
+"""PrusaSlicer reads every file as it is meant, repairs nothing, and slices it.
+
+It calls an empty file manifold and slices almost anything, so what counts are the numbers: triangles, box, volume,
+and the plastic that a solid print would take.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from outsiders import Run, Written, part_named
+
+pytestmark = pytest.mark.real
+
+BLOCKS = [f"{preset}-{number}" for preset in ("paper", "released") for number in range(1, 7)]
+OTHER_BLOCKS = ["grid-4", "keyed-4", "keyed-2"]
+FIXTURES = ["holder", "tray", "holder-released", "jig", "jig-all", "coupon"]
+#: Texture 4 with key and label, an aliased one of the released files, and the two fixtures that everybody prints.
+SLICED = ["keyed-4", "released-6", "holder", "jig"]
+
+
+def _info(output: str) -> dict[str, str]:
+    return dict(line.split(" = ", 1) for line in output.splitlines() if " = " in line)
+
+
+@pytest.mark.parametrize("form", ["stl", "3mf"])
+@pytest.mark.parametrize("name", BLOCKS + OTHER_BLOCKS + FIXTURES)
+def test_reads_it_as_manifold(prusa_slicer: Run, written: Written, name: str, form: str) -> None:
+    part = part_named(name)
+    mesh, body = part.mesh
+    output = prusa_slicer(["--info", written(name, form)])
+    info = _info(output)
+    assert info["manifold"].strip() == "yes"
+    assert int(info["number_of_facets"]) == len(mesh.triangles) > 0
+    assert int(info["number_of_parts"]) == 1
+    for axis, side in zip("xyz", part.size_mm, strict=True):
+        assert float(info[f"size_{axis}"]) == pytest.approx(side, abs=2e-5)
+        if form == "stl":  # a 3MF is placed on the bed
+            assert float(info[f"min_{axis}"]) == pytest.approx(0.0, abs=1e-6)
+    # It adds up in single precision: 1e-5 of the volume, no more.
+    slack = body.volume_slack_mm3 + 2e-5 * body.volume_mm3
+    assert float(info["volume"]) == pytest.approx(body.volume_mm3, abs=slack)
+    for word in ("open_edges", "facets_reversed", "backwards_edges", "repaired", "degenerate"):
+        assert word not in info, f"{word} = {info[word]}"
+    assert "error" not in output.lower()
+
+
+def _slice(prusa_slicer: Run, model: Path, target: Path) -> dict[str, str]:
+    """G-code at 0.2 mm with a 0.4 mm nozzle, solid; its own summary."""
+    output = prusa_slicer(
+        [
+            *("--export-gcode", "--layer-height", "0.2", "--first-layer-height", "0.2", "--nozzle-diameter", "0.4"),
+            *("--fill-density", "100%", "--fill-pattern", "rectilinear", "--skirts", "0", "--brim-width", "0"),
+            *("--filament-diameter", "1.75", "--support-material=0", "--gcode-comments=0", "--output", target, model),
+        ]
+    )
+    for word in ("error", "manifold", "repair", "empty", "could not", "unsupported"):
+        assert word not in output.lower(), output
+    text = target.read_text()
+    summary = dict(re.findall(r"^; ([a-z][a-z0-9 \[\]_]*) = (.*)$", text, flags=re.MULTILINE))
+    summary["heights"] = " ".join(re.findall(r"^;Z:([\d.]+)$", text, flags=re.MULTILINE))
+    return summary
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(one, marks=() if one in SLICED else pytest.mark.long) for one in BLOCKS + OTHER_BLOCKS + FIXTURES],
+)
+def test_slices_it(prusa_slicer: Run, written: Written, name: str, tmp_path: Path) -> None:
+    """All its layers up to its height; and a solid print takes the plastic that the part has volume."""
+    part = part_named(name)
+    _, body = part.mesh
+    summary = _slice(prusa_slicer, written(name, "stl"), tmp_path / "part.gcode")
+    heights = [float(one) for one in summary["heights"].split()]
+    assert heights[0] == pytest.approx(0.2)
+    # What is thinner than the nozzle is left out: of textures 4 and 6 the ripples' crests, up to two layers.
+    least = part.size_mm[2] - (0.401 if name.endswith(("-4", "-6")) else 0.201)
+    assert least <= max(heights) <= part.size_mm[2] + 0.001
+    assert len(set(heights)) == round(max(heights) / 0.2), "a layer is missing"
+    plastic = 1000.0 * float(summary["filament used [cm3]"])
+    assert plastic == pytest.approx(body.volume_mm3, rel=0.03)
+
+
+def test_sees_a_hole(prusa_slicer: Run, written: Written, tmp_path: Path) -> None:
+    """The yardstick itself: one triangle taken out of a good file is found."""
+    whole = written("paper-1", "stl").read_bytes()
+    count = int.from_bytes(whole[80:84], "little") - 1
+    broken = tmp_path / "broken.stl"
+    broken.write_bytes(whole[:80] + count.to_bytes(4, "little") + whole[84:-50])
+    assert _info(prusa_slicer(["--info", broken]))["manifold"].strip() == "no"

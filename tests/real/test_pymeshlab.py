@@ -1,0 +1,36 @@
+"""pymeshlab: closed, two-manifold everywhere, the right number of holes, and no triangle that cuts another."""
+
+from __future__ import annotations
+
+import pytest
+from outsiders import Written, part_named
+
+pytestmark = pytest.mark.real
+
+#: Textures with steep walls and with curved ones, both presets and both ways to sample; and the fixtures.
+QUICK = ["paper-2", "paper-4", "released-6", "keyed-4", "holder", "jig"]
+ALL = [
+    *(f"{preset}-{number}" for preset in ("paper", "released") for number in range(1, 7)),
+    *("grid-4", "grid-6", "keyed-2", "keyed-4", "holder", "tray", "holder-released", "jig", "jig-all", "coupon"),
+]
+
+
+@pytest.mark.parametrize("name", [pytest.param(one, marks=() if one in QUICK else pytest.mark.long) for one in ALL])
+def test_is_a_closed_manifold(written: Written, name: str) -> None:
+    pymeshlab = pytest.importorskip("pymeshlab", reason="pymeshlab is not installed (extra cad)")
+    part = part_named(name)
+    mesh, _ = part.mesh
+    meshes = pymeshlab.MeshSet()
+    meshes.load_new_mesh(str(written(name, "stl")))
+    assert meshes.current_mesh().face_number() == len(mesh.triangles)
+    meshes.meshing_remove_duplicate_vertices()
+    assert meshes.current_mesh().vertex_number() == len(mesh.vertices)
+    measures = meshes.get_topological_measures()
+    assert measures["is_mesh_two_manifold"] is True
+    assert measures["boundary_edges"] == 0
+    assert measures["non_two_manifold_edges"] == 0
+    assert measures["non_two_manifold_vertices"] == 0
+    assert measures["connected_components_number"] == 1
+    assert measures["genus"] == part.genus
+    meshes.compute_selection_by_self_intersections_per_face()
+    assert meshes.current_mesh().selected_face_number() == 0
