@@ -2,7 +2,7 @@
 
     python benchmarks/make_time.py [--runs 3]
 
-Everything: six blocks, holder and jig as STL, 3MF and STEP, each file checked as it lies on disk, and the picture sheet;
+Everything: six blocks, holder and jig as STL, 3MF and STEP, each file checked as it lies on disk, and pictures;
 then the same with ``--verify full``. Every process is fresh and every folder new; rounds are interleaved and the figure
 is the median. Claim: at its default checks at most 5 times ``python -c "import cadquery, build123d"``.
 """

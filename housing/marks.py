@@ -21,6 +21,8 @@ HAIR_MM = 0.4
 LEAST_PIECE_MM = 0.3
 #: Depth of all engravings, in mm.
 DEPTH_MM = 0.4
+#: Steps in an outline that are smaller than this are taken out: overlapping strokes leave them at their joints, in mm.
+SIMPLIFY_MM = 0.02
 #: Length of the tick beyond the last marker, in mm.
 TICK_MM = 1.0
 #: Numerals of neighbouring columns and of neighbouring rows stand this far apart, in mm.
@@ -59,7 +61,7 @@ def merged(strokes: Iterable[Floats]) -> tuple[Groove, ...]:
     """
     from manifold3d import CrossSection, FillRule
 
-    pieces = CrossSection(list(strokes), FillRule.NonZero).decompose()
+    pieces = CrossSection(list(strokes), FillRule.NonZero).simplify(SIMPLIFY_MM).decompose()
     grooves = []
     for piece in pieces:
         loops = [np.asarray(loop, dtype=np.float64) for loop in piece.to_polygons()]

@@ -1,4 +1,4 @@
-"""How the jig sits on a holder: lips round its edge, arms on its rim, recesses over its blocks. All in the holder frame."""
+"""How the jig sits on a holder, in the holder frame: lips round its edge, arms on its rim, recesses over its blocks."""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ class _Layout:
 
 @dataclass(frozen=True)
 class _Page:
-    """The underside as its reader sees it: turned over about the block's y axis, then turned so that lines run along a.
+    """The underside as its reader sees it: turned over about the block's x axis, then turned so that lines run along a.
 
     Args:
         size_mm: Sides x, y of the block.
@@ -109,7 +109,8 @@ class _Page:
 
     def to_block(self, a: float, b: float) -> tuple[float, float]:
         """Block frame x, y of a point of the page: mirrored, because the page is seen from below."""
-        return (b, a) if self.along_y else (self.size_mm[0] - a, b)
+        x, y = self.size_mm
+        return (x - b, y - a) if self.along_y else (a, y - b)
 
     def place(self, layout: _Layout) -> list[tuple[float, float]] | None:
         """Lower left corner of each line on the page, or None where the layout does not fit.
@@ -125,14 +126,14 @@ class _Page:
         return None
 
     def _corners(self, layout: _Layout, centred: bool) -> list[tuple[float, float]]:
-        # The key is at x high, y low: on the page that is a low, and b low (lines along x) or b high (along y).
-        low = MARGIN_MM if self.along_y else self.depth - MARGIN_MM - layout.depth
-        top = (self.depth - layout.depth) / 2.0 + layout.depth if centred else low + layout.depth
+        # The key is at x high, y low: on the page that is a high, and b high (lines along x) or b low (along y).
+        bottom = self.depth - MARGIN_MM - layout.depth if self.along_y else MARGIN_MM
+        top = (self.depth - layout.depth) / 2.0 + layout.depth if centred else bottom + layout.depth
         step = layout.height * (1.0 + _LINE_GAP)
         corners = []
         for i, line in enumerate(layout.lines):
             room = self.width - _width(line, layout.height)
-            a = room / 2.0 if centred else room - MARGIN_MM
+            a = room / 2.0 if centred else MARGIN_MM
             corners.append((a, top - layout.height - i * step))
         return corners
 
@@ -149,7 +150,7 @@ def engrave(words: tuple[str, ...], size_mm: tuple[float, float], key_mm: float)
     """Set words on the underside, as large as they fit (3 to 5 mm), to be read from below.
 
     Words keep their order, one or more on a line; lines run along the side that allows the larger glyphs. A word may
-    be broken after a hyphen. The text is mirrored: turn the block over about its y axis (left to right) and it reads
+    be broken after a hyphen. The text is mirrored: turn the block over about its x axis (front to back) and it reads
     upright, along x; where it runs along y, give the block a quarter turn clockwise as well.
 
     Args:

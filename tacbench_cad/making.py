@@ -72,16 +72,24 @@ def make_files(part: Part, formats: tuple[str, ...], out: Path, full: bool) -> l
 
 
 def make_in_child(
-    maker: Block | Holder | Jig | Coupon,
-    step_tolerance_mm: float | None,
-    formats: tuple[str, ...],
-    out: Path,
-    full: bool,
-) -> tuple[list[Made], Mesh | None]:
-    """The same in a child process, from what a part is built of; a fixture's mesh is handed back for the pictures."""
-    part = part_of(maker, step_tolerance_mm)
-    made = make_files(part, formats, out, full)
-    return made, part.mesh[0] if part.mesh_needs_cad else None
+    orders: tuple[tuple[Block | Holder | Jig | Coupon, float | None, tuple[str, ...]], ...], out: Path, full: bool
+) -> list[tuple[list[Made], Mesh | None]]:
+    """The same in a child process, for some parts, from what each is built of.
+
+    Args:
+        orders: What a part is built from, how close its solid stays to the formula, and the formats.
+        out: The output folder.
+        full: Add the slow checks.
+
+    Returns:
+        For each part what was made, and a fixture's mesh for the pictures.
+    """
+    results = []
+    for maker, step_tolerance_mm, formats in orders:
+        part = part_of(maker, step_tolerance_mm)
+        made = make_files(part, formats, out, full)
+        results.append((made, part.mesh[0] if part.mesh_needs_cad else None))
+    return results
 
 
 def _make_file(part: Part, format_name: str, out: Path, full: bool) -> Made:

@@ -24,6 +24,7 @@ Floats = NDArray[np.float64]
 MOST_POLES = 4_000_000
 #: More spans on one piece are not tried: an axis that needs more gets more pieces.
 MOST_SPANS = 64
+LEAST_SPANS = 4
 #: Polynomial degree of the splines along an axis with waves.
 DEGREE = 7
 #: Waves of the finest kind on one piece. The kernel's default area and volume take at most 61 points along each axis of
@@ -209,20 +210,38 @@ def _finest(amplitude: Floats, frequency: Floats, rest: float) -> float:
 def _pieces(block: Block, finest: list[float]) -> tuple[tuple[int, int], int]:
     """Pieces along x and y outside of the key's square, and of either axis within it.
 
+    The kernel's default area takes :data:`KERNEL_POINTS` Gauss points along each axis of a face. Steep waves need
+    more of them than :data:`WAVES_PER_PIECE` leaves; so the pieces are halved until that rule is right.
+
     Args:
         block: The block.
         finest: Along x and y the frequency in radians per mm that counts.
     """
-    waves = [side * fine / (2.0 * math.pi) for side, fine in zip(block.size_mm, finest, strict=True)]
-    on_piece = WAVES_PER_PIECE if min(waves) > WAVES_PER_PIECE else WAVES_PER_PIECE_SMOOTH
+    sides, key = block.size_mm, block.key_mm or 0.0
+    on_piece = WAVES_PER_PIECE
+    while True:
 
-    def count(length: float, axis: int) -> int:
-        return max(1, math.ceil(waves[axis] * (length / block.size_mm[axis]) / on_piece - 1e-9))
+        def count(length: float, axis: int, on_piece: float = on_piece) -> int:
+            return max(1, math.ceil(length * finest[axis] / (2.0 * math.pi * on_piece) - 1e-9))
 
-    key = block.key_mm or 0.0
+        whole = (count(sides[0], 0), count(sides[1], 1))
+        if on_piece < FEWEST_WAVES_PER_PIECE or max(whole) > MOST_PIECES or _area_error(block, whole) <= AREA_ERROR:
+            break
+        on_piece /= 1.25
     in_key = max(count(key, 0), count(key, 1)) if key else 0
-    x, y = block.size_mm
-    return (count(x - key, 0), count(y - key, 1)), in_key
+    return (count(sides[0] - key, 0), count(sides[1] - key, 1)), in_key
+
+
+def _area_error(block: Block, pieces: tuple[int, int]) -> float:
+    """Relative error of the top's area by the kernel's rule on these pieces, against twice as many along each axis."""
+    areas = []
+    for more in (1, 2):
+        (x, weight_x), (y, weight_y) = (
+            _gauss(side, more * count) for side, count in zip(block.size_mm, pieces, strict=True)
+        )
+        along_x, along_y = block.surface.derivative_grids(x, y)
+        areas.append(float(weight_x @ np.sqrt(1.0 + along_x**2 + along_y**2) @ weight_y))
+    return abs(areas[0] / areas[1] - 1.0)
 
 
 def _widest(block: Block, axis: int, pieces: tuple[int, int], in_key: int) -> float:
@@ -232,22 +251,27 @@ def _widest(block: Block, axis: int, pieces: tuple[int, int], in_key: int) -> fl
 
 
 def _spans(turn: Floats, weight: Floats, share: float) -> int:
-    """The fewest spans on one piece, at most one more than :data:`MOST_SPANS`, that keep the error within a share.
+    """The fewest spans on one piece that keep the error within a share; infinitely many if not :data:`MOST_SPANS`.
 
-    The least error of a spline of degree d with spans h for a wave is near ``4 / pi (k h / pi)^(d + 1)`` (Favard):
-    from there one or two steps find the number.
+    The least error of a spline of degree d with spans h for a wave is near ``4 / pi (k h / pi)^(d + 1)`` (Favard).
+    From there the error falls with that same power of h, so that a few steps find the number.
     """
     if not np.any(turn):
-        return 1
+        return LEAST_SPANS
 
-    def fits(spans: int) -> bool:
-        return basis(DEGREE, spans).error(turn, weight) <= share
+    def error(spans: int) -> float:
+        return basis(DEGREE, spans).error(turn, weight)
 
-    near = float(4.0 / math.pi * (weight @ (turn / math.pi) ** (DEGREE + 1)))
-    found = int(np.clip(round((near / share) ** (1.0 / (DEGREE + 1))), 1, MOST_SPANS))
-    while found <= MOST_SPANS and not fits(found):
+    def step(spans: float, error: float) -> int:
+        return int(np.clip(math.ceil(spans * (error / share) ** (1.0 / (DEGREE + 1))), LEAST_SPANS, MOST_SPANS))
+
+    found = step(1.0, float(4.0 / math.pi * (weight @ (turn / math.pi) ** (DEGREE + 1))))
+    found = step(found, error(found))
+    while error(found) > share:
+        if found == MOST_SPANS:
+            return MOST_SPANS + 1
         found += 1
-    while 1 < found <= MOST_SPANS and fits(found - 1):
+    while found > LEAST_SPANS and error(found - 1) <= share:
         found -= 1
     return found
 

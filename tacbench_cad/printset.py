@@ -103,10 +103,9 @@ def _with_kernel(request: Request, wanted: Plan, workers: Workers) -> Plan:
     modules = wanted.needs_kernel
     if not modules:
         return wanted
-    first = workers.submit(why_not_importable, modules)
+    first = workers.submit(why_not_importable, modules, first_child=True)
     # The other children load the kernel at the same time; nobody waits for them here.
-    slow = sum(1 for source in wanted.sources if source.part.mesh_needs_cad or "step" in source.formats)
-    for _ in range(min(cpu_count(), slow) - 1):
+    for _ in range(min(cpu_count() - 1, sum(1 for source in wanted.sources if "step" in source.formats))):
         workers.submit(why_not_importable, modules[:1])
     reason = first.result()
     if reason is None:
@@ -146,9 +145,10 @@ class _Making:
                 light = tuple(name for name in source.formats if name != "step")
                 if not source.part.mesh_needs_cad:
                     self._take(make_files(source.part, light, self._out, self._full))
-            self._finish({job: source for job, source in slow.items() if source.part.mesh_needs_cad})
+            with_meshes = {job: sources for job, sources in slow.items() if sources[0].part.mesh_needs_cad}
+            self._finish(with_meshes)
             self._preview()  # while the children are still at the solids
-            self._finish({job: source for job, source in slow.items() if not source.part.mesh_needs_cad})
+            self._finish({job: sources for job, sources in slow.items() if job not in with_meshes})
             if self._result.failures:
                 self._preview()
         finally:
@@ -159,31 +159,37 @@ class _Making:
             self._write_manifest()
         return self._result
 
-    def _start_slow(self) -> dict[Future[Any], Source]:
-        """Hand what needs the kernel to the children: fixtures first, then the solids that take longest."""
-        jobs: dict[Future[Any], Source] = {}
-        needy = [source for source in self._wanted.sources if source.part.mesh_needs_cad or "step" in source.formats]
-        for source in sorted(needy, key=lambda one: -one.effort):
-            formats = source.formats if source.part.mesh_needs_cad else ("step",)
-            call = (source.maker, source.step_tolerance_mm, formats, self._out, self._full)
-            jobs[self._workers.submit(make_in_child, *call)] = source
+    def _start_slow(self) -> dict[Future[Any], list[Source]]:
+        """Hand what needs the kernel to the children: the fixtures to the first, and the longest solids first."""
+        jobs: dict[Future[Any], list[Source]] = {}
+        fixtures = [source for source in self._wanted.sources if source.part.mesh_needs_cad]
+        if fixtures:
+            jobs[self._submit(fixtures, first_child=True)] = fixtures
+        solids = [one for one in self._wanted.sources if not one.part.mesh_needs_cad and "step" in one.formats]
+        for source in sorted(solids, key=lambda one: -one.effort):
+            jobs[self._submit([source], first_child=False)] = [source]
         return jobs
 
-    def _finish(self, jobs: dict[Future[Any], Source]) -> None:
+    def _submit(self, sources: Sequence[Source], first_child: bool) -> Future[Any]:
+        orders = tuple((one.maker, one.step_tolerance_mm, _slow_formats(one)) for one in sources)
+        return self._workers.submit(make_in_child, orders, self._out, self._full, first_child=first_child)
+
+    def _finish(self, jobs: dict[Future[Any], list[Source]]) -> None:
         """Take the results of children as they come."""
         for job in as_completed(jobs):
-            source = jobs[job]
+            sources = jobs[job]
             try:
-                made, mesh = job.result()
+                results = job.result()
             except TacbenchError as error:
                 if error.exit_code != 1:
                     raise
-                names = [file_name(source.part, f) for f in source.formats if source.part.mesh_needs_cad or f == "step"]
-                self._take([Failure(file=name, faults=(str(error),)) for name in names])
+                lost = [file_name(source.part, name) for source in sources for name in _slow_formats(source)]
+                self._take([Failure(file=name, faults=(str(error),)) for name in lost])
                 continue
-            if mesh is not None:
-                self._fixture_meshes[source.name] = mesh
-            self._take(made)
+            for source, (made, mesh) in zip(sources, results, strict=True):
+                if mesh is not None:
+                    self._fixture_meshes[source.name] = mesh
+                self._take(made)
 
     def _take(self, made: Sequence[Made]) -> None:
         for one in made:
@@ -220,3 +226,8 @@ class _Making:
         if rows:
             manifest.write_manifest(self._out, manifest.unchanged(self._out, rows))
         self._result.rows.sort(key=lambda row: str(row["file"]))
+
+
+def _slow_formats(source: Source) -> tuple[str, ...]:
+    """Those formats of a source that a child makes."""
+    return source.formats if source.part.mesh_needs_cad else tuple(name for name in source.formats if name == "step")

@@ -1,4 +1,4 @@
-"""A small software renderer: shaded pictures of meshes with NumPy alone, the same pixels on every run.
+"""A small software renderer: shaded pictures of meshes from arrays alone, the same pixels on every run.
 
 Orthographic camera, depth buffer, one lamp and a sky; hollows and edges are darkened from the depth buffer. Triangles
 are cut into pixel rows and rows into pixels by array arithmetic, so the cost follows the pixels drawn, whatever the
@@ -26,7 +26,7 @@ _MATERIAL: Colour = (0.57, 0.64, 0.71)
 #: Shares of the lamp, of the sky and of light from everywhere.
 _LAMP, _SKY, _FLOOR = 0.80, 0.34, 0.04
 #: Depth, in shares of the picture's height, over which hollows are felt, and how much they darken.
-_HOLLOWS = ((0.006, 0.55), (0.035, 0.45))
+_HOLLOWS = ((0.006, 0.55), (0.016, 1.1), (0.035, 0.45))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,8 +53,8 @@ class Camera:
 
 #: From the front and a little from the right.
 ABOVE = Camera()
-#: As after turning the part over about y: x runs to the left, y up, so that a label reads as it should.
-BELOW = Camera(azimuth_deg=90.0, elevation_deg=-78.0)
+#: As after turning the part over about x: x runs to the right, y down, so that labels and the jig's marks can be read.
+BELOW = Camera(azimuth_deg=-90.0, elevation_deg=-78.0)
 
 
 def render(mesh: Mesh, width: int, height: int, camera: Camera = ABOVE) -> NDArray[np.uint8]:

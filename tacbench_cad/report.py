@@ -61,5 +61,5 @@ class Report:
             "size_mm": None if self.size_mm is None else list(self.size_mm),
             "volume_mm3": self.volume_mm3,
             "deviation_mm": self.deviation_mm,
-            "checks": [{"name": check.name, "ok": check.ok, "detail": check.detail} for check in self.checks],
+            "checks": [{"name": check.name, "ok": bool(check.ok), "detail": check.detail} for check in self.checks],
         }

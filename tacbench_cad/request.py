@@ -140,7 +140,7 @@ def _parts(request: Request, left_out: list[LeftOut]) -> tuple[str, ...]:
         raise MissingToolError(f"parts = {', '.join(fixtures)!r}: {reason}")
     for option, value, users in (
         ("jig", request.jig, ("jig",)),
-        ("fit", request.fit, ("holder", "jig", "coupon")),
+        ("fit", request.fit, ("holder", "jig")),
         ("rim", request.rim_mm, ("holder", "jig")),
         ("slots", request.slots, ("holder", "jig")),
         ("nozzle", request.nozzle_mm, ("holder", "jig", "coupon")),
@@ -154,9 +154,11 @@ def blocks_of(request: Request) -> list[Block]:
     """The blocks without their copies; every refusal of a block happens here."""
     if request.copies is not None and not 1 <= request.copies <= 999:
         raise InputError("copies", request.copies, "must be from 1 to 999")
-    blocks = []
-    for texture, table in textures_of(request.textures, request.preset):
-        block = Block.of(
+    found = textures_of(request.textures, request.preset)
+    blocks: dict[str, Block] = {}
+    # The highest reliefs first: a height that is refused is then refused with one that would do for all.
+    for texture, table in sorted(found, key=lambda one: -one[0].waves.amplitude_sum):
+        blocks[texture.name] = Block.of(
             texture,
             request.preset,
             mm_per_unit=request.mm_per_unit,
@@ -168,8 +170,7 @@ def blocks_of(request: Request) -> list[Block]:
             label=request.label or request.copies is not None,
             table=table,
         )
-        blocks.append(block)
-    return blocks
+    return [blocks[texture.name] for texture, _ in found]
 
 
 def _copies(request: Request, block: Block) -> list[Block]:
@@ -200,7 +201,7 @@ def _block_sources(
 def _fixtures(
     request: Request, parts: Sequence[str], blocks: Sequence[Block], left_out: list[LeftOut]
 ) -> list[Holder | Jig | Coupon]:
-    """The fixtures asked for: one of each for every geometry among the blocks.
+    """The fixtures asked for: a holder and a jig for every geometry among the blocks, and one coupon.
 
     By default (without --parts and options of their own) a holder or jig that these blocks cannot have is left out
     with the numbers. Asked for, it is refused.
@@ -209,10 +210,6 @@ def _fixtures(
     for block in _geometries(blocks):
         if block.key_mm is not None:
             _require_key(block, request)
-        if not set(parts) - {"blocks"}:
-            continue
-        if "coupon" in parts:
-            fixtures.append(_coupon(request, block))
         if not {"holder", "jig"} & set(parts):
             continue
         try:
@@ -232,6 +229,8 @@ def _fixtures(
                 if request.jig is not None or request.parts is not None:
                     raise
                 left_out.append(LeftOut(what="jig", reason=str(error)))
+    if "coupon" in parts:
+        fixtures.append(_coupon(request))
     return sorted(fixtures, key=lambda one: ("holder", "jig", "coupon").index(one.kind))
 
 
@@ -269,10 +268,10 @@ def _jig(request: Request, holder: Holder) -> Jig:
     return Jig(holder=holder, **_given(marks=request.jig, nozzle_mm=request.nozzle_mm))
 
 
-def _coupon(request: Request, block: Block) -> Coupon:
+def _coupon(request: Request) -> Coupon:
     from housing.coupon import Coupon
 
-    return Coupon(block=block, **_given(nozzle_mm=request.nozzle_mm))
+    return Coupon(**_given(nozzle_mm=request.nozzle_mm))
 
 
 def _given(**options: Any) -> dict[str, Any]:

@@ -56,9 +56,9 @@ class Source:
 
     @property
     def effort(self) -> float:
-        """Larger for what takes the CAD kernel longer; fixtures first, because the picture sheet waits for them."""
+        """Larger for a block whose solid takes longer."""
         if not isinstance(self.maker, Block):
-            return float("inf")
+            return 0.0
         f, g = self.maker.texture.waves.highest_frequency
         return (1.0 + f) * (1.0 + g)
 

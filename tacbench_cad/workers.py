@@ -18,7 +18,8 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
 
@@ -40,6 +41,17 @@ def cpu_count() -> int:
     return os.cpu_count() or 1
 
 
+@dataclass(frozen=True, eq=False)
+class _Call:
+    """A call on its way to a child."""
+
+    module: str
+    function: str
+    arguments: tuple[Any, ...]
+    first_child: bool
+    future: Future[Any]
+
+
 class Workers:
     """A set of child processes. Use it as a context manager: leaving it ends them, whatever they do.
 
@@ -48,9 +60,10 @@ class Workers:
     """
 
     def __init__(self, count: int) -> None:
-        self._threads = ThreadPoolExecutor(max_workers=max(1, count), thread_name_prefix="tacbench")
-        self._own = threading.local()
-        self._lock = threading.Lock()
+        self._count = max(1, count)
+        self._changed = threading.Condition()
+        self._calls: list[_Call] = []
+        self._threads: list[threading.Thread] = []
         self._children: list[subprocess.Popen[bytes]] = []
         self._closed = False
 
@@ -64,12 +77,14 @@ class Workers:
 
     def close(self) -> None:
         """End the children, whatever they do. Can be called twice."""
-        with self._lock:
+        with self._changed:
             self._closed = True
+            self._changed.notify_all()
             children = list(self._children)
         for child in children:
             child.kill()
-        self._threads.shutdown(wait=True, cancel_futures=True)
+        for thread in self._threads:
+            thread.join()
         for child in children:
             child.wait()
             for pipe in (child.stdin, child.stdout):
@@ -77,35 +92,70 @@ class Workers:
                     with contextlib.suppress(OSError):
                         pipe.close()
 
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+    def submit(self, function: Callable[..., Any], *arguments: Any, first_child: bool = False) -> Future[Any]:
         """Run a module-level function in a child.
 
         Args:
             function: Found in the child by its module and name.
             arguments: Anything that pickles, as must the result.
+            first_child: Only the first child may take it, before any other call: for work that needs what only that
+                one has imported.
 
         Returns:
             A future. Its exception is a :class:`RefusedError` for a message meant for the user, the ``OSError`` that
             the function raised, or a :class:`CheckFailedError` where the child was lost.
         """
-        call = (function.__module__, function.__name__, arguments)
-        return self._threads.submit(self._ask, call)
+        future: Future[Any] = Future()
+        with self._changed:
+            self._calls.append(_Call(function.__module__, function.__name__, arguments, first_child, future))
+            if len(self._threads) < self._count:
+                number = len(self._threads)
+                thread = threading.Thread(target=self._attend, args=(number,), name=f"tacbench-{number}", daemon=True)
+                self._threads.append(thread)
+                thread.start()
+            self._changed.notify_all()
+        return future
 
-    def _ask(self, call: tuple[str, str, tuple[Any, ...]]) -> Any:
-        child = getattr(self._own, "child", None)
-        if child is None:
-            child = self._own.child = self._start()
+    def _attend(self, number: int) -> None:
+        """What a thread does: hand one call after another to its own child."""
+        child: subprocess.Popen[bytes] | None = None
+        while True:
+            call = self._next(number)
+            if call is None:
+                return
+            try:
+                child = child or self._start()
+                call.future.set_result(self._ask(child, call))
+            except BaseException as error:
+                if child is not None and child.poll() is not None:
+                    child = None
+                call.future.set_exception(error)
+
+    def _next(self, number: int) -> _Call | None:
+        """The next call for a thread; waits for one. None when all is over."""
+
+        def mine() -> _Call | None:
+            own = [call for call in self._calls if number == 0 or not call.first_child]
+            return min(own, key=lambda call: not call.first_child, default=None)
+
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or mine() is not None)
+            call = None if self._closed else mine()
+            if call is not None:
+                self._calls.remove(call)
+            return call
+
+    def _ask(self, child: subprocess.Popen[bytes], call: _Call) -> Any:
         assert child.stdin is not None and child.stdout is not None, "both are pipes"
         try:
-            pickle.dump(call, child.stdin)
+            pickle.dump((call.module, call.function, call.arguments), child.stdin)
             child.stdin.flush()
             outcome, value = pickle.load(child.stdout)
         except (EOFError, BrokenPipeError, pickle.UnpicklingError):
-            self._own.child = None
             code = child.wait()
             how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
             hint = "; was the memory full?" if code == -int(getattr(signal, "SIGKILL", 9)) else ""
-            raise CheckFailedError(f"the process at work on {call[1]} {how}{hint}") from None
+            raise CheckFailedError(f"the process at work on {call.function} {how}{hint}") from None
         if outcome == "done":
             return value
         if outcome == "refused":
@@ -117,7 +167,7 @@ class Workers:
     def _start(self) -> subprocess.Popen[bytes]:
         # The child gets exactly our module path: -P keeps a stray numpy.py of the current folder out of it.
         code = f"import sys; sys.path[:] = {sys.path!r}; from tacbench_cad.workers import serve; serve()"
-        with self._lock:
+        with self._changed:
             if self._closed:
                 raise EOFError
             child = subprocess.Popen([sys.executable, "-P", "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)

@@ -13,7 +13,9 @@ from tacbench_cad.mesh import Floats, Mesh
 from tacbench_cad.part import Body, Part
 
 
-def box_mesh(size: tuple[float, float, float] = (2.0, 3.0, 4.0), at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Mesh:
+def box_mesh(
+    size: tuple[float, float, float] = (2.0, 3.0, 4.0), at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Mesh:
     """A box of 12 triangles."""
     corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * size + at
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]

@@ -42,7 +42,7 @@ def section(engraving: Engraving) -> CrossSection:
 
 
 def seen_from_below(engraving: Engraving, step: float = 0.05) -> NDArray[np.bool_]:
-    """Black and white picture of the underside, turned over about y: row 0 is the top, column 0 the left."""
+    """Picture of the underside, turned over about x: row 0 is the top (low y), column 0 the left (low x)."""
     points = np.concatenate(engraving.contours)
     x = np.arange(points[:, 0].min(), points[:, 0].max(), step) + step / 2
     y = np.arange(points[:, 1].min(), points[:, 1].max(), step) + step / 2
@@ -54,7 +54,7 @@ def seen_from_below(engraving: Engraving, step: float = 0.05) -> NDArray[np.bool
             rows = (y >= min(y0, y1)) & (y < max(y0, y1))
             at = x0 + (y - y0) / (y1 - y0) * (x1 - x0)
             inside[rows] += (x[None, :] > at[rows, None]).astype(np.int64) * (1 if y1 > y0 else -1)
-    return (inside != 0)[::-1, ::-1]
+    return inside != 0
 
 
 def as_drawn(character: str, height: float, step: float = 0.05) -> NDArray[np.bool_]:
@@ -85,7 +85,7 @@ def differing(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> float:
 @pytest.mark.parametrize("character", sorted(GLYPHS))
 @pytest.mark.parametrize("size", [(30.0, 30.0), (6.2, 6.2)], ids=["5mm", "3mm"])
 def test_each_glyph_reads_from_below(character: str, size: tuple[float, float]) -> None:
-    """Turned over about y, a lone glyph looks as drawn; neither its mirror image nor another glyph does it better."""
+    """Turned over about x, a lone glyph looks as drawn; neither its mirror image nor another glyph does it better."""
     engraving = engrave((character,), size, 0.0)
     assert engraving.glyph_mm == (MOST_GLYPH_MM if size[0] == 30.0 else LEAST_GLYPH_MM)
     picture = seen_from_below(engraving)
@@ -96,13 +96,16 @@ def test_each_glyph_reads_from_below(character: str, size: tuple[float, float]) 
         assert differing(picture[:, ::-1], as_drawn(character, engraving.glyph_mm)) > 0.1
 
 
-@pytest.mark.parametrize(("first", "second"), list(itertools.combinations(sorted(GLYPHS), 2)))
-def test_glyphs_differ(first: str, second: str) -> None:
+def test_glyphs_differ() -> None:
     """No two glyphs share more than nine tenths of their ink."""
-    a, b = as_drawn(first, LEAST_GLYPH_MM), as_drawn(second, LEAST_GLYPH_MM)
-    shape = [max(a.shape[i], b.shape[i]) for i in (0, 1)]
-    a, b = (np.pad(one, [(0, shape[i] - one.shape[i]) for i in (0, 1)]) for one in (a, b))
-    assert np.count_nonzero(a != b) / np.count_nonzero(a | b) > 0.1
+    alike = []
+    for first, second in itertools.combinations(sorted(GLYPHS), 2):
+        a, b = as_drawn(first, LEAST_GLYPH_MM), as_drawn(second, LEAST_GLYPH_MM)
+        shape = [max(a.shape[i], b.shape[i]) for i in (0, 1)]
+        a, b = (np.pad(one, [(0, shape[i] - one.shape[i]) for i in (0, 1)]) for one in (a, b))
+        if np.count_nonzero(a != b) <= 0.1 * np.count_nonzero(a | b):
+            alike.append((first, second))
+    assert not alike
 
 
 @pytest.mark.parametrize("character", sorted(GLYPHS))

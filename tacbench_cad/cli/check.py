@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tacbench_cad.cli.common import console, lengths, one_line, print_json, table
+from tacbench_cad.cli.common import console, given, lengths, number_of, one_line, print_json, table
 from tacbench_cad.errors import InputError, TacbenchError
 
 if TYPE_CHECKING:
@@ -23,6 +23,9 @@ def command(
     ] = None,
     preset: Annotated[
         str | None, typer.Option(metavar="paper|released", help="Compare with this preset. Default: the nearest.")
+    ] = None,
+    scale: Annotated[
+        str | None, typer.Option(metavar="S", help="Its scale. Default: from the file's name or from its sides.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
@@ -40,13 +43,14 @@ def command(
     """
     from tacbench_cad.identify import examine
 
+    factor = given(number_of, "scale", scale)
     reports: list[Report] = []
     refusals: list[tuple[Path, TacbenchError]] = []
     for path in files:
         try:
-            reports.append(examine(path, texture=texture, preset=preset))
+            reports.append(examine(path, texture=texture, preset=preset, scale=factor))
         except InputError as error:
-            if error.field in ("texture", "preset"):
+            if error.field in ("texture", "preset", "scale"):
                 raise
             refusals.append((path, error))
     if json:

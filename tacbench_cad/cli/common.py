@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import re
 import sys
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import typer
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from tacbench_cad.block import SampleGrid, Tolerance
+
+T = TypeVar("T")
 
 #: Options whose value may be left out, and what that means.
 DEFAULT_VALUES = {"--grid": "default", "--key": "default"}
@@ -54,42 +56,66 @@ def words_of(text: str | None) -> tuple[str, ...] | None:
     return None if text is None else tuple(word.strip() for word in text.split(",") if word.strip())
 
 
-def numbers_of(option: str, text: str | None, names: str) -> tuple[float, ...] | None:
-    """The numbers of a list with commas; None stays None.
-
-    Args:
-        option: For the error.
-        text: What was typed.
-        names: What the numbers are, with commas: ``X,Y``.
+def number_of(option: str, text: str) -> float:
+    """The number that was typed. Options are read here and not by Typer, whose errors leave out the value.
 
     Raises:
-        InputError: There are more or fewer of them, or one is no number.
+        InputError: It is no number.
     """
-    if text is None:
-        return None
-    parts = text.split(",")
     try:
-        numbers = tuple(float(part) for part in parts)
+        return float(text)
     except ValueError:
-        numbers = ()
+        raise InputError(option, text, "must be a number") from None
+
+
+def whole_of(option: str, text: str) -> int:
+    """The whole number that was typed.
+
+    Raises:
+        InputError: It is no whole number.
+    """
+    try:
+        return int(text)
+    except ValueError:
+        raise InputError(option, text, "must be a whole number") from None
+
+
+def given(read: Callable[[str, str], T], option: str, text: str | None) -> T | None:
+    """What an option says, or None where it was not given."""
+    return None if text is None else read(option, text)
+
+
+def pair_of(option: str, text: str) -> tuple[float, float]:
+    """Two numbers with a comma between them.
+
+    Raises:
+        InputError: There are more or fewer, or one is no number.
+    """
+    x, y = _numbers(option, text, "X,Y")
+    return (x, y)
+
+
+def triple_of(option: str, text: str) -> tuple[float, float, float]:
+    """Three numbers with commas between them.
+
+    Raises:
+        InputError: There are more or fewer, or one is no number.
+    """
+    x, y, z = _numbers(option, text, "X,Y,Z")
+    return (x, y, z)
+
+
+def _numbers(option: str, text: str, names: str) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
     if len(numbers) != names.count(",") + 1:
         raise InputError(option, text, f"must be {names}, numbers with commas between them")
     return numbers
 
 
-def pair_of(option: str, text: str | None, names: str) -> tuple[float, float] | None:
-    """Two numbers with a comma between them; None stays None."""
-    numbers = numbers_of(option, text, names)
-    return None if numbers is None else (numbers[0], numbers[1])
-
-
-def triple_of(option: str, text: str | None, names: str) -> tuple[float, float, float] | None:
-    """Three numbers with commas between them; None stays None."""
-    numbers = numbers_of(option, text, names)
-    return None if numbers is None else (numbers[0], numbers[1], numbers[2])
-
-
-def sampling_of(tolerance: float | None, grid: str | None) -> Tolerance | SampleGrid | Literal["grid"] | None:
+def sampling_of(tolerance: str | None, grid: str | None) -> Tolerance | SampleGrid | Literal["grid"] | None:
     """What ``--tolerance`` and ``--grid`` ask for.
 
     Raises:
@@ -99,8 +125,9 @@ def sampling_of(tolerance: float | None, grid: str | None) -> Tolerance | Sample
 
     if tolerance is not None and grid is not None:
         raise InputError("grid", grid, "a mesh follows either --grid or --tolerance, not both")
-    if tolerance is not None:
-        return Tolerance(mm=tolerance)
+    distance = given(number_of, "tolerance", tolerance)
+    if distance is not None:
+        return Tolerance(mm=distance)
     if grid is None:
         return None
     if grid == "default":
@@ -111,7 +138,7 @@ def sampling_of(tolerance: float | None, grid: str | None) -> Tolerance | Sample
     return SampleGrid(nx=int(counts[1]), ny=int(counts[2]))
 
 
-def key_of(text: str | None) -> float | None:
+def key_of(option: str, text: str) -> float:
     """What ``--key`` asks for, in mm.
 
     Raises:
@@ -119,14 +146,7 @@ def key_of(text: str | None) -> float | None:
     """
     from tacbench_cad.block import KEY_MM
 
-    if text is None:
-        return None
-    if text == "default":
-        return KEY_MM
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError("key", text, "must be a number of mm, or nothing for 3 mm") from None
+    return KEY_MM if text == "default" else number_of(option, text)
 
 
 def one_of(option: str, word: str, allowed: Sequence[str]) -> str:

@@ -9,15 +9,18 @@ import typer
 
 from tacbench_cad.cli.common import (
     console,
+    given,
     key_of,
     lengths,
     note,
+    number_of,
     one_of,
     pair_of,
     print_json,
     sampling_of,
     table,
     triple_of,
+    whole_of,
     words_of,
 )
 
@@ -47,7 +50,7 @@ def command(
         str | None, typer.Option(metavar="LIST", rich_help_panel=_WHAT, help="Of stl, 3mf, step. Default: all of them.")
     ] = None,
     copies: Annotated[
-        int | None,
+        str | None,
         typer.Option(metavar="N", rich_help_panel=_WHAT, help="N files of each block, numbered in the label."),
     ] = None,
     label: Annotated[
@@ -60,20 +63,20 @@ def command(
         ),
     ] = None,
     scale: Annotated[
-        float, typer.Option(metavar="S", rich_help_panel=_SIZE, help="Multiply sides, height, mm per unit, press grid.")
-    ] = 1.0,
+        str, typer.Option(metavar="S", rich_help_panel=_SIZE, help="Multiply sides, height, mm per unit, press grid.")
+    ] = "1",
     size: Annotated[
         str | None, typer.Option(metavar="X,Y", rich_help_panel=_SIZE, help="Sides in mm: more or fewer periods.")
     ] = None,
     height: Annotated[
-        float | None,
+        str | None,
         typer.Option(metavar="MM", rich_help_panel=_SIZE, help="Height of the highest point: another base."),
     ] = None,
     mm_per_unit: Annotated[
         str | None, typer.Option(metavar="X,Y,Z", rich_help_panel=_SIZE, help="Mapping of the formula to mm.")
     ] = None,
     tolerance: Annotated[
-        float | None,
+        str | None,
         typer.Option(metavar="MM", rich_help_panel=_MESH, help="Distance of meshes from the formula. Default: 0.01."),
     ] = None,
     grid: Annotated[
@@ -83,7 +86,7 @@ def command(
         ),
     ] = None,
     step_tolerance: Annotated[
-        float | None,
+        str | None,
         typer.Option(metavar="MM", rich_help_panel=_MESH, help="Distance of solids from the formula. Default: 0.001."),
     ] = None,
     verify: Annotated[
@@ -94,13 +97,13 @@ def command(
         typer.Option(metavar="press|slip|loose|MM", rich_help_panel=_FIXTURES, help="Clearance of pockets, per side."),
     ] = None,
     rim: Annotated[
-        float | None, typer.Option(metavar="MM", rich_help_panel=_FIXTURES, help="Holder's rim below the block's top.")
+        str | None, typer.Option(metavar="MM", rich_help_panel=_FIXTURES, help="Holder's rim below the block's top.")
     ] = None,
     slots: Annotated[
-        int | None, typer.Option(metavar="N", rich_help_panel=_FIXTURES, help="Pockets of the holder.")
+        str | None, typer.Option(metavar="N", rich_help_panel=_FIXTURES, help="Pockets of the holder.")
     ] = None,
     nozzle: Annotated[
-        float | None,
+        str | None,
         typer.Option(metavar="MM", rich_help_panel=_FIXTURES, help="Nozzle that fixtures are for. Default: 0.4."),
     ] = None,
     jig: Annotated[
@@ -123,31 +126,31 @@ def command(
       tacbench make --texture 1,4 --scale 1.5 --key --formats stl
       tacbench make --texture hex.toml --size 40,40 --grid 189x201
       tacbench make --copies 6 --formats 3mf --parts blocks --out study
-      tacbench make --parts coupon --formats stl        (find the printer's fit first)
+      tacbench make --parts coupon --formats stl     (find the fit first)
     """
     from tacbench_cad.printset import Request, build
 
     request = Request(
         textures=words_of(texture) or (),
         preset=preset,
-        scale=scale,
-        size_mm=pair_of("size", size, "X,Y"),
-        height_mm=height,
-        mm_per_unit=triple_of("mm per unit", mm_per_unit, "X,Y,Z"),
+        scale=number_of("scale", scale),
+        size_mm=given(pair_of, "size", size),
+        height_mm=given(number_of, "height", height),
+        mm_per_unit=given(triple_of, "mm per unit", mm_per_unit),
         sampling=sampling_of(tolerance, grid),
         formats=words_of(formats),
         parts=words_of(parts),
-        copies=copies,
+        copies=given(whole_of, "copies", copies),
         label=label,
-        key_mm=key_of(key),
+        key_mm=given(key_of, "key", key),
         full=one_of("verify", verify, ("default", "full")) == "full",
         out=out,
         fit=fit,
-        rim_mm=rim,
-        slots=slots,
-        nozzle_mm=nozzle,
+        rim_mm=given(number_of, "rim", rim),
+        slots=given(whole_of, "slots", slots),
+        nozzle_mm=given(number_of, "nozzle", nozzle),
         jig=None if jig is None else one_of("jig", jig, ("default", "all")),
-        step_tolerance_mm=step_tolerance,
+        step_tolerance_mm=given(number_of, "step tolerance", step_tolerance),
     )
     with _Bar() as bar:
         result = build(request, bar.show)

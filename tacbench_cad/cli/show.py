@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from tacbench_cad.cli.common import note
+from tacbench_cad.cli.common import note, number_of
 from tacbench_cad.errors import InputError
 
 NAME = "show"
@@ -19,7 +19,7 @@ def command(
         bool, typer.Option("--press", help="Show the block's outline, the 25 press positions and the contact circles.")
     ] = False,
     preset: Annotated[str, typer.Option(metavar="paper|released", help="Geometry to begin from.")] = "paper",
-    scale: Annotated[float, typer.Option(metavar="S", help="Multiply the block by S.")] = 1.0,
+    scale: Annotated[str, typer.Option(metavar="S", help="Multiply the block by S.")] = "1",
     out: Annotated[
         Path | None,
         typer.Option("-o", "--out", metavar="FILE.png", help="Picture file. Default: the block's name in this folder."),
@@ -32,10 +32,10 @@ def command(
       tacbench show 2 --press -o protocol.png
       tacbench show hex.toml --preset released
     """
-    from tacbench_cad.pictures import texture_picture
     from tacbench_cad.choice import described
+    from tacbench_cad.pictures import texture_picture
 
-    blocks = described((texture,), preset, scale)
+    blocks = described((texture,), preset, number_of("scale", scale))
     if len(blocks) != 1:
         raise InputError("texture", texture, "name one texture: 1 to 6 or a TOML file")
     path = out or Path(f"{blocks[0].name}{'_press' if press else ''}.png")

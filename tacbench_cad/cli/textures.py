@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tacbench_cad.cli.common import console, print_json, table, words_of
+from tacbench_cad.cli.common import console, number_of, print_json, table, words_of
 from tacbench_cad.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,8 +19,8 @@ NAME = "textures"
 def command(
     preset: Annotated[str, typer.Option(metavar="paper|released", help="Geometry to begin from.")] = "paper",
     texture: Annotated[str, typer.Option(metavar="1,4|FILE.toml|all", help="Which textures.")] = "all",
-    scale: Annotated[float, typer.Option(metavar="S", help="Multiply the block by S.")] = 1.0,
-    nozzle: Annotated[float, typer.Option(metavar="MM", help="Nozzle width to compare the finest detail with.")] = 0.4,
+    scale: Annotated[str, typer.Option(metavar="S", help="Multiply the block by S.")] = "1",
+    nozzle: Annotated[str, typer.Option(metavar="MM", help="Nozzle width to compare the finest detail with.")] = "0.4",
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """List the textures: equation, extremes, relief, base, and what a nozzle can print of their detail.
@@ -35,15 +35,16 @@ def command(
     """
     from tacbench_cad.choice import described
 
-    if not (math.isfinite(nozzle) and 0.0 < nozzle <= 10.0):
-        raise InputError("nozzle", nozzle, "must be above 0 and at most 10 mm")
-    rows = [_row(block, nozzle) for block in described(words_of(texture) or (), preset, scale)]
+    width, factor = number_of("nozzle", nozzle), number_of("scale", scale)
+    if not (math.isfinite(width) and 0.0 < width <= 10.0):
+        raise InputError("nozzle", width, "must be above 0 and at most 10 mm")
+    rows = [_row(block, width) for block in described(words_of(texture) or (), preset, factor)]
     if json:
-        print_json({"preset": preset, "scale": scale, "nozzle_mm": nozzle, "textures": rows})
+        print_json({"preset": preset, "scale": factor, "nozzle_mm": width, "textures": rows})
         return
     x, y, z = rows[0]["size_mm"]
     shown = table(
-        f"preset {preset}, scale {scale:g}: {x:g} x {y:g} x {z:g} mm, nozzle {nozzle:g} mm",
+        f"preset {preset}, scale {factor:g}: {x:g} x {y:g} x {z:g} mm, nozzle {width:g} mm",
         *(
             "texture",
             "equation",

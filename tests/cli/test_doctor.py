@@ -135,7 +135,9 @@ def test_json_and_exit_code_when_something_is_broken(monkeypatch: pytest.MonkeyP
     assert main(["doctor", "--json"]) == 1
     document = json.loads(capsys.readouterr().out)
     assert document["ok"] is False
-    assert document["findings"] == [{"name": "kernel wheels", "ok": False, "detail": "mixed", "repair": "pip install x"}]
+    assert document["findings"] == [
+        {"name": "kernel wheels", "ok": False, "detail": "mixed", "repair": "pip install x"}
+    ]
     assert main(["doctor"]) == 1
     out = capsys.readouterr().out
     assert "BROKEN: kernel wheels: mixed" in out and "repair: pip install x" in out

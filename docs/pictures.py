@@ -1,0 +1,47 @@
+"""Make every picture of the docs from the parts themselves: ``python docs/pictures.py``.
+
+Each picture is drawn from a part that is built here, so that the docs cannot show what the project does not make.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from housing.coupon import Coupon
+from housing.holder import Holder
+from housing.jig import Jig
+from tacbench_cad.block import Block
+from tacbench_cad.block_part import block_part
+from tacbench_cad.pictures import catalogue_picture, preview_sheet, texture_picture
+from tacbench_cad.textures import read_texture
+
+HERE = Path(__file__).parent
+IMAGES = HERE / "images"
+
+
+def main() -> None:
+    """Write all pictures into ``docs/images``."""
+    IMAGES.mkdir(exist_ok=True)
+    blocks = [Block.of(number) for number in range(1, 7)]
+    holder = Holder(block=blocks[3])
+    fixtures = [holder.part(), Jig(holder=holder).part()]
+    preview_sheet(
+        [(part.name, part.mesh[0]) for part in (*map(block_part, blocks), *fixtures)], IMAGES / "preview.png"
+    )
+    catalogue_picture(blocks, IMAGES / "textures.png")
+    for number in (2, 4):
+        texture_picture(blocks[number - 1], IMAGES / f"texture-{number}.png")
+    texture_picture(blocks[3], IMAGES / "press.png", press=True)
+    keyed = Block.of(4, key_mm=3.0, copy=1)
+    tray = Holder(block=keyed, slots=6)
+    jig_all = Jig(holder=Holder(block=blocks[3]), marks="all")
+    options = [block_part(keyed), tray.part(), jig_all.part(), Coupon().part()]
+    preview_sheet([(part.name, part.mesh[0]) for part in options], IMAGES / "options.png")
+    released = [block_part(Block.of(number, "released")) for number in (4, 6)]
+    preview_sheet([(part.name, part.mesh[0]) for part in released], IMAGES / "released.png")
+    own = read_texture(HERE / "hex.toml")
+    preview_sheet([("hex", block_part(Block.of(own.texture, table=own.block)).mesh[0])], IMAGES / "hex.png")
+
+
+if __name__ == "__main__":
+    main()

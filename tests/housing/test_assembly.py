@@ -1,0 +1,147 @@
+"""Holder, blocks and jig put together: nothing collides, the clearances are as named, the markers are over the presses."""
+
+from __future__ import annotations
+
+import manifold3d
+import numpy as np
+import pytest
+from fixture_measure import block_prism, cylinders, manifold
+
+from housing.holder import Holder
+from housing.jig import Jig
+from housing.placement import Placement
+from housing.tessellate import tessellate
+from tacbench_cad.block import Block
+
+#: Volume that rounding to float32 may leave where faces touch: far below 0.001 mm times the plate's sides, in mm^3.
+TOUCHING_MM3 = 0.01
+
+CASES = [
+    Holder(block=Block.of(1)),
+    Holder(block=Block.of(1, key_mm=3.0), slots=2, fit="loose"),
+    Holder(block=Block.of(1, scale=0.8, key_mm=2.0)),
+    Holder(block=Block.of(1, scale=0.8), slots=2, fit="press"),
+    Holder(block=Block.of(1, scale=1.5)),
+    Holder(block=Block.of(1, scale=1.5, key_mm=5.0), fit=0.2, rim_mm=0.5),
+    Holder(block=Block.of(1, key_mm=3.0), quarter_turns=1),
+    Holder(block=Block.of(1, "released"), preset="released"),
+]
+TRAY = Holder(block=Block.of(1, key_mm=3.0), slots=6)
+
+
+def placed(block: Block, place: Placement, shift: tuple[float, float] = (0.0, 0.0)) -> manifold3d.Manifold:
+    """The block's prism where it lies in the holder, and shifted in it."""
+    x, y, z = place.origin_mm
+    return block_prism(block).rotate((0.0, 0.0, 90.0 * place.quarter_turns)).translate((x + shift[0], y + shift[1], z))
+
+
+@pytest.mark.parametrize("holder", [*CASES, TRAY], ids=lambda holder: holder.name)
+def test_nothing_collides_and_markers_are_over_their_positions(holder: Holder) -> None:
+    jig = Jig(holder=holder)
+    plate = manifold(holder.part().mesh[0])
+    seated = manifold(tessellate(jig.solid_in_use()))
+    blocks = [placed(holder.block, place) for place in holder.block_placements()]
+    assert len(blocks) == holder.slots
+    assert (plate ^ seated).volume() < TOUCHING_MM3
+    for block in blocks:
+        assert (plate ^ block).volume() < TOUCHING_MM3
+        assert (seated ^ block).volume() < TOUCHING_MM3
+        # The block's highest point stands out by the rim, and 0.3 mm of air are left above it.
+        top = block.bounding_box()[5]
+        assert top - holder.size_mm[2] == pytest.approx(holder.rim_height_mm, abs=1e-5)
+        raised = block.translate((0.0, 0.0, 0.29))
+        assert (seated ^ raised).volume() < TOUCHING_MM3
+        assert (seated ^ block.translate((0.0, 0.0, 0.32))).volume() > 1.0
+    # Pressed down by 0.02 mm, the jig meets the rim at once: that is what it rests on.
+    assert (plate ^ seated.translate((0.0, 0.0, -0.02))).volume() > 1.0
+    _markers_are_over_their_positions(jig)
+
+
+def _markers_are_over_their_positions(jig: Jig) -> None:
+    axes = np.array([point for _, point in cylinders(jig.solid_in_use())])
+    seen = np.zeros(len(axes), dtype=int)
+    for place in jig.holder.block_placements():
+        in_block = place.to_block(axes)
+        for position in jig.grid.positions_mm[[0, 4, 12, 20, 24]]:
+            near = np.abs(in_block - position).max(axis=1) < 1e-6
+            assert near.sum() == 1
+            seen += near
+    assert (seen == 1).all()
+
+
+@pytest.mark.parametrize("holder", CASES, ids=lambda holder: holder.name)
+def test_clearances_are_as_named(holder: Holder) -> None:
+    """A block, and the jig, can be shifted by the named clearance to every side and no further."""
+    jig = Jig(holder=holder)
+    plate = manifold(holder.part().mesh[0])
+    seated = manifold(tessellate(jig.solid_in_use()))
+    for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+        (cx, cy), (jx, jy) = holder.clearance_mm, jig.clearance_mm
+        for place in holder.block_placements():
+            assert (plate ^ placed(holder.block, place, (x * cx, y * cy))).volume() < TOUCHING_MM3
+            too_far = placed(holder.block, place, (x * (cx + 0.01), y * (cy + 0.01)))
+            assert (plate ^ too_far).volume() > 0.5
+        assert (plate ^ seated.translate((x * jx, y * jy, 0.0))).volume() < TOUCHING_MM3
+        assert (plate ^ seated.translate((x * (jx + 0.01), y * (jy + 0.01), 0.0))).volume() > 0.5
+
+
+def test_the_keyed_corner_has_the_same_clearance() -> None:
+    holder = Holder(block=Block.of(1, key_mm=3.0))
+    plate, place = manifold(holder.part().mesh[0]), holder.block_placements()[0]
+    step = 0.15 / np.sqrt(2.0)
+    assert (plate ^ placed(holder.block, place, (step, -step))).volume() < TOUCHING_MM3
+    step += 0.01
+    corner = plate ^ placed(holder.block, place, (step, -step))
+    assert corner.volume() > 0.1
+    low = corner.bounding_box()[:2]
+    assert np.array(low) == pytest.approx(place.to_holder([[20.3, 0.0]])[0], abs=0.3)
+
+
+def test_block_and_jig_pushed_to_one_corner_leave_the_markers_in_place() -> None:
+    for fit, shift in (("slip", 0.0), ("loose", 0.0), ("press", 0.10)):
+        jig = Jig(holder=Holder(block=Block.of(1), fit=fit))
+        assert jig.datum_shift_mm == pytest.approx((shift, shift), abs=1e-12)
+        jig_moves, block_moves = jig.clearance_mm[0], jig.holder.clearance_mm[0]
+        assert jig_moves - block_moves == pytest.approx(shift, abs=1e-12)
+        assert f"{shift:g} x {shift:g} mm" in " ".join(jig.spec()["notes"])
+
+
+def test_screw_heads_have_room_beside_the_jig() -> None:
+    jig = Jig(holder=CASES[0])
+    seated = manifold(tessellate(jig.solid_in_use()))
+    for bore in jig.holder.screws:
+        head = manifold3d.Manifold.cylinder(6.0, 4.45, 4.45, 64).translate((*bore.at_mm, jig.seat.rest_mm))
+        assert (seated ^ head).volume() < TOUCHING_MM3
+
+
+def test_printed_and_seated_are_the_same_part() -> None:
+    jig = Jig(holder=CASES[1])
+    printed, _ = jig.part().mesh
+    seated = tessellate(jig.solid_in_use(), 0.005)
+    turned = jig.to_print(seated.vertices)
+    order, other = np.lexsort(turned.round(3).T), np.lexsort(printed.vertices.round(3).T)
+    assert turned[order] == pytest.approx(printed.vertices[other], abs=2e-5)
+
+
+def test_a_real_block_of_the_formula_fits() -> None:
+    """The textured block itself, not its prism, with texture 4's overshoot."""
+    from tacbench_cad.block_mesh import mesh_block
+
+    holder = Holder(block=Block.of(4, key_mm=3.0))
+    jig = Jig(holder=holder)
+    mesh, _ = mesh_block(holder.block)
+    place = holder.block_placements()[0]
+    block = manifold(mesh).translate(place.origin_mm)
+    assert block.bounding_box()[5] - holder.size_mm[2] == pytest.approx(1.18, abs=1e-5)
+    assert (block ^ manifold(holder.part().mesh[0])).volume() < TOUCHING_MM3
+    assert (block ^ manifold(tessellate(jig.solid_in_use()))).volume() < TOUCHING_MM3
+
+
+def test_solids_do_not_collide_in_the_kernel_either() -> None:
+    from build123d import Solid
+
+    holder = Holder(block=Block.of(1, key_mm=3.0))
+    jig = Jig(holder=holder)
+    common = Solid(holder.solid()).intersect(Solid(jig.solid_in_use()))
+    volume = 0.0 if common is None else sum(one.volume for one in common.solids())
+    assert volume < 1e-9

@@ -1,0 +1,82 @@
+"""The fit coupon: its pockets have the clearances that its numerals name."""
+
+from __future__ import annotations
+
+import json
+
+import manifold3d
+import numpy as np
+import pytest
+from fixture_measure import manifold, overhang_heights, require_sound
+
+from housing.coupon import CLEARANCES_MM, DEPTH_OF_POCKET_MM, STUB_MM, Coupon
+from housing.fits import FITS
+from housing.lettering import word
+from housing.marks import merged
+from tacbench_cad.errors import InputError
+
+COUPON = Coupon()
+
+
+def test_mesh_and_solid_are_what_is_stated() -> None:
+    part = COUPON.part()
+    require_sound(part)
+    assert part.name == part.kind == "coupon"
+    assert part.genus == 0
+    json.dumps(part.spec, allow_nan=False)
+    # Only the tab hangs: it bridges 2 mm.
+    assert overhang_heights(part.mesh[0]) == {round(COUPON.tab_height_mm[0], 3)}
+
+
+def test_the_named_fits_are_among_the_pockets() -> None:
+    assert set(FITS.values()) <= set(CLEARANCES_MM)
+    assert len(CLEARANCES_MM) == 5
+
+
+@pytest.mark.parametrize("index", range(5))
+def test_the_stub_goes_in_with_the_named_clearance(index: int) -> None:
+    solid = manifold(COUPON.part().mesh[0])
+    pocket, clearance = COUPON.pockets[index], CLEARANCES_MM[index]
+    x, y, z = STUB_MM
+    for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+        for shift, goes_in in ((clearance, True), (clearance + 0.01, False)):
+            low = (pocket.low[0] + clearance + dx * shift, pocket.low[1] + clearance + dy * shift)
+            stub = manifold3d.Manifold.cube((x, y, z)).translate((*low, 1.6))
+            assert ((stub ^ solid).volume() < 1e-3) == goes_in
+
+
+def test_the_stub_stands_beside_the_plate_and_is_joined_above_the_pockets_depth() -> None:
+    solid = manifold(COUPON.part().mesh[0])
+    assert len(solid.decompose()) == 1
+    for height, pieces in ((DEPTH_OF_POCKET_MM, 2), (sum(COUPON.tab_height_mm) / 2.0, 1)):
+        outers = [loop for loop in solid.slice(height).decompose() if loop.area() > 1.0]
+        assert len(outers) == pieces
+    # Where the tab broke off does not go into a pocket.
+    assert COUPON.tab_height_mm[0] > DEPTH_OF_POCKET_MM
+
+
+def test_each_pocket_bears_its_clearance_in_hundredths() -> None:
+    section = manifold(COUPON.part().mesh[0]).slice(COUPON.plate_mm[2] - 0.1)
+    for pocket, letters in zip(COUPON.pockets, ("05", "10", "15", "20", "30"), strict=True):
+        strip = manifold3d.CrossSection([pocket.corners - (0.0, 4.3)], manifold3d.FillRule.NonZero)
+        strip = strip ^ manifold3d.CrossSection.square((200.0, 4.3)).translate((0.0, 0.3))
+        engraved = (strip - section).area()
+        assert engraved == pytest.approx(sum(one.area_mm2 for one in merged(word(letters, (0.0, 0.0)))), rel=1e-3)
+
+
+def test_walls_are_stated_and_checked() -> None:
+    assert COUPON.least_wall_mm == min(COUPON.walls_mm.values()) == 0.8
+    pockets = COUPON.pockets
+    between = [b.low[0] - a.high[0] for a, b in zip(pockets, pockets[1:], strict=False)]
+    assert np.array(between) == pytest.approx(2.4)
+    with pytest.raises(InputError) as error:
+        Coupon(nozzle_mm=0.9)
+    for word_ in ("nozzle", "0.9", "0.8 mm"):
+        assert word_ in str(error.value)
+    with pytest.raises(InputError):
+        Coupon(nozzle_mm=-1.0)
+
+
+def test_report_has_the_numbers() -> None:
+    for number in ("76 x 27.8 x 10 mm", "12 x 9 x 10 mm", "12.1 x 9.1 mm", "12.6 x 9.6 mm", "0.8 mm"):
+        assert number in str(COUPON)

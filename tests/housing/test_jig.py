@@ -1,0 +1,190 @@
+"""The grid-marker jig: markers, walls, what it refuses, and how it prints."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from fixture_measure import cylinders, overhang_heights, require_sound
+
+from housing.holder import Holder
+from housing.jig import Jig
+from housing.marks import DEPTH_MM, HAIR_MM, gap_to_circle_mm, is_engraved
+from tacbench_cad.block import Block
+from tacbench_cad.errors import InputError
+from tacbench_cad.protocol import PressGrid
+
+HOLDER = Holder(block=Block.of(1))
+
+
+def refusal(holder: Holder = HOLDER, **options: object) -> str:
+    with pytest.raises(InputError) as error:
+        Jig(holder=holder, **options)  # type: ignore[arg-type]
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+@pytest.mark.parametrize(
+    "jig",
+    [
+        Jig(holder=HOLDER),
+        Jig(holder=HOLDER, marks="all"),
+        Jig(holder=Holder(block=Block.of(1, scale=0.8, key_mm=2.0)), fit="loose"),
+        Jig(holder=Holder(block=Block.of(1, scale=1.5), slots=2, fit="press", rim_mm=0.0)),
+        Jig(holder=Holder(block=Block.of(1, "released"), preset="released")),
+    ],
+    ids=lambda jig: jig.name,
+)
+def test_mesh_and_solid_are_what_is_stated(jig: Jig) -> None:
+    part = jig.part()
+    require_sound(part)
+    assert part.kind == "jig"
+    json.dumps(part.spec, allow_nan=False)
+    # On the bed lies the marked face: only the grooves' floors hang, over 0.4 mm.
+    assert overhang_heights(part.mesh[0]) <= {DEPTH_MM}
+
+
+def test_default_dimensions_and_report() -> None:
+    jig = Jig(holder=HOLDER)
+    assert jig.name == "jig_paper_x1"
+    # Holder 45.6 x 52.3 mm, 0.15 mm clearance and 2.4 mm lips all round; 3 mm lip, 1.18 + 0.3 mm recess, 2 mm roof.
+    assert jig.size_mm == pytest.approx((50.7, 57.4, 6.48), abs=1e-9)
+    assert jig.genus == 5
+    text = str(jig)
+    for number in ("50.7 x 57.4 x 6.48 mm", "5 of 1.5 mm", "2.2 mm", "4, 5.25, 6.5, 7.75, 9 mm", "18, 19.25", "0.4 mm"):
+        assert number in text
+
+
+@pytest.mark.parametrize(("marks", "count", "hole", "lead"), [("default", 5, 1.5, 2.2), ("all", 25, 0.6, 0.8)])
+def test_holes_have_the_stated_diameters(marks: str, count: int, hole: float, lead: float) -> None:
+    from build123d import GeomType, Solid
+
+    jig = Jig(holder=HOLDER, marks=marks)
+    assert [r for r, _ in cylinders(jig.solid())] == pytest.approx([hole / 2] * count)
+    cones = Solid(jig.solid()).faces().filter_by(GeomType.CONE)
+    assert len(cones) == count
+    for cone in cones:
+        box = cone.bounding_box()
+        assert pytest.approx(lead, abs=1e-6) == box.size.X
+        # The lead-in opens to the marked face, which is on the bed, at 45 degrees.
+        assert pytest.approx(0.0, abs=1e-6) == box.min.Z
+        assert pytest.approx((lead - hole) / 2, abs=1e-6) == box.max.Z
+
+
+@pytest.mark.parametrize("scale", [0.8, 1.0, 1.5])
+def test_every_position_is_a_hole_or_lies_on_the_hairs_of_its_row_and_column(scale: float) -> None:
+    jig = Jig(holder=Holder(block=Block.of(1, scale=scale)))
+    grid, keep = jig.grid, 1.1 + 0.4
+    assert len(jig.holes_mm) == 5
+    assert len(jig.cross_hairs_mm) == 20
+    ticks = keep + 0.5
+    for x, y in grid.positions_mm:
+        # The ticks beyond both ends of the row and of the column point at the position.
+        ends = [
+            (x, grid.y_mm[0] - ticks),
+            (x, grid.y_mm[-1] + ticks),
+            (grid.x_mm[0] - ticks, y),
+            (grid.x_mm[-1] + ticks, y),
+        ]
+        assert all(is_engraved(np.array(end), jig.grooves) for end in ends)
+    open_ones = 0
+    for x, y in jig.cross_hairs_mm:
+        crossed = is_engraved(np.array([x, y]), jig.grooves)
+        distance = np.linalg.norm(jig.holes_mm - (x, y), axis=1).min()
+        if distance > keep + HAIR_MM:
+            assert crossed
+        if distance < keep:
+            assert not crossed
+        open_ones += not crossed
+    assert open_ones == jig.crossings_cut_short
+    assert (open_ones == 0) == (scale == 1.5)
+
+
+@pytest.mark.parametrize("scale", [0.74, 0.8, 1.0, 1.5])
+def test_hairs_keep_one_nozzle_off_the_lead_ins(scale: float) -> None:
+    jig = Jig(holder=Holder(block=Block.of(1, scale=scale)))
+    gaps = [gap_to_circle_mm(g.outer, (x, y), 1.1) for g in jig.grooves for x, y in jig.holes_mm]
+    assert min(gaps) == pytest.approx(0.4, abs=1e-6)
+    assert jig.walls_mm["wall between markers"] == pytest.approx(min(0.4, *gaps), abs=1e-6)
+    assert jig.least_wall_mm >= 0.4
+
+
+def test_walls_between_markers_are_measured_not_assumed() -> None:
+    """The engraved face, opened with a disc of the stated least wall, loses nothing between the markers."""
+    import manifold3d
+    from fixture_measure import manifold
+
+    jig = Jig(holder=HOLDER)
+    section = manifold(jig.part().mesh[0]).slice(0.001)
+    wall = jig.walls_mm["wall between markers"]
+    for width, lost in ((wall - 0.01, False), (wall + 0.15, True)):
+        opened = section.offset(-width / 2, manifold3d.JoinType.Round, circular_segments=128)
+        opened = opened.offset(width / 2, manifold3d.JoinType.Round, circular_segments=128)
+        gone = [piece for piece in (section - opened).decompose() if piece.area() > 0.02]
+        assert bool(gone) == lost
+
+
+def test_merging_markers_are_refused_with_the_numbers() -> None:
+    text = refusal(Holder(block=Block.of(1, scale=0.7)))
+    for number in ("2.475 mm apart", "2.2 mm", "0.2749 mm", "0.4 mm", "0.736"):
+        assert number in text
+    Jig(holder=Holder(block=Block.of(1, scale=0.736)))
+    text = refusal(Holder(block=Block.of(1, scale=0.8)), marks="all")
+    for number in ("1 mm apart", "0.8 mm", "0.2 mm", "0.96"):
+        assert number in text
+    Jig(holder=Holder(block=Block.of(1, scale=0.96)), marks="all")
+    Jig(holder=Holder(block=Block.of(1, scale=0.8)), marks="all", nozzle_mm=0.05)
+    assert "0.2 mm" in refusal(press_grid=PressGrid.paper(1.0, "1mm"), marks="all")
+
+
+def test_default_is_never_refused_at_scale_1() -> None:
+    for preset in ("paper", "released"):
+        for key in (None, 3.0):
+            block = Block.of(1, preset, key_mm=key)
+            for fit in ("press", "slip", "loose"):
+                for spacing in ("even", "1mm"):
+                    grid = PressGrid.paper(1.0, spacing)  # type: ignore[arg-type]
+                    jig = Jig(holder=Holder(block=block, fit=fit), press_grid=grid)
+                    assert jig.least_wall_mm >= 0.4
+    assert Jig(holder=Holder(block=Block.of(1, "released"), preset="released")).least_wall_mm >= 0.4
+
+
+@pytest.mark.parametrize(
+    ("holder", "options", "words"),
+    [
+        (Holder(block=Block.of(1, size_mm=(12.0, 20.0))), {}, ["12 x 20 mm", "9 x 23 mm", "leaves the block"]),
+        (HOLDER, {"marks": "most"}, ["jig", "most", "default, all"]),
+        (HOLDER, {"nozzle_mm": 5.0}, ["nozzle", "5.0", "1.2 mm"]),
+        (HOLDER, {"nozzle_mm": 0.8}, ["0.8 mm", "1.25 x 1.25 mm", "merge"]),
+        (HOLDER, {"fit": "wide"}, ["fit", "wide"]),
+        (Holder(block=Block.of(1), margin_mm=8.0), {}, ["recess", "screw corner", "mm is needed"]),
+        (
+            Holder(block=Block.of(1, size_mm=(60.0, 60.0))),
+            {"press_grid": PressGrid(x_mm=(0.5, 2.5, 4.5, 6.5, 8.5), y_mm=(18.0, 20.0, 22.0, 24.0, 26.0))},
+            ["press grid", "x 0.5 to 8.5, y 18 to 26 mm", "0.8 mm"],
+        ),
+    ],
+)
+def test_refusals_name_the_numbers(holder: Holder, options: dict[str, object], words: list[str]) -> None:
+    text = refusal(holder, **options)
+    for word in words:
+        assert word in text
+
+
+def test_different_jigs_never_share_a_name() -> None:
+    grid = PressGrid(x_mm=(4.0, 5.5, 7.0, 8.5, 10.0), y_mm=(18.0, 19.5, 21.0, 22.5, 24.0))
+    jigs = [
+        Jig(holder=HOLDER),
+        Jig(holder=HOLDER, marks="all"),
+        Jig(holder=HOLDER, press_grid=PressGrid.paper(1.0, "1mm")),
+        Jig(holder=HOLDER, press_grid=grid),
+        Jig(holder=HOLDER, fit="loose"),
+        Jig(holder=HOLDER, nozzle_mm=0.3),
+        Jig(holder=Holder(block=Block.of(1), slots=2)),
+        Jig(holder=Holder(block=Block.of(1), rim_mm=1.0)),
+        Jig(holder=Holder(block=Block.of(1, scale=1.5))),
+    ]
+    assert len({jig.name for jig in jigs}) == len(jigs)
+    assert jigs[1].name == "jig_paper_x1_all"
+    assert Jig(holder=HOLDER, press_grid=PressGrid.paper()).name == "jig_paper_x1"

@@ -1,0 +1,104 @@
+"""Meshes of fixtures: closed, welded, the same bytes every time, and as close as asked."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from fixture_measure import manifold
+
+from housing.holder import Holder
+from housing.jig import Jig
+from housing.tessellate import tessellate
+from tacbench_cad.block import Block
+from tacbench_cad.errors import InputError
+
+build123d = pytest.importorskip("build123d", reason="fixtures need the extra cad")
+
+
+def bored_plate() -> object:
+    """A plate of 10 x 10 x 2 mm with a hole of 4 mm and a lead-in."""
+    plate = build123d.Box(10, 10, 2) - build123d.Cylinder(2, 4) - build123d.Pos(0, 0, 1) * build123d.Cone(1.5, 2.5, 1)
+    return plate.solids()[0].wrapped
+
+
+def test_closed_and_welded() -> None:
+    mesh = tessellate(bored_plate())
+    solid = manifold(mesh)
+    assert solid.status().name == "NoError"
+    assert solid.genus() == 1
+    assert len(np.unique(mesh.vertices, axis=0)) == len(mesh.vertices)
+    assert len(np.unique(mesh.triangles)) == len(mesh.vertices)
+    # Euler's formula for a closed surface with one handle.
+    assert len(mesh.vertices) - len(mesh.triangles) / 2 == 0
+
+
+@pytest.mark.parametrize("deflection", [0.1, 0.01, 0.001])
+def test_chords_stay_within_the_deflection(deflection: float) -> None:
+    mesh = tessellate(bored_plate(), deflection)
+    a, b, c = np.moveaxis(mesh.corners, 1, 0)
+    middles = np.concatenate([a + b, b + c, c + a]) / 2.0
+    # Edges of the hole's wall below the cone: both ends at radius 2, so the middle is where the chord is furthest off.
+    below = middles[middles[:, 2] < 0.0]
+    radius = np.hypot(below[:, 0], below[:, 1])
+    chords = radius[radius < 2.0]
+    assert len(chords) > 10
+    assert 2.0 - chords.min() <= deflection + 1e-6
+
+
+def test_no_cap_on_accuracy() -> None:
+    true = 200.0 - math.pi * 4.0 * 2.0 - (math.pi * 0.5 / 3.0 * (6.25 + 5.0 + 4.0) - math.pi * 4.0 * 0.5)
+    errors = [tessellate(bored_plate(), d).volume_mm3 - true for d in (0.05, 0.005, 0.0005)]
+    assert errors[0] > errors[1] > errors[2] > 0.0
+    assert errors[2] < 0.02
+
+
+def test_same_bytes_every_time_and_after_another_mesh() -> None:
+    shape = bored_plate()
+    first = tessellate(shape, 0.01)
+    tessellate(shape, 0.001)
+    again = tessellate(shape, 0.01)
+    other = tessellate(bored_plate(), 0.01)
+    for mesh in (again, other):
+        assert mesh.vertices.tobytes() == first.vertices.tobytes()
+        assert mesh.triangles.tobytes() == first.triangles.tobytes()
+
+
+def test_same_bytes_in_another_process() -> None:
+    code = (
+        "import hashlib\nfrom housing.holder import Holder\nfrom housing.jig import Jig\nfrom tacbench_cad.block import Block\n"
+        "mesh, _ = Jig(holder=Holder(block=Block.of(1))).part().mesh\n"
+        "print(hashlib.sha256(mesh.vertices.tobytes() + mesh.triangles.tobytes()).hexdigest())\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    import hashlib
+
+    mesh, _ = Jig(holder=Holder(block=Block.of(1))).part().mesh
+    assert done.stdout.strip() == hashlib.sha256(mesh.vertices.tobytes() + mesh.triangles.tobytes()).hexdigest()
+
+
+def test_fixtures_have_no_self_intersection() -> None:
+    pymeshlab = pytest.importorskip("pymeshlab")
+    for part in (Holder(block=Block.of(1, key_mm=3.0)).part(), Jig(holder=Holder(block=Block.of(1))).part()):
+        mesh, _ = part.mesh
+        meshes = pymeshlab.MeshSet()
+        meshes.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.triangles))
+        meshes.compute_selection_by_self_intersections_per_face()
+        assert meshes.current_mesh().selected_face_number() == 0
+        topology = meshes.get_topological_measures()
+        assert topology["non_two_manifold_edges"] == topology["boundary_edges"] == 0
+        assert topology["genus"] == part.genus
+
+
+def test_curved_faces_of_other_kinds_are_refused() -> None:
+    with pytest.raises(InputError, match="planes, cylinders and cones"):
+        tessellate(build123d.Solid.make_sphere(2.0).wrapped)
+
+
+@pytest.mark.parametrize("deflection", [0.0, -1.0, math.nan, math.inf])
+def test_a_deflection_that_is_none_is_refused(deflection: float) -> None:
+    with pytest.raises(InputError, match="deflection"):
+        tessellate(bored_plate(), deflection)

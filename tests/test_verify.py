@@ -1,0 +1,270 @@
+"""``verify``: sound files pass, and every fault put into one is found and named."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shapes import box_mesh, changed, mesh_part
+
+from tacbench_cad import meshcheck
+from tacbench_cad.block import Block, Tolerance
+from tacbench_cad.block_part import block_part
+from tacbench_cad.export import FORMATS
+from tacbench_cad.export.stl import write_stl
+from tacbench_cad.mesh import Mesh
+from tacbench_cad.part import Part
+from tacbench_cad.report import Check, Report
+from tacbench_cad.verify import verify
+
+
+@cache
+def _part(number: int = 2, preset: str = "paper") -> Part:
+    return block_part(Block.of(number, preset))
+
+
+def _write_as(part: Part, mesh: Mesh, path: Path) -> Path:
+    """A file for a part that holds another mesh."""
+    write_stl(dataclasses.replace(part, make_mesh=lambda: (mesh, part.mesh[1])), path)
+    return path
+
+
+def _faults(report: Report) -> set[str]:
+    return {check.name for check in report.faults}
+
+
+@pytest.mark.parametrize("form", ["stl", "3mf"])
+@pytest.mark.parametrize(
+    "block",
+    [
+        Block.of(1),
+        Block.of(3, scale=0.5),
+        Block.of(5, key_mm=3.0),
+        Block.of(2, label=True),
+        Block.of(6, sampling="grid"),
+        Block.of(1, "released"),
+        Block.of(2, copy=4, key_mm=2.0, scale=1.5, sampling=Tolerance(mm=0.05)),
+    ],
+    ids=lambda block: block.name,
+)
+def test_our_own_files_pass(block: Block, form: str, tmp_path: Path) -> None:
+    part = block_part(block)
+    path = tmp_path / f"a.{form}"
+    FORMATS[form].write(part, path)
+    report = verify(part, path)
+    assert report.ok, report.faults
+    certificate = part.mesh[1].certificate
+    assert certificate is not None
+    assert report.deviation_mm is not None
+    assert 0.2 * certificate.distance_mm < report.deviation_mm <= certificate.distance_mm + 1e-5
+    assert report.triangles == len(part.mesh[0].triangles)
+    np.testing.assert_allclose(report.size_mm, part.size_mm, rtol=1e-6)
+
+
+def _drop_triangle(mesh: Mesh) -> Mesh:
+    return Mesh(mesh.vertices, mesh.triangles[1:])
+
+
+def _flip_triangle(mesh: Mesh) -> Mesh:
+    triangles = mesh.triangles.copy()
+    triangles[7] = triangles[7][::-1]
+    return Mesh(mesh.vertices, triangles)
+
+
+def _inside_out(mesh: Mesh) -> Mesh:
+    return Mesh(mesh.vertices, np.ascontiguousarray(mesh.triangles[:, ::-1]))
+
+
+def _repeat_triangle(mesh: Mesh) -> Mesh:
+    return Mesh(mesh.vertices, np.vstack([mesh.triangles, mesh.triangles[:1]]))
+
+
+def _flat_triangle(mesh: Mesh) -> Mesh:
+    """One edge gets a triangle of no area on each side: still closed and wound."""
+    a, b, c = mesh.triangles[0].tolist()
+    middle = ((mesh.vertices[a] + mesh.vertices[b]) / 2.0).astype(np.float32).astype(np.float64)
+    n = len(mesh.vertices)
+    extra = [[a, n, c], [n, b, c], [a, b, n]]
+    return Mesh(np.vstack([mesh.vertices, middle]), np.vstack([mesh.triangles[1:], np.array(extra, np.int32)]))
+
+
+def _move_top_vertex(mesh: Mesh) -> Mesh:
+    def move(vertices: np.ndarray) -> np.ndarray:
+        inner = np.all((vertices[:, :2] > 5.0) & (vertices[:, :2] < 20.0), axis=1) & (vertices[:, 2] > 1.0)
+        vertices[np.nonzero(inner)[0][0], 2] += 0.05
+        return vertices
+
+    return changed(mesh, move)
+
+
+def _too_high(mesh: Mesh) -> Mesh:
+    return changed(mesh, lambda vertices: vertices + [0.0, 0.0, 0.1] * (vertices[:, 2:] > 1.0))
+
+
+def _just_below(mesh: Mesh) -> Mesh:
+    """The highest vertex misses the height by little, as after clipping: a resin slicer would drop a layer."""
+    return changed(mesh, lambda vertices: np.minimum(vertices, [np.inf, np.inf, 6.9999]))
+
+
+def _scaled(mesh: Mesh) -> Mesh:
+    return changed(mesh, lambda vertices: vertices * 1.01)
+
+
+def _moved(mesh: Mesh) -> Mesh:
+    return changed(mesh, lambda vertices: vertices + np.array([5.0, 0.0, 0.0]))
+
+
+def _mirrored(mesh: Mesh) -> Mesh:
+    mirror = changed(mesh, lambda vertices: vertices * [-1.0, 1.0, 1.0] + [23.3, 0.0, 0.0])
+    return _inside_out(mirror)
+
+
+def _another_texture(_: Mesh) -> Mesh:
+    return _part(3).mesh[0]
+
+
+@pytest.mark.parametrize(
+    ("fault", "named"),
+    [
+        (_drop_triangle, "closed"),
+        (_flip_triangle, "winding"),
+        (_inside_out, "volume"),
+        (_repeat_triangle, "edges"),
+        (_flat_triangle, "triangles"),
+        (_move_top_vertex, "relief"),
+        (_too_high, "box"),
+        (_just_below, "box"),
+        (_scaled, "box"),
+        (_moved, "box"),
+        (_mirrored, "relief"),
+        (_another_texture, "relief"),
+    ],
+)
+def test_every_fault_is_found(fault: Callable[[Mesh], Mesh], named: str, tmp_path: Path) -> None:
+    part = _part()
+    report = verify(part, _write_as(part, fault(part.mesh[0]), tmp_path / "a.stl"))
+    assert not report.ok
+    assert named in _faults(report)
+
+
+def test_a_moved_sample_is_found_where_the_grid_itself_is_coarse(tmp_path: Path) -> None:
+    part = _part(4, "released")
+    certificate = part.mesh[1].certificate
+    assert certificate is not None
+    assert certificate.distance_mm > 0.05  # so the distance from the formula alone would not show it
+    report = verify(part, _write_as(part, _move_top_vertex(part.mesh[0]), tmp_path / "a.stl"))
+    assert "samples" in _faults(report)
+
+
+def test_zero_thickness_is_found(tmp_path: Path) -> None:
+    flat = changed(box_mesh(), lambda vertices: vertices * [1.0, 1.0, 0.0])
+    part = mesh_part(box_mesh())
+    report = verify(part, _write_as(part, flat, tmp_path / "a.stl"))
+    assert "volume" in _faults(report)
+
+
+def _ring(segments: int = 12) -> Mesh:
+    """A square ring: one through hole."""
+    angle = 2.0 * np.pi * np.arange(segments) / segments
+    loops = [(2.0, 0.0), (2.0, 1.0), (1.0, 1.0), (1.0, 0.0)]
+    points = [(2.0 + r * np.cos(a), 2.0 + r * np.sin(a), z) for r, z in loops for a in angle]
+    triangles = []
+    for loop in range(4):
+        for i in range(segments):
+            a, b = loop * segments + i, loop * segments + (i + 1) % segments
+            c, d = (a + segments) % (4 * segments), (b + segments) % (4 * segments)
+            triangles += [(a, b, d), (a, d, c)]
+    return Mesh(np.array(points).astype(np.float32).astype(np.float64), np.array(triangles, dtype=np.int32))
+
+
+@pytest.mark.parametrize("wanted", [0, 1, 2])
+def test_through_holes_are_counted(wanted: int, tmp_path: Path) -> None:
+    ring = _ring()
+    assert ring.volume_mm3 > 0.0
+    part = mesh_part(ring, genus=wanted)
+    report = verify(part, _write_as(part, ring, tmp_path / "a.stl"))
+    assert ("genus" in _faults(report)) == (wanted != 1)
+    assert report.ok == (wanted == 1)
+
+
+def test_full_finds_triangles_that_cut_each_other(tmp_path: Path) -> None:
+    """One closed, well wound body that passes through itself: only pymeshlab sees it."""
+    pytest.importorskip("pymeshlab")
+    ring = _ring()
+
+    def push(vertices: np.ndarray) -> np.ndarray:
+        vertices[0] = [1.2, 2.0, 0.5]  # the outer wall's corner through the inner wall
+        return vertices
+
+    mesh = changed(ring, push)
+    part = mesh_part(mesh, genus=1)
+    path = _write_as(part, mesh, tmp_path / "a.stl")
+    assert "self-intersection" not in _faults(verify(part, path))
+    assert "self-intersection" in _faults(verify(part, path, full=True))
+
+
+def test_full_passes_a_block(tmp_path: Path) -> None:
+    pytest.importorskip("pymeshlab")
+    part = block_part(Block.of(1, label=True, key_mm=3.0))
+    write_stl(part, tmp_path / "a.stl")
+    report = verify(part, tmp_path / "a.stl", full=True)
+    assert report.ok, report.faults
+    assert {"two-manifold", "vertices", "boundary", "self-intersection"} <= {check.name for check in report.checks}
+
+
+def test_edges_are_told_apart() -> None:
+    mesh = box_mesh()
+    assert meshcheck.edges(mesh).sound
+    dropped = meshcheck.edges(_drop_triangle(mesh))
+    assert (dropped.open, dropped.same_way, dropped.crowded) == (3, 0, 0)
+    flipped = meshcheck.edges(_flip_triangle(mesh))
+    assert (flipped.open, flipped.same_way, flipped.crowded) == (0, 3, 0)
+    doubled = meshcheck.edges(_repeat_triangle(mesh))
+    assert (doubled.open, doubled.same_way, doubled.crowded) == (0, 0, 3)
+    assert doubled.crowded_at is not None
+
+
+def test_report_is_plain_json_without_the_folder(tmp_path: Path) -> None:
+    part = _part()
+    write_stl(part, tmp_path / "a.stl")
+    report = verify(part, tmp_path / "a.stl")
+    text = json.dumps(report.as_dict(), allow_nan=False)
+    assert str(tmp_path) not in text
+    assert json.loads(text)["ok"] is True
+    assert not Report(path=tmp_path / "a.stl", checks=()).ok
+    failed = Report(path=tmp_path / "a.stl", checks=(Check(name="x", ok=False, detail="y"),))
+    assert failed.faults == failed.checks
+
+
+def test_a_solid_with_another_texture_or_height_is_found(tmp_path: Path) -> None:
+    pytest.importorskip("OCP")
+    part = block_part(Block.of(1))
+    for other, named in (
+        (Block.of(5), "relief"),
+        (Block.of(1, height_mm=7.1), "box"),
+        (Block.of(1, scale=1.01), "box"),
+    ):
+        wrong = block_part(other)
+        FORMATS["step"].write(wrong, tmp_path / "a.step")
+        report = verify(part, tmp_path / "a.step")
+        assert named in _faults(report)
+        assert "volume" in _faults(report)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("preset", ["paper", "released"])
+@pytest.mark.parametrize("number", range(1, 7))
+def test_the_whole_set_passes_in_full(number: int, preset: str, tmp_path: Path) -> None:
+    part = _part(number, preset)
+    for form in FORMATS.values():
+        if form.shape == "solid" and part.make_solid is None:
+            continue
+        path = tmp_path / f"a{form.suffix}"
+        form.write(part, path)
+        report = verify(part, path, full=form.shape == "mesh")
+        assert report.ok, report.faults
