@@ -19,16 +19,23 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.block import Block, SampleGrid, Tolerance
+from tacbench_cad.block import Block, Tolerance
 from tacbench_cad.block_mesh import mesh_block
 from tacbench_cad.certify import derivatives
-from tacbench_cad.mesh import Mesh
+from tacbench_cad.clip import sheet
+from tacbench_cad.closing import close
+from tacbench_cad.mesh import Certificate, Mesh
+from tacbench_cad.top import Top, single
 from tacbench_cad.waves import Sines
 
 Floats = NDArray[np.float64]
 
 #: Rounds of each search for the fewest triangles.
 ROUNDS = 9
+#: A start mesh has fewer triangles than this, unless a tenth of the distance takes more.
+MOST_START = 600_000
+#: Settings of fast-simplification that are tried, the best counts: its thresholds are absolute, in the units of the mesh.
+AGGRESSIONS = (2.0, 2.4, 2.8)
 #: Points of the measurement lie this close along x and y, in mm, or at a twelfth of a triangle.
 STEP_MM = 0.04
 
@@ -88,22 +95,45 @@ def _lattice(order: int) -> Floats:
     return np.column_stack([a, b, 1.0 - a - b])
 
 
-def start_mesh(block: Block, distance_mm: float, across: int) -> Mesh:
-    """A sample grid of the block, as coarse as its distance stays below a tenth, with ``across`` lines along a flat axis."""
-    ruler = Ruler(block)
-    steps = [across if s.is_constant else 100 for s in (block.surface.along_u, block.surface.along_v)]
+def start_mesh(block: Block, ruler: Ruler, distance_mm: float, across: int) -> Mesh:
+    """Vertices on the formula, on lines as dense as its curvature asks for; its own distance is below a tenth.
+
+    Args:
+        block: The block.
+        ruler: Measures it.
+        distance_mm: The distance of which it keeps a tenth.
+        across: Lines along a flat axis.
+    """
+    least = distance_mm / 40.0
     while True:
-        grid = SampleGrid(nx=steps[0], ny=steps[1])
-        fine = Block.of(block.texture, sampling=grid)
-        mesh = mesh_block(fine)[0]
-        # a grid's datum puts its highest sample at the height; the formula's datum makes it comparable
-        mesh.vertices[mesh.vertices[:, 2] > 0.0, 2] += block.formula_datum_mm - fine.datum_mm
-        if ruler.distance(mesh) < distance_mm / 10.0:
-            return mesh
-        steps = [across if n == across else int(n * 1.25) for n in steps]
+        x = _lines(block.surface.along_u, block.size_mm[0], least, across)
+        y = _lines(block.surface.along_v, block.size_mm[1], least, across)
+        if 2 * len(x) * len(y) < MOST_START or least > distance_mm / 16.0:
+            z = single(block.formula_datum_mm + block.surface.grid(x, y))
+            top = Top(x, y, z, None, None, Certificate(distance_mm=0.0, vertical_mm=0.0))
+            mesh = close(sheet(top, None, float(z.max())), None)
+            measured = ruler.distance(mesh)
+            if measured < distance_mm / 10.0:
+                return mesh
+            least *= 0.08 * distance_mm / measured
+        else:
+            least *= 1.2
 
 
-def fewest(reduce: Callable[[float], Mesh], ruler: Ruler, distance_mm: float, low: float, high: float) -> tuple[float, float]:
+def _lines(sines: Sines, length_mm: float, distance_mm: float, across: int) -> Floats:
+    if sines.is_constant:
+        return single(np.linspace(0.0, length_mm, across))
+    t = np.linspace(0.0, length_mm, 20_001)
+    slope, second = derivatives(sines, t, [1, 2])
+    # the error between lines h apart is |p''| h^2 / 8 over sqrt(1 + p'^2), and half of it is one axis's part
+    density = np.sqrt(np.abs(second) / np.sqrt(1.0 + slope**2) / (4.0 * distance_mm)) + 1.0
+    total = np.append(0.0, np.cumsum((density[1:] + density[:-1]) / 2.0 * np.diff(t)))
+    return single(np.interp(np.linspace(0.0, total[-1], int(total[-1]) + 2), total, t))
+
+
+def fewest(
+    reduce: Callable[[float], Mesh], ruler: Ruler, distance_mm: float, low: float, high: float
+) -> tuple[float, float]:
     """Search the control value (low: many triangles kept) for the best count; with the time of the slowest run."""
     best, spent = np.inf, 0.0
     for _ in range(ROUNDS):
@@ -138,13 +168,13 @@ def pymeshlab_peer(start: Mesh) -> Callable[[float], Mesh]:
     return reduce
 
 
-def fast_simplification_peer(start: Mesh) -> Callable[[float], Mesh]:
+def fast_simplification_peer(start: Mesh, aggression: float) -> Callable[[float], Mesh]:
     import fast_simplification
 
     def reduce(factor: float) -> Mesh:
         target = int(len(start.triangles) / factor)
         points, faces = fast_simplification.simplify(
-            start.vertices.astype(np.float32), start.triangles, target_count=target, agg=1.0
+            start.vertices.astype(np.float32), start.triangles, target_count=target, agg=aggression
         )
         return Mesh(points.astype(np.float64), faces.astype(np.int32))
 
@@ -154,9 +184,7 @@ def fast_simplification_peer(start: Mesh) -> Callable[[float], Mesh]:
 def manifold_peer(start: Mesh, distance_mm: float) -> Callable[[float], Mesh]:
     import manifold3d
 
-    body = manifold3d.Manifold(
-        manifold3d.Mesh(start.vertices.astype(np.float32), start.triangles.astype(np.uint32))
-    )
+    body = manifold3d.Manifold(manifold3d.Mesh(start.vertices.astype(np.float32), start.triangles.astype(np.uint32)))
 
     def reduce(factor: float) -> Mesh:
         found = body.simplify(distance_mm * factor / 100.0).to_mesh()
@@ -211,7 +239,7 @@ def main() -> None:
         print(f"{number:8}{'ours':22}{ours:10}{1:8.2f}{spent:9.3f}   {proved}", flush=True)
         flat = not all(ruler.waves_along)
         # a texture of one axis is offered both as strips and with square cells: the better result counts
-        starts = [start_mesh(block, distance, lines) for lines in ((2, 41) if flat else (2,))]
+        starts = [start_mesh(block, ruler, distance, lines) for lines in ((2, 41) if flat else (2,))]
         for name in options.peers.split(","):
             runs = [(*race(name, block, start, ruler, distance), len(start.triangles)) for start in starts]
             count, seconds, begun = min(runs)
@@ -226,7 +254,8 @@ def race(name: str, block: Block, start: Mesh, ruler: Ruler, distance_mm: float)
     if name == "pymeshlab":
         return fewest(pymeshlab_peer(start), ruler, distance_mm, 1.0, most)
     if name == "fast-simplification":
-        return fewest(fast_simplification_peer(start), ruler, distance_mm, 1.0, most)
+        runs = [fewest(fast_simplification_peer(start, a), ruler, distance_mm, 1.0, most) for a in AGGRESSIONS]
+        return min(runs)
     if name == "manifold3d":
         return fewest(manifold_peer(start, distance_mm), ruler, distance_mm, 1.0, 1000.0)
     return fewest(pydelatin_peer(block, start, distance_mm), ruler, distance_mm, 1.0, 200.0)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from housing.engraving import engraved
 from housing.fits import (
     FITS,
     LEAST_FLOOR_MM,
@@ -23,7 +24,7 @@ from housing.fits import (
 from housing.fixture import Fixture, mm, report
 from housing.lettering import COUNTER_MM, HEIGHT_MM, width_mm, word
 from housing.marks import DEPTH_MM, Groove, merged
-from housing.shapes import Rectangle, box, one_solid, prism, wrapped
+from housing.shapes import Rectangle, box, one_solid, wrapped
 from tacbench_cad.part import Kind
 
 if TYPE_CHECKING:
@@ -173,9 +174,8 @@ class Coupon(Fixture):
         x, y, z = self.plate_mm
         plate = box(Rectangle(low=(0.0, 0.0), high=(x, y)), (0.0, z))
         tools = [box(plan, (FLOOR_MM, z + 1.0)) for plan in self.pockets]
-        tools += [prism(one.outer, one.islands, (z - DEPTH_MM, z + 1.0)) for one in self.grooves]
         bodies = [box(self.tab, self.tab_height_mm), box(self.stub, (0.0, STUB_MM[2]))]
-        return one_solid(plate.cut(*tools).fuse(*bodies), "coupon")
+        return engraved(one_solid(plate.cut(*tools).fuse(*bodies), "coupon"), z, self.grooves, DEPTH_MM)
 
     def spec(self) -> dict[str, Any]:
         """Everything that went into the coupon, as plain JSON values."""

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from housing.engraving import engraved
 from housing.fits import (
     FITS,
     LEAST_FLOOR_MM,
@@ -188,7 +189,7 @@ class Jig(Fixture):
     @cached_property
     def grooves(self) -> tuple[Groove, ...]:
         """The engravings for one block, in the block frame."""
-        strokes = hairs(self.grid, self.holes_mm, self._keep_off_mm)
+        strokes = hairs(self.grid, self.holes_mm, self._keep_off_mm, self.nozzle_mm)
         strokes += numerals(self.grid, self._keep_off_mm)
         return merged(strokes + datum_lines(self.holder.block.size_mm))
 
@@ -324,8 +325,7 @@ class Jig(Fixture):
         tools = [box(seat.inner, (seat.bottom_mm - 1.0, seat.rest_mm))]
         tools += [box(recess, (seat.rest_mm - 1.0, ceiling)) for recess in seat.recesses]
         tools += [bore.solid((ceiling, top)) for bore in self.bores]
-        tools += [prism(one.outer, one.islands, (top - DEPTH_MM, top + 1.0)) for one in self._grooves_in_holder]
-        return one_solid(plate.cut(*tools), "jig")
+        return engraved(one_solid(plate.cut(*tools), "jig"), top, self._grooves_in_holder, DEPTH_MM)
 
     def spec(self) -> dict[str, Any]:
         """Everything that went into the jig, as plain JSON values."""

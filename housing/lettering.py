@@ -12,7 +12,7 @@ from tacbench_cad.glyphs import GLYPHS, UNITS_HIGH
 Floats = NDArray[np.float64]
 
 #: Height of a glyph, in mm.
-HEIGHT_MM = 2.8
+HEIGHT_MM = 2.6
 #: Width of the pen, in mm.
 PEN_MM = 0.4
 #: Between two glyphs of a word, in mm.

@@ -26,7 +26,7 @@ SIMPLIFY_MM = 0.02
 #: Length of the tick beyond the last marker, in mm.
 TICK_MM = 1.0
 #: Numerals of neighbouring columns and of neighbouring rows stand this far apart, in mm.
-NUMERAL_PITCH_MM = (2.8, 3.5)
+NUMERAL_PITCH_MM = (2.8, 3.4)
 #: Length of the leaders that fan out from the ticks to the numerals, in mm: of columns, of rows.
 LEADER_MM = (6.0, 8.0)
 #: Between a leader's end and its numeral, in mm.
@@ -71,41 +71,67 @@ def merged(strokes: Iterable[Floats]) -> tuple[Groove, ...]:
     return tuple(sorted(grooves, key=lambda one: (float(one.outer[:, 1].min()), float(one.outer[:, 0].min()))))
 
 
-def hairs(grid: PressGrid, holes_mm: Floats, keep_off_mm: float) -> list[Floats]:
+def hairs(grid: PressGrid, holes_mm: Floats, keep_off_mm: float, wall_mm: float) -> list[Floats]:
     """Lines along all rows and columns with a tick beyond both ends, broken off round the holes.
+
+    Where one of two hairs breaks off before they cross, its end keeps the least wall from the other; where both do,
+    their ends keep it from each other.
 
     Args:
         grid: The press positions: each that is no hole lies where the hairs of its row and column cross, or would.
         holes_mm: Centres of the holes, (n, 2).
         keep_off_mm: Distance that a hair's edge keeps from a hole's centre: its radius and the least wall.
+        wall_mm: The least wall.
     """
     x, y = np.array(grid.x_mm), np.array(grid.y_mm)
+    beyond = keep_off_mm + TICK_MM
+    rows = [_Hair((x[0] - beyond, x[-1] + beyond), _breaks(place, holes_mm, keep_off_mm)) for place in y]
+    columns = [_Hair((y[0] - beyond, y[-1] + beyond), _breaks(place, holes_mm[:, ::-1], keep_off_mm)) for place in x]
+    apart: list[tuple[_Hair, tuple[float, float]]] = []
+    for row, y_mm in zip(rows, y, strict=True):
+        for column, x_mm in zip(columns, x, strict=True):
+            passing = row.passes(x_mm), column.passes(y_mm)
+            reach = HAIR_MM / 2.0 + (wall_mm if any(passing) else wall_mm / math.sqrt(2.0))
+            apart += [(row, (x_mm - reach, x_mm + reach))] if not passing[0] else []
+            apart += [(column, (y_mm - reach, y_mm + reach))] if not passing[1] else []
+    for hair, gap in apart:
+        hair.breaks.append(gap)
     strokes = []
-    for axis, places, ends in ((0, y, x), (1, x, y)):
-        for place in places:
-            low, high = ends[0] - keep_off_mm - TICK_MM, ends[-1] + keep_off_mm + TICK_MM
-            for start, end in _unbroken(low, high, place, holes_mm[:, axis], holes_mm[:, 1 - axis], keep_off_mm):
-                first, last = np.array([start, place]), np.array([end, place])
-                if axis == 1:
-                    first, last = first[::-1], last[::-1]
-                strokes.append(stroke(first, last, HAIR_MM))
+    for row, place in zip(rows, y, strict=True):
+        strokes += [stroke(np.array([a, place]), np.array([b, place]), HAIR_MM) for a, b in row.pieces()]
+    for column, place in zip(columns, x, strict=True):
+        strokes += [stroke(np.array([place, a]), np.array([place, b]), HAIR_MM) for a, b in column.pieces()]
     return strokes
 
 
-def _unbroken(
-    low: float, high: float, place: float, along: Floats, across: Floats, keep_off: float
-) -> list[tuple[float, float]]:
-    """Pieces of a hair that keep off the holes; pieces too short to see are left out."""
-    aside = np.maximum(np.abs(across - place) - HAIR_MM / 2.0, 0.0)
-    near = aside < keep_off
-    reach = np.sqrt(keep_off**2 - aside[near] ** 2)
-    breaks = sorted(zip(along[near] - reach, along[near] + reach, strict=True))
-    pieces, start = [], low
-    for begin, end in breaks:
-        pieces.append((start, min(begin, high)))
-        start = max(start, end)
-    pieces.append((start, high))
-    return [(a, b) for a, b in pieces if b - a >= LEAST_PIECE_MM]
+@dataclass(frozen=True)
+class _Hair:
+    """A hair along its own axis: its ends, and the intervals in which it is broken off."""
+
+    ends: tuple[float, float]
+    breaks: list[tuple[float, float]]
+
+    def pieces(self) -> list[tuple[float, float]]:
+        """What is left of it; pieces too short to see are left out."""
+        found, start = [], self.ends[0]
+        for low, high in sorted(self.breaks):
+            found.append((start, min(low, self.ends[1])))
+            start = max(start, high)
+        found.append((start, self.ends[1]))
+        return [(a, b) for a, b in found if b - a >= LEAST_PIECE_MM]
+
+    def passes(self, place: float) -> bool:
+        """Whether the hair runs through a point of its axis."""
+        half = LEAST_PIECE_MM / 2.0
+        return any(a <= place - half and place + half <= b for a, b in self.pieces())
+
+
+def _breaks(place: float, holes_mm: Floats, keep_off_mm: float) -> list[tuple[float, float]]:
+    """Where a hair comes too near to a hole: ``holes_mm`` has the places along the hair, then across it."""
+    aside = np.maximum(np.abs(holes_mm[:, 1] - place) - HAIR_MM / 2.0, 0.0)
+    near = aside < keep_off_mm
+    along, reach = holes_mm[near, 0], np.sqrt(keep_off_mm**2 - aside[near] ** 2)
+    return [(float(a), float(b)) for a, b in zip(along - reach, along + reach, strict=True)]
 
 
 def numerals(grid: PressGrid, keep_off_mm: float) -> list[Floats]:
@@ -139,9 +165,14 @@ def datum_lines(size_mm: tuple[float, float]) -> list[Floats]:
 
 
 def is_engraved(point: Floats, grooves: Iterable[Groove]) -> bool:
-    """Whether a point (2,) lies in a groove (even-odd rule, outlines and islands together)."""
+    """Whether a point (2,) lies in a groove."""
+    return any(is_inside(point, (groove.outer, *groove.islands)) for groove in grooves)
+
+
+def is_inside(point: Floats, loops: Iterable[Floats]) -> bool:
+    """Whether a point (2,) lies inside of some closed outlines (even-odd rule)."""
     crossings = 0
-    for loop in (loop for groove in grooves for loop in (groove.outer, *groove.islands)):
+    for loop in loops:
         a, b = loop, np.roll(loop, -1, axis=0)
         spans = (a[:, 1] > point[1]) != (b[:, 1] > point[1])
         a, b = a[spans], b[spans]

@@ -23,11 +23,7 @@ def block_part(block: Block, *, step_tolerance_mm: float = 0.001) -> Part:
         block: The block.
         step_tolerance_mm: Distance that the solid keeps from the formula.
     """
-    try:  # TEMPORARY until brep.solid_refusal is there
-        from tacbench_cad.brep import solid_refusal
-    except ImportError:
-        def solid_refusal(block: Block) -> str | None:
-            return "the sample grid hides the formula" if block.grid_aliases else None
+    from tacbench_cad.brep import solid_refusal
 
     def make_mesh() -> tuple[Mesh, Body]:
         top = textured_top(block)

@@ -40,7 +40,7 @@ def solid_block(block: Block, tolerance_mm: float = TOLERANCE_MM) -> tuple[TopoD
     """The block as a solid within a tolerance of the formula, proved.
 
     The solid lies in the block frame, its formula's zero at :attr:`~tacbench_cad.block.Block.solid_datum_mm`. The
-    last few are kept: asking again gives the same solid, so copy it before changing it.
+    last few are kept: asking again gives a new handle on the same geometry, which may be moved freely.
 
     Args:
         block: The block.
@@ -53,8 +53,12 @@ def solid_block(block: Block, tolerance_mm: float = TOLERANCE_MM) -> tuple[TopoD
         InputError: There is no solid of this block (:func:`solid_refusal`), the tolerance is not allowed, or it
             needs too many poles.
     """
+    from OCP.TopLoc import TopLoc_Location
+    from OCP.TopoDS import TopoDS
+
     _require_solid(block)
-    return _solid(block, tolerance_mm)
+    kept, certificate = _solid(block, tolerance_mm)
+    return TopoDS.Solid_s(kept.Located(TopLoc_Location())), certificate
 
 
 def texture_face(block: Block, tolerance_mm: float = TOLERANCE_MM) -> TopoDS_Face:
@@ -62,7 +66,7 @@ def texture_face(block: Block, tolerance_mm: float = TOLERANCE_MM) -> TopoDS_Fac
 
     A single face is what projecting, thickening and splitting want. It is not what measuring wants: the kernel's
     default area takes 61 points along each axis of a face however rich it is. Ask for
-    ``BRepGProp.SurfaceProperties_s(face, properties, 1e-6)``, or take the top faces of :func:`solid_block`.
+    ``BRepGProp.SurfaceProperties_s(face, properties, 1e-3)``, or take the top faces of :func:`solid_block`.
 
     Args:
         block: The block; its key is cut off, its label does not matter.

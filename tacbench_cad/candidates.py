@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from tacbench_cad.block import PRESETS, Block, Tolerance
 from tacbench_cad.claim import claimed_block
@@ -23,6 +25,11 @@ NEAR_PLAIN = 0.04
 PLAIN = 0.25
 #: Within this, in mm, a side is as wanted.
 SIDE_MM = 2e-3
+
+_SAMPLINGS: dict[str, tuple[Tolerance | Literal["grid"], ...]] = {
+    "paper": (Tolerance(), "grid"),
+    "released": ("grid", Tolerance()),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,15 +111,23 @@ class Wanted:
         presets = PRESETS if self.preset is None else (self.preset,)
         for preset in presets:
             for texture in self.textures(preset):
-                for sampling in (Tolerance(), "grid") if preset == "paper" else ("grid", Tolerance()):
+                for sampling in _SAMPLINGS[preset]:
                     if preset == self.preset == "released" and sampling != "grid":
                         continue
                     try:
-                        block = Block.of(texture, preset, sampling=sampling, table=self._table)
+                        block = _known(texture, preset, sampling, self._table, 1.0)
                         scale = self.scale or scale_of(block, sides_mm)
-                        yield block if scale == 1.0 else dataclasses.replace(block, scale=scale)
+                        yield _known(texture, preset, sampling, self._table, scale)
                     except InputError:
                         continue
+
+
+@functools.lru_cache(maxsize=128)
+def _known(
+    texture: Texture, preset: str, sampling: Tolerance | Literal["grid"], table: BlockTable | None, scale: float
+) -> Block:
+    """The block of a preset at a scale; kept, because proving its extremes takes most of an examination's time."""
+    return Block.of(texture, preset, sampling=sampling, table=table, scale=scale)
 
 
 def stretch_of(block: Block, look: Look, placement: Placement) -> tuple[float, float, float]:

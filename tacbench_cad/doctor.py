@@ -202,8 +202,9 @@ def import_findings(before: Sequence[Finding]) -> list[Finding]:
             except TacbenchError as error:
                 reason = str(error)
             if reason is not None:
-                again = f"pip install --force-reinstall --no-deps {package.distribution}=={package.version}"
-                repair = repairs[0] if package.extra == "cad" and repairs else again
+                repair = f"pip install --force-reinstall {package.distribution}=={package.version}"
+                if package.extra is not None:
+                    repair = repairs[0] if package.extra == "cad" and repairs else install_command(package.extra)
                 found.append(Finding(name=f"import {package.module}", ok=False, detail=reason, repair=repair))
         if not found:
             detail = f"all {len(wanted)} installed packages load"

@@ -26,6 +26,8 @@ from tacbench_cad.textures import Texture
 
 #: A residual above this share of the relief's own spread means that no texture was found, not that one is wrong.
 UNLIKE = 0.5
+#: Below this share the relief is surely that candidate's, in the placement found.
+SURE = 0.1
 #: The solid's own error, and the kernel's, on top of a tolerance, in mm.
 ROUNDING_MM = 1e-5
 
@@ -142,7 +144,8 @@ def _examine_solid(path: Path, wanted: Wanted) -> Report:
     measured = solidcheck.measure(shape)
     solids = solidcheck.count(shape, "SOLID")
     volume = measured.volume_mm3
-    detail = f"{volume:.6g} mm^3" + ("" if volume > 0.0 else ": inside out or empty")
+    holes = f", {solidcheck.genus(shape)} through holes" if solids == 1 else ""
+    detail = f"{volume:.6g} mm^3{holes}" + ("" if volume > 0.0 else ": inside out or empty")
     checks.append(Check(name="volume", ok=volume > 0.0, detail=detail))
     deviation = None
     if solids == 1:
@@ -162,7 +165,7 @@ def _examine_solid(path: Path, wanted: Wanted) -> Report:
 
 def _identity(look: Look, wanted: Wanted) -> tuple[list[Check], float | None]:
     """What the shape is, and how far it is from that."""
-    match = nearest(look, lambda placement: wanted(look, placement)) if len(look.points) else None
+    match = nearest(look, wanted) if len(look.points) else None
     if match is None or (not look.is_block and wanted.is_open and wanted.claimed is None):
         return [_no_texture(look, match, asked=not wanted.is_open or wanted.claimed is not None)], None
     allowed = _allowed(match.candidate)
@@ -205,14 +208,21 @@ def _allowed(candidate: Candidate) -> float:
 
 def _placement(look: Look, match: Match) -> Check:
     corner = "at the origin" if max(map(abs, look.origin_mm)) <= SIDE_MM else _at(look.origin_mm)
-    turned = f", turned by {90 * match.placement.quarters} degrees about z" if match.placement.quarters else ""
+    sure = _likeness(look, match) <= SURE
+    quarters = match.placement.quarters if sure else 0
+    turned = f", turned by {90 * quarters} degrees about z" if quarters else ""
     faults = []
     if look.upside_down:
         faults.append("upside down: the relief faces down")
-    if match.placement.mirrored:
+    if match.placement.mirrored and sure:
         faults.append("mirrored: the relief is the mirror image")
     detail = "; ".join([*faults, f"lower corner {corner}{turned}"])
     return Check(name="placement", ok=not faults, detail=detail)
+
+
+def _likeness(look: Look, match: Match) -> float:
+    """The residual as a share of the relief's own spread: 0 is the candidate itself, 1 is no likeness at all."""
+    return match.rms_mm / max(float(look.points[:, 2].std()), 1e-12)
 
 
 def _at(place: tuple[float, float, float]) -> str:
@@ -274,9 +284,9 @@ def _sides(look: Look, match: Match) -> list[Check]:
 def _relief(look: Look, match: Match, residual: Residual, wanted: Wanted, allowed: float) -> Check:
     candidate = match.candidate
     name, numbers = _name(candidate), f"{residual.largest_mm:.3g} mm at most, {residual.rms_mm:.3g} mm rms"
-    unlike = match.rms_mm > UNLIKE * float(look.points[:, 2].std())
+    unlike = _likeness(look, match) > UNLIKE
     if residual.above_mm and not unlike:
-        height = f"stands {abs(residual.above_mm):.4g} mm too {'high' if residual.above_mm > 0.0 else 'low'}"
+        height = f"stands {abs(residual.above_mm):.3g} mm too {'high' if residual.above_mm > 0.0 else 'low'}"
         numbers = f"{numbers}, once shifted back: it {height} above the underside"
     if max(abs(one - 1.0) for one in candidate.stretch) > 1e-4:
         numbers = f"{numbers}, once brought back to the wanted size"
@@ -293,8 +303,7 @@ def _other(look: Look, match: Match, wanted: Wanted) -> str:
     """What the surface is nearest to when nothing is asked of it, if that is something else."""
     if wanted.is_open and wanted.claimed is None:
         return ""
-    anything = Wanted()
-    found = nearest(look, lambda placement: anything(look, placement))
+    found = nearest(look, Wanted())
     if found is None or found.rms_mm >= match.rms_mm or _name(found.candidate) == _name(match.candidate):
         return ""
     return f"; the nearest known is {_name(found.candidate)} ({found.rms_mm:.3g} mm rms)"

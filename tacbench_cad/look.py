@@ -96,7 +96,7 @@ def look_at_mesh(mesh: Mesh) -> Look:
         origin_mm=_triple(low),
         size_mm=_triple(size),
         upside_down=upside_down,
-        points=place(relief.points_on(mesh.corners[rest])),
+        points=place(relief.points_on(mesh, rest)),
         is_block=covered and max(shares) >= UNDERSIDE_SHARE,
         outline=place(mesh.vertices[np.unique(mesh.triangles[underside])])[:, :2],
         engraved=bool(pocket.any()),

@@ -15,7 +15,7 @@ from tacbench_cad.mesh import Floats
 from tacbench_cad.waves import WaveSum
 
 #: Points that rank the candidates; the chosen one is then measured at all of them.
-RANKING_POINTS = 2_000
+RANKING_POINTS = 600
 #: A candidate further down the list must be this much nearer to be preferred.
 PREFERENCE = 0.9
 #: Distance from its own sample-grid surface up to which a mesh is that surface: float32 rounding, mm at scale 1.
@@ -200,21 +200,23 @@ class Match:
     rms_mm: float
 
 
-def nearest(look: Look, candidates: Callable[[Placement], Iterable[Candidate]]) -> Match | None:
+def nearest(look: Look, candidates: Callable[[Look, Placement], Iterable[Candidate]]) -> Match | None:
     """The best match of a relief.
 
     Args:
         look: The shape; it must have points.
-        candidates: For a placement (whose turn decides which side is x) the candidates in order of preference.
+        candidates: For the shape and a placement (of which only the sides count: which of them is x) the candidates
+            in order of preference.
 
     Returns:
         The match; None where there is no candidate.
     """
-    step = max(1, len(look.points) // RANKING_POINTS)
-    points = look.points[::step]
+    some = np.random.default_rng(0).choice(len(look.points), min(len(look.points), RANKING_POINTS), replace=False)
+    points = look.points[some]
+    by_sides = [list(candidates(look, placement)) for placement in PLACEMENTS[:2]]
     best: Match | None = None
     for placement in PLACEMENTS:
-        for candidate in candidates(placement):
+        for candidate in by_sides[placement.quarters % 2]:
             rms = candidate.rank(points, look, placement)
             if best is None or rms < PREFERENCE * best.rms_mm - INDIFFERENT_MM:
                 best = Match(candidate, placement, rms)

@@ -22,16 +22,23 @@ Floats = NDArray[np.float64]
 
 #: A surface that would need more poles than this is refused.
 MOST_POLES = 4_000_000
-#: More spans on one piece are not tried: an axis that needs more gets more pieces.
 MOST_SPANS = 64
-LEAST_SPANS = 4
-#: Polynomial degree of the splines along an axis with waves.
+#: Polynomial degree of the splines, along an axis without waves as well.
 DEGREE = 7
-#: Waves of the finest kind on one piece. The kernel's default area and volume take at most 61 points along each axis of
-#: a face: with more waves they leave 1e-4, with fewer everything the kernel does takes longer.
+#: Fewest spans on a piece, also along an axis without waves: the kernel's default volume takes as many points as twice
+#: the spans times (degree + 1) along y, for both axes of a face; with 4 spans it reaches its most.
+LEAST_SPANS = 4
+#: More spans on a piece are not tried: an axis that needs more gets more pieces.
+MOST_SPANS = 64
+#: The most Gauss points that the kernel's default area and volume take along an axis of a face.
+KERNEL_POINTS = 61
+#: Waves of the finest kind on one piece, at most. More leave the kernel's area and volume wrong, fewer make it slow.
 WAVES_PER_PIECE = 6.5
-#: The same where one axis has no or few waves: there the kernel takes fewer points along the other as well.
-WAVES_PER_PIECE_SMOOTH = 2.0
+#: Error of the kernel's area of the top, relative to the area of the block, that is let pass.
+AREA_ERROR = 5e-5
+#: The part of the tolerance that is aimed at: it costs 8 % more poles and halves what the ripple takes off the area.
+AIM = 0.5
+_MOST_PIECES_LOOKED_AT = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +88,8 @@ class Patches:
         if self.profiles_mm is not None:
             along_x, along_y = self.profiles_mm
             return np.asarray(along_x[i][:, None] + along_y[j][None, :], dtype=np.float64)
-        along_x, along_y = self._factors
-        return np.asarray(self.datum_mm + np.imag(along_x[i] @ along_y[j].T), dtype=np.float64)
+        factor_x, factor_y = self._factors
+        return np.asarray(self.datum_mm + np.imag(factor_x[i] @ factor_y[j].T), dtype=np.float64)
 
     def __call__(self, x: Floats, y: Floats) -> Floats:
         """z of the patches at the points (x, y), all in mm; one-dimensional arrays of one length."""
@@ -100,7 +107,7 @@ class Patches:
     @staticmethod
     def _unit(axis: Axis, piece: int, at: Floats) -> Floats:
         low, high = axis.lines[piece], axis.lines[piece + 1]
-        return np.clip((at - low) / (high - low), 0.0, 1.0)
+        return np.asarray(np.clip((at - low) / (high - low), 0.0, 1.0), dtype=np.float64)
 
 
 def patches(block: Block, tolerance_mm: float) -> Patches:
@@ -143,19 +150,17 @@ class _Plan:
     Args:
         pieces: Pieces along x and y outside of the key's square.
         key_pieces: Pieces of either axis within it.
-        degree: Degree along x and y.
         spans: Spans on each piece along x and y.
     """
 
     pieces: tuple[int, int]
     key_pieces: int
-    degree: tuple[int, int]
     spans: tuple[int, int]
 
     @property
     def poles(self) -> int:
         """Poles of the whole surface."""
-        along = [(self.pieces[i] + self.key_pieces) * (self.degree[i] + self.spans[i] - 1) + 1 for i in (0, 1)]
+        along = [(self.pieces[i] + self.key_pieces) * (DEGREE + self.spans[i] - 1) + 1 for i in (0, 1)]
         return along[0] * along[1]
 
     def axes(self, block: Block) -> tuple[Axis, Axis]:
@@ -166,8 +171,8 @@ class _Plan:
         along_y = np.concatenate([steps[:-1], key + _steps(y - key, self.pieces[1])])
         along_x[-1], along_y[-1] = x, y
         return (
-            Axis(along_x, basis(self.degree[0], self.spans[0])),
-            Axis(along_y, basis(self.degree[1], self.spans[1])),
+            Axis(along_x, basis(DEGREE, self.spans[0])),
+            Axis(along_y, basis(DEGREE, self.spans[1])),
         )
 
 
@@ -176,11 +181,11 @@ def _steps(length: float, count: int) -> Floats:
 
 
 def _plan(block: Block, tolerance_mm: float) -> _Plan:
-    """Patches for a tolerance, half of which belongs to each axis."""
+    """Patches for a tolerance; half of what is aimed at belongs to each axis."""
     table = block.surface.table[block.surface.table[:, 0] != 0.0]
     amplitude = np.abs(table[:, 0])
     frequency = (np.abs(table[:, 1]), np.abs(table[:, 2]))
-    share = tolerance_mm / 2.0 * (1.0 - 1e-6)
+    share = AIM * tolerance_mm / 2.0
     finest = [_finest(amplitude, f, share / 4.0) for f in frequency]
     limit = 1024.0 * max(float(f.max()) for f in frequency)
     while max(finest) <= limit:
@@ -193,8 +198,7 @@ def _plan(block: Block, tolerance_mm: float) -> _Plan:
             weight = amplitude * (1.0 + np.array(single))
         along_y = _spans(frequency[1] * _widest(block, 1, pieces, in_key), weight, share)
         if max(along_x, along_y) <= MOST_SPANS:
-            degrees = [DEGREE if np.any(f) else 1 for f in frequency]
-            return _Plan(pieces, in_key, (degrees[0], degrees[1]), (along_x, along_y))
+            return _Plan(pieces, in_key, (along_x, along_y))
         finest = [fine * (2.0 if n > MOST_SPANS else 1.0) for fine, n in zip(finest, (along_x, along_y), strict=True)]
     raise InputError("step-tolerance", tolerance_mm, "is too fine for the rounding of this surface")
 
@@ -210,38 +214,57 @@ def _finest(amplitude: Floats, frequency: Floats, rest: float) -> float:
 def _pieces(block: Block, finest: list[float]) -> tuple[tuple[int, int], int]:
     """Pieces along x and y outside of the key's square, and of either axis within it.
 
-    The kernel's default area takes :data:`KERNEL_POINTS` Gauss points along each axis of a face. Steep waves need
-    more of them than :data:`WAVES_PER_PIECE` leaves; so the pieces are halved until that rule is right.
+    The kernel's default area takes :data:`KERNEL_POINTS` Gauss points along each axis of a face. Where waves are
+    steep, :data:`WAVES_PER_PIECE` on a piece are too many for that, and more pieces are made.
 
     Args:
         block: The block.
         finest: Along x and y the frequency in radians per mm that counts.
     """
-    sides, key = block.size_mm, block.key_mm or 0.0
+    (x, y), key = block.size_mm, block.key_mm or 0.0
     on_piece = WAVES_PER_PIECE
-    while True:
 
-        def count(length: float, axis: int, on_piece: float = on_piece) -> int:
-            return max(1, math.ceil(length * finest[axis] / (2.0 * math.pi * on_piece) - 1e-9))
+    def count(length: float, axis: int) -> int:
+        return max(1, math.ceil(length * finest[axis] / (2.0 * math.pi * on_piece) - 1e-9))
 
-        whole = (count(sides[0], 0), count(sides[1], 1))
-        if on_piece < FEWEST_WAVES_PER_PIECE or max(whole) > MOST_PIECES or _area_error(block, whole) <= AREA_ERROR:
-            break
+    while on_piece > 1.0 and _area_error(block, (count(x, 0), count(y, 1))) > AREA_ERROR:
         on_piece /= 1.25
     in_key = max(count(key, 0), count(key, 1)) if key else 0
-    return (count(sides[0] - key, 0), count(sides[1] - key, 1)), in_key
+    return (count(x - key, 0), count(y - key, 1)), in_key
 
 
 def _area_error(block: Block, pieces: tuple[int, int]) -> float:
-    """Relative error of the top's area by the kernel's rule on these pieces, against twice as many along each axis."""
+    """Error of the top's area by the kernel's rule on so many pieces, against twice as many along each axis.
+
+    Relative to the area of the whole block. Of a large block's top only the corner at the origin is looked at.
+    """
+    amplitude, f, g, phase = block.surface.table.T
     areas = []
     for more in (1, 2):
-        (x, weight_x), (y, weight_y) = (
-            _gauss(side, more * count) for side, count in zip(block.size_mm, pieces, strict=True)
-        )
-        along_x, along_y = block.surface.derivative_grids(x, y)
-        areas.append(float(weight_x @ np.sqrt(1.0 + along_x**2 + along_y**2) @ weight_y))
-    return abs(areas[0] / areas[1] - 1.0)
+        taken = [min(count, _MOST_PIECES_LOOKED_AT) for count in pieces]
+        ends = [side * few / count for side, few, count in zip(block.size_mm, taken, pieces, strict=True)]
+        (x, weight_x), (y, weight_y) = (_gauss(end, more * few) for end, few in zip(ends, taken, strict=True))
+        if block.surface.is_separable:
+            slopes_x = block.surface.along_u(x, 1).astype(np.float32)[:, None]
+            slopes_y = block.surface.along_v(y, 1).astype(np.float32)[None, :]
+        else:
+            turned = np.exp(1j * (np.outer(x, f) + phase)) * amplitude
+            along_y = np.exp(1j * np.outer(g, y))
+            slopes_x = np.real((turned * f) @ along_y).astype(np.float32)
+            slopes_y = np.real((turned * g) @ along_y).astype(np.float32)
+        stretch = np.sqrt(np.float32(1.0) + slopes_x**2 + slopes_y**2)
+        areas.append(float(weight_x @ (stretch @ weight_y.astype(np.float32))))
+    (x_side, y_side), flat = block.size_mm, ends[0] * ends[1]
+    rest = (x_side * y_side + 2.0 * (x_side + y_side) * block.solid_datum_mm) * flat / (x_side * y_side)
+    return abs(areas[0] - areas[1]) / (areas[1] + rest)
+
+
+def _gauss(length: float, pieces: int) -> tuple[Floats, Floats]:
+    """Places and weights of Gauss' rule with :data:`KERNEL_POINTS` points on each piece of [0, length]."""
+    points, weights = np.polynomial.legendre.leggauss(KERNEL_POINTS)
+    width = length / pieces
+    places = (np.arange(pieces)[:, None] + (points + 1.0) / 2.0) * width
+    return places.ravel(), np.tile(weights * width / 2.0, pieces)
 
 
 def _widest(block: Block, axis: int, pieces: tuple[int, int], in_key: int) -> float:

@@ -219,6 +219,9 @@ class _Making:
 
             preview_sheet(items, self._out / PREVIEW_NAME)
             self._result.preview = True
+        elif self._result.preview:
+            (self._out / PREVIEW_NAME).unlink()
+            self._result.preview = False
 
     def _write_manifest(self) -> None:
         """Rows of this run, and of earlier ones whose file is still there unchanged."""

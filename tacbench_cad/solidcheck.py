@@ -82,6 +82,25 @@ def solid_checks(shape: TopoDS_Shape) -> list[Check]:
     return checks
 
 
+def genus(shape: TopoDS_Shape) -> int:
+    """Through holes of one closed solid, by Euler and Poincare: ``V - E + F - (wires - F) = 2 (shells - genus)``.
+
+    Edges without length (a cone's tip) are no edges here; a seam counts once.
+    """
+    from OCP.BRep import BRep_Tool
+    from OCP.TopAbs import TopAbs_ShapeEnum
+    from OCP.TopExp import TopExp
+    from OCP.TopoDS import TopoDS
+    from OCP.TopTools import TopTools_IndexedMapOfShape
+
+    found = TopTools_IndexedMapOfShape()
+    TopExp.MapShapes_s(shape, TopAbs_ShapeEnum.TopAbs_EDGE, found)
+    edges = sum(not BRep_Tool.Degenerated_s(TopoDS.Edge_s(found.FindKey(i))) for i in range(1, found.Size() + 1))
+    faces = count(shape, "FACE")
+    euler = count(shape, "VERTEX") - edges + 2 * faces - count(shape, "WIRE")
+    return count(shape, "SHELL") - euler // 2
+
+
 def measure(shape: TopoDS_Shape) -> Measured:
     """The default volume and bounding box: what a user of the kernel, CadQuery or build123d asks first."""
     from OCP.Bnd import Bnd_Box

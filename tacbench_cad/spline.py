@@ -37,7 +37,7 @@ class Basis:
     """A clamped B-spline basis on [0, 1] with equal spans. Take one from :func:`basis`, which keeps them.
 
     Args:
-        degree: Polynomial degree, at least 3; or 1 with a single span, for what is constant along the axis.
+        degree: Polynomial degree, at least 3.
         spans: Number of spans.
     """
 
@@ -86,14 +86,16 @@ class Basis:
     def nodes(self, count: int) -> Floats:
         """``count`` Chebyshev nodes in each span, ascending, shape (spans * count,)."""
         one = (1.0 - np.cos((np.arange(count) + 0.5) * (math.pi / count))) / 2.0
-        return ((np.arange(self.spans)[:, None] + one) / self.spans).ravel()
+        places: Floats = (np.arange(self.spans)[:, None] + one) / self.spans
+        return places.ravel()
 
     @cached_property
     def _projection(self) -> tuple[Floats, Floats, Floats]:
         """Nodes, basis values there, and the matrix that gives the inner poles from values at the nodes."""
         t = self.nodes(2 * (self.degree + 1))
         values = self.values(t)
-        return t, values, np.linalg.pinv(values[:, 2:-2])
+        solve: Floats = np.linalg.pinv(values[:, 2:-2]).astype(np.float64)
+        return t, values, solve
 
     def poles(self, turn: Floats) -> Complexes:
         """Poles of the spline of ``exp(i turn t)``.
@@ -104,8 +106,6 @@ class Basis:
         Returns:
             Shape (count, n).
         """
-        if self.degree == 1:
-            return np.ones((self.count, len(turn)), dtype=np.complex128)
         end = np.exp(1j * turn)
         step = 1j * turn / (self.degree * self.spans)
         found = np.zeros((self.count, len(turn)), dtype=np.complex128)
@@ -113,6 +113,7 @@ class Basis:
         if self.count > 4:
             t, values, solve = self._projection
             found[2:-2] = solve @ (np.exp(1j * np.outer(t, turn)) - values @ found)
+        found[:, turn == 0.0] = 1.0
         return found
 
     @cached_property
@@ -136,8 +137,9 @@ class Basis:
             turn: Phase that each wave runs through, shape (n,).
             weight: Weights, none negative, shape (n,).
         """
-        if self.degree == 1:
-            return 0.0 if not np.any(weight[turn != 0.0]) else math.inf
+        turn, weight = turn[turn != 0.0], weight[turn != 0.0]
+        if len(turn) == 0:
+            return 0.0
         degree, factor, t, values = self._proof
         with np.errstate(divide="ignore"):
             logarithm = (degree + 1) * np.log(np.abs(turn) / (4.0 * self.spans)) - math.lgamma(degree + 2)

@@ -160,14 +160,12 @@ def _knots(axis: Axis, piece: int) -> tuple[Floats, list[int]]:
 def _joined(axis: Axis) -> tuple[tuple[Floats, list[int]], NDArray[np.bool_]]:
     """Knots of the whole axis with C1 at the joints, how often each counts, and which of all poles stay.
 
-    A joint's own pole is a mean of its neighbours and goes; with degree 1 (an axis without waves) so does the knot.
+    A joint's own pole is a mean of its neighbours and goes.
     """
     degree, spans, count = axis.basis.degree, axis.basis.spans, axis.basis.count
     keep = np.ones((axis.pieces, count), dtype=np.bool_)
     keep[1:, 0] = False
     keep[:-1, -1] = False
-    if degree == 1:
-        return (axis.lines[[0, -1]], [2, 2]), keep.ravel()
     knots = np.concatenate([axis.lines[:1], *(axis.knots_mm(i)[1:] for i in range(axis.pieces))])
     times = np.ones(len(knots), dtype=np.intp)
     times[::spans] = degree - 1

@@ -100,9 +100,13 @@ def _manifold(mesh: Mesh, genus: int) -> list[Check]:
     solidity = meshcheck.solidity(mesh)
     checks = [Check(name="manifold", ok=solidity.status == "NoError", detail=f"manifold3d: {solidity.status}")]
     if solidity.status == "NoError":
-        detail = f"{solidity.genus} through holes" + ("" if solidity.genus == genus else f", {genus} are wanted")
-        checks.append(Check(name="genus", ok=solidity.genus == genus, detail=detail))
+        checks.append(_genus(solidity.genus, genus))
     return checks
+
+
+def _genus(found: int, wanted: int) -> Check:
+    detail = f"{found} through holes" + ("" if found == wanted else f", {wanted} are wanted")
+    return Check(name="genus", ok=found == wanted, detail=detail)
 
 
 def _mesh_box(part: Part, mesh: Mesh) -> Check:
@@ -129,7 +133,7 @@ def _box(low: Floats, high: Floats, size_mm: tuple[float, float, float], allowed
 def _mesh_relief(part: Part, mesh: Mesh, body: Body) -> tuple[list[Check], float | None]:
     """Distance from the formula; of a mesh on a sample grid also from the straight lines between the samples."""
     top = relief.upward(mesh, meshcheck.doubled_normals(mesh))
-    points = relief.points_on(mesh.corners[top])
+    points = relief.points_on(mesh, top)
     check, deviation = _relief(part, body, points, rounding_mm=_FLOAT32 * max(part.size_mm))
     block = part.block
     if block is None or not isinstance(block.sampling, SampleGrid) or len(points) == 0:
@@ -168,6 +172,7 @@ def _verify_solid(part: Part, path: Path) -> Report:
     checks = [
         Check(name="file", ok=True, detail="read back by the kernel"),
         *solidcheck.solid_checks(shape),
+        _genus(solidcheck.genus(shape), part.genus),
         _volume(measured.volume_mm3, body.volume_mm3, allowed),
         _box(measured.low_mm, measured.high_mm, part.size_mm, SOLID_BOX_MM),
     ]

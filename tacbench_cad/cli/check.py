@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tacbench_cad.cli.common import console, given, lengths, number_of, one_line, print_json, table
+from tacbench_cad.cli.common import console, given, lengths, note, number_of, one_line, print_json, table
 from tacbench_cad.errors import InputError, TacbenchError
 
 if TYPE_CHECKING:
@@ -41,16 +41,19 @@ def command(
       tacbench check z3.stl --texture 4 --preset released
       tacbench check block.step --json
     """
+    from tacbench_cad.files import existing_file
     from tacbench_cad.identify import examine
 
     factor = given(number_of, "scale", scale)
+    if factor is not None and not 0.01 <= factor <= 100.0:
+        raise InputError("scale", factor, "must be between 0.01 and 100")
     reports: list[Report] = []
     refusals: list[tuple[Path, TacbenchError]] = []
     for path in files:
         try:
-            reports.append(examine(path, texture=texture, preset=preset, scale=factor))
+            reports.append(examine(existing_file(path), texture=texture, preset=preset, scale=factor))
         except InputError as error:
-            if error.field in ("texture", "preset", "scale"):
+            if error.field in ("texture", "preset"):
                 raise
             refusals.append((path, error))
     if json:
@@ -64,8 +67,8 @@ def command(
     else:
         for report in reports:
             _print(report)
-    for path, refusal in refusals:
-        typer.echo(f"error: {path.name}: {one_line(str(refusal))}", err=True)
+    for _, refusal in refusals:
+        note(f"error: {one_line(str(refusal))}")
     if any(not one.ok for one in reports):
         raise typer.Exit(1)
     if refusals:
@@ -89,4 +92,4 @@ def _print(report: Report) -> None:
         facts.append(f"at most {report.deviation_mm:.3g} mm from the formula")
     faults = len(report.faults)
     verdict = "all checks passed" if report.ok else f"{faults} fault{'' if faults == 1 else 's'}"
-    screen.print("; ".join([*facts, verdict]), soft_wrap=True, markup=False)
+    screen.print("; ".join([*facts, verdict]), soft_wrap=True)

@@ -162,7 +162,7 @@ def one_of(option: str, word: str, allowed: Sequence[str]) -> str:
 
 def print_json(document: dict[str, Any]) -> None:
     """Print one JSON document on the standard output."""
-    typer.echo(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
+    typer.echo(json.dumps(document, indent=2, allow_nan=False))
 
 
 def note(message: str) -> None:
@@ -174,9 +174,9 @@ def console() -> Console:
     """Where tables go: the standard output, wide enough to be searched when it is not a terminal."""
     from rich.console import Console
 
-    if sys.stdout.isatty():
-        return Console(highlight=False)
-    return Console(highlight=False, width=PLAIN_WIDTH)
+    width = None if sys.stdout.isatty() else PLAIN_WIDTH
+    # What is printed comes from files and formulas: its brackets and colons are its own.
+    return Console(width=width, highlight=False, markup=False, emoji=False)
 
 
 def table(title: str, *columns: str, right: Sequence[str] = ()) -> Table:

@@ -49,10 +49,10 @@ def command(
         screen.print(shown)
         for finding in diagnosis.findings:
             verdict = "ok" if finding.ok else "BROKEN"
-            screen.print(f"{verdict}: {finding.name}: {finding.detail}", soft_wrap=True, markup=False)
+            screen.print(f"{verdict}: {finding.name}: {finding.detail}", soft_wrap=True)
             if finding.repair:
-                screen.print(f"  repair: {finding.repair}", soft_wrap=True, markup=False)
+                screen.print(f"  repair: {finding.repair}", soft_wrap=True)
         for extra, how in doctor.left_out_extras().items():
-            screen.print(f"not installed: extra {extra}: {how}", soft_wrap=True, markup=False)
+            screen.print(f"not installed: extra {extra}: {how}", soft_wrap=True)
     if not diagnosis.ok:
         raise typer.Exit(1)

@@ -201,7 +201,7 @@ def _print(result: Result) -> None:
         deviation, triangles = row["deviation_mm"], row["triangles"]
         made.add_row(
             row["file"],
-            lengths(row["size_mm"]),
+            lengths([round(side, 2) for side in row["size_mm"]]),
             "" if triangles is None else f"{triangles:,}",
             "" if deviation is None else f"{deviation:.2g}",
             f"{len(row['checks'])} passed",
@@ -211,9 +211,9 @@ def _print(result: Result) -> None:
     screen = console()
     screen.print(made)
     for left in result.left_out:
-        screen.print(f"left out: {left.what}: {left.reason}", soft_wrap=True, markup=False)
+        screen.print(f"left out: {left.what}: {left.reason}", soft_wrap=True)
     if result.preview:
-        screen.print(f"pictures: {result.out / 'preview.png'}", soft_wrap=True, markup=False)
+        screen.print(f"pictures: {result.out / 'preview.png'}", soft_wrap=True)
 
 
 if TYPE_CHECKING:

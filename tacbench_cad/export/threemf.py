@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import importlib.util
+import io
 import json
 import uuid
 import zipfile
@@ -106,8 +107,8 @@ def write_3mf(part: Part, path: Path) -> None:
     writer = model.QueryWriter("3mf")
     writer.SetStrictModeActive(True)
     writer.SetDecimalPrecision(1)  # its vertices are replaced, so they may be short
-    writer.WriteToFile(str(path))
-    _repack(path, mesh.vertices)
+    # Not WriteToFile: where the disk is full, that ends the whole process.
+    path.write_bytes(_repacked(bytes(writer.WriteToBuffer()), mesh.vertices))
 
 
 def _set_geometry(wrapper: Any, module: Any, thing: Any, mesh: Mesh) -> None:
@@ -126,18 +127,20 @@ def _set_geometry(wrapper: Any, module: Any, thing: Any, mesh: Mesh) -> None:
     )
 
 
-def _repack(path: Path, vertices: Floats) -> None:
-    """Put the exact vertices into the model and pack the container with fixed dates and order."""
-    with zipfile.ZipFile(path) as packed:
+def _repacked(container: bytes, vertices: Floats) -> bytes:
+    """The container with the exact vertices in its model, packed with fixed dates and order."""
+    with zipfile.ZipFile(io.BytesIO(container)) as packed:
         entries = {name: packed.read(name) for name in sorted(packed.namelist())}
     before, _, rest = entries[_MODEL].partition(b"<vertices>")
     _, _, after = rest.partition(b"</vertices>")
     entries[_MODEL] = before + b"<vertices>\n" + _vertex_lines(vertices) + b"\n</vertices>" + after
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as packed:
+    result = io.BytesIO()
+    with zipfile.ZipFile(result, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as packed:
         for name, content in entries.items():
             info = zipfile.ZipInfo(name, date_time=ZIP_DATE)
             info.compress_type, info.create_system, info.external_attr = zipfile.ZIP_DEFLATED, 0, 0
             packed.writestr(info, content, compresslevel=6)
+    return result.getvalue()
 
 
 def _vertex_lines(vertices: Floats) -> bytes:

@@ -220,6 +220,26 @@ def test_an_output_folder_that_runs_full(out: Path, monkeypatch: pytest.MonkeyPa
     assert line.startswith("error: ") and "no space left" in line and str(out) in line
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of POSIX")
+@pytest.mark.parametrize("format_name", ["stl", "3mf", "step"])
+def test_a_file_system_that_takes_only_half_of_a_file(format_name: str, tmp_path: Path) -> None:
+    if format_name != "stl":
+        pytest.importorskip({"3mf": "lib3mf", "step": "OCP"}[format_name])
+    code = (
+        "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n"
+        "from tacbench_cad.cli import main; sys.exit(main())"
+    )
+    argv = ["make", "--parts", "blocks", "--formats", format_name, "--texture", "1", "--out", str(tmp_path)]
+    precious = tmp_path / f"texture-1_paper_x1.{format_name}"
+    precious.write_bytes(b"made before")
+    done = subprocess.run([sys.executable, "-c", code, *argv], capture_output=True, text=True, check=False)
+    assert done.returncode == 2, done.stderr
+    line = done.stderr.splitlines()[-1]
+    assert line.startswith("error: output folder") and "File too large" in line and "Traceback" not in done.stderr
+    assert precious.read_bytes() == b"made before"
+    assert [path.name for path in tmp_path.iterdir()] == [precious.name]
+
+
 def test_a_manifest_that_is_not_ours(tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "manifest.json").write_text('{"name": "a web page"}')
     line = refusal(capsys, "make", *LIGHT, "--texture", "1", "--out", str(tmp_path))

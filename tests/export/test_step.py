@@ -93,7 +93,7 @@ def test_cadquery_and_build123d_import_one_solid(tmp_path: Path) -> None:
     assert theirs.val().Volume() == pytest.approx(part.solid[1].volume_mm3, rel=1e-4)
     solids = build123d.import_step(tmp_path / "a.step").solids()
     assert len(solids) == 1
-    assert solids[0].bounding_box().size.Z == pytest.approx(7.0, abs=1e-3)
+    assert pytest.approx(7.0, abs=1e-3) == solids[0].bounding_box().size.Z
 
 
 def test_kernel_stays_quiet_and_keeps_its_settings(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

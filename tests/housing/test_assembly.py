@@ -1,11 +1,11 @@
-"""Holder, blocks and jig put together: nothing collides, the clearances are as named, the markers are over the presses."""
+"""Holder, blocks and jig put together: nothing collides, clearances are as named, markers are over the presses."""
 
 from __future__ import annotations
 
 import manifold3d
 import numpy as np
 import pytest
-from fixture_measure import block_prism, cylinders, manifold
+from fixture_measure import block_prism, cylinders, manifold, require_sound
 
 from housing.holder import Holder
 from housing.jig import Jig
@@ -135,6 +135,41 @@ def test_a_real_block_of_the_formula_fits() -> None:
     assert block.bounding_box()[5] - holder.size_mm[2] == pytest.approx(1.18, abs=1e-5)
     assert (block ^ manifold(holder.part().mesh[0])).volume() < TOUCHING_MM3
     assert (block ^ manifold(tessellate(jig.solid_in_use()))).volume() < TOUCHING_MM3
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_random_assemblies(seed: int) -> None:
+    _random_assembly(seed)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(3, 63))
+def test_many_random_assemblies(seed: int) -> None:
+    _random_assembly(seed)
+
+
+def _random_assembly(seed: int) -> None:
+    """Any scale, key, fit, rim, turn and number of slots: sound parts that go together."""
+    rng = np.random.default_rng(seed)
+    scale = round(float(rng.uniform(0.74, 2.5)), 3)
+    key = None if rng.random() < 0.5 else round(float(rng.uniform(1.2, 23.3 * scale / 3.0)), 2)
+    holder = Holder(
+        block=Block.of(1, scale=scale, key_mm=key),
+        fit=round(float(rng.uniform(0.0, 0.3)), 3),
+        rim_mm=round(float(rng.uniform(0.0, 7.0 * scale - 1.0)), 2),
+        slots=int(rng.integers(1, 4)),
+        quarter_turns=int(rng.integers(0, 4)),
+    )
+    jig = Jig(holder=holder)
+    require_sound(holder.part())
+    require_sound(jig.part())
+    plate, seated = manifold(holder.part().mesh[0]), manifold(tessellate(jig.solid_in_use()))
+    assert (plate ^ seated).volume() < TOUCHING_MM3
+    for place in holder.block_placements():
+        block = placed(holder.block, place)
+        assert (plate ^ block).volume() < TOUCHING_MM3
+        assert (seated ^ block).volume() < TOUCHING_MM3
+    _markers_are_over_their_positions(jig)
 
 
 def test_solids_do_not_collide_in_the_kernel_either() -> None:

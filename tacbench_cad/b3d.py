@@ -1,0 +1,109 @@
+"""build123d: texture blocks as parts.
+
+    from build123d import BuildPart, GridLocations, Mode, Cylinder
+    from tacbench_cad.b3d import TextureBlock
+
+    with BuildPart() as part:
+        with GridLocations(40, 40, 2, 2):
+            TextureBlock(4, key_mm=3)
+        Cylinder(3, 30, mode=Mode.SUBTRACT)
+
+Importing this module imports build123d.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from build123d import Align, BasePartObject, BuildPart, Face, Location, Mode, RotationLike, Solid
+
+from tacbench_cad import brep
+from tacbench_cad.block import Block
+from tacbench_cad.errors import InputError
+from tacbench_cad.textures import Texture
+
+
+class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not typed for mypy
+    """Part Object: Texture Block
+
+    A block whose top is a texture, within a proved distance of its formula. ``.block`` is its specification.
+
+    Args:
+        texture: A texture, the number or name of one of the six, or a whole :class:`~tacbench_cad.block.Block`; with
+            a block the arguments up to ``copy`` keep their defaults.
+        preset: ``paper`` or ``released``.
+        scale: Multiplies sides, height and mm per unit.
+        size_mm: Sides x, y in mm instead of the preset's.
+        height_mm: Height of the highest point in mm instead of the preset's.
+        mm_per_unit: Millimetres per unit of u, v and height instead of the preset's.
+        key_mm: Leg of the chamfered corner at (x, 0) in mm, or None.
+        label: Engrave texture, preset and scale in the underside.
+        copy: Copy number in the label, or None.
+        tolerance_mm: Greatest vertical distance from the formula, in mm.
+        rotation: Angles to rotate about the axes, in degrees.
+        align: Align MIN, CENTER or MAX of the block's box along x, y and z; None leaves the lower corner of the
+            underside at the origin.
+        mode: Combination mode.
+
+    Raises:
+        InputError: The specification is not allowed, or there is no solid of it; the message says why.
+    """
+
+    _applies_to: ClassVar[list[str]] = [BuildPart._tag]
+
+    def __init__(
+        self,
+        texture: Block | Texture | str | int,
+        preset: str = "paper",
+        scale: float = 1.0,
+        size_mm: tuple[float, float] | None = None,
+        height_mm: float | None = None,
+        mm_per_unit: tuple[float, float, float] | None = None,
+        key_mm: float | None = None,
+        label: bool = False,
+        copy: int | None = None,
+        tolerance_mm: float = brep.TOLERANCE_MM,
+        rotation: RotationLike = (0, 0, 0),
+        align: Align | tuple[Align, Align, Align] | None = (Align.CENTER, Align.CENTER, Align.MIN),
+        mode: Mode = Mode.ADD,
+    ) -> None:
+        options: dict[str, Any] = {
+            "scale": scale,
+            "size_mm": size_mm,
+            "height_mm": height_mm,
+            "mm_per_unit": mm_per_unit,
+            "key_mm": key_mm,
+            "label": label,
+            "copy": copy,
+        }
+        if not isinstance(texture, Block):
+            self.block = Block.of(texture, preset, **options)
+        elif (preset, scale, *list(options.values())[1:]) == ("paper", 1.0, None, None, None, None, False, None):
+            self.block = texture
+        else:
+            raise InputError("texture", texture.name, "is a whole block already; change the block instead")
+        made = Solid(brep.solid_block(self.block, tolerance_mm)[0], label=self.block.name)
+        # The box is known: asking the kernel for it, as the base class would, takes a second for a rich texture.
+        if align is not None:
+            each = (align,) * 3 if isinstance(align, Align) else align
+            shares = {Align.NONE: 0.0, Align.MIN: 0.0, Align.CENTER: 0.5, Align.MAX: 1.0}
+            sides = (*self.block.size_mm, self.block.height_mm)
+            made.move(Location(tuple(-shares[one] * side for one, side in zip(each, sides, strict=True))))
+        super().__init__(part=made, rotation=rotation, align=None, mode=mode)
+
+
+def texture_face(block: Block, tolerance_mm: float = brep.TOLERANCE_MM) -> Face:
+    """The textured surface alone, as one build123d face in the block frame.
+
+    ``.area`` of it is not to be relied on: the kernel's default takes 61 points along each axis of a face however rich
+    it is, which gives texture 4 of preset paper an area 9 % too large. ``.bounding_box()`` is right, and so are
+    ``BRepGProp.SurfaceProperties_s(face.wrapped, properties, 1e-3)`` and the areas of the solid's faces.
+
+    Args:
+        block: The block; its key is cut off.
+        tolerance_mm: Greatest vertical distance from the formula, in mm.
+
+    Raises:
+        InputError: There is no solid of this block; the message says why.
+    """
+    return Face(brep.texture_face(block, tolerance_mm))

@@ -1,0 +1,131 @@
+"""``tacbench check``: files found sound, faults named, and the exit codes."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tacbench_cad.cli import main
+
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(scope="module")
+def block(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Texture 3 as an STL file."""
+    folder = tmp_path_factory.mktemp("made")
+    assert main(["make", "--texture", "3", "--formats", "stl", "--parts", "blocks", "--out", str(folder)]) == 0
+    return folder / "texture-3_paper_x1.stl"
+
+
+def triangles(path: Path) -> np.ndarray:
+    """The file's records of 50 bytes, shape (n, 50)."""
+    data = path.read_bytes()
+    return np.frombuffer(data[84:], dtype=np.uint8).reshape(-1, 50).copy()
+
+
+def write(path: Path, records: np.ndarray) -> Path:
+    path.write_bytes(bytes(80) + struct.pack("<I", len(records)) + records.tobytes())
+    return path
+
+
+def test_a_sound_file_passes_and_is_recognised(block: Path, capsys: Capture) -> None:
+    assert main(["check", str(block)]) == 0
+    out = capsys.readouterr().out
+    assert "texture-3" in out and "all checks passed" in out and "FAULT" not in out
+
+
+def test_json_holds_a_report_for_each_file(block: Path, capsys: Capture) -> None:
+    assert main(["check", "--json", str(block), str(block)]) == 0
+    out, err = capsys.readouterr()
+    document = json.loads(out)
+    assert err == "" and document["ok"] is True and document["refused"] == []
+    assert [one["file"] for one in document["files"]] == [block.name] * 2
+    assert document["files"][0]["size_mm"] == pytest.approx([23.3, 30.0, 7.0], abs=1e-5)
+
+
+def test_an_open_edge_is_named_and_ends_with_1(block: Path, tmp_path: Path, capsys: Capture) -> None:
+    path = write(tmp_path / "hole.stl", triangles(block)[1:])
+    assert main(["check", str(path)]) == 1
+    out = capsys.readouterr().out
+    assert "FAULT" in out and "open edge" in out and "fault" in out.splitlines()[-1]
+
+
+def test_the_wrong_texture_is_a_fault_with_its_distance(block: Path, capsys: Capture) -> None:
+    assert main(["check", str(block), "--texture", "2", "--json"]) == 1
+    (report,) = json.loads(capsys.readouterr().out)["files"]
+    faults = [check for check in report["checks"] if not check["ok"]]
+    assert any("mm" in check["detail"] for check in faults)
+
+
+def test_one_bad_file_among_good_ones(block: Path, tmp_path: Path, capsys: Capture) -> None:
+    cut = tmp_path / "cut.stl"
+    cut.write_bytes(block.read_bytes()[:5000])
+    assert main(["check", str(block), str(cut), "--json"]) == 1
+    reports = json.loads(capsys.readouterr().out)["files"]
+    assert [one["ok"] for one in reports] == [True, False]
+
+
+def spoilt(kind: str, good: bytes) -> bytes:
+    nan = bytearray(good)
+    nan[84 + 12 : 84 + 16] = struct.pack("<f", float("nan"))
+    lie = good[:80] + struct.pack("<I", 4_000_000_000) + good[84:]
+    return {"empty": b"", "text": b"a shopping list\n", "nan": bytes(nan), "lie": lie, "half": good[: len(good) // 2]}[
+        kind
+    ]
+
+
+@pytest.mark.parametrize("kind", ["empty", "text", "nan", "lie", "half"])
+@pytest.mark.parametrize("suffix", [".stl", ".3mf", ".step"])
+def test_files_that_are_not_what_they_say(kind: str, suffix: str, block: Path, tmp_path: Path, capsys: Capture) -> None:
+    if suffix != ".stl":
+        pytest.importorskip({".3mf": "lib3mf", ".step": "OCP"}[suffix])
+    path = tmp_path / f"file{suffix}"
+    content = spoilt(kind, block.read_bytes())
+    path.write_bytes(content)
+    assert main(["check", str(path)]) == 1
+    out, err = capsys.readouterr()
+    assert "FAULT" in out and "Traceback" not in out + err
+    assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    ("argv", "needle"),
+    [
+        (["nothing.stl"], "no such file"),
+        (["."], "is a folder"),
+        (["picture.png"], "ending"),
+    ],
+)
+def test_what_is_no_file_to_check_ends_with_2(
+    argv: list[str], needle: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "picture.png").write_bytes(b"png")
+    assert main(["check", *argv]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("error: ") and err.count("\n") == 1 and needle in err
+
+
+@pytest.mark.parametrize(
+    ("options", "needle"),
+    [
+        (["--texture", "9"], "'9'"),
+        (["--preset", "papr"], 'did you mean "paper"'),
+        (["--scale", "big"], "scale = 'big'"),
+        (["--scale", "-1"], "-1"),
+    ],
+)
+def test_wrong_options_end_with_2(options: list[str], needle: str, block: Path, capsys: Capture) -> None:
+    assert main(["check", str(block), *options]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.startswith("error: ") and err.count("\n") == 1 and needle in err
+
+
+def test_no_file_at_all_is_wrong(capsys: Capture) -> None:
+    assert main(["check"]) == 2
+    assert "FILE" in capsys.readouterr().err

@@ -1,0 +1,233 @@
+"""``tacbench make`` from end to end: one shared run with solids and fixtures, and small ones beside it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from tacbench_cad import __version__, making
+from tacbench_cad.cli import main
+from tacbench_cad.cli.common import with_default_values
+from tacbench_cad.report import Check, Report
+
+Capture = pytest.CaptureFixture[str]
+TACBENCH = (sys.executable, "-c", "import sys; from tacbench_cad.cli import main; sys.exit(main())")
+LIGHT = ("--formats", "stl", "--parts", "blocks")
+
+
+class Run(NamedTuple):
+    folder: Path
+    document: dict[str, Any]
+    messages: str
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Textures 1 and 6 with holder and jig in every format, made by a process of its own."""
+    for module in ("build123d", "lib3mf", "matplotlib"):
+        pytest.importorskip(module)
+    folder = tmp_path_factory.mktemp("made") / "new" / "folder"
+    argv = (*TACBENCH, "make", "--texture", "1,6", "--json", "--out", str(folder))
+    done = subprocess.run(argv, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return Run(folder, json.loads(done.stdout), done.stderr)
+
+
+def test_every_part_is_there_in_every_format(made: Run) -> None:
+    parts = ("texture-1_paper_x1", "texture-6_paper_x1", "holder_paper_x1", "jig_paper_x1")
+    files = {f"{part}{suffix}" for part in parts for suffix in (".stl", ".3mf", ".step")}
+    assert {path.name for path in made.folder.iterdir()} == files | {"manifest.json", "preview.png"}
+    assert {row["file"] for row in made.document["files"]} == files
+
+
+def test_the_document_is_the_manifest(made: Run) -> None:
+    written = json.loads((made.folder / "manifest.json").read_text())
+    assert written["files"] == made.document["files"]
+    assert made.document["ok"] is True and made.document["failed"] == [] and made.document["left_out"] == []
+    assert made.document["preview"] == "preview.png" and made.document["version"] == __version__
+
+
+def test_every_row_has_passed_its_checks(made: Run) -> None:
+    for row in made.document["files"]:
+        assert row["checks"] and all(check["ok"] for check in row["checks"]), row["file"]
+        assert row["volume_mm3"] == pytest.approx(row["closed_form_volume_mm3"], rel=1e-4), row["file"]
+        assert row["version"] == __version__
+        assert (row["triangles"] is None) == (row["format"] == "step")
+        assert (row["certificate"] is None) == (row["kind"] != "block")
+        if row["kind"] != "block":
+            assert row["least_wall_mm"] >= 0.4
+
+
+def test_solids_are_within_a_micrometre_and_meshes_within_ten(made: Run) -> None:
+    for row in made.document["files"]:
+        if row["kind"] == "block":
+            limit = 0.001 if row["format"] == "step" else 0.01
+            assert 0.0 < row["deviation_mm"] <= row["certificate"]["distance_mm"] <= limit * (1 + 1e-9)
+
+
+def test_the_manifest_names_no_place_and_no_time(made: Run) -> None:
+    text = (made.folder / "manifest.json").read_text()
+    for word in (str(made.folder.parent), "/tmp", os.uname().nodename, time.strftime("%Y-%m")):
+        assert word not in text
+    assert "unfinished" not in text
+
+
+def test_progress_goes_to_the_standard_error(made: Run) -> None:
+    assert made.messages.count("[12/12]") == 1
+    assert "Traceback" not in made.messages
+
+
+def test_the_picture_sheet_is_a_picture(made: Run) -> None:
+    from PIL import Image
+
+    with Image.open(made.folder / "preview.png") as picture:
+        assert picture.format == "PNG" and min(picture.size) > 300
+        assert len(set(picture.convert("L").resize((64, 64)).get_flattened_data())) > 20
+
+
+def test_the_table_names_part_size_triangles_deviation_and_checks(tmp_path: Path, capsys: Capture) -> None:
+    assert main(["make", *LIGHT, "--texture", "5", "--out", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    for word in (
+        "file",
+        "size (mm)",
+        "triangles",
+        "deviation (mm)",
+        "checks",
+        "texture-5_paper_x1.stl",
+        "23.3 x 30 x 7",
+    ):
+        assert word in out
+    (row,) = json.loads((tmp_path / "manifest.json").read_text())["files"]
+    assert str(row["triangles"]) in out and f"{len(row['checks'])} passed" in out
+
+
+def test_brackets_and_colons_are_printed_as_they_are(tmp_path: Path, capsys: Capture) -> None:
+    folder = tmp_path / "[bold]:smile:"
+    assert main(["make", *LIGHT, "--texture", "1", "--out", str(folder)]) == 0
+    assert "[bold]:smile:" in capsys.readouterr().out
+
+
+def test_what_is_left_out_is_said_and_is_no_failure(tmp_path: Path, capsys: Capture) -> None:
+    pytest.importorskip("OCP")
+    argv = ["make", "--texture", "6", "--preset", "released", "--formats", "stl,step", "--parts", "blocks"]
+    assert main([*argv, "--out", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert "left out: texture-6_released_x1.step: " in out
+    row = json.loads((tmp_path / "manifest.json").read_text())["files"][0]
+    assert row["file"] == "texture-6_released_x1.stl"
+    assert row["grid_to_formula"]["aliases"] is True and row["grid_to_formula"]["vertical_mm"] > 0.5
+
+
+def test_a_failed_check_ends_with_1_and_names_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    def verify(part: object, path: Path, full: bool = False) -> Report:
+        return Report(path=path, checks=(Check(name="closed", ok=False, detail="3 open edges"),))
+
+    monkeypatch.setattr(making, "verify", verify)
+    assert main(["make", *LIGHT, "--texture", "1", "--json", "--out", str(tmp_path)]) == 1
+    out, err = capsys.readouterr()
+    document = json.loads(out)
+    assert document["ok"] is False and document["files"] == []
+    assert document["failed"] == [{"file": "texture-1_paper_x1.stl", "faults": ["closed: 3 open edges"]}]
+    assert "not put in place: texture-1_paper_x1.stl: closed: 3 open edges" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_full_checks_are_more(tmp_path: Path, capsys: Capture) -> None:
+    pytest.importorskip("pymeshlab")
+    counts = []
+    for options in ((), ("--verify", "full")):
+        assert main(["make", *LIGHT, "--texture", "1", "--json", "--out", str(tmp_path), *options]) == 0
+        counts.append(len(json.loads(capsys.readouterr().out)["files"][0]["checks"]))
+    assert counts[1] > counts[0]
+
+
+def test_the_coupon_is_made_when_it_is_asked_for(tmp_path: Path, capsys: Capture) -> None:
+    pytest.importorskip("build123d")
+    assert main(["make", "--parts", "coupon", "--formats", "stl", "--json", "--out", str(tmp_path)]) == 0
+    (row,) = json.loads(capsys.readouterr().out)["files"]
+    assert row["kind"] == "coupon" and (tmp_path / row["file"]).is_file()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_an_interruption_ends_with_130_and_leaves_nothing_unfinished(tmp_path: Path) -> None:
+    pytest.importorskip("OCP")
+    argv = (*TACBENCH, "make", "--texture", "all", "--parts", "blocks", "--out", str(tmp_path))
+    with subprocess.Popen(argv, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if line.startswith("[2/"):
+                process.send_signal(signal.SIGINT)
+                break
+        rest = process.stderr.read()
+        process.wait()
+    assert process.returncode == 130, rest
+    assert "interrupted" in rest and "Traceback" not in rest
+    assert not list(tmp_path.glob(".tacbench*"))
+    listed = {row["file"] for row in json.loads((tmp_path / "manifest.json").read_text())["files"]}
+    assert len(listed) >= 2
+    assert listed <= {path.name for path in tmp_path.iterdir()}
+
+
+@pytest.mark.parametrize(
+    ("typed", "read"),
+    [
+        (["--grid"], ["--grid=default"]),
+        (["--grid", "--key"], ["--grid=default", "--key=default"]),
+        (["--grid", "189x201", "--key", "2.5"], ["--grid", "189x201", "--key", "2.5"]),
+        (["--key", "-1"], ["--key", "-1"]),
+        (["--key", "-o", "x"], ["--key=default", "-o", "x"]),
+        (["--grid=9x9", "--out", "--key"], ["--grid=9x9", "--out", "--key=default"]),
+        (["--key", "--json"], ["--key=default", "--json"]),
+    ],
+)
+def test_options_whose_value_may_be_left_out(typed: list[str], read: list[str]) -> None:
+    assert with_default_values(typed) == read
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        (["--grid", "--key", "--scale", "0.5"], "texture-1_paper_x0.5_key3_grid189x201"),
+        (["--key", "2", "--grid", "40x50"], "texture-1_paper_x1_key2_grid40x50"),
+        (["--size", "40,40", "--grid", "--label"], "texture-1_paper_x1_40x40x7_grid324x268_label"),
+        (["--mm-per-unit", "2,2,1", "--tolerance", "0.05"], "texture-1_paper_x1_mm2x2x1_tol0.05"),
+        (["--height", "6", "--copies", "1"], "texture-1_paper_x1_23.3x30x6_copy01"),
+    ],
+)
+def test_options_reach_the_block(options: list[str], name: str, tmp_path: Path) -> None:
+    assert main(["make", *LIGHT, "--texture", "1", "--out", str(tmp_path), *options]) == 0
+    assert [path.stem for path in tmp_path.glob("*.stl")] == [name]
+
+
+@pytest.mark.parametrize("command", ["make", "check", "textures", "show", "doctor"])
+def test_every_help_has_worked_examples(command: str, capsys: Capture) -> None:
+    assert main([command, "--help"]) == 0
+    out = capsys.readouterr().out
+    assert "Examples:" in out and f"tacbench {command}" in out.split("Examples:")[1]
+
+
+def test_version_and_help(capsys: Capture) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"tacbench {__version__}\n"
+    assert main([]) == 0
+    assert "tacbench make" in capsys.readouterr().out
+
+
+@pytest.mark.long
+def test_the_whole_print_set_with_the_full_checks(tmp_path: Path) -> None:
+    for preset, files in (("paper", 24), ("released", 22)):
+        argv = (*TACBENCH, "make", "--preset", preset, "--verify", "full", "--json", "--out", str(tmp_path / preset))
+        done = subprocess.run(argv, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert len(json.loads(done.stdout)["files"]) == files
