@@ -236,7 +236,7 @@ class Holder(Fixture):
         """Leg of the filled corner of a pocket, in mm: the block's key moved out by the clearance; 0 without a key."""
         if self.block.key_mm is None:
             return 0.0
-        return self.block.key_mm + (2.0 - math.sqrt(2.0)) * clearance_mm(self.fit)
+        return self.block.key_mm - (2.0 - math.sqrt(2.0)) * clearance_mm(self.fit)
 
     def block_placements(self) -> tuple[Placement, ...]:
         """Where the block lies in each slot, in the middle of its clearance."""

@@ -16,7 +16,7 @@ HEIGHT_MM = 2.6
 #: Width of the pen, in mm.
 PEN_MM = 0.4
 #: Between two glyphs of a word, in mm.
-SPACE_MM = 0.7
+SPACE_MM = 0.8
 _UNIT_MM = (HEIGHT_MM - PEN_MM) / UNITS_HIGH
 #: Least wall between two bars of one glyph, which are three units apart, in mm.
 COUNTER_MM = 3.0 * _UNIT_MM - PEN_MM

@@ -30,7 +30,7 @@ NUMERAL_PITCH_MM = (2.8, 3.4)
 #: Length of the leaders that fan out from the ticks to the numerals, in mm: of columns, of rows.
 LEADER_MM = (6.0, 8.0)
 #: Between a leader's end and its numeral, in mm.
-NUMERAL_GAP_MM = 0.8
+NUMERAL_GAP_MM = 1.0
 #: Length of the lines that mark the block's edges x = 0 and y = 0, in mm.
 DATUM_MM = 5.0
 

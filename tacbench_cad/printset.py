@@ -25,6 +25,12 @@ __all__ = ["PREVIEW_NAME", "Failure", "LeftOut", "Plan", "Request", "Result", "b
 #: The picture sheet's file name in the output folder.
 PREVIEW_NAME = "preview.png"
 
+#: From this many triangles on, over all files, meshes are shared out among processes: a second's work.
+SHARED_FROM = 500_000
+
+#: Which formats of a source a job makes.
+Formats = Callable[[Source], tuple[str, ...]]
+
 #: Called with what was just done, how many steps are done, and how many there are.
 Progress = Callable[[str, int, int], None]
 
@@ -140,15 +146,16 @@ class _Making:
     def run(self) -> Result:
         """Make the files, the picture sheet and the manifest."""
         try:
-            slow = self._start_slow()
+            slow, shared = self._start_slow(), self._share_light()
             for source in self._wanted.sources:
-                light = tuple(name for name in source.formats if name != "step")
-                if not source.part.mesh_needs_cad:
-                    self._take(make_files(source.part, light, self._out, self._full))
+                if not source.part.mesh_needs_cad and (source not in shared or shared[source].cancel()):
+                    self._take(make_files(source.part, source.mesh_formats, self._out, self._full))
+                    shared.pop(source, None)
+            self._finish({job: [source] for source, job in shared.items()}, _mesh_formats)
             with_meshes = {job: sources for job, sources in slow.items() if sources[0].part.mesh_needs_cad}
-            self._finish(with_meshes)
+            self._finish(with_meshes, _slow_formats)
             self._preview()  # while the children are still at the solids
-            self._finish({job: sources for job, sources in slow.items() if job not in with_meshes})
+            self._finish({job: sources for job, sources in slow.items() if job not in with_meshes}, _slow_formats)
             if self._result.failures:
                 self._preview()
         finally:
@@ -164,17 +171,25 @@ class _Making:
         jobs: dict[Future[Any], list[Source]] = {}
         fixtures = [source for source in self._wanted.sources if source.part.mesh_needs_cad]
         if fixtures:
-            jobs[self._submit(fixtures, first_child=True)] = fixtures
+            jobs[self._submit(fixtures, _slow_formats, first_child=True)] = fixtures
         solids = [one for one in self._wanted.sources if not one.part.mesh_needs_cad and "step" in one.formats]
         for source in sorted(solids, key=lambda one: -one.effort):
-            jobs[self._submit([source], first_child=False)] = [source]
+            jobs[self._submit([source], _slow_formats)] = [source]
         return jobs
 
-    def _submit(self, sources: Sequence[Source], first_child: bool) -> Future[Any]:
-        orders = tuple((one.maker, one.step_tolerance_mm, _slow_formats(one)) for one in sources)
+    def _share_light(self) -> dict[Source, Future[Any]]:
+        """Offer large meshes to the children as well: they take from the end what this process has not begun."""
+        light = [source for source in self._wanted.sources if not source.part.mesh_needs_cad and source.mesh_formats]
+        triangles = sum(len(source.part.mesh[0].triangles) * len(source.mesh_formats) for source in light)
+        if triangles < SHARED_FROM or len(light) < 2:
+            return {}
+        return {source: self._submit([source], _mesh_formats) for source in reversed(light)}
+
+    def _submit(self, sources: Sequence[Source], formats_of: Formats, first_child: bool = False) -> Future[Any]:
+        orders = tuple((one.maker, one.step_tolerance_mm, formats_of(one)) for one in sources)
         return self._workers.submit(make_in_child, orders, self._out, self._full, first_child=first_child)
 
-    def _finish(self, jobs: dict[Future[Any], list[Source]]) -> None:
+    def _finish(self, jobs: dict[Future[Any], list[Source]], formats_of: Formats) -> None:
         """Take the results of children as they come."""
         for job in as_completed(jobs):
             sources = jobs[job]
@@ -183,7 +198,7 @@ class _Making:
             except TacbenchError as error:
                 if error.exit_code != 1:
                     raise
-                lost = [file_name(source.part, name) for source in sources for name in _slow_formats(source)]
+                lost = [file_name(source.part, name) for source in sources for name in formats_of(source)]
                 self._take([Failure(file=name, faults=(str(error),)) for name in lost])
                 continue
             for source, (made, mesh) in zip(sources, results, strict=True):
@@ -232,5 +247,10 @@ class _Making:
 
 
 def _slow_formats(source: Source) -> tuple[str, ...]:
-    """Those formats of a source that a child makes."""
+    """Those formats of a source that need the kernel."""
     return source.formats if source.part.mesh_needs_cad else tuple(name for name in source.formats if name == "step")
+
+
+def _mesh_formats(source: Source) -> tuple[str, ...]:
+    """Those formats of a block that do not."""
+    return source.mesh_formats

@@ -161,6 +161,11 @@ def _bounds(face: TopoDS_Face) -> tuple[float, float, float, float]:
     return u0, u1, v0, v1
 
 
+def lattice_side(patches: int, points: int = POINTS) -> int:
+    """Points along each side of a face, for so many faces to carry about so many points."""
+    return max(8, round(float(np.sqrt(points / max(patches, 1)))))
+
+
 def points_on(chosen: list[TopoDS_Face], points: int = POINTS) -> Floats:
     """Dense points on faces, their borders included.
 
@@ -178,13 +183,13 @@ def points_on(chosen: list[TopoDS_Face], points: int = POINTS) -> Floats:
     from OCP.gp import gp_Pnt, gp_Pnt2d
     from OCP.TopAbs import TopAbs_State
 
-    side = max(8, round(np.sqrt(points / max(len(chosen), 1))))
+    side = lattice_side(len(chosen), points)
     found: list[tuple[float, float, float]] = []
     point = gp_Pnt()
     for face in chosen:
         surface = BRepAdaptor_Surface(face, True)
         u0, u1, v0, v1 = _bounds(face)
-        whole = _is_rectangle(face)
+        whole = is_rectangle(face)
         classifier = None if whole else BRepTopAdaptor_FClass2d(face, 1e-7)
         for u in np.linspace(u0, u1, side).tolist():
             for v in np.linspace(v0, v1, side).tolist():
@@ -195,7 +200,7 @@ def points_on(chosen: list[TopoDS_Face], points: int = POINTS) -> Floats:
     return np.array(found, dtype=np.float64).reshape(-1, 3)
 
 
-def _is_rectangle(face: TopoDS_Face) -> bool:
+def is_rectangle(face: TopoDS_Face) -> bool:
     """Whether a face fills its parameter rectangle: four edges, and a corner of the rectangle at every vertex."""
     from OCP.BRep import BRep_Tool
     from OCP.TopAbs import TopAbs_ShapeEnum

@@ -55,6 +55,11 @@ class Source:
         return self.part.name
 
     @property
+    def mesh_formats(self) -> tuple[str, ...]:
+        """Its formats without those that hold a solid."""
+        return tuple(name for name in self.formats if name != "step")
+
+    @property
     def effort(self) -> float:
         """Larger for a block whose solid takes longer."""
         if not isinstance(self.maker, Block):

@@ -102,8 +102,9 @@ class Workers:
                 one has imported.
 
         Returns:
-            A future. Its exception is a :class:`RefusedError` for a message meant for the user, the ``OSError`` that
-            the function raised, or a :class:`CheckFailedError` where the child was lost.
+            A future, which can be cancelled until a child takes it. Its exception is a :class:`RefusedError` for a
+            message meant for the user, the ``OSError`` that the function raised, or a :class:`CheckFailedError` where
+            the child was lost.
         """
         future: Future[Any] = Future()
         with self._changed:
@@ -123,6 +124,8 @@ class Workers:
             call = self._next(number)
             if call is None:
                 return
+            if not call.future.set_running_or_notify_cancel():
+                continue
             try:
                 child = child or self._start()
                 call.future.set_result(self._ask(child, call))

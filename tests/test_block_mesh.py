@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from tops import deviations, faults, random_texture, top_triangles
+from tops import deviations, faults, normals, random_texture, top_triangles
 
 from tacbench_cad.block import Block, SampleGrid, Tolerance
 from tacbench_cad.block_mesh import mesh_block
@@ -33,7 +33,7 @@ def closed_to_the_height(block: Block) -> Mesh:
 def hexagonal() -> Texture:
     angles = (0.2, 0.2 + np.pi / 3, 0.2 + 2 * np.pi / 3)
     waves = (Wave(amplitude=0.3, f=float(1.2 * np.cos(a)), g=float(1.2 * np.sin(a)), phase=0.3) for a in angles)
-    return Texture(name="hexagonal", equation="three waves", waves=WaveSum(tuple(waves)))
+    return Texture(name="hex", equation="three waves", waves=WaveSum(tuple(waves)))
 
 
 def vertices_of_top(mesh: Mesh) -> Floats:
@@ -43,7 +43,7 @@ def vertices_of_top(mesh: Mesh) -> Floats:
 @pytest.mark.parametrize("number", SIX)
 @pytest.mark.parametrize(("preset", "scale"), [("paper", 1.0), ("paper", 0.4), ("released", 1.0), ("paper", 2.5)])
 def test_within_a_tolerance(number: int, preset: str, scale: float) -> None:
-    tolerance = 0.03 * scale if number == 4 else 0.01
+    tolerance = {4: 0.05, 6: 0.05}.get(number, 0.01) * scale * (4.0 if preset == "released" else 1.0)
     block = Block.of(number, preset, scale=scale, sampling=Tolerance(mm=tolerance))
     mesh = closed_to_the_height(block)
     distance, _ = deviations(block, mesh, 64 if len(mesh.triangles) < 3000 else 6)
@@ -116,8 +116,7 @@ def test_the_key_cuts_its_corner(texture: int | Texture, key: float, sampling: T
     assert abs(excess.max()) < 1e-5
     assert np.sum(np.abs(excess) < 1e-5) >= 4
     top = top_triangles(mesh)
-    sides = np.cross((top[:, 1] - top[:, 0])[:, :2], (top[:, 2] - top[:, 0])[:, :2])
-    assert sides.sum() / 2.0 == pytest.approx(block.footprint_mm2, rel=1e-6)
+    assert normals(top)[:, 2].sum() / 2.0 == pytest.approx(block.footprint_mm2, rel=1e-6)
     if isinstance(block.sampling, Tolerance):
         assert deviations(block, mesh)[0] <= block.sampling.mm
 
@@ -163,9 +162,8 @@ def test_the_label_is_engraved(key: float | None, sampling: Tolerance | str) -> 
     assert len(ceiling) == sum(len(one) for one in engraving.contours)
     corners = mesh.corners
     flat = corners[np.all(corners[:, :, 2] == np.float32(0.4), axis=1)]
-    sides = np.cross((flat[:, 1] - flat[:, 0])[:, :2], (flat[:, 2] - flat[:, 0])[:, :2])
-    assert np.all(sides < 0.0)
-    assert -sides.sum() / 2.0 == pytest.approx(engraving.area_mm2, rel=1e-9)
+    assert np.all(normals(flat)[:, 2] < 0.0)
+    assert -normals(flat)[:, 2].sum() / 2.0 == pytest.approx(engraving.area_mm2, rel=1e-9)
 
 
 @pytest.mark.parametrize("label", [False, True])

@@ -217,6 +217,20 @@ def test_the_same_request_gives_the_same_bytes(tmp_path: Path) -> None:
     assert str(tmp_path) not in (tmp_path / "a" / "manifest.json").read_text()
 
 
+def test_meshes_shared_out_among_processes_are_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wanted = replace(LIGHT, textures=("1", "2", "3", "5"))
+    alone = build(replace(wanted, out=tmp_path / "alone"))
+    monkeypatch.setattr(printset, "SHARED_FROM", 0)
+    taken: list[str] = []
+    honest = printset.make_files
+    monkeypatch.setattr(printset, "make_files", lambda part, *rest: taken.append(part.name) or honest(part, *rest))
+    shared = build(replace(wanted, out=tmp_path / "shared"))
+    assert shared.rows == alone.rows and len(shared.rows) == 4
+    assert len(set(taken)) == len(taken), "no part may be made twice"
+    for row in alone.rows:
+        assert (tmp_path / "alone" / row["file"]).read_bytes() == (tmp_path / "shared" / row["file"]).read_bytes()
+
+
 def test_a_second_call_replaces_only_what_it_makes(tmp_path: Path) -> None:
     build(replace(LIGHT, textures=("1", "3", "5"), out=tmp_path))
     before = {row["file"]: row for row in read_rows(tmp_path)}

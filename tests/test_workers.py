@@ -110,6 +110,13 @@ def test_closing_ends_a_child_in_the_middle_of_its_work() -> None:
         os.kill(child, 0)
 
 
+def test_a_call_that_no_child_has_taken_can_be_cancelled() -> None:
+    with Workers(1) as workers:
+        workers.submit(sleep)
+        waiting = workers.submit(double, 1)
+        assert waiting.cancel() and waiting.cancelled()
+
+
 def test_the_reason_why_a_module_does_not_import(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "half_a_kernel.py").write_text("raise ImportError('libGL.so.1: cannot open shared object file')")

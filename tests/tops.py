@@ -40,15 +40,19 @@ def faults(mesh: Mesh) -> list[str]:
 
 def areas(mesh: Mesh) -> Floats:
     """Area of each triangle, from its float32 coordinates."""
-    corners = mesh.corners
-    return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2.0
+    return np.linalg.norm(normals(mesh.corners), axis=1) / 2.0
+
+
+def normals(corners: Floats) -> Floats:
+    """Twice the area vector of each triangle, shape (m, 3)."""
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def top_triangles(mesh: Mesh) -> Floats:
     """Corners of the triangles that look up, shape (m, 3, 3): the top, since nothing else of a block does."""
-    corners = mesh.corners
-    sides = np.cross((corners[:, 1] - corners[:, 0])[:, :2], (corners[:, 2] - corners[:, 0])[:, :2])
-    return corners[sides > 0.0]
+    normal = normals(mesh.corners)
+    # the wall along a cut leans by a rounding of its vertices
+    return mesh.corners[normal[:, 2] > 1e-4 * np.linalg.norm(normal, axis=1)]
 
 
 def deviations(block: Block, mesh: Mesh, order: int = 6, seed: int = 0) -> tuple[float, float]:
