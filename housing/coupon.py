@@ -184,7 +184,7 @@ class Coupon(Fixture):
             "named_fits_mm": dict(FITS),
             "stub_mm": list(STUB_MM),
             "pocket_depth_mm": DEPTH_OF_POCKET_MM,
-            "plate_mm": [round(one, 9) for one in self.plate_mm],
+            "plate_mm": list(self.plate_mm),
             "tab_mm": [*TAB_MM, GAP_MM],
             "walls_mm": dict(self.walls_mm),
             "nozzle_mm": self.nozzle_mm,

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 CHORD_MM = 0.005
 #: Share of the volume that the kernel may differ by: rounding.
 KERNEL_SHARE = 1e-8
+#: Decimals of a mm that a manifest gets; what follows is rounding.
+DECIMALS = 9
 
 
 class Fixture(ABC):
@@ -79,11 +81,11 @@ class Fixture(ABC):
             name=self.name,
             kind=self.kind,
             title=self.title,
-            size_mm=self.size_mm,
+            size_mm=tidied(self.size_mm),
             genus=self.genus,
             make_mesh=self._mesh,
             make_solid=self._solid,
-            spec=self.spec(),
+            spec=tidied(self.spec()),
             least_wall_mm=self.least_wall_mm,
             mesh_needs_cad=True,
         )
@@ -100,6 +102,17 @@ class Fixture(ABC):
     def _solid(self) -> tuple[TopoDS_Solid, Body]:
         body = Body(volume_mm3=self.volume_mm3, volume_slack_mm3=KERNEL_SHARE * self.volume_mm3)
         return self.solid(), body
+
+
+def tidied(value: Any) -> Any:
+    """The same with every number rounded to 1e-9, inside of lists and tables too: 7.47, not 7.470000000000001."""
+    if isinstance(value, float):
+        return round(value, DECIMALS)
+    if isinstance(value, dict):
+        return {key: tidied(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(tidied(one) for one in value)
+    return value
 
 
 def report(title: str, lines: Mapping[str, str]) -> str:

@@ -236,7 +236,7 @@ class Holder(Fixture):
         """Leg of the filled corner of a pocket, in mm: the block's key moved out by the clearance; 0 without a key."""
         if self.block.key_mm is None:
             return 0.0
-        return self.block.key_mm - (2.0 - math.sqrt(2.0)) * clearance_mm(self.fit)
+        return self.block.key_mm + (2.0 - math.sqrt(2.0)) * clearance_mm(self.fit)
 
     def block_placements(self) -> tuple[Placement, ...]:
         """Where the block lies in each slot, in the middle of its clearance."""
@@ -385,7 +385,7 @@ class Holder(Fixture):
             "block_size_mm": [*self.block.size_mm, self.block.height_mm],
             "preset": self.preset,
             "fit": self.fit if not self.is_released else "measured",
-            "clearance_per_side_mm": [round(c, 9) for c in self.clearance_mm],
+            "clearance_per_side_mm": list(self.clearance_mm),
             "rim_below_block_top_mm": self.rim_height_mm,
             "slots": self.slots,
             "pocket_size_mm": list(self.pocket_size_mm),
@@ -398,7 +398,7 @@ class Holder(Fixture):
             "least_key_mm": None if self.is_released else least_key_mm(self.block, self.fit),
             "block_admitted_at_deg": list(self.admits_deg),
             "block_placements": [one.as_dict() for one in self.block_placements()],
-            "walls_mm": {name: round(wall, 9) for name, wall in self.walls_mm.items()},
+            "walls_mm": dict(self.walls_mm),
             "nozzle_mm": self.nozzle_mm,
             "print_orientation": "as it lies, pockets upward",
             "notes": notes,

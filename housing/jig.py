@@ -26,7 +26,7 @@ from housing.fits import (
     require_nozzle,
     require_walls,
 )
-from housing.fixture import Fixture, mm, report
+from housing.fixture import Fixture, mm, report, tidied
 from housing.holder import Holder
 from housing.lettering import COUNTER_MM
 from housing.marks import (
@@ -334,7 +334,7 @@ class Jig(Fixture):
         notes = [
             f"rests on the holder's rim alone, {AIR_MM:g} mm above the blocks; the screws' corners are free",
             "push block and jig towards the edges X0 and Y0: both move by their clearance, and each marker lies "
-            f"{mm(*(round(s, 9) for s in self.datum_shift_mm))} (holder x, y) short of its position",
+            f"{mm(*tidied(self.datum_shift_mm))} (holder x, y) short of its position",
             "rows and columns are numbered 1 to 5 from low y and low x",
         ]
         if near:
@@ -352,15 +352,15 @@ class Jig(Fixture):
             "holes_per_block": len(marker.positions),
             "holes_at_mm": [list(bore.at_mm) for bore in self.bores],
             "holes_frame": "holder",
-            "clearance_per_side_mm": [round(c, 9) for c in self.clearance_mm],
-            "datum_shift_mm": [round(s, 9) for s in self.datum_shift_mm],
+            "clearance_per_side_mm": list(self.clearance_mm),
+            "datum_shift_mm": list(self.datum_shift_mm),
             "rest_plane_mm": self.seat.rest_mm,
             "air_over_block_mm": AIR_MM,
-            "recess_depth_mm": round(self.seat.recess_depth_mm, 9),
+            "recess_depth_mm": self.seat.recess_depth_mm,
             "roof_mm": ROOF_MM,
             "lip_mm": [LIP_MM, self.seat.lip_depth_mm],
             "mark_depth_mm": DEPTH_MM,
-            "walls_mm": {name: round(wall, 9) for name, wall in self.walls_mm.items()},
+            "walls_mm": dict(self.walls_mm),
             "nozzle_mm": self.nozzle_mm,
             "print_orientation": "upside down as in the file: marked face on the bed, lips upward; no supports",
             "notes": notes,

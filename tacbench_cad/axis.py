@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.certify import derivatives
+from tacbench_cad.certify import Allowance, derivatives
 from tacbench_cad.tube import fewest_links
 from tacbench_cad.waves import Sines
 
@@ -36,50 +36,52 @@ class Axis:
     peak_mm: float
     peak_height_mm: float
 
-    def links_needed(self, tolerance_mm: float, share: float) -> float:
+    def links_needed(self, allowance: Allowance) -> float:
         """About how many links a fit takes: the integral of ``sqrt(|p''| / (16 w))`` with the tube's half width w."""
-        t, density = self._plan(tolerance_mm, share)
-        return float(np.sum(np.diff(t) * (density[1:] + density[:-1]) / 2.0)) / 4.0
+        t, slope, second, third = self._plan()
+        bend = np.hypot(second, third / (2.0 * self._finest))
+        return float(_integral(t, np.sqrt(bend / allowance.half_width(slope)))[-1]) / 4.0
 
-    def _plan(self, tolerance_mm: float, share: float) -> tuple[Floats, Floats]:
-        """Points along the side and ``sqrt(|p''| / w)`` there, smoothed over the finest wave."""
-        finest = float(np.max(np.abs(self.sines.frequency)))
-        count = int(np.clip(PLAN_PER_RADIAN * finest * self.length_mm, 50, 200_000))
+    @property
+    def _finest(self) -> float:
+        return float(np.max(np.abs(self.sines.frequency)))
+
+    def _plan(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Points along the side and the first three derivatives there."""
+        count = int(np.clip(PLAN_PER_RADIAN * self._finest * self.length_mm, 50, 200_000))
         t = np.linspace(0.0, self.length_mm, count)
         slope, second, third = derivatives(self.sines, t, [1, 2, 3])
-        bend = np.hypot(second, third / (2.0 * finest))
-        return t, np.sqrt(bend / _half_width(slope, tolerance_mm, share))
+        return t, slope, second, third
 
-    def fit(self, tolerance_mm: float, share: float) -> tuple[Floats, Floats]:
-        """Fewest lines with ``|fit - p| <= share tolerance sqrt(1 + p'^2 / share)``.
-
-        Args:
-            tolerance_mm: The whole tolerance.
-            share: This axis's part of it.
+    def fit(self, allowance: Allowance) -> tuple[Floats, Floats]:
+        """The fewest lines with which the fit stays within an allowance.
 
         Returns:
             Lines (float32 values) and heights, each (n,).
         """
-        t = self._samples(tolerance_mm, share)
+        t = self._samples(allowance)
         value, slope, second, third = derivatives(self.sines, t, [0, 1, 2, 3])
-        half = _half_width(slope, tolerance_mm, share)
-        bend = np.abs(second) + tolerance_mm * (second**2 + math.sqrt(share) * np.abs(third))
+        slope, second, third = np.abs(slope), np.abs(second), np.abs(third)
+        whole = allowance.half_width(slope)
         gap = np.diff(t)
         widest = np.maximum(np.append(gap, 0.0), np.append(0.0, gap))
-        half -= bend * widest**2 / 8.0  # what the formula may do between two samples
-        half -= 2.0 * np.spacing(np.float32(self.length_mm)) * np.sqrt(np.abs(second) * half.clip(min=0.0))
-        half = np.maximum(half, 0.25 * _half_width(slope, tolerance_mm, share))
-        peak = self.peak_height_mm
-        low, high = np.minimum(value - half, peak), np.minimum(value + half, peak)
-        low[np.searchsorted(t, self.peak_mm)] = peak
+        # what formula and tube may do between two samples, and what the rounding of a vertex's place may do
+        half = whole - (second + allowance.bend(slope, slope, second, third)) * widest**2 / 8.0
+        half -= 2.0 * np.spacing(np.float32(self.length_mm)) * np.sqrt(second * whole)
+        half = np.maximum(half, 0.25 * whole)
+        low = np.minimum(value - half, self.peak_height_mm)
+        high = np.minimum(value + half, self.peak_height_mm)
+        low[np.searchsorted(t, self.peak_mm)] = self.peak_height_mm
         at, height = fewest_links(t, low, high)
-        return _rounded(at, height, peak)
+        return _rounded(at, height, self.peak_height_mm)
 
-    def _samples(self, tolerance_mm: float, share: float) -> Floats:
-        """Samples at equal steps of the planned density, the place of the peak among them."""
-        t, density = self._plan(tolerance_mm, share)
-        per_mm = density * (SAMPLES_PER_LINK / 4.0) + 1e-9
-        total = np.append(0.0, np.cumsum(np.diff(t) * (per_mm[1:] + per_mm[:-1]) / 2.0))
+    def _samples(self, allowance: Allowance) -> Floats:
+        """Samples that leave the same share of the tube between them, the place of the peak among them."""
+        t, slope, second, third = self._plan()
+        slope, second, third = np.abs(slope), np.abs(second), np.abs(third)
+        bend = np.hypot(second, third / (2.0 * self._finest)) + allowance.bend(slope, slope, second, third)
+        density = np.sqrt(bend / allowance.half_width(slope)) * (SAMPLES_PER_LINK / 4.0) + 1e-9
+        total = _integral(t, density)
         count = max(16, math.ceil(total[-1]))
         samples = np.interp(np.linspace(0.0, total[-1], count), total, t)
         near = np.abs(samples - self.peak_mm) < 1e-9 * self.length_mm
@@ -90,8 +92,9 @@ class Axis:
         return np.insert(samples, np.searchsorted(samples, self.peak_mm), self.peak_mm)
 
 
-def _half_width(slope: Floats, tolerance_mm: float, share: float) -> Floats:
-    return np.asarray(share * tolerance_mm * np.sqrt(1.0 + slope**2 / share))
+def _integral(t: Floats, density: Floats) -> Floats:
+    """Running integral by the trapezoid rule, from 0; shape of ``t``."""
+    return np.append(0.0, np.cumsum(np.diff(t) * (density[1:] + density[:-1]) / 2.0))
 
 
 def _rounded(at: Floats, height: Floats, peak: float) -> tuple[Floats, Floats]:

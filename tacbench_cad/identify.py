@@ -183,7 +183,11 @@ def _identity(look: Look, wanted: Wanted) -> tuple[list[Check], float | None]:
 
 
 def _no_texture(look: Look, match: Match | None, asked: bool) -> Check:
+    """A fixture, which is no fault unless a texture was asked for; or a relief at a size that no block can have."""
     size = " x ".join(f"{side:.6g}" for side in look.size_mm)
+    if look.is_block and match is None:
+        detail = f"a relief over {size} mm, a size at which no texture makes a block; is its unit the millimetre?"
+        return Check(name="texture", ok=False, detail=detail)
     near = ""
     if match is not None:
         near = f"; the nearest is {_name(match.candidate)}, {match.rms_mm:.3g} mm rms from it"

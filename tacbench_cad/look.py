@@ -91,7 +91,7 @@ def look_at_mesh(mesh: Mesh) -> Look:
     level = rest & (np.ptp(height, axis=1) <= PLANE_MM * 1e-3)
     area, level_area = float(normals[rest, 2].sum()), float(normals[level, 2].sum())
     covered = area / 2.0 / footprint > LEVEL_SHARE and level_area <= LEVEL_SHARE * area
-    place = _upright(low, size, upside_down)
+    place = _Upright(low, size, upside_down)
     return Look(
         origin_mm=_triple(low),
         size_mm=_triple(size),
@@ -110,7 +110,7 @@ def _triple(values: Floats) -> tuple[float, float, float]:
     return (x, y, z)
 
 
-class _upright:  # noqa: N801 (used as a function)
+class _Upright:
     """Moves file coordinates into the box frame; what lay upside down is turned by half a turn about x."""
 
     def __init__(self, low: Floats, size: Floats, upside_down: bool) -> None:
@@ -149,7 +149,7 @@ def look_at_solid(shape: TopoDS_Shape, low: Floats, high: Floats) -> Look:
     planes = (float(low[2]), float(high[2]))
     shares = [sum(area for z, area in levels if abs(z - plane) <= near) / footprint for plane in planes]
     upside_down = shares[1] >= UNDERSIDE_SHARE > shares[0]
-    place = _upright(low, size, upside_down)
+    place = _Upright(low, size, upside_down)
     vertices, points = place(solidcheck.vertices(shape)), place(solidcheck.points_on(solidcheck.curved(shape)))
     return Look(
         origin_mm=_triple(low),

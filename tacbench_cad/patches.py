@@ -23,6 +23,8 @@ Floats = NDArray[np.float64]
 #: A surface that would need more poles than this is refused.
 MOST_POLES = 4_000_000
 MOST_SPANS = 64
+#: Tolerances below this, ten times the kernel's own, are refused.
+FINEST_TOLERANCE_MM = 1e-6
 #: Polynomial degree of the splines, along an axis without waves as well.
 DEGREE = 7
 #: Fewest spans on a piece, also along an axis without waves: the kernel's default volume takes as many points as twice
@@ -38,7 +40,7 @@ WAVES_PER_PIECE = 6.5
 AREA_ERROR = 5e-5
 #: The part of the tolerance that is aimed at: it costs 8 % more poles and halves what the ripple takes off the area.
 AIM = 0.5
-_MOST_PIECES_LOOKED_AT = 20
+_MOST_PIECES_LOOKED_AT = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +126,8 @@ def patches(block: Block, tolerance_mm: float) -> Patches:
     Raises:
         InputError: The tolerance is not allowed, or needs more than :data:`MOST_POLES` poles.
     """
-    if not (math.isfinite(tolerance_mm) and tolerance_mm > 0.0):
-        raise InputError("step-tolerance", tolerance_mm, "must be a positive number of mm")
+    if not (math.isfinite(tolerance_mm) and tolerance_mm >= FINEST_TOLERANCE_MM):
+        raise InputError("step-tolerance", tolerance_mm, f"must be at least {FINEST_TOLERANCE_MM:g} mm")
     plan = _plan(block, tolerance_mm)
     if plan.poles > MOST_POLES:
         raise InputError("step-tolerance", tolerance_mm, _too_many(block, tolerance_mm, plan.poles))
@@ -181,7 +183,10 @@ def _steps(length: float, count: int) -> Floats:
 
 
 def _plan(block: Block, tolerance_mm: float) -> _Plan:
-    """Patches for a tolerance; half of what is aimed at belongs to each axis."""
+    """Patches for a tolerance; half of what is aimed at belongs to each axis.
+
+    Where even the fewest spans make more than :data:`MOST_POLES` poles, that plan is returned.
+    """
     table = block.surface.table[block.surface.table[:, 0] != 0.0]
     amplitude = np.abs(table[:, 0])
     frequency = (np.abs(table[:, 1]), np.abs(table[:, 2]))
@@ -190,6 +195,9 @@ def _plan(block: Block, tolerance_mm: float) -> _Plan:
     limit = 1024.0 * max(float(f.max()) for f in frequency)
     while max(finest) <= limit:
         pieces, in_key = _pieces(block, finest)
+        least = _Plan(pieces, in_key, (LEAST_SPANS, LEAST_SPANS))
+        if least.poles > MOST_POLES:
+            return least
         along_x = _spans(frequency[0] * _widest(block, 0, pieces, in_key), amplitude, share)
         weight = amplitude
         if along_x <= MOST_SPANS and not block.surface.is_separable:
@@ -290,10 +298,10 @@ def _spans(turn: Floats, weight: Floats, share: float) -> int:
 
     found = step(1.0, float(4.0 / math.pi * (weight @ (turn / math.pi) ** (DEGREE + 1))))
     found = step(found, error(found))
-    while error(found) > share:
+    while (now := error(found)) > share:
         if found == MOST_SPANS:
             return MOST_SPANS + 1
-        found += 1
+        found = max(found + 1, step(found, now))
     while found > LEAST_SPANS and error(found - 1) <= share:
         found -= 1
     return found
@@ -307,15 +315,15 @@ def _bound(surface: WaveSum, x: Axis, y: Axis) -> float:
     single = np.zeros(len(f)) if surface.is_separable else np.array([x.error(f[[k]], one) for k in range(len(f))])
     second = y.error(g, amplitude * (1.0 + single))
     rounding = 4.0 * np.finfo(float).eps * float(amplitude @ (1.0 + np.abs(phase)))
-    return first + second + rounding
+    return float(first + second + rounding)
 
 
 def _too_many(block: Block, tolerance_mm: float, poles: int) -> str:
     """What a solid would need, and the tolerance that would do."""
-    need = f"the solid would need {poles / 1e6:.3g} million poles, {MOST_POLES / 1e6:g} million is the most"
-    coarser = float(f"{tolerance_mm:.1g}")
+    need = f"the solid would need at least {poles / 1e6:.3g} million poles, {MOST_POLES / 1e6:g} million is the most"
+    coarser = tolerance_mm
     while coarser < block.surface.amplitude_sum:
-        coarser = float(f"{coarser * 2.0:.1g}")
+        coarser = float(f"{coarser * 3.0:.1g}")
         if _plan(block, coarser).poles <= MOST_POLES:
             return f"{need}; --step-tolerance {coarser:g} would do"
     return f"{need}; no tolerance would do"

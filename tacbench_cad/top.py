@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tacbench_cad.axis import Axis
 from tacbench_cad.block import Block, SampleGrid
-from tacbench_cad.certify import combine, prove_axis
+from tacbench_cad.certify import Allowance, paired, prove_axis, vertical, within
 from tacbench_cad.certify_cells import CellProof, Cells, grid_derivative
 from tacbench_cad.errors import InputError
 from tacbench_cad.mesh import MOST_TRIANGLES, Certificate
@@ -160,7 +160,10 @@ def _sampled_top(block: Block, grid: SampleGrid) -> Top:
     if surface.is_separable:
         a, b = surface.along_u(x), surface.along_v(y)
         proofs = prove_axis(surface.along_u, lines[0], a), prove_axis(surface.along_v, lines[1], b)
-        return Top(*lines, z, Profiles(a, b), None, combine(*proofs, _rounding_mm(block)))
+        high, rounding = vertical(*proofs), _rounding_mm(block)
+        distance = min(paired(*proofs), high)
+        certificate = Certificate(distance_mm=distance + rounding, vertical_mm=high + rounding)
+        return Top(*lines, z, Profiles(a, b), None, certificate)
     proof = Cells(surface, *lines).prove(z - datum, rising=False)
     return Top(*lines, z, None, None, _cells_certificate(block, proof, z, excess))
 
@@ -168,17 +171,21 @@ def _sampled_top(block: Block, grid: SampleGrid) -> Top:
 def _fitted_top(block: Block, tolerance: float) -> Top:
     p, q = _axes(block)
     rounding = _rounding_mm(block)
-    shares = _shares(p, q)
+    share = _share(p, q)
     budget = tolerance - rounding
-    _refuse_fine(tolerance, *(_lines_needed(axis, budget, part) for axis, part in ((p, shares), (q, 1.0 - shares))))
+    shares = (share, 1.0 - share)
+    _refuse_fine(tolerance, *(_lines_needed(axis, budget, part) for axis, part in zip((p, q), shares, strict=True)))
+    aim = budget
     while True:
-        x, a = _fit(p, budget, shares)
-        y, b = _fit(q, budget, 1.0 - shares)
-        proofs = prove_axis(p.sines, x, a), prove_axis(q.sines, y, b)
-        certificate = combine(*proofs, rounding, shares, 2.0 * tolerance)
-        if certificate.distance_mm <= tolerance:
+        (x, a), (y, b) = (_fit(axis, aim, part) for axis, part in zip((p, q), shares, strict=True))
+        allowed = [Allowance(tolerance_mm=budget, share=part) if part else None for part in shares]
+        proofs = prove_axis(p.sines, x, a, allowed[0]), prove_axis(q.sines, y, b, allowed[1])
+        distance = within(*proofs, budget, share)
+        if distance <= budget:
             break
-        budget *= 0.999 * max(0.5, tolerance / certificate.distance_mm)
+        aim *= 0.9985
+    high = vertical(*proofs)
+    certificate = Certificate(distance_mm=min(distance, high) + rounding, vertical_mm=high + rounding)
     refuse_too_many(triangles_of(len(x), len(y)), "take a coarser one")
     z = block.formula_datum_mm + (a[:, None] + b[None, :])
     highest = (int(np.argmax(a)), int(np.argmax(b)))
@@ -196,21 +203,22 @@ def _axes(block: Block) -> tuple[Axis, Axis]:
     return found[0], found[1]
 
 
-def _shares(p: Axis, q: Axis) -> float:
+def _share(p: Axis, q: Axis) -> float:
+    """The part of the tolerance that x gets."""
     if q.sines.is_constant:
         return 1.0
     return 0.0 if p.sines.is_constant else 0.5
 
 
 def _lines_needed(axis: Axis, tolerance: float, share: float) -> float:
-    return 2.0 if axis.sines.is_constant else axis.links_needed(tolerance, share) + 1.0
+    return 2.0 if axis.sines.is_constant else axis.links_needed(Allowance(tolerance_mm=tolerance, share=share)) + 1.0
 
 
 def _fit(axis: Axis, tolerance: float, share: float) -> tuple[Floats, Floats]:
     if axis.sines.is_constant:
         ends = np.array([0.0, axis.length_mm])
         return ends, axis.sines(ends)
-    return axis.fit(tolerance, share)
+    return axis.fit(Allowance(tolerance_mm=tolerance, share=share))
 
 
 def _refuse_fine(tolerance: float, n: float, m: float) -> None:

@@ -17,10 +17,12 @@ import numpy as np
 import pytest
 from shapes import box_mesh, mesh_part, write_soup
 
+from tacbench_cad.block import Block
+from tacbench_cad.block_part import block_part
 from tacbench_cad.errors import CheckFailedError, InputError, TacbenchError
 from tacbench_cad.export import FORMATS, format_of
 from tacbench_cad.export.step import read_step
-from tacbench_cad.export.stl import read_stl, write_stl
+from tacbench_cad.export.stl import read_stl
 from tacbench_cad.export.threemf import read_3mf, write_3mf
 from tacbench_cad.files import LOCK_NAME, TEMPORARY_PREFIX, locked, replacing, sha256
 from tacbench_cad.identify import examine
@@ -253,11 +255,15 @@ def test_a_full_or_unwritable_folder_is_named(code: int, words: str, tmp_path: P
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
-def test_a_device_that_is_really_full(tmp_path: Path) -> None:
-    (tmp_path / "link.stl").symlink_to("/dev/full")
-    with pytest.raises(InputError, match="full"), replacing(tmp_path / "a.stl"):
-        write_stl(mesh_part(box_mesh()), tmp_path / "link.stl")
-    assert not (tmp_path / "a.stl").exists()
+@pytest.mark.parametrize("form", ["stl", "3mf", "step"])
+def test_a_device_that_is_really_full(form: str, tmp_path: Path) -> None:
+    _need(form)
+    part = block_part(Block.of(2))
+    link = tmp_path / f"link.{form}"
+    link.symlink_to("/dev/full")
+    with pytest.raises(InputError, match="output folder"), replacing(tmp_path / f"a.{form}"):
+        FORMATS[form].write(part, link)
+    assert not (tmp_path / f"a.{form}").exists()
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")

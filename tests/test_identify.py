@@ -172,6 +172,14 @@ def test_a_scaled_file_shows_without_being_told(tmp_path: Path) -> None:
     assert "texture-2, preset paper, scale 1:" in _line(report, "relief").detail
 
 
+def test_a_file_in_metres_is_a_fault(tmp_path: Path) -> None:
+    mesh = changed(_part().mesh[0], lambda vertices: vertices / 1000.0)
+    report = examine(_anonymous(mesh, tmp_path / "a.stl"), full=False)
+    assert not report.ok
+    assert report.size_mm is not None
+    assert report.size_mm[2] < 0.01
+
+
 def test_a_dented_wall_is_found(tmp_path: Path) -> None:
     report = examine(_anonymous(_dent_wall(_part().mesh[0]), tmp_path / "a.stl"), full=False)
     assert _faults(report) & {"sides", "relief"}

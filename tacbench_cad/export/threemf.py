@@ -85,6 +85,7 @@ def write_3mf(part: Part, path: Path) -> None:
 
     Raises:
         MissingToolError: lib3mf is not there.
+        OSError: The file cannot be written.
     """
     wrapper, module = _lib3mf()
     mesh, _ = part.mesh

@@ -57,6 +57,8 @@ def test_default_dimensions() -> None:
     assert holder.name == "holder_paper_x1"
     assert holder.pocket_size_mm == pytest.approx((23.6, 30.3, 5.82), abs=1e-12)
     assert holder.size_mm == pytest.approx((45.6, 52.3, 7.47), abs=1e-12)
+    assert holder.part().size_mm == (45.6, 52.3, 7.47)
+    assert holder.part().spec["pocket_size_mm"] == [23.6, 30.3, 5.82]
     assert holder.rim_height_mm == 1.18
     assert holder.genus == 5
     assert sorted(r for r, _ in cylinders(holder.solid())) == [2.0, 2.0, 2.0, 2.0, 3.0]
