@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.certify import Allowance, derivatives
+from tacbench_cad.certify import SPARE, Allowance, AxisProof, derivatives, prove_axis
+from tacbench_cad.errors import InputError
 from tacbench_cad.tube import fewest_links
 from tacbench_cad.waves import Sines
 
 Floats = NDArray[np.float64]
 
 #: Samples of the tube for each link.
-SAMPLES_PER_LINK = 24
+SAMPLES_PER_LINK = 20
 #: Points for each radian of the finest wave at which the density of samples is planned.
 PLAN_PER_RADIAN = 3.0
 
@@ -53,12 +54,26 @@ class Axis:
         slope, second, third = derivatives(self.sines, t, [1, 2, 3])
         return t, slope, second, third
 
-    def fit(self, allowance: Allowance) -> tuple[Floats, Floats]:
-        """The fewest lines with which the fit stays within an allowance.
+    def fit(self, allowance: Allowance) -> tuple[Floats, Floats, AxisProof]:
+        """The fewest lines with which the fit stays within an allowance, and the proof that it does.
 
         Returns:
-            Lines (float32 values) and heights, each (n,).
+            Lines (float32 values) and heights, each (n,); the proof.
+
+        Raises:
+            InputError: The rounding of the lines' places alone takes up the allowance.
         """
+        aim = allowance
+        while True:
+            at, height = self._fewest(aim)
+            proof = prove_axis(self.sines, at, height, allowance)
+            if proof.used(allowance) <= allowance.tolerance_mm:
+                return at, height, proof
+            aim = replace(aim, tolerance_mm=0.9985 * aim.tolerance_mm)
+            if aim.tolerance_mm < 0.5 * allowance.tolerance_mm:
+                raise InputError("tolerance", allowance.tolerance_mm, "is too fine for lines in single precision")
+
+    def _fewest(self, allowance: Allowance) -> tuple[Floats, Floats]:
         t = self._samples(allowance)
         value, slope, second, third = derivatives(self.sines, t, [0, 1, 2, 3])
         slope, second, third = np.abs(slope), np.abs(second), np.abs(third)
@@ -66,7 +81,7 @@ class Axis:
         gap = np.diff(t)
         widest = np.maximum(np.append(gap, 0.0), np.append(0.0, gap))
         # what formula and tube may do between two samples, and what the rounding of a vertex's place may do
-        half = whole - (second + allowance.bend(slope, slope, second, third)) * widest**2 / 8.0
+        half = (1.0 - SPARE) * whole - (second + allowance.bend(slope, slope, second, third)) * widest**2 / 8.0
         half -= 2.0 * np.spacing(np.float32(self.length_mm)) * np.sqrt(second * whole)
         half = np.maximum(half, 0.25 * whole)
         low = np.minimum(value - half, self.peak_height_mm)

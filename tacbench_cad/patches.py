@@ -26,10 +26,10 @@ MOST_SPANS = 64
 #: Tolerances below this, ten times the kernel's own, are refused.
 FINEST_TOLERANCE_MM = 1e-6
 #: Polynomial degree of the splines, along an axis without waves as well.
-DEGREE = 7
+DEGREE = 5
 #: Fewest spans on a piece, also along an axis without waves: the kernel's default volume takes as many points as twice
-#: the spans times (degree + 1) along y, for both axes of a face; with 4 spans it reaches its most.
-LEAST_SPANS = 4
+#: the spans times (degree + 1) along y, for both axes of a face; with 5 spans that is 60 of at most 61.
+LEAST_SPANS = 5
 #: More spans on a piece are not tried: an axis that needs more gets more pieces.
 MOST_SPANS = 64
 #: The most Gauss points that the kernel's default area and volume take along an axis of a face.
@@ -38,9 +38,12 @@ KERNEL_POINTS = 61
 WAVES_PER_PIECE = 6.5
 #: Error of the kernel's area of the top, relative to the area of the block, that is let pass.
 AREA_ERROR = 5e-5
-#: The part of the tolerance that is aimed at: it costs 8 % more poles and halves what the ripple takes off the area.
+#: The part of the tolerance that is aimed at: it costs a tenth more poles and halves what the ripple takes off the area.
 AIM = 0.5
-_MOST_PIECES_LOOKED_AT = 12
+#: Pieces along an axis that are looked at for that.
+_MOST_PIECES_LOOKED_AT = 14
+#: Waves above which no other tolerance is tried for the sake of a better message.
+_MOST_WAVES_PLANNED = 1500
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,8 +324,10 @@ def _bound(surface: WaveSum, x: Axis, y: Axis) -> float:
 def _too_many(block: Block, tolerance_mm: float, poles: int) -> str:
     """What a solid would need, and the tolerance that would do."""
     need = f"the solid would need at least {poles / 1e6:.3g} million poles, {MOST_POLES / 1e6:g} million is the most"
+    if len(block.surface.waves) > _MOST_WAVES_PLANNED:
+        return f"{need}; use a coarser --step-tolerance"
     coarser = tolerance_mm
-    while coarser < block.surface.amplitude_sum:
+    while coarser < block.relief_mm / 12.0:
         coarser = float(f"{coarser * 3.0:.1g}")
         if _plan(block, coarser).poles <= MOST_POLES:
             return f"{need}; --step-tolerance {coarser:g} would do"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tacbench_cad.axis import Axis
 from tacbench_cad.block import Block, SampleGrid
-from tacbench_cad.certify import Allowance, paired, prove_axis, vertical, within
+from tacbench_cad.certify import Allowance, AxisProof, paired, prove_axis, vertical, within
 from tacbench_cad.certify_cells import CellProof, Cells, grid_derivative
 from tacbench_cad.errors import InputError
 from tacbench_cad.mesh import MOST_TRIANGLES, Certificate
@@ -64,16 +64,21 @@ def triangles_of(n: int, m: int) -> int:
     return 2 * (n - 1) * (m - 1) + 2 * (n + m) + 2
 
 
-def refuse_too_many(needed: float, allowed: str) -> None:
+def refuse_too_many(field: str, value: object, needed: float, advice: str) -> None:
     """Refuse a mesh above :data:`MOST_TRIANGLES`.
+
+    Args:
+        field: What asks for so many.
+        value: Its value.
+        needed: The triangles that it takes.
+        advice: What would do.
 
     Raises:
         InputError: Says how many it would need.
     """
     if needed > MOST_TRIANGLES:
-        field = "grid" if allowed.startswith("grid") else "tolerance"
         raise InputError(
-            field, None, f"the mesh would need {needed:.4g} triangles, {MOST_TRIANGLES:,} at most; {allowed}"
+            field, value, f"the mesh would need {needed:.4g} triangles, {MOST_TRIANGLES:,} at most; {advice}"
         )
 
 
@@ -151,7 +156,8 @@ def _highest_corner(z: Floats) -> Floats:
 
 
 def _sampled_top(block: Block, grid: SampleGrid) -> Top:
-    refuse_too_many(triangles_of(grid.nx, grid.ny), "grid: take fewer samples")
+    size = f"{grid.nx}x{grid.ny}"
+    refuse_too_many("grid", size, triangles_of(grid.nx, grid.ny), "take fewer samples")
     x, y = block.samples_mm
     surface, datum = block.surface, block.datum_mm
     lines = (single(x), single(y))
@@ -175,18 +181,13 @@ def _fitted_top(block: Block, tolerance: float) -> Top:
     budget = tolerance - rounding
     shares = (share, 1.0 - share)
     _refuse_fine(tolerance, *(_lines_needed(axis, budget, part) for axis, part in zip((p, q), shares, strict=True)))
-    aim = budget
-    while True:
-        (x, a), (y, b) = (_fit(axis, aim, part) for axis, part in zip((p, q), shares, strict=True))
-        allowed = [Allowance(tolerance_mm=budget, share=part) if part else None for part in shares]
-        proofs = prove_axis(p.sines, x, a, allowed[0]), prove_axis(q.sines, y, b, allowed[1])
-        distance = within(*proofs, budget, share)
-        if distance <= budget:
-            break
-        aim *= 0.9985
+    x, a, along_x = _fit(p, budget, share)
+    y, b, along_y = _fit(q, budget, 1.0 - share)
+    proofs = along_x, along_y
+    distance = within(*proofs, budget, share)
     high = vertical(*proofs)
     certificate = Certificate(distance_mm=min(distance, high) + rounding, vertical_mm=high + rounding)
-    refuse_too_many(triangles_of(len(x), len(y)), "take a coarser one")
+    refuse_too_many("tolerance", tolerance, triangles_of(len(x), len(y)), "take a coarser one")
     z = block.formula_datum_mm + (a[:, None] + b[None, :])
     highest = (int(np.argmax(a)), int(np.argmax(b)))
     everywhere = np.ones(z.shape, dtype=np.bool_)
@@ -214,10 +215,11 @@ def _lines_needed(axis: Axis, tolerance: float, share: float) -> float:
     return 2.0 if axis.sines.is_constant else axis.links_needed(Allowance(tolerance_mm=tolerance, share=share)) + 1.0
 
 
-def _fit(axis: Axis, tolerance: float, share: float) -> tuple[Floats, Floats]:
+def _fit(axis: Axis, tolerance: float, share: float) -> tuple[Floats, Floats, AxisProof]:
     if axis.sines.is_constant:
         ends = np.array([0.0, axis.length_mm])
-        return ends, axis.sines(ends)
+        height = axis.sines(ends)
+        return ends, height, prove_axis(axis.sines, ends, height)
     return axis.fit(Allowance(tolerance_mm=tolerance, share=share))
 
 
@@ -227,7 +229,7 @@ def _refuse_fine(tolerance: float, n: float, m: float) -> None:
     if needed > 1.1 * MOST_TRIANGLES:
         ratio = needed / MOST_TRIANGLES
         coarser = tolerance * (ratio if min(n, m) > 2.0 else ratio**2)
-        refuse_too_many(needed, f"about {coarser:.2g} mm would do")
+        refuse_too_many("tolerance", tolerance, needed, f"about {coarser:.2g} mm would do")
 
 
 def _interpolated_top(block: Block, tolerance: float) -> Top:
@@ -265,7 +267,8 @@ def _tensor_lines(block: Block, tolerance: float, finer: float) -> tuple[Floats,
     floor = 1e-4 * max(along_x.max(), along_y.max())
     per_x, per_y = (finer * np.sqrt((bend + floor) / (6.0 * tolerance)) for bend in (along_x, along_y))
     needed = triangles_of(math.ceil(float(np.trapezoid(per_x, t))), math.ceil(float(np.trapezoid(per_y, s))))
-    refuse_too_many(needed, f"about {tolerance * needed / MOST_TRIANGLES:.2g} mm would do")
+    coarser = tolerance * needed / MOST_TRIANGLES
+    refuse_too_many("tolerance", tolerance, needed, f"about {coarser:.2g} mm would do")
     at = block.extremes.at_high
     return _lines(t, per_x, at[0]), _lines(s, per_y, at[1])
 

@@ -6,13 +6,12 @@ import pytest
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--long", action="store_true", help="run the full counts that the issues name")
+    parser.addoption("--long", action="store_true", help="run the full counts too (make test-long)")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     if config.getoption("--long"):
         return
-    skip = pytest.mark.skip(reason="full counts: run with --long (make test-long)")
-    for item in items:
-        if "long" in item.keywords:
-            item.add_marker(skip)
+    full = [item for item in items if "long" in item.keywords]
+    config.hook.pytest_deselected(items=full)
+    items[:] = [item for item in items if "long" not in item.keywords]

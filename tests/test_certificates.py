@@ -65,11 +65,10 @@ def test_tight_within_a_tolerance(number: int) -> None:
 
 
 @pytest.mark.parametrize("number", [1, 2, 3, 4, 5, 6])
-@pytest.mark.parametrize("preset", ["paper", "released"])
-def test_tight_on_a_grid(number: int, preset: str) -> None:
-    block = Block.of(number, preset, sampling="grid")
+def test_tight_on_a_grid(number: int) -> None:
+    block = Block.of(number, sampling="grid")
     mesh, certificate = mesh_block(block)
-    distance, vertical = deviations(block, mesh, 6)
+    distance, vertical = deviations(block, mesh, 8, most=6_000_000)
     assert distance <= certificate.distance_mm <= 1.15 * distance
     assert vertical <= certificate.vertical_mm <= 1.10 * vertical
 

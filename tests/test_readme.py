@@ -18,7 +18,9 @@ def blocks(page: Path, language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
 
 
-PYTHON = [pytest.param(page, code, id=f"{page.name}-{i}") for page in PAGES for i, code in enumerate(blocks(page, "python"))]
+PYTHON = [
+    pytest.param(page, code, id=f"{page.name}-{i}") for page in PAGES for i, code in enumerate(blocks(page, "python"))
+]
 
 
 @pytest.mark.parametrize(("page", "code"), PYTHON)

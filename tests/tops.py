@@ -40,7 +40,7 @@ def faults(mesh: Mesh) -> list[str]:
 
 def areas(mesh: Mesh) -> Floats:
     """Area of each triangle, from its float32 coordinates."""
-    return np.linalg.norm(normals(mesh.corners), axis=1) / 2.0
+    return np.asarray(np.linalg.norm(normals(mesh.corners), axis=1) / 2.0)
 
 
 def normals(corners: Floats) -> Floats:
@@ -48,25 +48,34 @@ def normals(corners: Floats) -> Floats:
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
-def top_triangles(mesh: Mesh) -> Floats:
-    """Corners of the triangles that look up, shape (m, 3, 3): the top, since nothing else of a block does."""
-    normal = normals(mesh.corners)
-    # the wall along a cut leans by a rounding of its vertices
-    return mesh.corners[normal[:, 2] > 1e-4 * np.linalg.norm(normal, axis=1)]
+def top_triangles(mesh: Mesh, block: Block) -> Floats:
+    """Corners of the triangles that look up, shape (m, 3, 3): the top, since nothing else of a block does.
+
+    The wall along the key's cut leans by the rounding of its vertices and is told from the top by lying on the cut.
+    """
+    corners = mesh.corners
+    up = normals(corners)[:, 2] > 0.0
+    if block.key_mm is not None:
+        excess = corners[:, :, 0] - corners[:, :, 1] - (block.size_mm[0] - block.key_mm)
+        up &= np.any(np.abs(excess) > 1e-5, axis=1)
+    return corners[up]
 
 
-def deviations(block: Block, mesh: Mesh, order: int = 6, seed: int = 0) -> tuple[float, float]:
+def deviations(block: Block, mesh: Mesh, order: int = 6, seed: int = 0, most: int = 2_000_000) -> tuple[float, float]:
     """Largest distance and largest vertical deviation of the top from the formula.
 
-    Points are a barycentric lattice of every top triangle, its corners and edges included, and four random points.
+    Points are a barycentric lattice of every top triangle, its corners and edges included, and four random points;
+    where that would take more than ``most`` points, of as many triangles as they allow, drawn at random.
     """
-    top = top_triangles(mesh)
+    top = top_triangles(mesh, block)
     i, j = np.meshgrid(np.arange(order + 1), np.arange(order + 1), indexing="ij")
     lattice = np.column_stack([i[i + j <= order], j[i + j <= order]]) / order
     scattered = np.random.default_rng(seed).dirichlet([1.0, 1.0, 1.0], 4)[:, :2]
     shares = np.concatenate([lattice, scattered])
     weights = np.column_stack([shares, 1.0 - shares.sum(axis=1)])
     distance = vertical = 0.0
+    if len(top) * len(weights) > most:
+        top = top[np.random.default_rng(seed).permutation(len(top))[: most // len(weights)]]
     for part in np.array_split(top, max(1, len(top) * len(weights) // 500_000)):
         points = np.einsum("kw,nwc->nkc", weights, part).reshape(-1, 3)
         x, y = points[:, 0], points[:, 1]

@@ -1,0 +1,78 @@
+"""Six STL files within 0.01 mm: ours from formula to renamed files, numpy-stl from ready triangles to saved files.
+
+    python benchmarks/stl_speed.py [--repeats 7] [--tolerance 0.01]
+
+Imports and verification are left out on both sides. Needs the extra ``dev`` (numpy-stl).
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from stl import Mode
+from stl.mesh import Mesh as PeerMesh
+
+from tacbench_cad.block import Block, Tolerance
+from tacbench_cad.block_mesh import mesh_block
+from tacbench_cad.block_part import block_part
+from tacbench_cad.export.stl import write_stl
+from tacbench_cad.files import replacing
+from tacbench_cad.mesh import Floats
+
+SIX = (1, 2, 3, 4, 5, 6)
+#: What ours may take beyond numpy-stl's time, for all six together, in seconds.
+ALLOWANCE_S = 0.3
+
+
+def ours(number: int, tolerance_mm: float, folder: Path) -> None:
+    """One texture: formula, mesh, file, rename. Nothing is kept from run to run."""
+    part = block_part(Block.of(number, sampling=Tolerance(mm=tolerance_mm)))
+    with replacing(folder / f"{part.name}.stl") as temporary:
+        write_stl(part, temporary)
+
+
+def peer(corners: Floats, path: Path) -> None:
+    """numpy-stl as its manual uses it: build from ready vertices, save as binary."""
+    body = PeerMesh(np.zeros(len(corners), dtype=PeerMesh.dtype))
+    body.vectors[:] = corners
+    body.save(str(path), mode=Mode.BINARY)
+
+
+def least(action: Callable[[], None], repeats: int) -> float:
+    """Seconds of the fastest of several runs."""
+    best = np.inf
+    for _ in range(repeats):
+        start = time.perf_counter()
+        action()
+        best = min(best, time.perf_counter() - start)
+    return float(best)
+
+
+def main() -> None:
+    """Print a row for each texture and the sums."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--repeats", type=int, default=7)
+    parser.add_argument("--tolerance", type=float, default=0.01)
+    options = parser.parse_args()
+    print(f"{'texture':8}{'triangles':>10}{'ours, s':>10}{'numpy-stl, s':>14}")
+    totals = np.zeros(2)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for number in SIX:
+            corners = mesh_block(Block.of(number, sampling=Tolerance(mm=options.tolerance)))[0].corners
+            runs = (partial(ours, number, options.tolerance, folder), partial(peer, corners, folder / "peer.stl"))
+            times = np.array([least(run, options.repeats) for run in runs])
+            totals += times
+            print(f"{number:<8}{len(corners):10}{times[0]:10.4f}{times[1]:14.4f}")
+    verdict = "within" if totals[0] <= totals[1] + ALLOWANCE_S else "ABOVE"
+    print(f"{'all':8}{'':10}{totals[0]:10.4f}{totals[1]:14.4f}   {verdict} numpy-stl + {ALLOWANCE_S} s")
+
+
+if __name__ == "__main__":
+    main()
