@@ -1,0 +1,200 @@
+"""The solid of texture 4 within 1 micrometre, against the surface fits of CadQuery and build123d.
+
+    python benchmarks/solid.py [--limit 200] [--quick]
+
+The peers get the paper's 189 x 201 samples of the formula and make one face; each setting runs in a process of its own
+and is ended after ``--limit`` seconds. Ours gets the formula and makes the whole solid, once from nothing (first call)
+and again (fastest of five, caches emptied). Imports are left out on all sides. The error is |z - formula| at the
+surface's own x and y on 1000 x 1000 parameters of the face; for ours also what is proved. ``--quick`` runs one setting
+of each library. Needs the extra ``cad``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import queue
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import IO, Any
+
+SETTINGS: tuple[tuple[float, tuple[float, float, float] | None, int, int], ...] = (
+    (0.01, None, 1, 3),  # the default of both
+    (0.001, None, 1, 3),
+    (0.1, None, 1, 3),
+    (1.0, None, 1, 3),
+    (0.01, None, 3, 8),
+    (1.0, None, 3, 8),
+    (0.01, None, 1, 1),
+    (0.01, (1.0, 1.0, 1.0), 1, 6),
+    (0.1, (1.0, 0.2, 0.05), 1, 8),
+    (1.0, (1.0, 1.0, 1.0), 1, 6),
+)
+#: Settings of a quick run.
+QUICK = 1
+#: Seconds for imports before and for measuring after a fit; neither is in its time.
+PATIENCE_S = 300.0
+OURS_DENSE = 2000
+
+
+@dataclass(frozen=True)
+class Result:
+    """One row: seconds and worst and root-mean-square distance in mm; None where there is none, with the reason."""
+
+    name: str
+    seconds: float | None = None
+    worst_mm: float | None = None
+    rms_mm: float | None = None
+    note: str = ""
+
+    def row(self) -> str:
+        """The row as text."""
+        seconds = "-" if self.seconds is None else f"{self.seconds:.3f}"
+        worst = "-" if self.worst_mm is None else f"{self.worst_mm:.3g}"
+        rms = "-" if self.rms_mm is None else f"{self.rms_mm:.3g}"
+        return f"{self.name:<58}{seconds:>10}{worst:>12}{rms:>12}  {self.note}"
+
+
+def _lines(stream: IO[str]) -> queue.Queue[dict[str, Any] | None]:
+    """The child's lines as they come, then None."""
+    found: queue.Queue[dict[str, Any] | None] = queue.Queue()
+
+    def pump() -> None:
+        for line in stream:
+            if line.startswith("{"):
+                found.put(json.loads(line))
+        found.put(None)
+
+    threading.Thread(target=pump, daemon=True).start()
+    return found
+
+
+def peer(library: str, setting: tuple[float, tuple[float, float, float] | None, int, int], limit_s: float) -> Result:
+    """One fit of a library in a child process, ended after the limit."""
+    tol, smoothing, low, high = setting
+    name = f"{library} tol={tol:g} smoothing={smoothing} minDeg={low} maxDeg={high}"
+    options = json.dumps({"tol": tol, "smoothing": smoothing, "min": low, "max": high})
+    script = Path(__file__).with_name("solid_peers.py")
+    child = subprocess.Popen(
+        [sys.executable, str(script), library, options], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    assert child.stdout is not None
+    lines = _lines(child.stdout)
+    result = Result(name)
+    try:
+        for wait in (PATIENCE_S, limit_s, PATIENCE_S):
+            facts = lines.get(timeout=wait)
+            if facts is None:
+                return replace(result, note=f"ended with exit code {child.wait()}")
+            if facts["state"] == "failed":
+                return replace(result, note=f"failed after {facts['seconds']:.1f} s: {facts['error'][:60]}")
+            if facts["state"] == "fitted":
+                result = replace(result, seconds=facts["seconds"])
+            if facts["state"] == "measured":
+                poles = f"{facts['poles'][0]} x {facts['poles'][1]} poles"
+                result = replace(result, worst_mm=facts["worst_mm"], rms_mm=facts["rms_mm"], note=poles)
+    except queue.Empty:
+        done = "not done" if result.seconds is None else "not measured"
+        return replace(result, note=f"{done} after {limit_s if result.seconds is None else PATIENCE_S:g} s, ended")
+    finally:
+        child.kill()
+        child.wait()
+    return result
+
+
+def ours() -> list[Result]:
+    """Our solid: the first call, and the fastest of five more with caches emptied."""
+    import cadquery  # noqa: F401  (imports are not part of the time)
+    from OCP.BRep import BRep_Tool
+    from solid_peers import off_the_formula
+
+    from tacbench_cad import brep, brep_build, spline  # noqa: F401
+    from tacbench_cad.block import Block
+    from tacbench_cad.patches import patches
+
+    def build() -> tuple[float, Any]:
+        block = Block.of(4)
+        start = time.perf_counter()
+        _, certificate = brep.solid_block(block, 0.001)
+        return time.perf_counter() - start, certificate
+
+    first, certificate = build()
+    again = []
+    for _ in range(5):
+        brep._solid.cache_clear()
+        spline.basis.cache_clear()
+        again.append(build()[0])
+    block = Block.of(4)
+    worst, rms = off_the_formula(BRep_Tool.Surface_s(brep.texture_face(block)), block, OURS_DENSE)
+    relief = patches(block, 0.001)
+    note = f"proved {certificate.vertical_mm:.3g}; {relief.x.pieces} x {relief.y.pieces} patches"
+    return [
+        Result("ours, whole solid, first call", first, worst, rms, note),
+        Result("ours, whole solid, fastest of five", min(again), worst, rms),
+    ]
+
+
+def print_patches() -> None:
+    """Patches, degree, poles and the size of the STEP file of every texture that has one."""
+    from tacbench_cad.block import Block
+    from tacbench_cad.brep import solid_block, solid_refusal
+    from tacbench_cad.export.step import write_shape
+    from tacbench_cad.patches import patches
+
+    print(
+        f"\n{'texture':<24}{'patches':>10}{'degree':>8}{'spans each':>12}{'poles':>10}{'proved mm':>12}{'STEP MB':>10}"
+    )
+    for preset in ("paper", "released"):
+        for number in range(1, 7):
+            block = Block.of(number, preset)
+            if solid_refusal(block) is not None:
+                print(f"{block.name:<24}{'none: the grid aliases the formula':>40}")
+                continue
+            relief = patches(block, 0.001)
+            with tempfile.TemporaryDirectory() as folder:
+                path = Path(folder) / "block.step"
+                write_shape(solid_block(block)[0], block.name, block.name, path)
+                size = path.stat().st_size / 1e6
+            print(
+                f"{block.name:<24}{f'{relief.x.pieces} x {relief.y.pieces}':>10}{relief.x.basis.degree:>8}"
+                f"{f'{relief.x.basis.spans} x {relief.y.basis.spans}':>12}{relief.pole_count:>10}"
+                f"{relief.certificate.vertical_mm:>12.2g}{size:>10.2f}"
+            )
+
+
+def main() -> None:
+    """Print a row for each setting, then the ratios."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--limit", type=float, default=200.0, metavar="S", help="seconds that one fit may take")
+    parser.add_argument("--quick", action="store_true", help=f"{QUICK} setting of each library only")
+    arguments = parser.parse_args()
+    print(f"{'texture 4, preset paper':<58}{'seconds':>10}{'worst mm':>12}{'rms mm':>12}")
+    mine = ours()
+    for row in mine:
+        print(row.row(), flush=True)
+    peers = []
+    for library in ("cadquery", "build123d"):
+        for setting in SETTINGS[: QUICK if arguments.quick else None]:
+            peers.append(peer(library, setting, arguments.limit))
+            print(peers[-1].row(), flush=True)
+    done = [row for row in peers if row.seconds is not None and row.worst_mm is not None]
+    if done:
+        fastest = min(row.seconds for row in done if row.seconds is not None)
+        closest = min(row.worst_mm for row in done if row.worst_mm is not None)
+        assert mine[0].seconds is not None and mine[0].worst_mm is not None
+        print(
+            f"\nour first call against the fastest of theirs ({fastest:.3g} s): {fastest / mine[0].seconds:.0f} times faster"
+        )
+        print(
+            f"our worst distance against the closest of theirs ({closest:.3g} mm): {closest / mine[0].worst_mm:.0f} times closer"
+        )
+    print_patches()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,97 @@
+"""CadQuery: the block in a chain, cut, and what it measures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import cadquery as cq
+import pytest
+from solid_reference import block_area_mm2, hole_mm3
+
+from tacbench_cad import brep
+from tacbench_cad import cq as plugin
+from tacbench_cad.block import Block
+
+BLOCK = Block.of(2, key_mm=3.0)
+VOLUME = BLOCK.volume_mm3(BLOCK.solid_datum_mm)
+
+
+@pytest.fixture
+def registered() -> Iterator[None]:
+    plugin.register()
+    yield
+    del cq.Workplane.textureBlock
+
+
+def test_solid_measures_right() -> None:
+    block = Block.of(1)
+    solid = plugin.solid(block)
+    assert solid.isValid()
+    assert solid.ShapeType() == "Solid"
+    assert solid.Volume() == pytest.approx(block.volume_mm3(block.solid_datum_mm), rel=1e-5)
+    assert solid.Area() == pytest.approx(block_area_mm2(block), rel=1e-4)
+    box = solid.BoundingBox()
+    sides = (box.xmin, box.xmax, box.ymin, box.ymax, box.zmin, box.zmax)
+    assert sides == pytest.approx((0, 23.3, 0, 30, 0, 7), abs=1e-3)
+
+
+def test_eachpoint_puts_one_at_every_point() -> None:
+    chain = cq.Workplane().rarray(40, 50, 2, 2).eachpoint(plugin.texture_block(BLOCK))
+    assert len(chain.vals()) == 4
+    corners = sorted((round(s.BoundingBox().xmin), round(s.BoundingBox().ymin)) for s in chain.vals())
+    assert corners == [(-20, -25), (-20, 25), (20, -25), (20, 25)]
+    assert sum(s.Volume() for s in chain.vals()) == pytest.approx(4 * VOLUME, rel=1e-5)
+
+
+def test_invoke_puts_one_at_every_point_in_the_workplanes_axes() -> None:
+    chain = cq.Workplane("XZ", origin=(0, 10, 0)).pushPoints([(0, 0), (30, 0)]).invoke(plugin.texture_block(BLOCK))
+    assert len(chain.vals()) == 2
+    box = chain.vals()[1].BoundingBox()
+    assert (box.xmin, box.ymin, box.ymax, box.zmin, box.zmax) == pytest.approx((30, 3, 10, 0, 30), abs=1e-3)
+
+
+def test_eachpoint_can_combine() -> None:
+    plate = (
+        cq.Workplane().box(60, 60, 4, centered=(True, True, False)).faces(">Z").workplane(centerOption="CenterOfMass")
+    )
+    made = plate.eachpoint(plugin.texture_block(BLOCK), useLocalCoordinates=True, combine="a")
+    assert made.solids().size() == 1
+    assert made.val().isValid()
+    assert made.val().Volume() == pytest.approx(60 * 60 * 4 + VOLUME, rel=1e-5)
+
+
+def test_register_is_opt_in() -> None:
+    assert not hasattr(cq.Workplane, "textureBlock")
+
+
+@pytest.mark.usefixtures("registered")
+def test_registered_method_combines_like_box() -> None:
+    plate = (
+        cq.Workplane().box(80, 60, 4, centered=(True, True, False)).faces(">Z").workplane(centerOption="CenterOfMass")
+    )
+    made = plate.rarray(35, 1, 2, 1).textureBlock(BLOCK)
+    assert made.solids().size() == 1
+    assert made.val().isValid()
+    assert made.val().Volume() == pytest.approx(80 * 60 * 4 + 2 * VOLUME, rel=1e-5)
+    apart = cq.Workplane().rarray(35, 1, 2, 1).textureBlock(BLOCK, combine=False)
+    assert len(apart.vals()) == 2
+
+
+def test_a_hole_through_texture_4() -> None:
+    block = Block.of(4)
+    solid = plugin.solid(block)
+    made = cq.Workplane(solid).pushPoints([(11.0, 15.0)]).circle(3.0).cutThruAll()
+    assert made.val().isValid()
+    removed = hole_mm3(block, (11.0, 15.0), 3.0)
+    assert made.val().Volume() == pytest.approx(block.volume_mm3(block.solid_datum_mm) - removed, rel=1e-4)
+
+
+def test_texture_face() -> None:
+    face = plugin.texture_face(Block.of(2))
+    assert isinstance(face, cq.Face)
+    assert face.isValid()
+    assert face.Area() == pytest.approx(872.517, rel=1e-4)
+
+
+def test_the_solid_is_that_of_brep() -> None:
+    assert plugin.solid(BLOCK).wrapped.TShape() == brep.solid_block(BLOCK)[0].TShape()
