@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Processes that the tests are spread over.
 JOBS ?= auto
+# Small matrix products on many threads get in the way of tests side by side.
+export OPENBLAS_NUM_THREADS ?= 1
 
 .PHONY: all test test-long lint docs bench clean system-libraries
 all: $(VENV)/.user

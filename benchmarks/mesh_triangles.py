@@ -20,13 +20,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.block import Block, Tolerance
+from tacbench_cad.block import Block
 from tacbench_cad.block_mesh import mesh_block
-from tacbench_cad.certify import derivatives
-from tacbench_cad.clip import sheet
-from tacbench_cad.closing import close
 from tacbench_cad.mesh import Certificate, Mesh
-from tacbench_cad.top import Top, single
+from tacbench_cad.meshing.certify import derivatives
+from tacbench_cad.meshing.clip import sheet
+from tacbench_cad.meshing.closing import close
+from tacbench_cad.meshing.top import Top, single
+from tacbench_cad.sampling import Tolerance
 from tacbench_cad.waves import Sines
 
 Floats = NDArray[np.float64]

@@ -113,9 +113,9 @@ def ours() -> list[Result]:
     from OCP.BRep import BRep_Tool
     from solid_peers import off_the_formula
 
-    from tacbench_cad import brep, brep_build, spline  # noqa: F401
+    from tacbench_cad import brep, spline
     from tacbench_cad.block import Block
-    from tacbench_cad.patches import patches
+    from tacbench_cad.splines.patches import patches
 
     def build() -> tuple[float, Any]:
         block = Block.of(4)
@@ -144,7 +144,7 @@ def print_patches() -> None:
     from tacbench_cad.block import Block
     from tacbench_cad.brep import solid_block, solid_refusal
     from tacbench_cad.export.step import write_shape
-    from tacbench_cad.patches import patches
+    from tacbench_cad.splines.patches import patches
 
     print(
         f"\n{'texture':<24}{'patches':>10}{'degree':>8}{'spans each':>12}{'poles':>10}{'proved mm':>12}{'STEP MB':>10}"
@@ -188,10 +188,12 @@ def main() -> None:
         closest = min(row.worst_mm for row in done if row.worst_mm is not None)
         assert mine[0].seconds is not None and mine[0].worst_mm is not None
         print(
-            f"\nour first call against the fastest of theirs ({fastest:.3g} s): {fastest / mine[0].seconds:.0f} times faster"
+            f"\nour first call against the fastest of theirs ({fastest:.3g} s): "
+            f"{fastest / mine[0].seconds:.0f} times faster"
         )
         print(
-            f"our worst distance against the closest of theirs ({closest:.3g} mm): {closest / mine[0].worst_mm:.0f} times closer"
+            f"our worst distance against the closest of theirs ({closest:.3g} mm): "
+            f"{closest / mine[0].worst_mm:.0f} times closer"
         )
     print_patches()
 

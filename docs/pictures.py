@@ -25,9 +25,7 @@ def main() -> None:
     blocks = [Block.of(number) for number in range(1, 7)]
     holder = Holder(block=blocks[3])
     fixtures = [holder.part(), Jig(holder=holder).part()]
-    preview_sheet(
-        [(part.name, part.mesh[0]) for part in (*map(block_part, blocks), *fixtures)], IMAGES / "preview.png"
-    )
+    preview_sheet([(part.name, part.mesh[0]) for part in (*map(block_part, blocks), *fixtures)], IMAGES / "preview.png")
     catalogue_picture(blocks, IMAGES / "textures.png")
     for number in (2, 4):
         texture_picture(blocks[number - 1], IMAGES / f"texture-{number}.png")

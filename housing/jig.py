@@ -43,8 +43,8 @@ from housing.marks import (
 )
 from housing.seat import AIR_MM, LIP_MM, ROOF_MM, Seat
 from housing.shapes import Bore, box, one_solid, prism, wrapped
-from tacbench_cad.block import decimal
 from tacbench_cad.errors import InputError, nearest
+from tacbench_cad.naming import decimal
 from tacbench_cad.part import Kind
 from tacbench_cad.protocol import PER_SIDE, PressGrid
 

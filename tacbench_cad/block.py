@@ -7,7 +7,6 @@ at ``height_mm``.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -18,90 +17,26 @@ from numpy.typing import ArrayLike, NDArray
 from tacbench_cad.errors import InputError, nearest
 from tacbench_cad.extremes import Extremes, HalfPlane
 from tacbench_cad.label import LABEL_DEPTH_MM, Engraving, engrave
+from tacbench_cad.naming import decimal
+from tacbench_cad.presets import PRESETS, VALUES, grid_of_same_step, with_table
+from tacbench_cad.sampling import SampleGrid, Tolerance, highest_sample
 from tacbench_cad.textures import BlockTable, Texture
 from tacbench_cad.textures import texture as find_texture
 from tacbench_cad.waves import WaveSum
 
 Floats = NDArray[np.float64]
-Preset = Literal["paper", "released"]
-PRESETS: tuple[str, ...] = ("paper", "released")
 
 #: Thickness that must be left below the lowest valley (and above the label's pockets), in mm.
 LEAST_BASE_MM = 0.8
 #: Sides and heights outside of this range are taken for mistakes, in mm.
 SIZE_RANGE_MM = (0.5, 2000.0)
-#: Default tolerance of a mesh, in mm.
-TOLERANCE_MM = 0.01
 #: The key's default leg, in mm.
 KEY_MM = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tolerance:
-    """The mesh stays within a distance of the formula everywhere.
-
-    Args:
-        mm: The distance in mm.
-    """
-
-    mm: float = TOLERANCE_MM
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.mm) and self.mm > 0.0):
-            raise InputError("tolerance", self.mm, "must be a positive number of mm")
-
-
-@dataclass(frozen=True, kw_only=True)
-class SampleGrid:
-    """The mesh joins samples of the formula by straight lines, as the paper's files do.
-
-    Args:
-        nx: Samples along x, at equal steps from side to side.
-        ny: Samples along y.
-    """
-
-    nx: int
-    ny: int
-
-    def __post_init__(self) -> None:
-        for name in ("nx", "ny"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or not 2 <= value <= 100_000:
-                raise InputError(f"grid {name}", value, "must be a whole number from 2 to 100000")
-
-
-@dataclass(frozen=True, kw_only=True)
-class _PresetValues:
-    size_mm: tuple[float, float]
-    height_mm: float
-    mm_per_unit: tuple[float, float, float]
-    grid: SampleGrid
-    sampling: Tolerance | SampleGrid
-
-
-_PAPER_GRID = SampleGrid(nx=189, ny=201)
-_RELEASED_GRID = SampleGrid(nx=294, ny=301)
-_VALUES = {
-    "paper": _PresetValues(
-        size_mm=(23.3, 30.0),
-        height_mm=7.0,
-        mm_per_unit=(23.3 / (6 * math.pi + 0.5), 30.0 / (6 * math.pi + 1.2), 1.0),
-        grid=_PAPER_GRID,
-        sampling=Tolerance(),
-    ),
-    "released": _PresetValues(
-        size_mm=(29.3, 30.0),
-        height_mm=7.0,
-        mm_per_unit=(1.0, 1.0, 1.0),
-        grid=_RELEASED_GRID,
-        sampling=_RELEASED_GRID,
-    ),
-}
-
-
-@dataclass(frozen=True, kw_only=True)
 class Block:
-    """A texture block. Build one with :meth:`preset`, which knows the presets and the order of the options.
+    """A texture block. Build one with :meth:`of`, which knows the presets and the order of the options.
 
     Args:
         texture: The surface.
@@ -109,9 +44,9 @@ class Block:
         nominal_size_mm: Sides x, y before the scale.
         nominal_height_mm: Height of the highest point before the scale.
         nominal_mm_per_unit: Millimetres per unit of u, v and height before the scale.
+        sampling: How the mesh follows the formula.
         origin_uv: The point (u, v) at the block's corner.
         scale: Multiplies sides, height and mm per unit.
-        sampling: How the mesh follows the formula.
         key_mm: Leg of the chamfered corner at (x, 0), or None.
         label: Whether texture, preset, scale and copy are engraved in the underside.
         copy: Number of this copy, or None.
@@ -125,9 +60,9 @@ class Block:
     nominal_size_mm: tuple[float, float]
     nominal_height_mm: float
     nominal_mm_per_unit: tuple[float, float, float]
+    sampling: Tolerance | SampleGrid
     origin_uv: tuple[float, float] = (0.0, 0.0)
     scale: float = 1.0
-    sampling: Tolerance | SampleGrid = Tolerance()
     key_mm: float | None = None
     label: bool = False
     copy: int | None = None
@@ -170,8 +105,8 @@ class Block:
         if preset not in PRESETS:
             raise InputError("preset", preset, nearest(preset, PRESETS))
         surface = texture if isinstance(texture, Texture) else find_texture(texture, preset)
-        values = _VALUES[preset]
-        start = _from_table(values, table or BlockTable())
+        values = VALUES[preset]
+        start = with_table(values, table or BlockTable())
         if preset == "released" and sampling is None and (mm_per_unit or size_mm or height_mm or start[3]):
             raise InputError(
                 "preset", preset, "with other sides, height or mm per unit it needs --grid or --tolerance as well"
@@ -181,7 +116,7 @@ class Block:
         height = height_mm if height_mm is not None else (table.height_mm if table else None) or values.height_mm
         chosen = sampling if sampling is not None else values.sampling
         if chosen == "grid":
-            chosen = _same_step(values, size, unit)
+            chosen = grid_of_same_step(values, size, unit)
         assert not isinstance(chosen, str)
         return cls(
             texture=surface,
@@ -293,7 +228,7 @@ class Block:
         """z at which the formula's zero lies in the mesh: on a sample grid its highest vertex is at the height."""
         if isinstance(self.sampling, Tolerance):
             return self.formula_datum_mm
-        return self.height_mm - _highest_sample(self.surface, self.samples_mm, self.keep)
+        return self.height_mm - highest_sample(self.surface, self.samples_mm, self.keep)
 
     @property
     def solid_datum_mm(self) -> float:
@@ -372,7 +307,7 @@ class Block:
     @property
     def name(self) -> str:
         """Stem of the file names: texture, preset, scale, then only what is not the preset's default."""
-        values = _VALUES[self.preset]
+        values = VALUES[self.preset]
         parts = [self.texture.name, self.preset, f"x{decimal(self.scale)}"]
         if (*self.nominal_size_mm, self.nominal_height_mm) != (*values.size_mm, values.height_mm):
             parts.append("x".join(decimal(side) for side in (*self.nominal_size_mm, self.nominal_height_mm)))
@@ -392,63 +327,3 @@ class Block:
         if self.copy is not None:
             parts.append(f"copy{self.copy:02d}")
         return "_".join(parts)
-
-
-def decimal(value: float) -> str:
-    """The shortest decimals that give the number back exactly, without an exponent: ``0.5``, ``1``, ``0.00001``."""
-    return np.format_float_positional(value, trim="-")
-
-
-def _from_table(
-    values: _PresetValues, table: BlockTable
-) -> tuple[tuple[float, float], tuple[float, float, float], tuple[float, float], bool]:
-    """Sides, mm per unit and origin from a preset and a texture file's block, and whether the file changed any."""
-    changed = any(one is not None for one in (table.size_mm, table.mm_per_unit, table.domain, table.height_mm))
-    size, unit = table.size_mm or values.size_mm, table.mm_per_unit or values.mm_per_unit
-    if table.domain is None:
-        return size, unit, (0.0, 0.0), changed
-    (u0, u1), (v0, v1) = table.domain
-    if not (u1 > u0 and v1 > v0):
-        raise InputError("[block] domain", table.domain, "each low end must be below its high end")
-    spans = (u1 - u0, v1 - v0)
-    if table.mm_per_unit is None:
-        unit = (size[0] / spans[0], size[1] / spans[1], values.mm_per_unit[2])
-    elif table.size_mm is None:
-        size = (spans[0] * unit[0], spans[1] * unit[1])
-    elif any(abs(spans[i] * unit[i] - size[i]) > 1e-9 * size[i] for i in (0, 1)):
-        product = f"{spans[0] * unit[0]:g} x {spans[1] * unit[1]:g} mm"
-        raise InputError("[block] size_mm", table.size_mm, f"domain times mm_per_unit is {product}; leave one out")
-    return size, unit, (u0, v0), changed
-
-
-def _same_step(values: _PresetValues, size: tuple[float, float], unit: tuple[float, float, float]) -> SampleGrid:
-    """The preset's grid, or at another domain the grid with the nearest step in units."""
-
-    def count(axis: int, samples: int) -> int:
-        step = values.size_mm[axis] / values.mm_per_unit[axis] / (samples - 1)
-        return max(2, round(size[axis] / unit[axis] / step) + 1)
-
-    return SampleGrid(nx=count(0, values.grid.nx), ny=count(1, values.grid.ny))
-
-
-def _highest_sample(surface: WaveSum, samples: tuple[Floats, Floats], keep: HalfPlane | None) -> float:
-    """Highest point of the faceted sample surface; with a key also along the cut, where facets are crossed."""
-    x, y = samples
-    if keep is None and surface.is_separable:
-        return float(surface.along_u(x).max() + surface.along_v(y).max())
-    z = surface.grid(x, y)
-    if keep is None:
-        return float(z.max())
-    excess = keep.excess(x[:, None], y[None, :])
-    highest = float(z[excess <= 0.0].max())
-    edges: tuple[Callable[[Floats], tuple[Floats, Floats]], ...] = (
-        lambda a: (a[:-1, :], a[1:, :]),
-        lambda a: (a[:, :-1], a[:, 1:]),
-        lambda a: (a[1:, :-1], a[:-1, 1:]),
-    )
-    for ends in edges:
-        (e0, e1), (z0, z1) = ends(excess), ends(z)
-        crossed = (e0 < 0.0) != (e1 < 0.0)
-        share = e0[crossed] / (e0[crossed] - e1[crossed])
-        highest = max(highest, float((z0[crossed] + share * (z1[crossed] - z0[crossed])).max(initial=-np.inf)))
-    return highest

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from tacbench_cad.block import Block
-from tacbench_cad.clip import sheet
-from tacbench_cad.closing import close
 from tacbench_cad.mesh import Certificate, Mesh
-from tacbench_cad.top import Top, textured_top
+from tacbench_cad.meshing.clip import sheet
+from tacbench_cad.meshing.closing import close
+from tacbench_cad.meshing.top import Top, textured_top
 
 
 def mesh_block(block: Block) -> tuple[Mesh, Certificate]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from tacbench_cad.block import Block, Tolerance
+from tacbench_cad.block import Block
 from tacbench_cad.block_mesh import mesh_of_top
 from tacbench_cad.mesh import Mesh
+from tacbench_cad.meshing.top import textured_top
+from tacbench_cad.meshing.top_volume import piecewise_volume_mm3, volume_slack_mm3
 from tacbench_cad.part import Body, Part
 from tacbench_cad.protocol import PressGrid
-from tacbench_cad.top import textured_top
-from tacbench_cad.top_volume import piecewise_volume_mm3, volume_slack_mm3
+from tacbench_cad.sampling import Tolerance
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape

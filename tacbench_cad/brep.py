@@ -1,7 +1,7 @@
 """Open CASCADE solids of blocks, straight from the formula: no point is fitted and nothing is sewn.
 
-The top is cut into spline patches (:mod:`tacbench_cad.patches`). On a patch the surface's parameters are x and y in
-mm. Each patch is a face of its own and the side walls are split along with them, because the kernel's volume,
+The top is cut into spline patches (:mod:`tacbench_cad.splines.patches`). On a patch the surface's parameters are x and
+y in mm. Each patch is a face of its own and the side walls are split along with them, because the kernel's volume,
 bounding box, Boolean operations and mesher are right and fast on such faces and wrong or slow on one large face.
 
 Importing this module does not load the kernel; the functions that make shapes do.
@@ -12,10 +12,11 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from tacbench_cad.block import Block, SampleGrid
+from tacbench_cad.block import Block
 from tacbench_cad.errors import InputError
 from tacbench_cad.mesh import Certificate
-from tacbench_cad.patches import patches
+from tacbench_cad.sampling import SampleGrid
+from tacbench_cad.splines.patches import patches
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
@@ -40,7 +41,7 @@ def solid_block(block: Block, tolerance_mm: float = TOLERANCE_MM) -> tuple[TopoD
     """The block as a solid within a tolerance of the formula, proved.
 
     The solid lies in the block frame, its formula's zero at :attr:`~tacbench_cad.block.Block.solid_datum_mm`. The
-    last few are kept: asking again gives a new handle on the same geometry, which may be moved freely.
+    last few are kept: asking again gives new topology over the same geometry, which may be moved and meshed freely.
 
     Args:
         block: The block.
@@ -53,12 +54,13 @@ def solid_block(block: Block, tolerance_mm: float = TOLERANCE_MM) -> tuple[TopoD
         InputError: There is no solid of this block (:func:`solid_refusal`), the tolerance is not allowed, or it
             needs too many poles.
     """
-    from OCP.TopLoc import TopLoc_Location
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
     from OCP.TopoDS import TopoDS
 
     _require_solid(block)
     kept, certificate = _solid(block, tolerance_mm)
-    return TopoDS.Solid_s(kept.Located(TopLoc_Location())), certificate
+    # Topology of its own: the kernel keeps a mesh in the faces, and takes it into later bounding boxes.
+    return TopoDS.Solid_s(BRepBuilderAPI_Copy(kept, False, False).Shape()), certificate
 
 
 def texture_face(block: Block, tolerance_mm: float = TOLERANCE_MM) -> TopoDS_Face:
@@ -75,7 +77,7 @@ def texture_face(block: Block, tolerance_mm: float = TOLERANCE_MM) -> TopoDS_Fac
     Raises:
         InputError: As for :func:`solid_block`.
     """
-    from tacbench_cad.brep_build import SolidBuilder
+    from tacbench_cad.splines.build import SolidBuilder
 
     _require_solid(block)
     return SolidBuilder(block, patches(block, tolerance_mm)).face()
@@ -89,7 +91,7 @@ def _require_solid(block: Block) -> None:
 
 @lru_cache(maxsize=8)
 def _solid(block: Block, tolerance_mm: float) -> tuple[TopoDS_Solid, Certificate]:
-    from tacbench_cad.brep_build import SolidBuilder
+    from tacbench_cad.splines.build import SolidBuilder
 
     relief = patches(block, tolerance_mm)
     return SolidBuilder(block, relief).solid(), relief.certificate

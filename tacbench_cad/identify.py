@@ -1,7 +1,7 @@
 """``tacbench check``: what a file is, whoever made it, and everything that is wrong with it.
 
 The origin may lie anywhere and the block may be turned by quarter turns. A file of ours says what it is (see
-:mod:`tacbench_cad.claim`) and is held to it; another is compared with all that is known, and the nearest named.
+:mod:`tacbench_cad.checks.claim`) and is held to it; another is compared with all that is known, and the nearest named.
 """
 
 from __future__ import annotations
@@ -11,17 +11,18 @@ from pathlib import Path
 
 import numpy as np
 
-from tacbench_cad import meshcheck
-from tacbench_cad.block import Tolerance, decimal
-from tacbench_cad.candidates import SIDE_MM, Wanted, stretch_of
-from tacbench_cad.claim import claimed_name
+from tacbench_cad.checks import meshcheck
+from tacbench_cad.checks.candidates import SIDE_MM, Wanted, stretch_of
+from tacbench_cad.checks.claim import claimed_name
+from tacbench_cad.checks.look import Look, look_at_mesh, look_at_solid
+from tacbench_cad.checks.match import GRID_MM, Candidate, Match, Residual, nearest
+from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.errors import CheckFailedError
 from tacbench_cad.export import format_of
 from tacbench_cad.label import LABEL_DEPTH_MM
-from tacbench_cad.look import Look, look_at_mesh, look_at_solid
-from tacbench_cad.match import GRID_MM, Candidate, Match, Residual, nearest
 from tacbench_cad.mesh import Mesh
-from tacbench_cad.report import Check, Report
+from tacbench_cad.naming import decimal
+from tacbench_cad.sampling import Tolerance
 from tacbench_cad.textures import Texture
 
 #: A residual above this share of the relief's own spread means that no texture was found, not that one is wrong.
@@ -136,7 +137,7 @@ def _full(mesh: Mesh, full: bool | None) -> list[Check]:
 
 
 def _examine_solid(path: Path, wanted: Wanted) -> Report:
-    from tacbench_cad import solidcheck
+    from tacbench_cad.checks import solidcheck
     from tacbench_cad.export.step import read_step
 
     shape = read_step(path)

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.block import Tolerance
 from tacbench_cad.errors import MissingToolError
 from tacbench_cad.files import replacing
 from tacbench_cad.mesh import Mesh
 from tacbench_cad.protocol import FORCES_N, PressGrid
 from tacbench_cad.render import BELOW, render
+from tacbench_cad.sampling import Tolerance
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

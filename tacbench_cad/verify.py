@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tacbench_cad import meshcheck, relief
-from tacbench_cad.block import SampleGrid
+from tacbench_cad.checks import meshcheck, relief
+from tacbench_cad.checks.match import GRID_MM, Facets
+from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.errors import CheckFailedError
 from tacbench_cad.export import format_of
-from tacbench_cad.match import GRID_MM, Facets
 from tacbench_cad.mesh import Floats, Mesh
 from tacbench_cad.part import Body, Part
-from tacbench_cad.report import Check, Report
+from tacbench_cad.sampling import SampleGrid
 
 if TYPE_CHECKING:
-    from tacbench_cad.solidcheck import Measured
+    from tacbench_cad.checks.solidcheck import Measured
 
 __all__ = ["Check", "Report", "verify"]
 
@@ -169,9 +169,9 @@ def _relief(part: Part, body: Body, points: Floats, rounding_mm: float) -> tuple
 
 
 def _verify_solid(part: Part, path: Path, full: bool) -> Report:
-    from tacbench_cad import solidcheck
+    from tacbench_cad.checks import solidcheck
+    from tacbench_cad.checks.survey import survey
     from tacbench_cad.export.step import read_step
-    from tacbench_cad.survey import survey
 
     shape = read_step(path)
     _, body = part.solid

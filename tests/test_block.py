@@ -7,9 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from tacbench_cad.block import LEAST_BASE_MM, PRESETS, Block, SampleGrid, Tolerance, decimal
+from tacbench_cad.block import LEAST_BASE_MM, Block
 from tacbench_cad.errors import InputError
 from tacbench_cad.label import LABEL_DEPTH_MM
+from tacbench_cad.naming import decimal
+from tacbench_cad.presets import PRESETS
+from tacbench_cad.sampling import SampleGrid, Tolerance
 from tacbench_cad.textures import BlockTable, Texture
 from tacbench_cad.waves import Wave, WaveSum
 

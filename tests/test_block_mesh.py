@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from tops import deviations, faults, normals, random_texture, top_triangles
 
-from tacbench_cad.block import Block, SampleGrid, Tolerance
+from tacbench_cad.block import Block
 from tacbench_cad.block_mesh import mesh_block
 from tacbench_cad.block_part import block_part
 from tacbench_cad.errors import InputError
 from tacbench_cad.mesh import Floats, Mesh
+from tacbench_cad.sampling import SampleGrid, Tolerance
 from tacbench_cad.textures import BlockTable, Texture
 from tacbench_cad.waves import Wave, WaveSum
 

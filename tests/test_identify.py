@@ -11,16 +11,17 @@ import numpy as np
 import pytest
 from shapes import box_mesh, changed, mesh_part, published, write_soup
 
-from tacbench_cad.block import Block, Tolerance
+from tacbench_cad.block import Block
 from tacbench_cad.block_part import block_part
-from tacbench_cad.candidates import scale_of
-from tacbench_cad.claim import claimed_block
+from tacbench_cad.checks.candidates import scale_of
+from tacbench_cad.checks.claim import claimed_block
+from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.errors import InputError
 from tacbench_cad.export import FORMATS
 from tacbench_cad.identify import examine
 from tacbench_cad.mesh import Mesh
 from tacbench_cad.part import Part
-from tacbench_cad.report import Check, Report
+from tacbench_cad.sampling import Tolerance
 
 
 @cache

@@ -11,14 +11,16 @@ from typing import Any
 
 import pytest
 
-from tacbench_cad import making, printset, request
-from tacbench_cad.block import SampleGrid, Tolerance
+from tacbench_cad import printset
+from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.errors import InputError, MissingToolError
 from tacbench_cad.files import sha256
-from tacbench_cad.manifest import read_rows
+from tacbench_cad.making import request
+from tacbench_cad.making import writing as making
+from tacbench_cad.making.manifest import read_rows
 from tacbench_cad.part import Part
 from tacbench_cad.printset import Request, build, plan
-from tacbench_cad.report import Check, Report
+from tacbench_cad.sampling import SampleGrid, Tolerance
 
 LIGHT = Request(formats=("stl",), parts=("blocks",))
 

@@ -12,14 +12,15 @@ import numpy as np
 import pytest
 from shapes import box_mesh, changed, mesh_part
 
-from tacbench_cad import meshcheck
-from tacbench_cad.block import Block, Tolerance
+from tacbench_cad.block import Block
 from tacbench_cad.block_part import block_part
+from tacbench_cad.checks import meshcheck
+from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.export import FORMATS
 from tacbench_cad.export.stl import write_stl
 from tacbench_cad.mesh import Mesh
 from tacbench_cad.part import Part
-from tacbench_cad.report import Check, Report
+from tacbench_cad.sampling import Tolerance
 from tacbench_cad.verify import verify
 
 
@@ -259,8 +260,8 @@ def test_a_solid_with_another_texture_or_height_is_found(tmp_path: Path) -> None
 @pytest.mark.parametrize("block", [Block.of(2), Block.of(1, label=True), Block.of(5, key_mm=2.0)], ids=lambda b: b.name)
 def test_patch_sums_agree_with_the_kernel(block: Block, tmp_path: Path) -> None:
     pytest.importorskip("OCP")
-    from tacbench_cad import solidcheck
-    from tacbench_cad.survey import survey
+    from tacbench_cad.checks import solidcheck
+    from tacbench_cad.checks.survey import survey
 
     shape, body = block_part(block).solid
     found, theirs = survey(shape), solidcheck.measure(shape)
@@ -277,7 +278,7 @@ def test_survey_of_plane_and_of_round_shapes() -> None:
     from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCylinder
     from OCP.gp import gp_Pnt
 
-    from tacbench_cad.survey import survey
+    from tacbench_cad.checks.survey import survey
 
     box = survey(BRepPrimAPI_MakeBox(gp_Pnt(-3.0, 5.0, 7.0), 2.0, 3.0, 4.0).Shape())
     assert box.exact
@@ -297,7 +298,7 @@ def test_through_holes_of_solids_are_counted() -> None:
     from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCone, BRepPrimAPI_MakeCylinder
     from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
 
-    from tacbench_cad import solidcheck
+    from tacbench_cad.checks import solidcheck
 
     shape = BRepPrimAPI_MakeBox(30.0, 10.0, 5.0).Shape()
     assert solidcheck.genus(shape) == 0

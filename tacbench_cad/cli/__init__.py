@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from typing import Annotated
@@ -62,6 +63,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
         The exit code: 0 done, 1 a check failed, 2 bad input or a missing tool, 130 interrupted.
     """
+    # Our matrix products are small: threads only get in each other's way. A user's own value stays.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     arguments = with_default_values(sys.argv[1:] if argv is None else argv) or ["--help"]
     try:
         outcome = app(arguments, prog_name="tacbench", standalone_mode=False)

@@ -11,7 +11,7 @@ from tacbench_cad.cli.common import console, given, lengths, note, number_of, on
 from tacbench_cad.errors import InputError, TacbenchError
 
 if TYPE_CHECKING:
-    from tacbench_cad.report import Report
+    from tacbench_cad.checks.report import Report
 
 NAME = "check"
 

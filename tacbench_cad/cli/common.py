@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from tacbench_cad.block import SampleGrid, Tolerance
+    from tacbench_cad.sampling import SampleGrid, Tolerance
 
 T = TypeVar("T")
 
@@ -121,7 +121,7 @@ def sampling_of(tolerance: str | None, grid: str | None) -> Tolerance | SampleGr
     Raises:
         InputError: Both are given, or one of them is not allowed.
     """
-    from tacbench_cad.block import SampleGrid, Tolerance
+    from tacbench_cad.sampling import SampleGrid, Tolerance
 
     if tolerance is not None and grid is not None:
         raise InputError("grid", grid, "a mesh follows either --grid or --tolerance, not both")

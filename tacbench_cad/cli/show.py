@@ -32,7 +32,7 @@ def command(
       tacbench show 2 --press -o protocol.png
       tacbench show hex.toml --preset released
     """
-    from tacbench_cad.choice import described
+    from tacbench_cad.making.choice import described
     from tacbench_cad.pictures import texture_picture
 
     blocks = described((texture,), preset, number_of("scale", scale))

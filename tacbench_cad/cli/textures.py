@@ -33,7 +33,7 @@ def command(
       tacbench textures --preset released --nozzle 0.2
       tacbench textures --texture hex.toml --json
     """
-    from tacbench_cad.choice import described
+    from tacbench_cad.making.choice import described
 
     width, factor = number_of("nozzle", nozzle), number_of("scale", scale)
     if not (math.isfinite(width) and 0.0 < width <= 10.0):

@@ -13,10 +13,11 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from tacbench_cad import __version__, making
+from tacbench_cad import __version__
+from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.cli import main
 from tacbench_cad.cli.common import with_default_values
-from tacbench_cad.report import Check, Report
+from tacbench_cad.making import writing as making
 
 Capture = pytest.CaptureFixture[str]
 TACBENCH = (sys.executable, "-c", "import sys; from tacbench_cad.cli import main; sys.exit(main())")

@@ -10,9 +10,9 @@ import pytest
 
 pytest.importorskip("OCP")
 
-from tacbench_cad import solidcheck
 from tacbench_cad.block import Block
 from tacbench_cad.block_part import block_part
+from tacbench_cad.checks import solidcheck
 from tacbench_cad.export.step import read_step, write_step
 from tacbench_cad.verify import verify
 

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from tacbench_cad.block import Block, Tolerance
+from tacbench_cad.block import Block
 from tacbench_cad.block_part import block_part
 from tacbench_cad.part import Part
+from tacbench_cad.sampling import Tolerance
 
 #: No single run of another program may take longer than this, in seconds.
 PATIENCE_S = 300.0

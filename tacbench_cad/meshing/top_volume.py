@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.block import Block
-from tacbench_cad.top import Profiles, Top
+from tacbench_cad.meshing.top import Profiles, Top
 
 Floats = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ def piecewise_volume_mm3(block: Block, top: Top) -> float:
 
     Args:
         block: The block.
-        top: Its top, as :func:`tacbench_cad.top.textured_top` makes it.
+        top: Its top, as :func:`tacbench_cad.meshing.top.textured_top` makes it.
     """
     if top.profiles is not None:
         volume = _separable(block, top, top.profiles)

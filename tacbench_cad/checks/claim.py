@@ -6,9 +6,11 @@ import dataclasses
 import re
 from pathlib import Path
 
-from tacbench_cad.block import PRESETS, Block, SampleGrid, Tolerance
+from tacbench_cad.block import Block
 from tacbench_cad.errors import InputError
 from tacbench_cad.export.stl import stl_header
+from tacbench_cad.presets import PRESETS
+from tacbench_cad.sampling import SampleGrid, Tolerance
 from tacbench_cad.textures import Texture
 from tacbench_cad.textures import texture as find_texture
 

@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.clip import Sheet
 from tacbench_cad.label import LABEL_DEPTH_MM, Engraving
 from tacbench_cad.mesh import Mesh
+from tacbench_cad.meshing.clip import Sheet
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.mesh import Floats
-from tacbench_cad.tube import fewest_links
+from tacbench_cad.meshing.tube import fewest_links
 
 
 def random_tube(seed: int) -> tuple[Floats, Floats, Floats]:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tacbench_cad import solidcheck
+from tacbench_cad.checks import solidcheck
+from tacbench_cad.checks.solidcheck import Measured
+from tacbench_cad.checks.splineface import SplineFace, spline_face
 from tacbench_cad.mesh import Floats
-from tacbench_cad.solidcheck import Measured
-from tacbench_cad.splineface import SplineFace, spline_face
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Face, TopoDS_Shape

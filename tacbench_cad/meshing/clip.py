@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.top import Top, single
+from tacbench_cad.meshing.top import Top, single
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]

@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from tacbench_cad.block import Block, SampleGrid, Tolerance
-from tacbench_cad.choice import textures_of
+from tacbench_cad.block import Block
 from tacbench_cad.errors import InputError, MissingToolError, nearest
 from tacbench_cad.export import FORMATS
-from tacbench_cad.sources import FIXTURE_MODULES, LeftOut, Plan, Source
+from tacbench_cad.making.choice import textures_of
+from tacbench_cad.making.sources import FIXTURE_MODULES, LeftOut, Plan, Source
+from tacbench_cad.sampling import SampleGrid, Tolerance
 from tacbench_cad.tools import why_missing
 
 if TYPE_CHECKING:

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from tops import deviations, faults, random_texture
 
-from tacbench_cad.block import Block, SampleGrid, Tolerance
+from tacbench_cad.block import Block
 from tacbench_cad.block_mesh import mesh_block
-from tacbench_cad.certify import derivatives, prove_axis
 from tacbench_cad.mesh import MOST_TRIANGLES
+from tacbench_cad.meshing.certify import derivatives, prove_axis
+from tacbench_cad.sampling import SampleGrid, Tolerance
 from tacbench_cad.waves import Sines
 
 

@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from tacbench_cad.block import PRESETS, Block, Tolerance
-from tacbench_cad.claim import claimed_block
+from tacbench_cad.block import Block
+from tacbench_cad.checks.claim import claimed_block
+from tacbench_cad.checks.look import Look
+from tacbench_cad.checks.match import Candidate, Placement
 from tacbench_cad.errors import InputError, nearest
-from tacbench_cad.look import Look
-from tacbench_cad.match import Candidate, Placement
+from tacbench_cad.presets import PRESETS
+from tacbench_cad.sampling import Tolerance
 from tacbench_cad.textures import BlockTable, Texture, catalogue, read_texture
 from tacbench_cad.textures import texture as find_texture
 

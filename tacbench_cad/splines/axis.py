@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.certify import SPARE, Allowance, AxisProof, derivatives, prove_axis
 from tacbench_cad.errors import InputError
-from tacbench_cad.tube import fewest_links
+from tacbench_cad.meshing.certify import SPARE, Allowance, AxisProof, derivatives, prove_axis
+from tacbench_cad.meshing.tube import fewest_links
 from tacbench_cad.waves import Sines
 
 Floats = NDArray[np.float64]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad import meshcheck, relief
+from tacbench_cad.checks import meshcheck, relief
 from tacbench_cad.label import LABEL_DEPTH_MM
 from tacbench_cad.mesh import Floats, Mesh
 
@@ -140,7 +140,7 @@ def look_at_solid(shape: TopoDS_Shape, low: Floats, high: Floats) -> Look:
         low: Lower corner of its bounding box.
         high: Upper corner.
     """
-    from tacbench_cad import solidcheck
+    from tacbench_cad.checks import solidcheck
 
     size = high - low
     footprint = max(float(size[0] * size[1]), 1e-300)

@@ -13,8 +13,8 @@ from OCP.gp import gp_Pnt, gp_Vec
 from OCP.TColgp import TColgp_Array1OfPnt, TColgp_Array2OfPnt
 from OCP.TColStd import TColStd_Array1OfInteger, TColStd_Array1OfReal
 
-from tacbench_cad.patches import Patches
-from tacbench_cad.spline import Axis
+from tacbench_cad.splines.patches import Patches
+from tacbench_cad.splines.spline import Axis
 
 Floats = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tacbench_cad.checks.report import Check
 from tacbench_cad.mesh import Floats
-from tacbench_cad.report import Check
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Face, TopoDS_Shape

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Wire
 
 from tacbench_cad.label import LABEL_DEPTH_MM, Engraving
-from tacbench_cad.topology import Point, Topology, plane, turned
+from tacbench_cad.splines.topology import Point, Topology, plane, turned
 
 Floats = NDArray[np.float64]
 

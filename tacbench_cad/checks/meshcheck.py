@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tacbench_cad.checks.report import Check
 from tacbench_cad.errors import MissingToolError
 from tacbench_cad.mesh import Floats, Mesh
-from tacbench_cad.report import Check
 
 #: A triangle whose height is below this share of its longest side has no area to speak of.
 DEGENERATE_SHARE = 1e-9

@@ -9,9 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.block import Block, SampleGrid
-from tacbench_cad.look import Look
+from tacbench_cad.block import Block
+from tacbench_cad.checks.look import Look
 from tacbench_cad.mesh import Floats
+from tacbench_cad.sampling import SampleGrid
 from tacbench_cad.waves import WaveSum
 
 #: Points that rank the candidates; the chosen one is then measured at all of them.

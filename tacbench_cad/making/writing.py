@@ -7,21 +7,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tacbench_cad import __version__
-from tacbench_cad.block import Block, SampleGrid
+from tacbench_cad.block import Block
 from tacbench_cad.errors import CheckFailedError
 from tacbench_cad.export import FORMATS
 from tacbench_cad.files import replacing, sha256
-from tacbench_cad.manifest import Row
+from tacbench_cad.making.manifest import Row
+from tacbench_cad.making.sources import part_of
 from tacbench_cad.mesh import Certificate, Mesh
 from tacbench_cad.part import Body, Part
-from tacbench_cad.sources import part_of
+from tacbench_cad.sampling import SampleGrid
 from tacbench_cad.verify import verify
 
 if TYPE_CHECKING:
     from housing.coupon import Coupon
     from housing.holder import Holder
     from housing.jig import Jig
-    from tacbench_cad.report import Report
+    from tacbench_cad.checks.report import Report
 
 
 @dataclass(frozen=True, kw_only=True)

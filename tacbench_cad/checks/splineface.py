@@ -15,8 +15,8 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.sparse import csr_array
 
+from tacbench_cad.checks.relief import WALL_SHARE
 from tacbench_cad.mesh import Floats
-from tacbench_cad.relief import WALL_SHARE
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Face

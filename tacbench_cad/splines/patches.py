@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tacbench_cad.block import Block
 from tacbench_cad.errors import InputError
 from tacbench_cad.mesh import Certificate
-from tacbench_cad.spline import Axis, basis
+from tacbench_cad.splines.spline import Axis, basis
 from tacbench_cad.waves import WaveSum
 
 Floats = NDArray[np.float64]
@@ -38,7 +38,7 @@ KERNEL_POINTS = 61
 WAVES_PER_PIECE = 6.5
 #: Error of the kernel's area of the top, relative to the area of the block, that is let pass.
 AREA_ERROR = 5e-5
-#: The part of the tolerance that is aimed at: it costs a tenth more poles and halves what the ripple takes off the area.
+#: The part of the tolerance that is aimed at: a tenth more poles, half the ripple in the area.
 AIM = 0.5
 #: Pieces along an axis that are looked at for that.
 _MOST_PIECES_LOOKED_AT = 14

@@ -1,0 +1,1 @@
+"""The single checks that verification and identification of files are made of."""

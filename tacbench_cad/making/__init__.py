@@ -1,0 +1,1 @@
+"""The steps from the options of ``tacbench make`` to checked files in a folder."""

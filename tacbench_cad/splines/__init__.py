@@ -1,0 +1,1 @@
+"""How the Open CASCADE solid of a block is made from its formula, and what is proved of it."""
