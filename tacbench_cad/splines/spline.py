@@ -28,6 +28,8 @@ Complexes = NDArray[np.complex128]
 _EXTRA_DEGREE = 8
 #: Nodes for each degree in the proof: the bound is at most ``1 / cos(pi / 12)``, 3.5 %, above the error at the nodes.
 _NODES_PER_DEGREE = 6
+# The products below are einsum's on purpose: they are small, and a threaded BLAS takes ten times as long for them where
+# the machine is busy.
 #: Waves treated in one array operation: bounds the memory that a long series takes.
 _WAVES_AT_A_TIME = 256
 
@@ -65,22 +67,29 @@ class Basis:
         windows = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], self.degree)
         return np.asarray(windows.mean(axis=1), dtype=np.float64)
 
-    def values(self, t: Floats) -> Floats:
-        """The basis functions at ``t`` in [0, 1], shape (len(t), count), by the recursion of Cox and de Boor."""
+    def local(self, t: Floats) -> tuple[NDArray[np.intp], Floats]:
+        """The ``degree + 1`` functions that are not zero at ``t`` in [0, 1], by the recursion of Cox and de Boor.
+
+        Returns:
+            The number of the first of them, shape (len(t),), and their values, shape (degree + 1, len(t)).
+        """
         span = np.clip((t * self.spans).astype(np.intp), 0, self.spans - 1)
-        local = np.ones((len(t), 1))
-        knots = self.knots
+        found = np.ones((1, len(t)))
         for k in range(1, self.degree + 1):
-            low = knots[span[:, None] + self.degree + 1 - k + np.arange(k)]
-            high = knots[span[:, None] + self.degree + 1 + np.arange(k)]
-            share = (t[:, None] - low) / (high - low)
-            upper = local * share
-            lower = local - upper
-            local = np.zeros((len(t), k + 1))
-            local[:, :-1] = lower
-            local[:, 1:] += upper
+            low = self.knots[span + self.degree + 1 - k + np.arange(k)[:, None]]
+            high = self.knots[span + self.degree + 1 + np.arange(k)[:, None]]
+            upper = found * ((t - low) / (high - low))
+            lower = found - upper
+            found = np.zeros((k + 1, len(t)))
+            found[:-1] = lower
+            found[1:] += upper
+        return span, found
+
+    def values(self, t: Floats) -> Floats:
+        """All basis functions at ``t`` in [0, 1], shape (len(t), count)."""
+        first, local = self.local(t)
         full = np.zeros((len(t), self.count))
-        np.put_along_axis(full, span[:, None] + np.arange(self.degree + 1), local, axis=1)
+        np.put_along_axis(full, first[:, None] + np.arange(self.degree + 1), local.T, axis=1)
         return full
 
     def nodes(self, count: int) -> Floats:
@@ -112,17 +121,19 @@ class Basis:
         found[0], found[1], found[-2], found[-1] = 1.0, 1.0 + step, end * (1.0 - step), end
         if self.count > 4:
             t, values, solve = self._projection
-            found[2:-2] = solve @ (np.exp(1j * np.outer(t, turn)) - values @ found)
+            ends = [0, 1, -2, -1]
+            rest = np.exp(1j * np.outer(t, turn)) - np.einsum("tk,kn->tn", values[:, ends], found[ends])
+            found[2:-2] = np.einsum("kt,tn->kn", solve, rest)
         found[:, turn == 0.0] = 1.0
         return found
 
     @cached_property
-    def _proof(self) -> tuple[int, float, Floats, Floats]:
-        """Degree of the interpolant, inverse of the Ehlich-Zeller factor, nodes, and basis values there."""
+    def _proof(self) -> tuple[int, float, Floats, NDArray[np.intp], Floats]:
+        """Degree of the interpolant, inverse of the Ehlich-Zeller factor, nodes, and :meth:`local` there."""
         degree = self.degree + max(_EXTRA_DEGREE, self.degree // 2)
         count = _NODES_PER_DEGREE * degree
         t = self.nodes(count)
-        return degree, 1.0 / math.cos(math.pi * degree / (2.0 * count)), t, self.values(t)
+        return degree, 1.0 / math.cos(math.pi * degree / (2.0 * count)), t, *self.local(t)
 
     def error(self, turn: Floats, weight: Floats) -> float:
         """A proved bound, over [0, 1], of ``sum weight |exp(i turn t) - spline of it|``.
@@ -140,7 +151,7 @@ class Basis:
         turn, weight = turn[turn != 0.0], weight[turn != 0.0]
         if len(turn) == 0:
             return 0.0
-        degree, factor, t, values = self._proof
+        degree, factor, t, first, local = self._proof
         with np.errstate(divide="ignore"):
             logarithm = (degree + 1) * np.log(np.abs(turn) / (4.0 * self.spans)) - math.lgamma(degree + 2)
         fine = logarithm > 0.0
@@ -150,8 +161,11 @@ class Basis:
         distance = np.zeros(len(t))
         for start in range(0, len(turn), _WAVES_AT_A_TIME):
             part = slice(start, start + _WAVES_AT_A_TIME)
-            wave = np.exp(1j * np.outer(t, turn[part]))
-            distance += np.abs(wave - values @ self.poles(turn[part])) @ weight[part]
+            off = np.exp(1j * np.outer(t, turn[part]))
+            poles = self.poles(turn[part])
+            for k, values in enumerate(local):
+                off -= values[:, None] * poles[first + k]
+            distance += np.einsum("tn,n->t", np.abs(off), weight[part])
         rounding = 64.0 * np.finfo(float).eps * float(weight @ (np.abs(turn) + self.count))
         return (float(distance.max()) + remainder) * factor + remainder + rounding + crude
 
@@ -237,7 +251,7 @@ class Axis:
         for start in range(0, len(function.amplitude), _WAVES_AT_A_TIME):
             part = slice(start, start + _WAVES_AT_A_TIME)
             rotation = function.amplitude[part] * np.exp(1j * function.phase[part])
-            total += np.imag(self.poles(function.frequency[part]) @ rotation)
+            total += np.imag(np.einsum("pkn,n->pk", self.poles(function.frequency[part]), rotation))
         return total
 
     def error(self, frequency: Floats, weight: Floats) -> float:
