@@ -26,7 +26,7 @@ docs: $(VENV)/.user
 	$(BIN)/python docs/pictures.py
 
 bench: $(VENV)/.bench
-	$(BIN)/python benchmarks/all.py
+	set -e; for script in startup stl_speed make_time mesh_triangles solid; do $(BIN)/python benchmarks/$$script.py; done
 
 clean:
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -23,15 +23,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
 
+#: Tolerance, smoothing, least and most degree. At a tolerance of 1 mm the fit has 8 x 9 poles for a relief of 4.7 mm:
+#: no longer a surface to compare with.
 SETTINGS: tuple[tuple[float, tuple[float, float, float] | None, int, int], ...] = (
     (0.01, None, 1, 3),  # the default of both
+    (0.001, None, 1, 3),
     (0.1, None, 1, 3),
-    (1.0, None, 1, 3),
     (0.01, None, 3, 8),
-    (1.0, None, 3, 8),
     (0.01, None, 1, 1),
     (0.01, (1.0, 1.0, 1.0), 1, 6),
-    (1.0, (1.0, 1.0, 1.0), 1, 6),
 )
 #: Settings of a quick run.
 QUICK = 1

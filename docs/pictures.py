@@ -35,7 +35,8 @@ def main() -> None:
     jig_all = Jig(holder=Holder(block=blocks[3]), marks="all")
     options = [block_part(keyed), tray.part(), jig_all.part(), Coupon().part()]
     preview_sheet([(part.name, part.mesh[0]) for part in options], IMAGES / "options.png")
-    released = [block_part(Block.of(number, "released")) for number in (4, 6)]
+    published = [Block.of(number, "released") for number in (4, 6)]
+    released = [*map(block_part, published), Holder(block=published[0], preset="released").part()]
     preview_sheet([(part.name, part.mesh[0]) for part in released], IMAGES / "released.png")
     own = read_texture(HERE / "hex.toml")
     preview_sheet([("hex", block_part(Block.of(own.texture, table=own.block)).mesh[0])], IMAGES / "hex.png")

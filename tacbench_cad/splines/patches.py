@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tacbench_cad.block import Block
 from tacbench_cad.errors import InputError
 from tacbench_cad.mesh import Certificate
+from tacbench_cad.splines.kernelrule import area_error
 from tacbench_cad.splines.spline import Axis, basis
 from tacbench_cad.waves import WaveSum
 
@@ -22,26 +23,23 @@ Floats = NDArray[np.float64]
 
 #: A surface that would need more poles than this is refused.
 MOST_POLES = 4_000_000
-MOST_SPANS = 64
 #: Tolerances below this, ten times the kernel's own, are refused.
 FINEST_TOLERANCE_MM = 1e-6
-#: Polynomial degree of the splines, along an axis without waves as well.
+#: Polynomial degree of the splines, along an axis without waves as well. Texture 4 of preset paper takes 136,000 poles
+#: with degree 5 and 110,000 with 7 or 9, but what is then done with it takes longer with every degree. With 5, 7 and 9:
+#: the kernel's volume 1.5, 2.0 and 3.0 s, a hole 2.7, 3.1 and 4.3 s, a mesh of 20,000 nodes by gmsh 20, 39 and 53 s.
 DEGREE = 5
 #: Fewest spans on a piece, also along an axis without waves: the kernel's default volume takes as many points as twice
 #: the spans times (degree + 1) along y, for both axes of a face; with 5 spans that is 60 of at most 61.
 LEAST_SPANS = 5
 #: More spans on a piece are not tried: an axis that needs more gets more pieces.
 MOST_SPANS = 64
-#: The most Gauss points that the kernel's default area and volume take along an axis of a face.
-KERNEL_POINTS = 61
 #: Waves of the finest kind on one piece, at most. More leave the kernel's area and volume wrong, fewer make it slow.
 WAVES_PER_PIECE = 6.5
 #: Error of the kernel's area of the top, relative to the area of the block, that is let pass.
 AREA_ERROR = 5e-5
 #: The part of the tolerance that is aimed at: a tenth more poles, half the ripple in the area.
 AIM = 0.5
-#: Pieces along an axis that are looked at for that.
-_MOST_PIECES_LOOKED_AT = 14
 #: Waves above which no other tolerance is tried for the sake of a better message.
 _MOST_WAVES_PLANNED = 1500
 
@@ -225,7 +223,7 @@ def _finest(amplitude: Floats, frequency: Floats, rest: float) -> float:
 def _pieces(block: Block, finest: list[float]) -> tuple[tuple[int, int], int]:
     """Pieces along x and y outside of the key's square, and of either axis within it.
 
-    The kernel's default area takes :data:`KERNEL_POINTS` Gauss points along each axis of a face. Where waves are
+    The kernel's default area takes few points on a face (see :mod:`~tacbench_cad.splines.kernelrule`). Where waves are
     steep, :data:`WAVES_PER_PIECE` on a piece are too many for that, and more pieces are made.
 
     Args:
@@ -238,44 +236,10 @@ def _pieces(block: Block, finest: list[float]) -> tuple[tuple[int, int], int]:
     def count(length: float, axis: int) -> int:
         return max(1, math.ceil(length * finest[axis] / (2.0 * math.pi * on_piece) - 1e-9))
 
-    while on_piece > 1.0 and _area_error(block, (count(x, 0), count(y, 1))) > AREA_ERROR:
+    while on_piece > 1.0 and area_error(block, (count(x, 0), count(y, 1))) > AREA_ERROR:
         on_piece /= 1.25
     in_key = max(count(key, 0), count(key, 1)) if key else 0
     return (count(x - key, 0), count(y - key, 1)), in_key
-
-
-def _area_error(block: Block, pieces: tuple[int, int]) -> float:
-    """Error of the top's area by the kernel's rule on so many pieces, against twice as many along each axis.
-
-    Relative to the area of the whole block. Of a large block's top only the corner at the origin is looked at.
-    """
-    amplitude, f, g, phase = block.surface.table.T
-    areas = []
-    for more in (1, 2):
-        taken = [min(count, _MOST_PIECES_LOOKED_AT) for count in pieces]
-        ends = [side * few / count for side, few, count in zip(block.size_mm, taken, pieces, strict=True)]
-        (x, weight_x), (y, weight_y) = (_gauss(end, more * few) for end, few in zip(ends, taken, strict=True))
-        if block.surface.is_separable:
-            slopes_x = block.surface.along_u(x, 1).astype(np.float32)[:, None]
-            slopes_y = block.surface.along_v(y, 1).astype(np.float32)[None, :]
-        else:
-            turned = np.exp(1j * (np.outer(x, f) + phase)) * amplitude
-            along_y = np.exp(1j * np.outer(g, y))
-            slopes_x = np.real((turned * f) @ along_y).astype(np.float32)
-            slopes_y = np.real((turned * g) @ along_y).astype(np.float32)
-        stretch = np.sqrt(np.float32(1.0) + slopes_x**2 + slopes_y**2)
-        areas.append(float(weight_x @ (stretch @ weight_y.astype(np.float32))))
-    (x_side, y_side), flat = block.size_mm, ends[0] * ends[1]
-    rest = (x_side * y_side + 2.0 * (x_side + y_side) * block.solid_datum_mm) * flat / (x_side * y_side)
-    return abs(areas[0] - areas[1]) / (areas[1] + rest)
-
-
-def _gauss(length: float, pieces: int) -> tuple[Floats, Floats]:
-    """Places and weights of Gauss' rule with :data:`KERNEL_POINTS` points on each piece of [0, length]."""
-    points, weights = np.polynomial.legendre.leggauss(KERNEL_POINTS)
-    width = length / pieces
-    places = (np.arange(pieces)[:, None] + (points + 1.0) / 2.0) * width
-    return places.ravel(), np.tile(weights * width / 2.0, pieces)
 
 
 def _widest(block: Block, axis: int, pieces: tuple[int, int], in_key: int) -> float:
