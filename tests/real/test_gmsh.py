@@ -77,4 +77,5 @@ def test_gets_through_texture_4(written: Written, size_mm: float) -> None:
     report = examine(written("paper-4", "step"), size_mm)
     assert report["nodes"] > 3000
     assert report["gigabytes"] < 2.0
-    assert report["area"] == pytest.approx(2921.2, rel=0.2 if size_mm > 1.0 else 0.03)
+    # the finest waves are 0.3 mm long: triangles of these sizes cut them off, which takes that much off the area
+    assert report["area"] == pytest.approx(2921.2, rel=0.2 if size_mm > 1.0 else 0.12)
