@@ -26,8 +26,8 @@ from typing import IO, Any
 #: Tolerance, smoothing, least and most degree. At a tolerance of 1 mm the fit has 8 x 9 poles for a relief of 4.7 mm:
 #: no longer a surface to compare with.
 SETTINGS: tuple[tuple[float, tuple[float, float, float] | None, int, int], ...] = (
-    (0.01, None, 1, 3),  # the default of both
     (0.001, None, 1, 3),
+    (0.01, None, 1, 3),  # the default of both
     (0.1, None, 1, 3),
     (0.01, None, 3, 8),
     (0.01, None, 1, 1),

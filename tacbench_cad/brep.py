@@ -16,7 +16,6 @@ from tacbench_cad.block import Block
 from tacbench_cad.errors import InputError
 from tacbench_cad.mesh import Certificate
 from tacbench_cad.sampling import SampleGrid
-from tacbench_cad.splines.patches import patches
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
@@ -78,6 +77,7 @@ def texture_face(block: Block, tolerance_mm: float = TOLERANCE_MM) -> TopoDS_Fac
         InputError: As for :func:`solid_block`.
     """
     from tacbench_cad.splines.build import SolidBuilder
+    from tacbench_cad.splines.patches import patches
 
     _require_solid(block)
     return SolidBuilder(block, patches(block, tolerance_mm)).face()
@@ -92,6 +92,7 @@ def _require_solid(block: Block) -> None:
 @lru_cache(maxsize=8)
 def _solid(block: Block, tolerance_mm: float) -> tuple[TopoDS_Solid, Certificate]:
     from tacbench_cad.splines.build import SolidBuilder
+    from tacbench_cad.splines.patches import patches
 
     relief = patches(block, tolerance_mm)
     return SolidBuilder(block, relief).solid(), relief.certificate

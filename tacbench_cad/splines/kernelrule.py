@@ -8,8 +8,10 @@ does the kernel's sum on the formula, so that a block can be cut into patches on
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
+from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
 from tacbench_cad.block import Block
@@ -66,7 +68,13 @@ def _strips(surface: WaveSum, x: Floats, y: Floats, weight_y: Floats) -> Iterato
 
 def _gauss(length: float, pieces: int) -> tuple[Floats, Floats]:
     """Places and weights of Gauss' rule with :data:`KERNEL_POINTS` points on each piece of [0, length]."""
-    points, weights = np.polynomial.legendre.leggauss(KERNEL_POINTS)
+    points, weights = _rule()
     width = length / pieces
     places = (np.arange(pieces)[:, None] + (points + 1.0) / 2.0) * width
     return places.ravel(), np.tile(weights * width / 2.0, pieces)
+
+
+@cache
+def _rule() -> tuple[Floats, Floats]:
+    points, weights = leggauss(KERNEL_POINTS)
+    return points, weights

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -249,26 +249,28 @@ def _widest(block: Block, axis: int, pieces: tuple[int, int], in_key: int) -> fl
 
 
 def _spans(turn: Floats, weight: Floats, share: float) -> int:
-    """The fewest spans on one piece that keep the error within a share; infinitely many if not :data:`MOST_SPANS`.
+    """The fewest spans on one piece that keep the error within a share; one more than :data:`MOST_SPANS` if none do.
 
-    The least error of a spline of degree d with spans h for a wave is near ``4 / pi (k h / pi)^(d + 1)`` (Favard).
-    From there the error falls with that same power of h, so that a few steps find the number.
+    On spans of which one holds the part a < 1/2 of a wave, a spline takes the wave for its alias with 1 - a as well, so
+    that its error is near ``2 (a / (1 - a))^(degree + 1)``. From there one or two steps find the number.
     """
     if not np.any(turn):
         return LEAST_SPANS
+    tried = np.arange(LEAST_SPANS, MOST_SPANS + 1)
+    part = np.minimum(np.abs(turn) / (2.0 * math.pi * tried[:, None]), 0.5)
+    near = 2.0 * (part / (1.0 - part)) ** (DEGREE + 1) @ weight
+    enough = np.flatnonzero(near <= share)
+    found = int(tried[enough[0]]) if len(enough) else MOST_SPANS
 
+    @cache
     def error(spans: int) -> float:
         return basis(DEGREE, spans).error(turn, weight)
 
-    def step(spans: float, error: float) -> int:
-        return int(np.clip(math.ceil(spans * (error / share) ** (1.0 / (DEGREE + 1))), LEAST_SPANS, MOST_SPANS))
-
-    found = step(1.0, float(4.0 / math.pi * (weight @ (turn / math.pi) ** (DEGREE + 1))))
-    found = step(found, error(found))
-    while (now := error(found)) > share:
+    while error(found) > share:
         if found == MOST_SPANS:
             return MOST_SPANS + 1
-        found = max(found + 1, step(found, now))
+        further = math.ceil(found * (error(found) / share) ** (1.0 / (DEGREE + 1)))
+        found = min(max(found + 1, further), MOST_SPANS)
     while found > LEAST_SPANS and error(found - 1) <= share:
         found -= 1
     return found

@@ -35,7 +35,10 @@ class SplineGeometry:
 
     def corner_height_mm(self, i: int, j: int) -> float:
         """z at the crossing of line i of x and line j of y."""
-        return float(self._row_along_x(min(i, self._relief.x.pieces - 1), j)[0 if i < self._relief.x.pieces else -1])
+        if self._relief.profiles_mm is not None:
+            return _at_line(self._relief.profiles_mm[0], i) + _at_line(self._relief.profiles_mm[1], j)
+        last = i == self._relief.x.pieces
+        return float(self._row_along_x(i - last, j)[-1 if last else 0])
 
     def curve_x(self, i: int, j: int) -> Geom_BSplineCurve:
         """The curve of piece i of x at line j of y; its parameter is x in mm."""
