@@ -87,16 +87,7 @@ def _examine_mesh(path: Path, wanted: Wanted, full: bool | None) -> Report:
     else:
         checks.append(_several(pieces))
     checks += _full(mesh, full)
-    low, high = mesh.bounds_mm
-    x, y, z = (high - low).tolist()
-    return Report(
-        path=path,
-        checks=tuple(checks),
-        deviation_mm=deviation,
-        triangles=len(mesh.triangles),
-        volume_mm3=mesh.volume_mm3,
-        size_mm=(x, y, z),
-    )
+    return Report.of_mesh(path, mesh, checks, deviation)
 
 
 def _several(pieces: int) -> Check:

@@ -77,16 +77,7 @@ def _verify_mesh(part: Part, path: Path, mesh: Mesh, full: bool) -> Report:
         checks += found_relief
     if full:
         checks += meshcheck.full_checks(mesh)
-    low, high = mesh.bounds_mm
-    x, y, z = (high - low).tolist()
-    return Report(
-        path=path,
-        checks=tuple(checks),
-        deviation_mm=deviation,
-        triangles=len(mesh.triangles),
-        volume_mm3=mesh.volume_mm3,
-        size_mm=(x, y, z),
-    )
+    return Report.of_mesh(path, mesh, checks, deviation)
 
 
 def _mesh_volume(mesh: Mesh, body: Body) -> Check:

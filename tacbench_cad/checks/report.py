@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from tacbench_cad.mesh import Mesh
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +44,20 @@ class Report:
     triangles: int | None = None
     volume_mm3: float | None = None
     size_mm: tuple[float, float, float] | None = None
+
+    @classmethod
+    def of_mesh(cls, path: Path, mesh: Mesh, checks: Iterable[Check], deviation_mm: float | None) -> Report:
+        """The report of a file that holds a mesh, with the mesh's own numbers."""
+        low, high = mesh.bounds_mm
+        x, y, z = (high - low).tolist()
+        return cls(
+            path=path,
+            checks=tuple(checks),
+            deviation_mm=deviation_mm,
+            triangles=len(mesh.triangles),
+            volume_mm3=mesh.volume_mm3,
+            size_mm=(x, y, z),
+        )
 
     @property
     def ok(self) -> bool:
