@@ -57,3 +57,15 @@ def nearest(word: str, allowed: Iterable[str]) -> str:
     if close:
         return f'did you mean "{close[0]}"?'
     return "allowed: " + ", ".join(words)
+
+
+def one_of(field: str, word: str, allowed: Iterable[str]) -> str:
+    """The word, if it is allowed.
+
+    Raises:
+        InputError: It is not; the message names the nearest one.
+    """
+    words = tuple(allowed)
+    if word not in words:
+        raise InputError(field, word, nearest(str(word), words) if word else "allowed: " + ", ".join(words))
+    return word

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from tacbench_cad.errors import MissingToolError
 from tacbench_cad.files import replacing
 from tacbench_cad.mesh import Mesh
-from tacbench_cad.protocol import FORCES_N, PressGrid
+from tacbench_cad.protocol import FORCES_N, PressGrid, contact_radius_mm
 from tacbench_cad.render import BELOW, render
 from tacbench_cad.sampling import Tolerance
 
@@ -32,9 +32,6 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-#: Outer radius of the sensor's dome and its foundation's stiffness: calibration constants of one TacTip, not laws.
-DOME_RADIUS_MM = 20.0
-FOUNDATION_N_PER_MM3 = 0.0105
 #: Colours that people with any colour vision tell apart (after Okabe and Ito).
 _ORANGE, _BLUE, _GREEN, _INK = "#d55e00", "#0072b2", "#009e73", "#222222"
 _FORCE_COLOURS = (_GREEN, _ORANGE, _BLUE)
@@ -49,18 +46,6 @@ _STYLE = {
 _DPI = 150
 #: A hollow in the underside that is shallower than this is an engraving, in mm.
 _ENGRAVED_MM = 1.0
-
-
-def contact_radius_mm(force_n: float) -> float:
-    """Radius of the sensor's contact on a flat plate, in mm.
-
-    A Winkler foundation of stiffness k under a sphere of radius R carries ``F = pi k a^4 / (4 R)`` on a contact of
-    radius a, for contacts small against the sphere.
-
-    Args:
-        force_n: Contact force in newtons.
-    """
-    return float((4.0 * DOME_RADIUS_MM * force_n / (math.pi * FOUNDATION_N_PER_MM3)) ** 0.25)
 
 
 def preview_sheet(items: Sequence[tuple[str, Mesh]], path: Path) -> None:

@@ -24,6 +24,9 @@ FORCE_SPREADS_N = (0.00195, 0.00985, 0.0098)
 REPEATS = 2
 #: Positions along each side of the grid.
 PER_SIDE = 5
+#: Outer radius of the sensor's dome and its foundation's stiffness: calibration constants of one TacTip, not laws.
+DOME_RADIUS_MM = 20.0
+FOUNDATION_N_PER_MM3 = 0.0105
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,3 +84,15 @@ class PressGrid:
                 raise InputError(
                     "key", block.key_mm, f"cuts off the press grid; at most {block.key_mm + math.floor(gap):g} mm"
                 )
+
+
+def contact_radius_mm(force_n: float) -> float:
+    """Radius of the sensor's contact on a flat plate, in mm.
+
+    A Winkler foundation of stiffness k under a sphere of radius R carries ``F = pi k a^4 / (4 R)`` on a contact of
+    radius a, for contacts small against the sphere.
+
+    Args:
+        force_n: Contact force in newtons.
+    """
+    return float((4.0 * DOME_RADIUS_MM * force_n / (math.pi * FOUNDATION_N_PER_MM3)) ** 0.25)

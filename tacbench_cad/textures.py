@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-from tacbench_cad.errors import InputError, nearest
+from tacbench_cad.errors import InputError, one_of
+from tacbench_cad.tables import Table, read_toml
 from tacbench_cad.waves import Wave, WaveSum
 
 Law = Literal["triangle", "square"]
@@ -69,9 +68,9 @@ def series(law: Law, N: int, terms: Terms = "highest", axes: Axes = "xy") -> Wav
     """
     if isinstance(N, bool) or not isinstance(N, int) or N < 1:
         raise InputError("N", N, "must be a whole number of at least 1")
-    _one_of("terms", terms, ("highest", "count"))
-    _one_of("law", law, ("triangle", "square"))
-    _one_of("axes", axes, ("x", "y", "xy"))
+    one_of("terms", terms, ("highest", "count"))
+    one_of("law", law, ("triangle", "square"))
+    one_of("axes", axes, ("x", "y", "xy"))
     if terms == "highest" and N % 2 == 0:
         raise InputError("N", N, f'must be odd where terms = "highest"; {N - 1} and {N + 1} are')
     highest = N if terms == "highest" else 2 * N - 1
@@ -160,20 +159,7 @@ def read_texture(path: Path) -> TextureFile:
     Raises:
         InputError: The file cannot be read, or a key or a value in it is not allowed; the message names all three.
     """
-    if path.is_dir():
-        raise InputError("texture", str(path), "is a folder; name a TOML file")
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError("texture", str(path), f"cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError("texture", str(path), "is not UTF-8 text") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError("texture", str(path), f"is not valid TOML: {error}") from None
-    try:
-        return _texture_file(document)
-    except InputError as error:
-        raise InputError(f"{path}: {error.field}", error.value, error.allowed) from None
+    return read_toml(path, "texture", _texture_file)
 
 
 _FAMILY_KEYS = {
@@ -183,107 +169,51 @@ _FAMILY_KEYS = {
 }
 
 
-def _texture_file(document: Mapping[str, Any]) -> TextureFile:
-    _only(document, ("texture", "block", "wave"), "")
-    spec = _table(document, "texture")
-    _only(
-        spec, dict.fromkeys(["name", "family", *(key for keys in _FAMILY_KEYS.values() for key in keys)]), "[texture] "
-    )
-    family = spec.get("family")
-    _one_of("[texture] family", family, tuple(_FAMILY_KEYS))
-    _only(spec, ("name", "family", *_FAMILY_KEYS[str(family)]), "[texture] ")
-    name = spec.get("name")
-    if not isinstance(name, str):
-        raise InputError("[texture] name", name, "must be a text")
+def _texture_file(document: Table) -> TextureFile:
+    document.only("texture", "block", "wave")
+    spec = document.table("texture")
+    spec.only(*dict.fromkeys(["name", "family", *(key for keys in _FAMILY_KEYS.values() for key in keys)]))
+    family = spec.text("family", allowed=_FAMILY_KEYS)
+    spec.only("name", "family", *_FAMILY_KEYS[family])
+    name = spec.text("name")
     if family != "plane-waves" and "wave" in document:
         raise InputError("[[wave]]", None, f'belongs to family = "plane-waves", this is "{family}"')
-    reader = {"equation1": _read_equation1, "series": _read_series, "plane-waves": _read_waves}[str(family)]
+    reader = {"equation1": _read_equation1, "series": _read_series, "plane-waves": _read_waves}[family]
     waves, text = reader(spec, document)
-    block = _read_block(_table(document, "block")) if "block" in document else BlockTable()
+    block = _read_block(document.table("block")) if "block" in document else BlockTable()
     return TextureFile(texture=Texture(name=name, equation=text, waves=waves), block=block)
 
 
-def _read_equation1(spec: Mapping[str, Any], _: Mapping[str, Any]) -> tuple[WaveSum, str]:
-    keys = _FAMILY_KEYS["equation1"]
-    a1, a2, f1, f2, phase = (_number(spec, key, "[texture] ") for key in keys)
+def _read_equation1(spec: Table, _: Table) -> tuple[WaveSum, str]:
+    a1, a2, f1, f2, phase = (spec.number(key) for key in _FAMILY_KEYS["equation1"])
     return equation1(a1, a2, f1, f2, phase), f"{a1:g} sin({f1:g} u) + {a2:g} sin({f2:g} v + {phase:g})"
 
 
-def _read_series(spec: Mapping[str, Any], _: Mapping[str, Any]) -> tuple[WaveSum, str]:
-    law, terms, axes = spec.get("law"), spec.get("terms", "highest"), spec.get("axes", "xy")
+def _read_series(spec: Table, _: Table) -> tuple[WaveSum, str]:
     if "N" not in spec:
         raise InputError("[texture] N", None, "is missing; a whole number")
-    _one_of("[texture] law", law, ("triangle", "square"))
-    _one_of("[texture] terms", terms, ("highest", "count"))
-    _one_of("[texture] axes", axes, ("x", "y", "xy"))
-    assert law in ("triangle", "square")
-    waves = series(law, spec["N"], terms, axes)
-    return waves, f"{law} series along {axes}, {terms} = {spec['N']}"
+    law = spec.text("law", allowed=("triangle", "square"))
+    terms = spec.text("terms", "highest", ("highest", "count"))
+    axes = spec.text("axes", "xy", ("x", "y", "xy"))
+    highest = spec.values["N"]
+    return series(law, highest, terms, axes), f"{law} series along {axes}, {terms} = {highest}"
 
 
-def _read_waves(_: Mapping[str, Any], document: Mapping[str, Any]) -> tuple[WaveSum, str]:
-    tables = document.get("wave")
-    if not isinstance(tables, list) or not tables or not all(isinstance(one, dict) for one in tables):
-        raise InputError("[[wave]]", None, "at least one such table is needed")
+def _read_waves(_: Table, document: Table) -> tuple[WaveSum, str]:
     waves = []
-    for i, one in enumerate(tables, start=1):
-        where = f"[[wave]] {i}: "
-        _only(one, ("amplitude", "f", "g", "phase"), where)
-        amplitude, f, g = (_number(one, key, where) for key in ("amplitude", "f", "g"))
-        phase = _number(one, "phase", where) if "phase" in one else 0.0
-        waves.append(Wave(amplitude=amplitude, f=f, g=g, phase=phase))
+    for one in document.tables("wave"):
+        one.only("amplitude", "f", "g", "phase")
+        amplitude, f, g = (one.number(key) for key in ("amplitude", "f", "g"))
+        waves.append(Wave(amplitude=amplitude, f=f, g=g, phase=one.number("phase", 0.0)))
     text = " + ".join(f"{w.amplitude:g} sin({w.f:g} u + {w.g:g} v + {w.phase:g})" for w in waves[:3])
     return WaveSum(tuple(waves)), text + (f" + {len(waves) - 3} more waves" if len(waves) > 3 else "")
 
 
-def _read_block(spec: Mapping[str, Any]) -> BlockTable:
-    _only(spec, ("size_mm", "height_mm", "mm_per_unit", "domain"), "[block] ")
-    size = _numbers(spec["size_mm"], 2, "[block] size_mm") if "size_mm" in spec else None
-    unit = _numbers(spec["mm_per_unit"], 3, "[block] mm_per_unit") if "mm_per_unit" in spec else None
-    domain = None
-    if "domain" in spec:
-        pair = spec["domain"]
-        if not isinstance(pair, list) or len(pair) != 2:
-            raise InputError("[block] domain", pair, "must be [[u low, u high], [v low, v high]]")
-        ends = [_numbers(one, 2, "[block] domain") for one in pair]
-        domain = ((ends[0][0], ends[0][1]), (ends[1][0], ends[1][1]))
+def _read_block(spec: Table) -> BlockTable:
+    spec.only("size_mm", "height_mm", "mm_per_unit", "domain")
     return BlockTable(
-        size_mm=(size[0], size[1]) if size else None,
-        height_mm=_number(spec, "height_mm", "[block] ") if "height_mm" in spec else None,
-        mm_per_unit=(unit[0], unit[1], unit[2]) if unit else None,
-        domain=domain,
+        size_mm=spec.numbers("size_mm", 2, None),
+        height_mm=spec.number("height_mm", None),
+        mm_per_unit=spec.numbers("mm_per_unit", 3, None),
+        domain=spec.rows("domain", 2, 2, None),
     )
-
-
-def _table(document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    table = document.get(name)
-    if not isinstance(table, dict):
-        raise InputError(f"[{name}]", None, "such a table is needed")
-    return table
-
-
-def _only(table: Mapping[str, Any], allowed: Iterable[str], where: str) -> None:
-    names = tuple(allowed)
-    for key in table:
-        if key not in names:
-            raise InputError(f"{where}{key}", None, f"unknown key; {nearest(key, names)}")
-
-
-def _one_of(name: str, value: object, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        raise InputError(name, value, nearest(str(value), allowed) if value else "allowed: " + ", ".join(allowed))
-
-
-def _number(table: Mapping[str, Any], key: str, where: str) -> float:
-    if key not in table:
-        raise InputError(f"{where}{key}", None, "is missing; a finite number")
-    value = table[key]
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise InputError(f"{where}{key}", value, "must be a finite number")
-    return float(value)
-
-
-def _numbers(value: object, count: int, name: str) -> tuple[float, ...]:
-    if not isinstance(value, list) or len(value) != count:
-        raise InputError(name, value, f"must be a list of {count} numbers")
-    return tuple(_number({"value": one}, "value", f"{name} ") for one in value)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import typer
 
-from tacbench_cad.errors import InputError, nearest
+from tacbench_cad.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -147,17 +147,6 @@ def key_of(option: str, text: str) -> float:
     from tacbench_cad.block import KEY_MM
 
     return KEY_MM if text == "default" else number_of(option, text)
-
-
-def one_of(option: str, word: str, allowed: Sequence[str]) -> str:
-    """The word, if it is allowed.
-
-    Raises:
-        InputError: It is not; the message names the nearest one.
-    """
-    if word not in allowed:
-        raise InputError(option, word, nearest(word, allowed))
-    return word
 
 
 def print_json(document: dict[str, Any]) -> None:

@@ -14,7 +14,6 @@ from tacbench_cad.cli.common import (
     lengths,
     note,
     number_of,
-    one_of,
     pair_of,
     print_json,
     sampling_of,
@@ -23,6 +22,7 @@ from tacbench_cad.cli.common import (
     whole_of,
     words_of,
 )
+from tacbench_cad.errors import one_of
 
 if TYPE_CHECKING:
     from tacbench_cad.printset import Progress, Result

@@ -1,0 +1,1 @@
+"""Devices: stages, force gauges and sensors, each behind a small interface."""

@@ -1,0 +1,26 @@
+"""Time for a rig: a simulated rig may run faster than real time, and waits then shrink with it."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clock:
+    """A clock that waits.
+
+    Args:
+        speed: How many times faster than real time the rig runs; 1 for hardware.
+    """
+
+    speed: float = 1.0
+
+    def sleep(self, seconds: float) -> None:
+        """Wait so many seconds of rig time."""
+        if seconds > 0.0:
+            time.sleep(seconds / self.speed)
+
+    def now_s(self) -> float:
+        """Seconds of rig time from an arbitrary start, never going back."""
+        return time.monotonic() * self.speed

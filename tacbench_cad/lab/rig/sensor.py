@@ -1,0 +1,58 @@
+"""What a tactile sensor is: something that gives an array when it is asked."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Any, Protocol, Self, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Reading = NDArray[Any]
+
+
+@runtime_checkable
+class Sensor(Protocol):
+    """A tactile sensor, connected and identified when it is made.
+
+    Attributes:
+        name: What it is, for people and for ``run.json``.
+        units: Unit of the numbers: ``counts`` of an image.
+        shape: Shape of every reading.
+        simulated: What of it is simulated, or an empty text.
+        settings: ``{"requested": {...}, "actual": {...}}``, plain values.
+    """
+
+    name: str
+    units: str
+    shape: tuple[int, ...]
+    simulated: str
+    settings: dict[str, Any]
+
+    def read(self) -> Reading:
+        """A reading whose exposure or sampling began after this call.
+
+        Returns:
+            An array of :attr:`shape`; an image is uint8 of shape (height, width) or (height, width, 3), BGR.
+
+        Raises:
+            RigError: Lost, silent, or sending what cannot be a reading.
+        """
+        ...
+
+    def close(self) -> None:
+        """Let go of the device. Never raises; a second call does nothing."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
+def is_image(reading: Reading) -> bool:
+    """Whether a reading is stored as a picture: uint8, (height, width) or (height, width, 3), at least 8 a side."""
+    if reading.dtype != np.uint8 or reading.ndim not in (2, 3):
+        return False
+    return min(reading.shape[:2]) >= 8 and (reading.ndim == 2 or reading.shape[2] == 3)
