@@ -1,0 +1,164 @@
+"""FILE.toml, the plan of presses and the values they are made of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.presses import block_order, plan
+from tacbench_cad.lab.spec import HolderRim, PlannedBlock, Protocol, Study, WorkFrame
+from tacbench_cad.lab.study import StudyFile, read_study, virtual_study
+from tacbench_cad.protocol import FORCES_N, PressGrid
+
+BLOCK = '[block]\ntexture = 4\nprinter = "bambu"\nfilament = "PLA-"\n'
+STAGE = (
+    '[stage]\ndriver = "grbl"\nport = "/dev/ttyUSB0"\norigin_mm = [1, 2, 3]\nlimits_mm = [[0, 9], [0, 9], [-9, 0]]\n'
+)
+RIG = STAGE + '[gauge]\ndriver = "serial"\n[sensor]\ndriver = "opencv"\ndevice = "cam"\nexposure = 3\n'
+
+
+def _read(tmp_path: Path, text: str) -> StudyFile:
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    return read_study(path)
+
+
+def test_a_single_block_with_the_papers_protocol(tmp_path: Path) -> None:
+    found = _read(tmp_path, BLOCK + RIG)
+    (one,) = found.study.blocks
+    assert one.printed.name == "texture-4_paper_x1_bambu-p1p_pla-minus_copy01"
+    assert one.printed.object_label == 4 and one.levels == (1, 2, 3)
+    assert found.study.protocol == Protocol() and found.study.presses == 150
+    assert found.required_rig.stage.limits_mm == ((0.0, 9.0), (0.0, 9.0), (-9.0, 0.0))
+    assert found.required_rig.sensor.options == {"exposure": 3} and found.out is None
+
+
+def test_a_study_lists_every_print_and_scales_its_grid(tmp_path: Path) -> None:
+    found = _read(
+        tmp_path,
+        'out = "runs"\n[study]\ntextures = [1, "texture-6"]\nscale = 2\n'
+        'prints = [{printer = "ender", filament = "PLA+", copies = 2}, {printer = "own-1", filament = "abs", '
+        "copies = [4], force_levels = [2]}]\n",
+    )
+    assert [(p.printed.texture, p.printed.combination, p.printed.copy, p.levels) for p in found.study.blocks] == [
+        ("texture-1", "ender-3_pla-plus", 1, (1, 2, 3)),
+        ("texture-6", "ender-3_pla-plus", 1, (1, 2, 3)),
+        ("texture-1", "ender-3_pla-plus", 2, (1, 2, 3)),
+        ("texture-6", "ender-3_pla-plus", 2, (1, 2, 3)),
+        ("texture-1", "own-1_abs", 4, (2,)),
+        ("texture-6", "own-1_abs", 4, (2,)),
+    ]
+    assert found.study.protocol.grid == PressGrid.paper(2.0) and found.out == tmp_path / "runs"
+    assert found.study.presses == 4 * 150 + 2 * 50 and found.rig is None
+
+
+def test_a_texture_of_ones_own_is_found_beside_the_file(tmp_path: Path) -> None:
+    (tmp_path / "wave.toml").write_text(
+        '[texture]\nname = "wave"\nfamily = "plane-waves"\n[[wave]]\namplitude = 1\nf = 1\ng = 1\n'
+    )
+    found = _read(tmp_path, BLOCK.replace("4", '"wave.toml"'))
+    assert found.study.blocks[0].printed.object_label == "wave"
+
+
+@pytest.mark.parametrize(
+    ("text", "needles"),
+    [
+        (BLOCK + "[protocl]\n", ["protocl", "protocol"]),
+        (BLOCK + "[protocol]\nrepeat = 2\n", ["[protocol] repeat", "repeats"]),
+        (BLOCK.replace("printer", "priter"), ["[block] priter", "printer"]),
+        (BLOCK + "[study]\n", ["exactly one"]),
+        (BLOCK.replace("4", "7"), ["texture", "7", "1 to 6"]),
+        (BLOCK.replace("4", "true"), ["[block] texture", "text"]),
+        (BLOCK + "copy = 0\n", ["[block] copy", "0", "from 1"]),
+        (BLOCK + "[protocol]\nforces_n = [1.0, 6.0]\nbands_n = [0.1, 0.1]\n", ["forces_n", "6.0", "below 5 N"]),
+        (BLOCK + "[protocol]\nforces_n = [1.0]\n", ["bands_n", "missing"]),
+        (BLOCK + "[protocol]\nforces_n = [2.0, 1.0]\nbands_n = [0.1, 0.1]\n", ["forces_n", "rising"]),
+        (BLOCK + "[protocol]\nbands_n = [0.1]\n", ["bands_n", "3 numbers"]),
+        (BLOCK + '[protocol]\ngrid = "2mm"\n', ["[protocol] grid", "2mm"]),
+        (BLOCK + "[protocol]\ngrid = {x_mm = [1, 30], y_mm = [1, 2]}\n", ["30 x 2 mm", "leaves the block"]),
+        (BLOCK + "[protocol]\ngrid = {x_mm = [2, 1], y_mm = [1, 2]}\n", ["grid x_mm", "rise"]),
+        (BLOCK + "[protocol]\nsettle_s = nan\n", ["settle_s", "finite"]),
+        (BLOCK + RIG.replace("grbl", "gbrl"), ["[stage] driver", "gbrl", "grbl"]),
+        (BLOCK + RIG.replace("origin_mm = [1, 2, 3]\n", ""), ["[stage] origin_mm", "missing"]),
+        (BLOCK + RIG.replace("[-9, 0]", "[0, -9]"), ["limits_mm z", "lower"]),
+        (BLOCK + STAGE + '[sensor]\ndriver = "opencv"\n', ["[gauge] driver", 'contact = "depth"']),
+        (
+            BLOCK + STAGE + '[sensor]\ndriver = "opencv"\n[protocol]\ncontact = "depth"\n',
+            ["[protocol] touch", "needs a gauge"],
+        ),
+        (BLOCK + RIG.replace('driver = "serial"', 'driver = "serial"\nport = "virtual"'), ["[gauge] port", "virtual"]),
+        ("out = 3\n" + BLOCK, ["out", "3", "text"]),
+        ('[study]\ntextures = [1, 1]\nprints = [{printer = "a", filament = "b"}]\n', ["study", "twice"]),
+        ('[study]\nprints = [{printer = "a b", filament = "b"}]\n', ["printer", "a b", "hyphens"]),
+        ('[study]\nprints = [{printer = "a", filament = "b", force_levels = [4]}]\n', ["force_levels", "4", "1 to 3"]),
+        ("[study]\n", ["[[prints]]", "at least one"]),
+    ],
+)
+def test_a_mistake_is_named(tmp_path: Path, text: str, needles: list[str]) -> None:
+    with pytest.raises(InputError) as caught:
+        _read(tmp_path, text)
+    message = str(caught.value)
+    assert "\n" not in message and "study.toml" in message
+    for needle in needles:
+        assert needle in message, message
+
+
+def test_the_plan_presses_every_place_at_every_force_twice() -> None:
+    presses = plan(Protocol(), (1, 2, 3), "any")
+    assert [p.number for p in presses] == list(range(1, 151))
+    assert len({(p.force_level, p.repeat, p.position) for p in presses}) == 150
+    assert [p.position for p in presses[:25]] == list(range(1, 26))
+    assert (presses[0].x_mm, presses[0].y_mm, presses[0].target_n) == (4.0, 18.0, FORCES_N[0])
+    assert (presses[-1].x_mm, presses[-1].y_mm, presses[-1].force_level, presses[-1].repeat) == (9.0, 23.0, 3, 2)
+
+
+def test_a_shuffled_plan_is_seeded_and_another_for_each_block_and_repeat() -> None:
+    protocol = Protocol(order="random", seed=7)
+    first, again, other = (plan(protocol, (2,), name) for name in ("a", "a", "b"))
+    assert first == again and [p.position for p in first] != [p.position for p in other]
+    assert sorted(p.position for p in first[:25]) == list(range(1, 26))
+    assert [p.position for p in first[:25]] != [p.position for p in first[25:]]
+    assert [p.position for p in plan(protocol, (2,), "a")] != [
+        p.position for p in plan(Protocol(order="random", seed=8), (2,), "a")
+    ]
+
+
+def test_depth_mode_has_depths_and_no_forces() -> None:
+    presses = plan(Protocol(contact="depth", depths_mm=(0.5, 1.0)), (1, 2), "any")
+    assert len(presses) == 100 and presses[-1].depth_mm == 1.0
+    assert all(p.target_n is None and p.band_n is None for p in presses)
+
+
+def test_the_blocks_of_a_study_may_be_shuffled() -> None:
+    blocks = tuple(one for texture in "123456" for one in virtual_study(texture=texture).study.blocks)
+    study = Study(blocks=blocks, protocol=Protocol(block_order="random", seed=1))
+    assert block_order(study) != blocks and set(block_order(study)) == set(blocks)
+    assert block_order(Study(blocks=blocks, protocol=Protocol())) == blocks
+
+
+@pytest.mark.parametrize("turns", [0, 1, 2, 3])
+def test_the_work_frame_goes_there_and_back(turns: int) -> None:
+    frame = WorkFrame(origin_mm=(10.0, 20.0, -30.0), quarter_turns=turns)
+    point = (1.0, 2.0, 3.0)
+    assert frame.to_work(frame.to_stage(point)) == point
+    assert frame.to_stage((0.0, 0.0, 0.0)) == frame.origin_mm
+    x, y, _ = frame.to_stage((1.0, 0.0, 0.0))
+    assert (x - 10.0, y - 20.0) == [(1, 0), (0, 1), (-1, 0), (0, -1)][turns]
+    assert frame.shifted((1.0, 1.0, 1.0)).origin_mm == (11.0, 21.0, -29.0)
+
+
+def test_a_virtual_study_is_refused_by_name() -> None:
+    with pytest.raises(InputError, match="virtual-grbl, virtual-marlin"):
+        virtual_study(driver="grbl")
+
+
+def test_values_out_of_range_are_refused() -> None:
+    with pytest.raises(InputError, match="gap_mm"):
+        HolderRim(gap_mm=float("nan"))
+    with pytest.raises(InputError, match="quarter_turns"):
+        WorkFrame(origin_mm=(0.0, 0.0, 0.0), quarter_turns=4)
+    one = virtual_study().study.blocks[0]
+    with pytest.raises(InputError, match="force_levels"):
+        Study(blocks=(PlannedBlock(printed=one.printed, levels=(0,)),), protocol=Protocol())
