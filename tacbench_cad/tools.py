@@ -42,7 +42,8 @@ PACKAGES: tuple[Package, ...] = (
     ),
     Package(distribution="pymeshlab", module="pymeshlab", extra="cad", use="--verify full and tacbench check"),
     Package(distribution="matplotlib", module="matplotlib", extra="plot", use="preview.png and tacbench show"),
-    Package(distribution="pyserial", module="serial", extra="lab", use="stages and rigs on a serial port"),
+    Package(distribution="pyserial", module="serial", extra="lab", use="stages and gauges on a serial port"),
+    Package(distribution="opencv-python-headless", module="cv2", extra="lab", use="cameras and images of a data run"),
 )
 
 
