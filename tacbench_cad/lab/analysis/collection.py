@@ -1,0 +1,221 @@
+"""The runs of a study as one table of presses; readings stay on the disk until they are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.names import COMBINATIONS
+from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.runs import schema
+from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.reading import Run
+
+Words = NDArray[np.str_]
+Numbers = NDArray[np.int64]
+Chosen = NDArray[np.int64] | NDArray[np.bool_]
+
+#: Folders below a named one that are looked into for runs.
+DEPTH = 2
+
+
+def find_runs(folders: Sequence[Path]) -> tuple[Path, ...]:
+    """The run folders among, or at most two levels below, the named folders, each once, sorted within each.
+
+    Raises:
+        InputError: A folder does not exist or holds no run.
+    """
+    found: dict[Path, None] = {}
+    for folder in folders:
+        if not folder.is_dir():
+            raise InputError("run", str(folder), "is not a folder" if folder.exists() else "there is no such folder")
+        here = [folder] if (folder / schema.RUN_FILE).is_file() else []
+        for level in range(1, DEPTH + 1):
+            if not here:
+                here = sorted(one.parent for one in folder.glob("/".join(["*"] * level + [schema.RUN_FILE])))
+        if not here:
+            raise InputError("run", str(folder), f"holds no run: no {schema.RUN_FILE} in it or {DEPTH} levels below it")
+        found.update(dict.fromkeys(one.resolve() for one in here))
+    if not found:
+        raise InputError("run", None, "name at least one run folder")
+    return tuple(found)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Collection:
+    """Presses of one or many runs that may be compared: the same protocol, grid, kind of block and sensor.
+
+    Every array has one entry a press, in the order of runs and then of press numbers.
+
+    Args:
+        runs: The runs.
+        run: Index into ``runs``, shape (n,).
+        number: Press number within the run, shape (n,).
+    """
+
+    runs: tuple[Run, ...]
+    run: Numbers
+    number: Numbers
+
+    @classmethod
+    def open(cls, folders: Sequence[Path]) -> Collection:
+        """Open the runs in, or below, some folders.
+
+        Raises:
+            InputError: There is no run, one cannot be read or has no press, two are of the same print, or two must not
+                be mixed; the message names both and what differs.
+        """
+        runs = tuple(Run.open(folder) for folder in find_runs(folders))
+        _require_mixable(runs)
+        empty = next((one for one in runs if not one.rows), None)
+        if empty is not None:
+            raise InputError("run", str(empty.folder), "has no press yet; finish it or leave it out")
+        numbers = [sorted(row.number for row in one.rows) for one in runs]
+        return cls(
+            runs=runs,
+            run=np.repeat(np.arange(len(runs)), [len(one) for one in numbers]),
+            number=np.concatenate([np.array(one, dtype=np.int64) for one in numbers]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.run)
+
+    def chosen(self, which: Chosen) -> Collection:
+        """The presses at some indices, or where a mask is true."""
+        return Collection(runs=self.runs, run=self.run[which], number=self.number[which])
+
+    @property
+    def info(self) -> RunInfo:
+        """What all runs have in common: the first one's."""
+        return self.runs[0].info
+
+    @property
+    def simulated(self) -> tuple[str, ...]:
+        """What of any run was simulated, each once; empty for real data."""
+        return tuple(dict.fromkeys(what for run in self.runs for what in run.info.simulated))
+
+    @property
+    def units(self) -> str:
+        """The unit of a reading's numbers, ``counts`` for images."""
+        return str(self.info.sensor.get("units", "counts"))
+
+    @cached_property
+    def texture(self) -> Words:
+        """Name of the texture, (n,)."""
+        return self._of_run([one.info.printed.texture for one in self.runs])
+
+    @cached_property
+    def printer(self) -> Words:
+        """Printer, (n,)."""
+        return self._of_run([one.info.printed.printer for one in self.runs])
+
+    @cached_property
+    def filament(self) -> Words:
+        """Filament, (n,)."""
+        return self._of_run([one.info.printed.filament for one in self.runs])
+
+    @cached_property
+    def combination(self) -> Words:
+        """Printer and filament: ``bambu-p1p_pla-minus``, (n,)."""
+        return self._of_run([one.info.printed.combination for one in self.runs])
+
+    @cached_property
+    def copy(self) -> Numbers:
+        """Number of the print's copy, (n,)."""
+        return self._of_run([one.info.printed.copy for one in self.runs])
+
+    @cached_property
+    def level(self) -> Numbers:
+        """Force level from 1, (n,)."""
+        return self._of_press(0)
+
+    @cached_property
+    def repeat(self) -> Numbers:
+        """Repeat from 1, (n,)."""
+        return self._of_press(1)
+
+    @cached_property
+    def position(self) -> Numbers:
+        """Position from 1, (n,)."""
+        return self._of_press(2)
+
+    @property
+    def textures(self) -> tuple[str, ...]:
+        """The textures there are, sorted."""
+        return tuple(str(one) for one in np.unique(self.texture))
+
+    @property
+    def combinations(self) -> tuple[str, ...]:
+        """The printer-filament combinations there are: the paper's in its order, then others by name."""
+        order = {f"{printer}_{filament}": i for i, (printer, filament) in enumerate(COMBINATIONS)}
+        return tuple(sorted((str(one) for one in np.unique(self.combination)), key=lambda c: (order.get(c, 99), c)))
+
+    @property
+    def levels(self) -> tuple[int, ...]:
+        """The force levels there are."""
+        return tuple(int(one) for one in np.unique(self.level))
+
+    def reading(self, index: int) -> Reading:
+        """The reading of a press, as it was recorded.
+
+        Raises:
+            CheckFailedError: Its file is missing or damaged; the message names it.
+        """
+        run = int(self.run[index])
+        return self.runs[run].reading(self._rows[run][int(self.number[index])])
+
+    @cached_property
+    def _rows(self) -> list[dict[int, schema.Row]]:
+        return [{row.number: row for row in run.rows} for run in self.runs]
+
+    def _of_run(self, values: Sequence[Any]) -> NDArray[Any]:
+        return np.asarray(np.array(values)[self.run])
+
+    def _of_press(self, which: int) -> Numbers:
+        pairs = zip(self.run.tolist(), self.number.tolist(), strict=True)
+        return np.array([self._rows[run][number].key[which] for run, number in pairs], dtype=np.int64)
+
+
+def _require_mixable(runs: Sequence[Run]) -> None:
+    """Refuse runs that cannot stand in one table.
+
+    Raises:
+        InputError: Two runs are of the same print, or differ in what makes presses comparable.
+    """
+    first = runs[0]
+    seen: dict[str, Run] = {}
+    for run in runs:
+        for what, value in _common(run.info).items():
+            wanted = _common(first.info)[what]
+            if value != wanted:
+                raise InputError(what, value, f"in {run.folder}, but {wanted!r} in {first.folder}; analyse them apart")
+        name = run.info.printed.name
+        if name in seen:
+            raise InputError("run", str(run.folder), f"is of the same print as {seen[name].folder}: {name}")
+        seen[name] = run
+
+
+def _common(info: RunInfo) -> dict[str, object]:
+    """What must be equal for presses to be comparable."""
+    block, protocol = info.printed.block, info.protocol
+    grid = [[round(one, 9) for one in line] for line in (protocol.grid.x_mm, protocol.grid.y_mm)]
+    return {
+        "contact": protocol.contact,
+        "forces_n" if protocol.contact == "force" else "depths_mm": list(
+            protocol.forces_n if protocol.contact == "force" else protocol.depths_mm
+        ),
+        "grid": grid,
+        "block size": [round(one, 9) for one in block.size_mm],
+        "preset": block.preset,
+        "scale": block.scale,
+        "sensor": info.sensor.get("name"),
+        "sensor shape": list(info.reading_shape or ()),
+        "sensor units": info.sensor.get("units"),
+    }
