@@ -1,0 +1,117 @@
+"""Runs as one table of presses, and what is done to a reading first."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from studies import GRID, Plan, write_run, write_study
+
+from tacbench_cad.block import Block
+from tacbench_cad.errors import CheckFailedError, InputError
+from tacbench_cad.lab.analysis.collection import Collection, find_runs
+from tacbench_cad.lab.analysis.preprocess import Preprocess
+from tacbench_cad.lab.spec import PrintedBlock
+from tacbench_cad.protocol import PressGrid
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("study")
+    write_study(folder, levels=(1, 3))
+    return folder
+
+
+def test_every_press_has_its_place_in_the_table(study: Path) -> None:
+    found = Collection.open([study])
+    assert len(found.runs) == 8 and len(found) == 8 * 2 * 2 * len(GRID.positions_mm)
+    assert found.combinations == ("ender-3_pla-plus", "bambu-p1p_pla-minus")
+    assert found.textures == ("texture-1", "texture-2") and found.levels == (1, 3)
+    for index in (0, 17, len(found) - 1):
+        run = found.runs[found.run[index]]
+        press = run.info.presses[found.number[index] - 1]
+        assert (press.force_level, press.repeat, press.position) == (
+            found.level[index],
+            found.repeat[index],
+            found.position[index],
+        )
+        assert run.info.printed.copy == found.copy[index]
+        assert (
+            run.info.printed.combination
+            == found.combination[index]
+            == (f"{found.printer[index]}_{found.filament[index]}")
+        )
+
+
+def test_readings_are_those_of_the_chosen_presses(study: Path) -> None:
+    found = Collection.open([study])
+    some = found.chosen((found.texture == "texture-2") & (found.level == 3) & (found.position == 4))
+    assert len(some) == 2 * 2 * 2 and set(some.copy.tolist()) == {1, 2}
+    whole = np.flatnonzero((found.texture == "texture-2") & (found.level == 3) & (found.position == 4))
+    assert all(np.array_equal(some.reading(i), found.reading(j)) for i, j in enumerate(whole))
+    assert len(found.chosen(whole[:3])) == 3
+
+
+def test_a_run_a_folder_of_runs_and_a_folder_of_studies_are_found(study: Path) -> None:
+    runs = find_runs([study])
+    assert find_runs([study.parent]) == runs and find_runs([*runs, study]) == runs and find_runs(runs[:1]) == runs[:1]
+
+
+@pytest.mark.parametrize("name", ["nowhere", "empty", "file"])
+def test_a_folder_without_runs_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=name):
+        Collection.open([tmp_path / name])
+
+
+def test_runs_that_must_not_be_mixed_are_refused_by_name(tmp_path: Path) -> None:
+    one = PrintedBlock(block=Block.of(1), printer="ender-3", filament="petg")
+    first = write_run(tmp_path / "a", one, Plan())
+    same = write_run(tmp_path / "b", one, Plan())
+    with pytest.raises(InputError, match="same print"):
+        Collection.open([first, same])
+    other = PrintedBlock(block=Block.of(2), printer="ender-3", filament="petg")
+    grid = write_run(tmp_path / "c", other, Plan(grid=PressGrid(x_mm=(4.0, 8.0), y_mm=(18.0, 23.0))))
+    with pytest.raises(InputError, match="grid"):
+        Collection.open([first, grid])
+    units = write_run(tmp_path / "d", other, Plan(units="kPa"))
+    with pytest.raises(InputError, match="sensor units"):
+        Collection.open([first, units])
+    wide = PrintedBlock(block=Block.of(2, "released"), printer="ender-3", filament="petg")
+    with pytest.raises(InputError, match="block size"):
+        Collection.open([first, write_run(tmp_path / "e", wide, Plan())])
+
+
+def test_a_damaged_reading_is_named_when_it_is_asked_for(tmp_path: Path) -> None:
+    (folder, *_) = write_study(tmp_path, textures=(1,), copies=1)
+    found = Collection.open([folder])
+    (folder / "sensor_images" / "image_3.png").write_bytes(b"no picture")
+    with pytest.raises(CheckFailedError, match=r"image_3\.png"):
+        found.reading(2)
+
+
+def test_what_is_simulated_is_said_once(tmp_path: Path) -> None:
+    write_study(tmp_path, textures=(1,), simulated="simulated TacTip")
+    assert Collection.open([tmp_path]).simulated == ("sensor: simulated TacTip",)
+
+
+def test_grey_and_resolution_are_opencvs() -> None:
+    image = np.random.default_rng(1).integers(0, 256, (48, 64, 3), dtype=np.uint8)
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    assert np.array_equal(Preprocess()(image), grey)
+    assert np.array_equal(Preprocess(colour=True)(image), image)
+    small = Preprocess(resolution=0.5)(image)
+    assert small.shape == (24, 32) and small.dtype == np.uint8
+    # Halving by area is the mean of four pixels.
+    assert np.abs(small - grey.reshape(24, 2, 32, 2).mean(axis=(1, 3))).max() <= 0.5
+    assert Preprocess(resolution=0.4)(np.zeros((480, 640), np.uint8)).shape == (192, 256)
+
+
+def test_other_arrays_pass_as_they_are() -> None:
+    taxels = np.arange(16.0).reshape(4, 4)
+    assert np.array_equal(Preprocess(resolution=0.5)(taxels), taxels)
+    with pytest.raises(InputError, match="resolution"):
+        Preprocess(resolution=0.0)
