@@ -36,6 +36,19 @@ def _refusal(folder: Path, error: OSError) -> InputError:
 
 
 @contextlib.contextmanager
+def refusing(folder: Path) -> Iterator[None]:
+    """Turn what the system says of a folder that cannot be written into a message for the user.
+
+    Raises:
+        InputError: An ``OSError`` came out of the body.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise _refusal(folder, error) from error
+
+
+@contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Write a file so that ``path`` is either untouched or whole.
 

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from tacbench_cad.block import Block
 from tacbench_cad.errors import InputError, one_of
 from tacbench_cad.protocol import FORCE_SPREADS_N, FORCES_N, REPEATS, PressGrid
+from tacbench_cad.sampling import Tolerance
 
 Contact = Literal["force", "depth"]
 Touch = Literal["gauge", "sensor", "taught"]
@@ -82,6 +83,13 @@ class PrintedBlock:
             "nominal_mm_per_unit": list(block.nominal_mm_per_unit),
             "origin_uv": list(block.origin_uv),
             "key_mm": block.key_mm,
+            "sampling": (
+                {"tolerance_mm": block.sampling.mm}
+                if isinstance(block.sampling, Tolerance)
+                else {"grid": [block.sampling.nx, block.sampling.ny]}
+            ),
+            "label": block.label,
+            "engraved_copy": block.copy,
             "printer": self.printer,
             "filament": self.filament,
             "copy": self.copy,

@@ -15,37 +15,13 @@ from tacbench_cad.errors import InputError
 from tacbench_cad.lab.names import COMBINATIONS
 from tacbench_cad.lab.rig.sensor import Reading
 from tacbench_cad.lab.runs import schema
+from tacbench_cad.lab.runs.finding import find_runs
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
 
 Words = NDArray[np.str_]
 Numbers = NDArray[np.int64]
 Chosen = NDArray[np.int64] | NDArray[np.bool_]
-
-#: Folders below a named one that are looked into for runs.
-DEPTH = 2
-
-
-def find_runs(folders: Sequence[Path]) -> tuple[Path, ...]:
-    """The run folders among, or at most two levels below, the named folders, each once, sorted within each.
-
-    Raises:
-        InputError: A folder does not exist or holds no run.
-    """
-    found: dict[Path, None] = {}
-    for folder in folders:
-        if not folder.is_dir():
-            raise InputError("run", str(folder), "is not a folder" if folder.exists() else "there is no such folder")
-        here = [folder] if (folder / schema.RUN_FILE).is_file() else []
-        for level in range(1, DEPTH + 1):
-            if not here:
-                here = sorted(one.parent for one in folder.glob("/".join(["*"] * level + [schema.RUN_FILE])))
-        if not here:
-            raise InputError("run", str(folder), f"holds no run: no {schema.RUN_FILE} in it or {DEPTH} levels below it")
-        found.update(dict.fromkeys(one.resolve() for one in here))
-    if not found:
-        raise InputError("run", None, "name at least one run folder")
-    return tuple(found)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

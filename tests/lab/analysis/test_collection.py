@@ -11,15 +11,16 @@ from studies import GRID, Plan, write_run, write_study
 
 from tacbench_cad.block import Block
 from tacbench_cad.errors import CheckFailedError, InputError
-from tacbench_cad.lab.analysis.collection import Collection, find_runs
+from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
+from tacbench_cad.lab.runs.finding import find_runs
 from tacbench_cad.lab.spec import PrintedBlock
 from tacbench_cad.protocol import PressGrid
 
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("study")
+    folder = tmp_path_factory.mktemp("parent") / "study"
     write_study(folder, levels=(1, 3))
     return folder
 
@@ -56,7 +57,8 @@ def test_readings_are_those_of_the_chosen_presses(study: Path) -> None:
 
 def test_a_run_a_folder_of_runs_and_a_folder_of_studies_are_found(study: Path) -> None:
     runs = find_runs([study])
-    assert find_runs([study.parent]) == runs and find_runs([*runs, study]) == runs and find_runs(runs[:1]) == runs[:1]
+    assert find_runs([study.parent]) == runs
+    assert find_runs([*runs, study]) == runs and find_runs(runs[:1]) == runs[:1]
 
 
 @pytest.mark.parametrize("name", ["nowhere", "empty", "file"])

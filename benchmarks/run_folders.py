@@ -1,0 +1,125 @@
+"""What a run folder costs: writing a press, checking the paper's 8,100 images, importing the authors' files.
+
+    python benchmarks/run_folders.py [--runs 54]
+
+Images are 640 x 480 grey with 133 bright markers and read noise, as a TacTip's; the check reads copies of one run of
+150 (hard links, so the disk's speed is left out). The import's memory is its process's own peak, mapped files included.
+Claims: 8,100 images are checked within a minute on four cores; importing six blocks takes no more memory than two.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from tacbench_cad.block import Block
+from tacbench_cad.lab.runs.checking import check_run
+from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.writing import RunWriter
+from tacbench_cad.lab.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
+
+#: Markers of each ring, 133 in all.
+PINS = (1, 12, 12, 12, 24, 24, 24, 24)
+LIMIT_S = 60.0
+LIMIT_GROWTH = 1.1
+#: Imports blocks one after the other in a fresh process and prints its peak memory in bytes.
+IMPORT = """
+import resource, sys
+from pathlib import Path
+from tacbench_cad.lab.authors import Reading, gather, import_block
+for block in gather([Path(one) for one in sys.argv[2:]], Reading()):
+    import_block(block, Path(sys.argv[1]))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+"""
+
+
+def image(random: np.random.Generator) -> np.ndarray:
+    """A grey image like a TacTip's, uint8, (480, 640)."""
+    y, x = np.mgrid[:480, :640]
+    made = np.full((480, 640), 8.0)
+    for ring in range(8):
+        for azimuth in np.arange(PINS[ring]) * (2.0 * np.pi / PINS[ring]):
+            px, py = 320 + 20 * ring * np.cos(azimuth), 240 + 20 * ring * np.sin(azimuth)
+            made += 200.0 * np.exp(-((x - px) ** 2 + (y - py) ** 2) / 18.0)
+    return np.clip(made + random.normal(0.0, 1.4, made.shape), 0, 255).astype(np.uint8)
+
+
+def main() -> int:
+    """Print the figures; the exit code is 1 where a claim does not hold."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=54, help="runs that are checked (default 54: 8,100 images)")
+    runs = parser.parse_args().runs
+    with tempfile.TemporaryDirectory() as folder:
+        held = _write_and_check(Path(folder), runs) & _import(Path(folder))
+    return 0 if held else 1
+
+
+def _write_and_check(folder: Path, runs: int) -> bool:
+    info = RunInfo(
+        printed=PrintedBlock(block=Block.of(4), printer="ender-3", filament="petg"),
+        levels=(1, 2, 3),
+        protocol=Protocol(stationary_frames=0),
+        grid_spacing="even",
+        holder=HolderRim(),
+        frame=WorkFrame(origin_mm=(0.0, 0.0, 0.0)),
+        slot=0,
+        stage={"simulated": "benchmark"},
+        gauge={},
+        sensor={"name": "benchmark", "units": "counts", "shape": (480, 640)},
+    )
+    random = np.random.default_rng(0)
+    base = image(random).astype(np.int16)
+    with RunWriter.open(folder / "run-0", info) as writer:
+        writer.reference(image(random), datetime.now(UTC))
+        spent, before = 0.0, dict(writer.seconds)
+        for press in info.presses:
+            reading = np.clip(base + random.normal(0.0, 1.4, base.shape), 0, 255).astype(np.uint8)
+            start = time.perf_counter()
+            writer.press(press, (press.x_mm, press.y_mm, -1.0), reading, time_utc=datetime.now(UTC))
+            spent += time.perf_counter() - start
+        count = len(info.presses)
+        encode, sync = ((writer.seconds[name] - before[name]) / count * 1e3 for name in ("encode", "sync"))
+    print(f"writing a press: {spent / count * 1e3:.1f} ms, of it {encode:.1f} encoding, {sync:.1f} writing and syncing")
+    copies = [folder / f"run-{number}" for number in range(runs)]
+    for copy in copies[1:]:
+        shutil.copytree(copies[0], copy, copy_function=os.link)
+    start = time.perf_counter()
+    findings = sum(len(check_run(copy).findings) for copy in copies)
+    seconds = time.perf_counter() - start
+    held = seconds <= LIMIT_S * max(1.0, runs / 54) and findings == 0
+    rate = runs * count / seconds
+    print(f"checking {runs * count} images: {seconds:.1f} s on {os.cpu_count()} cores, {rate:.0f} images/s; ", end="")
+    print(f"within {LIMIT_S:g} s: {'yes' if held else 'NO'}")
+    return held
+
+
+def _import(folder: Path) -> bool:
+    array = np.broadcast_to(image(np.random.default_rng(1))[None, :, :, None], (50, 480, 640, 3))
+    paths = []
+    for number in range(6):
+        for level in ("P30", "P40", "P50"):
+            paths.append(folder / f"PLAminus_z{number}_{level}_Bambu.npy")
+            np.save(paths[-1], array)
+    peaks = []
+    for blocks in (2, 6):
+        start = time.perf_counter()
+        words = [sys.executable, "-c", IMPORT, str(folder / f"out-{blocks}"), *map(str, paths[: 3 * blocks])]
+        peaks.append(int(subprocess.run(words, capture_output=True, check=True, text=True).stdout) / 1e6)
+        seconds = time.perf_counter() - start
+        print(f"importing {blocks} blocks, {blocks * 138} MB: {seconds:.1f} s, {peaks[-1]:.0f} MB of memory at most")
+    held = peaks[1] <= LIMIT_GROWTH * peaks[0]
+    print(f"memory flat: {'yes' if held else 'NO'}")
+    return held
+
+
+if __name__ == "__main__":
+    sys.exit(main())

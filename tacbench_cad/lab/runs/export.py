@@ -1,0 +1,165 @@
+"""Run folders as the TacTip toolchains read them: ``processed_images/`` and ``targets_images.csv``.
+
+``tactile_learning`` takes a folder's ``processed_images/`` with the names in ``targets_images.csv`` if there are any,
+and the JSON files beside them for the range of the labels and for what was done to the images.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tacbench_cad.errors import CheckFailedError, InputError
+from tacbench_cad.files import locked, refusing, replacing
+from tacbench_cad.lab.rig.sensor import Reading, is_image
+from tacbench_cad.lab.runs import params, schema
+from tacbench_cad.lab.runs.pictures import encoded
+from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.runs.writing import write_json
+
+PROCESSED_FOLDER = "processed_images"
+TARGETS_IMAGES_FILE = "targets_images.csv"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Processing:
+    """What is done to every image.
+
+    Args:
+        bbox: Lowest x, y and highest x, y of the part that is kept, in pixels; None for the largest centred square.
+        size: Width and height in pixels afterwards.
+        grey: Make it grey (BT.601).
+    """
+
+    bbox: tuple[int, int, int, int] | None = None
+    size: tuple[int, int] = (128, 128)
+    grey: bool = True
+
+    def __post_init__(self) -> None:
+        if self.bbox is not None:
+            x0, y0, x1, y1 = self.bbox
+            if not (0 <= x0 < x1 and 0 <= y0 < y1):
+                raise InputError("bbox", list(self.bbox), "must be X0,Y0,X1,Y1 with X0 < X1 and Y0 < Y1, from 0")
+        if not all(1 <= side <= 10_000 for side in self.size):
+            raise InputError("size", list(self.size), "must be from 1x1 to 10000x10000 pixels")
+
+    def bbox_for(self, shape: tuple[int, ...]) -> tuple[int, int, int, int]:
+        """The part that is kept of images of a shape.
+
+        Raises:
+            InputError: It leaves the image.
+        """
+        height, width = shape[:2]
+        if self.bbox is None:
+            side = min(height, width)
+            x, y = (width - side) // 2, (height - side) // 2
+            return (x, y, x + side, y + side)
+        if self.bbox[2] > width or self.bbox[3] > height:
+            raise InputError("bbox", list(self.bbox), f"leaves the image of {width} x {height} pixels")
+        return self.bbox
+
+    def __call__(self, image: Reading) -> Reading:
+        """The processed image, uint8."""
+        import cv2
+        import numpy as np
+
+        x0, y0, x1, y1 = self.bbox_for(image.shape)
+        made = image[y0:y1, x0:x1]
+        if self.grey and made.ndim == 3:
+            made = np.asarray(cv2.cvtColor(made, cv2.COLOR_BGR2GRAY))
+        shrinks = self.size[0] * self.size[1] < made.shape[0] * made.shape[1]
+        return np.asarray(cv2.resize(made, self.size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR))
+
+
+def export_tactile_data(
+    folder: Path,
+    out: Path | None = None,
+    processing: Processing | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Write what ``tactile_learning`` reads.
+
+    The images come first and the table last, so that a table never names what is not there. Run again, it writes
+    everything anew.
+
+    Args:
+        folder: A run folder.
+        out: Folder for the result; None for the run folder itself, where those toolchains put it.
+        processing: What is done to every image.
+        progress: Told the images written so far and their number.
+
+    Returns:
+        Number of images of presses.
+
+    Raises:
+        InputError: It is no run folder, holds no images, or the result cannot be written.
+        CheckFailedError: An image is missing, damaged or changed.
+    """
+    run, target, how = Run.open(folder), out or folder, processing or Processing()
+    shape = run.info.reading_shape
+    names = [row.sensor_image for row in run.rows]
+    if not names:
+        raise InputError("run", str(folder), "has no press yet")
+    other = next((name for name in names if not name.endswith(".png")), None)
+    if other is not None:
+        raise InputError("run", str(folder), f"holds {other}: tactile-data is for sensors that give images")
+    with locked(target):
+        images = target / PROCESSED_FOLDER
+        with refusing(target):
+            images.mkdir(exist_ok=True)
+        done = 0
+        for reference in run.references[:1]:
+            shape = _process(run, reference.path, reference.image_sha256, images, how)
+        for row in run.rows:
+            shape = _process(run, schema.reading_path(row.sensor_image), row.image_sha256, images, how)
+            done += 1
+            if progress is not None:
+                progress(done, len(names))
+        assert shape is not None
+        _parameters(run, target, how, shape)
+        with replacing(target / TARGETS_IMAGES_FILE) as path, path.open("w", encoding="utf-8", newline="") as stream:
+            writer = csv.writer(stream, lineterminator="\n")
+            writer.writerow(schema.COLUMNS)
+            writer.writerows([values[column] for column in schema.COLUMNS] for _, values in run.lines.rows)
+    return done
+
+
+def _process(run: Run, path: str, digest: str, images: Path, how: Processing) -> tuple[int, ...]:
+    image = run.read(path, digest)
+    if not is_image(image):
+        raise CheckFailedError(f"{run.folder / path}: is no image of uint8, grey or BGR")
+    data, _ = encoded(how(image), run.info.simulated)
+    with refusing(images):
+        (images / Path(path).name).write_bytes(data)
+    return image.shape
+
+
+def _parameters(run: Run, target: Path, how: Processing, shape: tuple[int, ...]) -> None:
+    for name in (params.COLLECT_FILE, params.ENVIRONMENT_FILE, params.SENSOR_FILE):
+        document = _json_of(run, name)
+        if target != run.folder:
+            write_json(target / name, document)
+    width, height = how.size
+    processed = {
+        **params.sensor_params(run.info),
+        "bbox": list(how.bbox_for(shape)),
+        "dims": [width, height],
+        "image_size": [width, height],
+        "gray": how.grey or len(shape) == 2,
+    }
+    write_json(target / params.PROCESSED_FILE, processed)
+
+
+def _json_of(run: Run, name: str) -> dict[str, Any]:
+    path = run.folder / name
+    try:
+        document = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        raise InputError("run", str(path), "is missing or damaged; put a copy of it back") from None
+    if not isinstance(document, dict):
+        raise InputError("run", str(path), "must be a JSON object")
+    return document

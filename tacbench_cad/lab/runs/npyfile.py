@@ -1,0 +1,93 @@
+"""NumPy files read without trust: header first, nothing unpickled, nothing allocated that the file does not hold."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from tacbench_cad.errors import CheckFailedError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Header:
+    """What a NumPy file says of itself.
+
+    Args:
+        shape: Its shape.
+        dtype: Its type, never one of Python objects.
+        fortran: Whether the first index runs fastest in the file.
+        offset: Byte at which the numbers begin.
+    """
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    fortran: bool
+    offset: int
+
+
+def read_header(path: Path) -> Header:
+    """Read a file's header and compare it with the file's size.
+
+    Raises:
+        CheckFailedError: It is no NumPy file, is truncated, or holds pickled objects; the message begins with what.
+        OSError: It cannot be opened.
+    """
+    with path.open("rb") as stream:
+        header = _header(stream)
+        size = stream.seek(0, 2)
+    need = header.offset + math.prod(header.shape) * header.dtype.itemsize
+    if size != need:
+        what = "is truncated" if size < need else "is longer than it says"
+        raise CheckFailedError(f"{what}: {size} bytes where its header asks for {need}")
+    return header
+
+
+def _header(stream: BinaryIO) -> Header:
+    first = stream.read(2)
+    stream.seek(0)
+    if first[:1] == b"\x80":
+        raise CheckFailedError("is pickled; such files can run anything when they are read, so it is not opened")
+    try:
+        version = npy.read_magic(stream)
+        read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
+        if read is None:
+            raise ValueError(f"version {version}")
+        shape, fortran, dtype = read(stream)
+    # NumPy reads the head with Python's own parser, which can end in almost any error on damaged text.
+    except Exception as error:
+        raise CheckFailedError(f"is not a NumPy file, or its head is damaged: {str(error)[:80]}") from None
+    if dtype.hasobject:
+        raise CheckFailedError("holds pickled objects; such files can run anything when they are read")
+    if any(one < 0 for one in shape):
+        raise CheckFailedError(f"is not a NumPy file, or its head is damaged: shape {shape}")
+    return Header(shape=shape, dtype=dtype, fortran=fortran, offset=stream.tell())
+
+
+def read_array(path: Path) -> NDArray[Any]:
+    """Read a whole file.
+
+    Raises:
+        CheckFailedError: As :func:`read_header`.
+        OSError: It cannot be opened.
+    """
+    header = read_header(path)
+    numbers = np.fromfile(path, dtype=header.dtype, offset=header.offset)
+    return numbers.reshape(header.shape, order="F" if header.fortran else "C")
+
+
+def mapped(path: Path) -> NDArray[Any]:
+    """Map a whole file into memory, read-only: only what is looked at is read.
+
+    Raises:
+        CheckFailedError: As :func:`read_header`.
+        OSError: It cannot be opened.
+    """
+    read_header(path)
+    made: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
+    return made

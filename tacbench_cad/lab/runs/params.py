@@ -1,0 +1,61 @@
+"""The JSON files that TacTip toolchains (tactile_data, tactile_learning) look for beside the targets."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tacbench_cad.lab.runs.info import FRAME_TEXT, RunInfo
+from tacbench_cad.lab.runs.schema import POSE_COLUMNS, SHEAR_COLUMNS
+
+COLLECT_FILE = "collect_params.json"
+ENVIRONMENT_FILE = "env_params.json"
+SENSOR_FILE = "sensor_image_params.json"
+PROCESSED_FILE = "processed_image_params.json"
+
+
+def collect_params(info: RunInfo) -> dict[str, Any]:
+    """``collect_params.json``: the objects, and the limits of the poses from which models take the range of labels."""
+    protocol, label = info.protocol, info.printed.object_label
+    x, y = protocol.grid.x_mm, protocol.grid.y_mm
+    deepest = -protocol.depth_limit_mm
+    return {
+        "pose_label_names": list(POSE_COLUMNS),
+        "pose_llims": [x[0], y[0], deepest, 0.0, 0.0, 0.0],
+        "pose_ulims": [x[-1], y[-1], 0.0, 0.0, 0.0, 0.0],
+        "shear_label_names": list(SHEAR_COLUMNS),
+        "shear_llims": [0.0] * 6,
+        "shear_ulims": [0.0] * 6,
+        "object_poses": {str(label): [0.0] * 6},
+        "sample_disk": False,
+        "sort": False,
+        "seed": protocol.seed,
+    }
+
+
+def environment_params(info: RunInfo) -> dict[str, Any]:
+    """``env_params.json``: the robot, what is pressed, and the work frame in the stage's frame."""
+    return {
+        "robot": "sim" if info.stage.get("simulated") else str(info.stage.get("settings", {}).get("driver", "stage")),
+        "stim_name": info.printed.name,
+        "speed": info.stage.get("settings", {}).get("approach_mm_s"),
+        "work_frame": [*info.frame.origin_mm, 0.0, 0.0, 90.0 * info.frame.quarter_turns],
+        "tcp_pose": [0.0] * 6,
+        "work_frame_meaning": FRAME_TEXT,
+        "simulated": list(info.simulated),
+    }
+
+
+def sensor_params(info: RunInfo) -> dict[str, Any]:
+    """``sensor_image_params.json``: the sensor, the part of the camera's image that is kept (all) and its size."""
+    shape = info.reading_shape
+    height, width = shape[:2] if shape and len(shape) in (2, 3) else (None, None)
+    settings = info.sensor.get("settings", {})
+    return {
+        "type": str(info.sensor.get("name", "sensor")),
+        "source": settings.get("actual", {}).get("device", settings.get("requested", {}).get("device")),
+        "exposure": settings.get("actual", {}).get("exposure"),
+        "gray": shape is not None and len(shape) == 2,
+        "bbox": None if width is None else [0, 0, width, height],
+        "image_size": None if width is None else [width, height],
+        "simulated": list(info.simulated),
+    }

@@ -1,0 +1,114 @@
+"""A small run: 2 x 2 positions, 2 forces, 2 repeats, images of 24 x 32 pixels."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tacbench_cad.block import Block
+from tacbench_cad.lab.rig.gauge import Force
+from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.writing import RunWriter
+from tacbench_cad.lab.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
+from tacbench_cad.protocol import PressGrid
+
+START = datetime(2026, 1, 31, 12, 0, tzinfo=UTC)
+MakeInfo = Callable[..., RunInfo]
+
+
+@pytest.fixture(scope="session")
+def make_info() -> MakeInfo:
+    """Makes the small run's info, with some things changed."""
+
+    def make(shape: tuple[int, ...] = (24, 32), sensor: dict[str, Any] | None = None, **changes: Any) -> RunInfo:
+        protocol = Protocol(
+            forces_n=(0.5, 1.0),
+            bands_n=(0.1, 0.1),
+            grid=PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0)),
+            stationary_frames=2,
+        )
+        values: dict[str, Any] = {
+            "printed": PrintedBlock(block=Block.of(4), printer="bambu-p1p", filament="pla-minus", copy=2),
+            "levels": (1, 2),
+            "protocol": protocol,
+            "grid_spacing": "own",
+            "holder": HolderRim(),
+            "frame": WorkFrame(origin_mm=(80.0, 80.0, -60.0)),
+            "slot": 0,
+            "stage": {
+                "identity": "virtual GRBL on /dev/pts/3",
+                "simulated": "stage model",
+                "settings": {"driver": "grbl"},
+            },
+            "gauge": {"identity": "cell 7", "simulated": "", "calibration": {"scale_n_per_count": 0.001}},
+            "sensor": {
+                "name": "camera",
+                "simulated": "",
+                "units": "counts",
+                "shape": shape,
+                "settings": {"requested": {"exposure": 5}, "actual": {"exposure": 5}},
+                **(sensor or {}),
+            },
+        }
+        return RunInfo(**{**values, **changes})
+
+    return make
+
+
+def picture(seed: int, shape: tuple[int, ...] = (24, 32)) -> np.ndarray:
+    """An image of noise: bright, sharp and like no other."""
+    return np.random.default_rng(seed).integers(0, 256, shape, dtype=np.uint8)
+
+
+def press_all(writer: RunWriter, most: int | None = None) -> None:
+    """What the press loop does: reference, stationary readings, presses."""
+    shape = writer.info.reading_shape or (24, 32)
+    image = len(shape) > 1
+
+    def reading(seed: int) -> np.ndarray:
+        return picture(seed, shape) if image else np.random.default_rng(seed).normal(size=shape)
+
+    if writer.reference_time is None:
+        writer.reference(reading(0), START)
+    for when in ("start", "end"):
+        for contact in (True, False):
+            for index in writer.stationary_missing(when, contact, writer.info.protocol.stationary_frames):
+                writer.stationary(when, contact, index, reading(1000 * (1 + 2 * (when == "end") + contact) + index))
+    for press in writer.missing(writer.info.presses)[:most]:
+        force = Force(mean_n=0.5 + press.number / 100, spread_n=0.01, samples=4)
+        when_utc = START + timedelta(seconds=press.number)
+        pose = (press.x_mm, press.y_mm, -1.5)
+        writer.press(press, pose, reading(press.number), force, force, press.number != 3, when_utc)
+
+
+@pytest.fixture(scope="session")
+def whole_run(tmp_path_factory: pytest.TempPathFactory, make_info: MakeInfo) -> Path:
+    """A whole small run, to be copied."""
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    with RunWriter.open(folder, make_info(), durable=False) as writer:
+        press_all(writer)
+    return folder
+
+
+@pytest.fixture
+def run_folder(tmp_path: Path, whole_run: Path) -> Path:
+    """A whole small run, a test's own."""
+    return shutil.copytree(whole_run, tmp_path / "run")
+
+
+@pytest.fixture(scope="session")
+def filled() -> Callable[..., None]:
+    """Fills an open run."""
+    return press_all
+
+
+@pytest.fixture(scope="session")
+def noise() -> Callable[..., np.ndarray]:
+    """Makes images."""
+    return picture

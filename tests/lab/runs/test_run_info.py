@@ -1,0 +1,120 @@
+"""What ``run.json`` says: read back as it was written, and compared with a rig as it is now."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from tacbench_cad.block import Block
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.spec import PrintedBlock
+from tacbench_cad.textures import Texture
+from tacbench_cad.waves import Wave, WaveSum
+
+HEX = Texture(
+    name="hex",
+    equation="three waves",
+    waves=WaveSum(tuple(Wave(amplitude=0.3, f=one, g=1.0 - one, phase=0.1) for one in (0.0, 0.25, 1.0 / 3.0))),
+)
+BLOCKS = {
+    **{f"paper {number}": Block.of(number) for number in range(1, 7)},
+    **{f"released {number}": Block.of(number, "released") for number in range(1, 7)},
+    "scaled": Block.of(4, scale=1.5),
+    "with key and label": Block.of(1, key_mm=3.0, label=True),
+    "on a grid with its copy engraved": Block.of(2, sampling="grid", copy=7),
+    "other sides": Block.of(3, size_mm=(25.0, 31.0), height_mm=8.0),
+    "a user's own texture": Block.of(HEX),
+}
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_the_block_is_made_again_from_run_json(name: str, make_info: Any) -> None:
+    info = make_info(printed=PrintedBlock(block=BLOCKS[name], printer="my-printer", filament="tpu", copy=3))
+    again = RunInfo.from_dict(json.loads(json.dumps(info.as_dict())))
+    assert again == info
+    assert again.printed.block == BLOCKS[name]
+    assert again.printed.name == info.printed.name
+    assert again.printed.block.height_at(4.0, 18.0) == BLOCKS[name].height_at(4.0, 18.0)
+    assert again.presses == info.presses
+    assert info.differences(again) == []
+
+
+def test_a_shuffled_order_comes_back_the_same(make_info: Any) -> None:
+    info = make_info(protocol=replace(make_info().protocol, order="random", seed=7))
+    again = RunInfo.from_dict(json.loads(json.dumps(info.as_dict())))
+    assert again.presses == info.presses
+    assert [one.position for one in info.presses] != [one.position for one in make_info().presses]
+
+
+def test_what_differs_is_named_with_both_values(make_info: Any) -> None:
+    info = make_info()
+    settings = {"settings": {"requested": {"exposure": 7}, "actual": {"exposure": 5}}}
+    other = make_info(sensor=settings, protocol=replace(info.protocol, settle_s=0.5), slot=1)
+    assert info.differences(other) == [
+        "protocol.settle_s: 0.2 then, 0.5 now",
+        "slot: 0 then, 1 now",
+        "sensor.settings.requested.exposure: 5 then, 7 now",
+    ]
+
+
+def test_a_setting_that_comes_or_goes_is_named(make_info: Any) -> None:
+    bare = make_info(gauge={"simulated": ""})
+    assert bare.differences(make_info()) == ["gauge.calibration.scale_n_per_count: nothing then, 0.001 now"]
+    assert make_info().differences(bare) == ["gauge.calibration.scale_n_per_count: 0.001 then, nothing now"]
+
+
+def test_ports_identities_and_versions_may_change(make_info: Any) -> None:
+    stage = {**make_info().stage, "identity": "virtual GRBL on /dev/pts/9", "port": "elsewhere", "firmware": "1.1i"}
+    assert make_info().differences(make_info(stage=stage)) == []
+
+
+def test_what_is_simulated_is_said(make_info: Any) -> None:
+    assert make_info().simulated == ("stage: stage model",)
+    assert make_info(stage={"simulated": ""}).simulated == ()
+
+
+@pytest.mark.parametrize("value", [float("nan"), {1, 2}, object()])
+def test_what_json_cannot_hold_is_refused(value: object, make_info: Any) -> None:
+    with pytest.raises(InputError, match="gauge: holds what JSON cannot"):
+        make_info(gauge={"simulated": "", "scale": value})
+
+
+@pytest.mark.parametrize("levels", [(), (2, 1), (1, 1), (0,), (3,)])
+def test_levels_outside_of_the_protocol_are_refused(levels: tuple[int, ...], make_info: Any) -> None:
+    with pytest.raises(InputError, match="levels"):
+        make_info(levels=levels)
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("block",), None),
+        (("block", "waves"), "sin x"),
+        (("block", "waves"), [[1, 2]]),
+        (("protocol", "forces_n"), [3.0, 1.0]),
+        (("protocol", "haste"), 1),
+        (("frame", "origin_mm"), [1.0]),
+        (("levels",), 5),
+        (("stage",), [1]),
+        (("holder",), {}),
+    ],
+)
+def test_a_damaged_document_is_refused_in_words(path: tuple[str, ...], value: object, make_info: Any) -> None:
+    document = json.loads(json.dumps(make_info().as_dict()))
+    inner = document
+    for key in path[:-1]:
+        inner = inner[key]
+    inner[path[-1]] = value
+    with pytest.raises(InputError):
+        RunInfo.from_dict(document)
+
+
+def test_a_missing_key_is_named(make_info: Any) -> None:
+    document = make_info().as_dict()
+    del document["holder"]
+    with pytest.raises(InputError, match="has no key 'holder'"):
+        RunInfo.from_dict(document)
