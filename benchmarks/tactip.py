@@ -1,0 +1,122 @@
+"""The simulated TacTip against the figures it was built from, and how long a press and an image take.
+
+    python benchmarks/tactip.py [--runs 200]
+
+Claims: markers at rest within 0.3 px of 601 r / (48.9 + z); on a flat plate F = 0.47 d^1.5 within a factor of 2; every
+pose has its target force within a hundredth of the paper's band; deformation grows with force on every texture; one
+force takes less than 1 ms.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import statistics
+import time
+from collections.abc import Callable
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command sets it
+
+import cv2
+import numpy as np
+
+from tacbench_cad.block import Block
+from tacbench_cad.lab.simulate.contact import Contact, contact_for
+from tacbench_cad.lab.simulate.heights import flat
+from tacbench_cad.lab.simulate.tactip import REST, RINGS, TacTip
+from tacbench_cad.lab.spec import HolderRim, PrintedBlock
+from tacbench_cad.protocol import DOME_RADIUS_MM, FORCE_SPREADS_N, FORCES_N, PressGrid, contact_radius_mm
+
+
+def rng(seed: int = 0) -> np.random.Generator:
+    """A generator."""
+    return np.random.Generator(np.random.SFC64(seed))
+
+
+def worst_marker_px() -> float:
+    """Largest distance of a marker's centroid in a rendered image from where its pin belongs."""
+    image = TacTip(colour=False).image(None, (0.0, 0.0, 0.0), rng())
+    weight = np.where(image > 20, image, 0).astype(np.uint8)
+    count, labels = cv2.connectedComponents((weight > 0).astype(np.uint8))
+    found = []
+    for label in range(1, count):
+        moments = cv2.moments(np.where(labels == label, weight, 0).astype(np.float32))
+        found.append((moments["m10"] / moments["m00"], moments["m01"] / moments["m00"]))
+    worst = 0.0
+    for pins, first, step, r, z in RINGS:
+        for i in range(pins):
+            azimuth, radius = math.radians(first + step * i), 601.0 * r / (48.9 + z)
+            place = (319.5 + radius * math.cos(azimuth), 239.5 - radius * math.sin(azimuth))
+            worst = max(worst, min(math.dist(place, one) for one in found))
+    return worst
+
+
+def milliseconds(call: Callable[[int], object], runs: int) -> float:
+    """Median time of a call, in ms."""
+    times = []
+    for i in range(runs):
+        began = time.perf_counter()
+        call(i)
+        times.append(time.perf_counter() - began)
+    return 1e3 * statistics.median(times)
+
+
+def main() -> int:
+    """Print the figures; the exit code is 1 where a claim does not hold."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=200, help="calls for each time (default 200)")
+    runs = parser.parse_args().runs
+    held = True
+    worst = worst_marker_px()
+    held &= worst <= 0.3
+    print(f"markers at rest: at most {worst:.3f} px from 601 r / (48.9 + z)")
+
+    plate = Contact(flat())
+    print(f"{'force (N)':>10}{'depth on a plate (mm)':>24}{'0.47 d^1.5 / F':>16}{'radius (mm)':>13}{'PAPER':>8}")
+    for force in FORCES_N:
+        z = plate.z_for_force(0.0, 0.0, force)
+        overlap = plate.overlap(0.0, 0.0, z)
+        radius = math.sqrt(np.count_nonzero(overlap.depth_mm) / math.pi) * overlap.cell_mm
+        ratio = 0.47 * (-z) ** 1.5 / force
+        held &= 0.5 <= ratio <= 2.0
+        print(f"{force:>10.4f}{-z:>24.3f}{ratio:>16.3f}{radius:>13.2f}{contact_radius_mm(force):>8.2f}")
+
+    sensor, places = TacTip(colour=False), PressGrid.paper().positions_mm
+    print(f"{'texture':>10}{'mean shift of the markers at the three forces (px)':>54}{'worst force error / band':>26}")
+    for texture in range(1, 7):
+        printed = PrintedBlock(block=Block.of(texture), printer="bambu-p1p", filament="pla-minus")
+        contact = contact_for(printed, HolderRim())
+        shifts, error = [], 0.0
+        for force, band in zip(FORCES_N, FORCE_SPREADS_N, strict=True):
+            moved = []
+            for x, y in places:
+                pose = (float(x), float(y), contact.z_for_force(x, y, force))
+                error = max(error, abs(contact.force_n(*pose) - force) / band)
+                tips = sensor.pins(contact, pose).tips_mm
+                moved.append(np.linalg.norm(sensor.camera.pixels(tips) - sensor.camera.pixels(REST.tips_mm), axis=1))
+            shifts.append(float(np.mean(moved)))
+        held &= shifts == sorted(shifts) and error < 0.01
+        print(f"{texture:>10}{', '.join(f'{one:.3f}' for one in shifts):>54}{error:>26.5f}")
+
+    cv2.setNumThreads(1)
+    x, y = (float(one) for one in places[12])
+    z = contact.z_for_force(x, y, FORCES_N[-1])
+    pins = sensor.pins(contact, (x, y, z))
+    one_force = milliseconds(lambda i: contact.force_n(x + 1e-4 * i, y, z), runs)
+    held &= one_force < 1.0
+    print(f"one force at a new place: {one_force:.3f} ms (dome of {DOME_RADIUS_MM:g} mm at {FORCES_N[-1]} N)")
+    print(
+        f"pose for a force: {milliseconds(lambda i: contact.z_for_force(x + 1e-4 * i, y, FORCES_N[-1]), runs):.3f} ms"
+    )
+    print(f"pins: {milliseconds(lambda i: sensor.pins(contact, (x + 1e-4 * i, y, z)), runs):.3f} ms")
+    for colour in (False, True):
+        camera = TacTip(colour=colour)
+        taken = milliseconds(lambda i, camera=camera: camera.frame(pins, rng(i)), runs)  # type: ignore[misc]
+        print(f"frame, {'colour' if colour else 'grey'}: {taken:.3f} ms")
+    print(f"all claims: {'yes' if held else 'NO'}")
+    return 0 if held else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

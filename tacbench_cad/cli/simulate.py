@@ -1,0 +1,209 @@
+"""``tacbench simulate``: whole studies of a simulated sensor on the blocks of virtual printers."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tacbench_cad.cli.common import console, given, note, print_json, table, whole_of
+from tacbench_cad.errors import InputError
+
+if TYPE_CHECKING:
+    from tacbench_cad.lab.runs.info import RunInfo
+    from tacbench_cad.lab.simulate.blockrun import BlockDone
+    from tacbench_cad.lab.simulate.study import Estimate
+    from tacbench_cad.lab.spec import Study
+
+NAME = "simulate"
+
+#: A stream that is no terminal gets a line every so many seconds.
+PLAIN_EVERY_S = 10.0
+#: What the time went to, in the words of the result.
+SHARES = {
+    "encode": "PNG encoding",
+    "draw": "drawing and noise",
+    "press": "forces and pins",
+    "print": "virtual prints",
+    "write": "writing files",
+}
+
+
+def command(
+    study: Annotated[
+        str, typer.Option(metavar="paper|quick|FILE.toml", help="The study; a file as tacbench acquire takes it.")
+    ] = "quick",
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder of the runs. Default: what FILE.toml says.")
+    ] = None,
+    colour: Annotated[bool, typer.Option("--colour", help="Images in colour; they take three times the room.")] = False,
+    seed: Annotated[str, typer.Option(metavar="N", help="Another number gives other prints and other noise.")] = "0",
+    jobs: Annotated[str | None, typer.Option(metavar="N", help="Processes. Default: one for each processor.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """Simulate a study: virtual prints, pressed by a simulated TacTip, in run folders like those of a real rig.
+
+    It says first how many images it makes and what they take, measured on a few of them, and refuses where the disk
+    has no room. Blocks are made side by side. An interruption loses nothing: the same command goes on at the first
+    missing press of any block. Runs, images and the records of the prints all say that they are simulated.
+
+    paper is the paper's 8,100 images (nine combinations of printer and filament, six textures, three forces) and 4,500
+    more of the three selected combinations (copies 2 to 6, middle force). quick has two combinations, two copies, six
+    textures, three forces and nine positions: the least that every analysis accepts.
+
+    Examples:
+      tacbench simulate --study quick --out runs
+      tacbench simulate --study paper --out paper-runs --jobs 2
+      tacbench simulate --study mine.toml --colour
+    """
+    from tacbench_cad.lab.simulate.blockrun import Options, run_info
+    from tacbench_cad.lab.simulate.study import estimate, make, require_room, study_of
+    from tacbench_cad.making.workers import cpu_count
+
+    options = Options(colour=colour, seed=whole_of("seed", seed))
+    wanted = given(whole_of, "jobs", jobs)
+    if wanted is not None and wanted < 1:
+        raise InputError("jobs", wanted, "must be 1 or more")
+    count = wanted or cpu_count()
+    found = study_of(study)
+    folder = out or found.out
+    if folder is None:
+        raise InputError("out", None, "name a folder for the runs")
+    infos = [run_info(found.study, one, options) for one in found.study.blocks]
+    count = min(count, len(infos))
+    needed = estimate(infos, folder, options, count)
+    for line in _plan(found.study, infos, needed, colour):
+        note(line)
+    require_room(folder, needed)
+    began = time.monotonic()
+    with _Progress(needed.presses + needed.others, needed.there) as progress:
+        blocks = make(infos, folder, options, count, progress.show)
+    seconds = time.monotonic() - began
+    if json:
+        print_json(_document(folder, infos, blocks, needed, seconds))
+    else:
+        _print(folder, infos, blocks, seconds)
+
+
+def _plan(study: Study, infos: Sequence[RunInfo], needed: Estimate, colour: bool) -> list[str]:
+    """What will be made, in words."""
+    protocol = study.protocol
+    cells: dict[tuple[int, ...], int] = {}
+    for info in infos:
+        cells[info.levels] = cells.get(info.levels, 0) + 1
+    places = f"{len(protocol.grid.positions_mm)} positions, {protocol.repeats} repeats"
+    lines = [f"simulated study: {needed.blocks} blocks, {needed.presses:,} images of presses ({places}):"]
+    for levels, blocks in cells.items():
+        presses = blocks * len(levels) * protocol.repeats * len(protocol.grid.positions_mm)
+        shown = ", ".join(str(level) for level in levels)
+        lines.append(f"  {blocks} blocks at force level{'s' if len(levels) > 1 else ''} {shown}: {presses:,} images")
+    lines.append(
+        f"  {needed.others:,} images without a press of their own: references and 4 x {protocol.stationary_frames} "
+        "stationary frames a block"
+    )
+    kind = "colour" if colour else "grey"
+    there = f"{needed.there:,} are there; " if needed.there else ""
+    lines.append(
+        f"{there}{needed.missing:,} images to make, {kind}, {needed.bytes_each / 1e3:.0f} kB each: {needed.gb:.2f} GB, "
+        f"about {_minutes(needed.minutes)} in {needed.jobs} process{'' if needed.jobs == 1 else 'es'}"
+    )
+    return lines
+
+
+def _minutes(minutes: float) -> str:
+    return f"{minutes:.1f} minutes" if minutes >= 2.0 else f"{60.0 * minutes:.0f} s"
+
+
+class _Progress:
+    """Images made and time left on the standard error: one line on a terminal, else a line every ten seconds."""
+
+    def __init__(self, total: int, there: int) -> None:
+        self._total, self._before = total, there
+        self._began = time.monotonic()
+        self._written = self._began
+        self._width = 0
+
+    def __enter__(self) -> _Progress:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._width:
+            sys.stderr.write("\r" + " " * self._width + "\r")
+            sys.stderr.flush()
+
+    def show(self, images: int) -> None:
+        """So many images are there."""
+        now = time.monotonic()
+        over = sys.stderr.isatty()
+        if images <= self._before or (not over and now - self._written < PLAIN_EVERY_S):
+            return
+        self._written = now
+        left = (now - self._began) / (images - self._before) * (self._total - images)
+        line = f"{images:,} of {self._total:,} images, {_minutes(left / 60.0)} left"
+        if over:
+            sys.stderr.write("\r" + line.ljust(self._width))
+            sys.stderr.flush()
+            self._width = max(self._width, len(line))
+        else:
+            note(line)
+
+
+def _shares(blocks: Sequence[BlockDone]) -> dict[str, float]:
+    """Seconds of all processes by what they went to."""
+    return {name: sum(block.seconds[name] for block in blocks) for name in SHARES}
+
+
+def _print(folder: Path, infos: Sequence[RunInfo], blocks: Sequence[BlockDone], seconds: float) -> None:
+    made = table(
+        f"{len(blocks)} simulated runs in {folder}",
+        *("printer", "filament", "copies", "runs", "presses made", "images made", "worst force error (mN)"),
+        right=("copies", "runs", "presses made", "images made", "worst force error (mN)"),
+    )
+    groups: dict[tuple[str, str], list[int]] = {}
+    for i, info in enumerate(infos):
+        groups.setdefault((info.printed.printer, info.printed.filament), []).append(i)
+    for (printer, filament), members in groups.items():
+        done = [blocks[i] for i in members]
+        made.add_row(
+            printer,
+            filament,
+            str(len({infos[i].printed.copy for i in members})),
+            str(len(members)),
+            f"{sum(one.presses for one in done):,}",
+            f"{sum(one.images for one in done):,}",
+            f"{1e3 * max(one.worst_n for one in done):.3f}",
+        )
+    screen = console()
+    screen.print(made)
+    spent = _shares(blocks)
+    total = sum(spent.values())
+    images = sum(one.images for one in blocks)
+    shares = ", ".join(f"{what} {100.0 * spent[name] / total:.0f} %" for name, what in SHARES.items()) if images else ""
+    screen.print(f"{images:,} images in {seconds:.1f} s{'; ' if shares else ''}{shares}", soft_wrap=True)
+
+
+def _document(
+    folder: Path, infos: Sequence[RunInfo], blocks: Sequence[BlockDone], needed: Estimate, seconds: float
+) -> dict[str, Any]:
+    return {
+        "out": str(folder),
+        "simulated": list(infos[0].simulated),
+        "images": needed.presses + needed.others,
+        "images_made": sum(one.images for one in blocks),
+        "bytes_each": needed.bytes_each,
+        "seconds": seconds,
+        "process_seconds": _shares(blocks),
+        "runs": [
+            {
+                "name": one.name,
+                "presses_made": one.presses,
+                "images_made": one.images,
+                "worst_force_error_n": one.worst_n,
+            }
+            for one in blocks
+        ],
+    }

@@ -1,0 +1,262 @@
+"""A stage run by the paper's own Arduino firmware.
+
+What is known of it: 921600 baud; lines ``RESET`` (home), ``MOVE,x,y,z,step``, ``SHOW`` and others; a reply ends with
+a line that holds ``done``; units are motor steps. Read as: x, y, z are steps counted from where ``RESET`` ended, and
+``step`` is the pause between two steps in microseconds. It has neither version, checksums, alarms nor limits, and
+reads nothing while it moves.
+
+Frame: steps divided by ``steps_per_mm`` (negative where an axis counts the other way), 0 where ``RESET`` ended.
+``ZERO`` is never sent, so a taught origin stays valid after the power was off, once the stage is homed again.
+
+Trust: where ``SHOW`` answers with three whole numbers, they are the position, and a move is done when they are the
+target's. Where it does not, ``done`` is all there is: a move is then believed on its word, :meth:`position` is where
+the last one went, and a reset between two moves goes unseen. The identity says which of the two it is. In both cases
+steps are counted, not seen. A reset says nothing; it shows as a missing ``done`` or as counters at 0.
+
+``stop()`` cannot reach a firmware that is not reading. Moves are sent in pieces of about half a second, and none
+follows after a stop; for an emergency wire a switch to the motors' supply.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.errors import (
+    AlarmError,
+    NoAnswerError,
+    NotThereError,
+    PositionLostError,
+    ProtocolError,
+)
+from tacbench_cad.lab.rig.line import Line
+from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.spec import Point
+
+BAUD = 921600
+#: Longest wait for the first answer: the reset that opening a port causes, and a boot loader.
+GREETING_S = 8.0
+#: Pause before a question without an answer is asked again, while opening.
+ATTEMPT_S = 0.5
+#: Longest piece of a move, in rig time: so long may a stop take.
+PIECE_S = 0.5
+#: How much a move may take in comparison with its steps' pauses.
+SLOWNESS = 3.0
+
+Steps = tuple[int, int, int]
+
+
+def counters(line: str) -> Steps | None:
+    """The three whole numbers of an answer to ``SHOW``; None if a line does not hold just three."""
+    found = re.findall(r"(?<![\w.])-?\d{1,10}(?![\w.])", line, re.ASCII)
+    return (int(found[0]), int(found[1]), int(found[2])) if len(found) == 3 else None
+
+
+def is_done(line: str) -> bool:
+    """Whether a line ends a reply."""
+    return "done" in line.lower()
+
+
+class ArduinoStage(Closing):
+    """A three-axis stage behind the authors' firmware. See :class:`tacbench_cad.lab.rig.stage.Stage`.
+
+    Args:
+        port: Path, name or pyserial URL.
+        steps_per_mm: Motor steps per mm of x, y, z; negative where steps count down as the coordinate grows.
+        clock: Time of the rig.
+        baud: Symbols per second.
+        timeout_s: Longest silence that is waited through, in real seconds, beyond what a move takes.
+        home_timeout_s: Longest homing, in real seconds.
+        simulated: What of it is simulated.
+
+    Raises:
+        InputError: ``steps_per_mm`` is missing or wrong, or the port cannot be opened.
+        NoAnswerError: Nothing answers.
+        ProtocolError: Something else answers.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        *,
+        steps_per_mm: object = None,
+        clock: Clock | None = None,
+        baud: int = BAUD,
+        timeout_s: float = 10.0,
+        home_timeout_s: float = 120.0,
+        simulated: str = "",
+    ) -> None:
+        self.simulated = simulated
+        self._steps_per_mm = _checked(steps_per_mm)
+        self._clock = clock or Clock()
+        self._timeout_s = timeout_s
+        self._home_timeout_s = home_timeout_s
+        self._lost = "it was not homed"
+        self._stopping = False
+        self._at: Steps = (0, 0, 0)
+        self._line = Line(port, baud=baud, what="stage", write_timeout_s=min(timeout_s, 2.0))
+        self._name = f"stage at {port}"
+        try:
+            shown = self._greet()
+            self._shows = shown is not None
+            if shown is not None and any(shown):
+                # Counters that survived: nothing has reset the board since it moved.
+                self._lost, self._at = "", shown
+            trust = "SHOW tells the steps" if self._shows else "SHOW tells no position, done is believed"
+            self.identity = f"arduino: the paper's firmware (no version; {trust}) at {port}"
+        except BaseException:
+            self.close()
+            raise
+
+    def home(self) -> None:
+        """``RESET``: find the end stops. Afterwards the position is known.
+
+        Which axis goes first is the firmware's: see to it that z goes upwards first.
+
+        Raises:
+            AlarmError: Homing was stopped on request; it goes on to its end all the same.
+            RigError: Lost or silent.
+        """
+        self._stopping = False
+        self._lost = "homing was not finished"
+        self._ask("RESET", self._home_timeout_s)
+        if self._stopping:
+            raise AlarmError(f"{self._name}: homing was stopped on request")
+        self._at = self._shown() if self._shows else (0, 0, 0)
+        self._lost = ""
+
+    def move(self, target_mm: Point, speed_mm_s: float) -> Point:
+        """Go there in a straight line, to the nearest whole steps.
+
+        Raises:
+            PositionLostError: The board was reset, or never homed; home first.
+            NotThereError: Stopped on request, or the counters are not the target's.
+            NoAnswerError: Silent; the position is unknown then.
+            DeviceLostError: Unplugged.
+        """
+        start = self.position()
+        self._stopping = False
+        pieces = max(1, math.ceil(math.dist(start, target_mm) / (speed_mm_s * PIECE_S)))
+        for piece in range(1, pieces + 1):
+            share = piece / pieces
+            x, y, z = (a + share * (b - a) for a, b in zip(start, target_mm, strict=True))
+            self._step_to(self._steps((x, y, z)), math.dist(start, target_mm) / speed_mm_s / pieces)
+            if self._stopping:
+                raise NotThereError(f"{self._name}: was stopped on request on its way")
+        return self._mm(self._at)
+
+    def position(self) -> Point:
+        """The counted position in mm; where ``SHOW`` tells none, where the last move went.
+
+        Raises:
+            PositionLostError: It is unknown: reset, or never homed.
+            RigError: Lost or silent.
+        """
+        if self._lost:
+            raise PositionLostError(f"{self._name}: the position is unknown: {self._lost}; home first")
+        if self._shows:
+            at = self._shown()
+            if at != self._at:
+                # One report may be damaged.
+                at = self._shown()
+            if not any(at) and any(self._at):
+                self._lost = "the board was reset (button, power dip or disturbance)"
+                raise PositionLostError(f"{self._name}: counts 0, 0, 0 although it was left elsewhere; home first")
+            self._at = at
+        return self._mm(self._at)
+
+    def stop(self) -> None:
+        """End the motion after the piece that is under way; from a signal handler too. Never raises."""
+        self._stopping = True
+
+    def close(self) -> None:
+        """Let go of the port. Never raises; a second call does nothing."""
+        self._line.close()
+
+    def _steps(self, at: Point) -> Steps:
+        x, y, z = (round(a * per_mm) for a, per_mm in zip(at, self._steps_per_mm, strict=True))
+        return (x, y, z)
+
+    def _mm(self, steps: Steps) -> Point:
+        x, y, z = (count / per_mm for count, per_mm in zip(steps, self._steps_per_mm, strict=True))
+        return (x, y, z)
+
+    def _step_to(self, steps: Steps, seconds: float) -> None:
+        """One piece of a move, and the proof of it."""
+        most = max(abs(a - b) for a, b in zip(steps, self._at, strict=True))
+        if most == 0:
+            return
+        pause_us = max(1, round(1e6 * seconds / most))
+        command = f"MOVE,{steps[0]},{steps[1]},{steps[2]},{pause_us}"
+        try:
+            self._ask(command, self._timeout_s + SLOWNESS * seconds)
+        except NoAnswerError:
+            # The done may have been lost on the way; the counters tell.
+            self._lost = "a move was not acknowledged"
+            if not self._shows or self._shown() != steps:
+                raise
+            self._lost = ""
+        if self._shows:
+            at = self._shown()
+            if at != steps:
+                at = self._shown()
+            if at != steps:
+                self._lost = "" if any(at) else "the board was reset (button, power dip or disturbance)"
+                self._at = at
+                kind = NotThereError if any(at) else PositionLostError
+                raise kind(f"{self._name}: counts {at} steps instead of {steps}")
+        self._at = steps
+
+    def _shown(self) -> Steps:
+        for _ in range(3):
+            for line in self._ask("SHOW", self._timeout_s):
+                found = counters(line)
+                if found is not None:
+                    return found
+        raise ProtocolError(f"{self._name}: SHOW no longer tells a position")
+
+    def _ask(self, command: str, timeout_s: float) -> list[str]:
+        """Send a line; the lines that came until ``done``."""
+        self._line.forget()
+        self._line.write(command.encode("ascii") + b"\n")
+        lines: list[str] = []
+        until = time.monotonic() + timeout_s
+        while (left := until - time.monotonic()) > 0.0:
+            line = self._line.read_line(left)
+            if line is not None:
+                lines.append(line)
+                if is_done(line):
+                    return lines
+        raise NoAnswerError(f"{self._name}: no done to {command} within {timeout_s:.1f} s")
+
+    def _greet(self) -> Steps | None:
+        """Wait until ``SHOW`` is answered; the counters, if it tells them."""
+        until = time.monotonic() + max(GREETING_S, self._timeout_s)
+        while time.monotonic() < until:
+            try:
+                lines = self._ask("\nSHOW", ATTEMPT_S)
+            except NoAnswerError:
+                continue
+            # What was sent before it listened may be answered late.
+            quiet_by = time.monotonic() + 0.5
+            while time.monotonic() < quiet_by and self._line.read_line(0.1) is not None:
+                pass
+            heard = " ".join(lines)
+            if "echo:" in heard or "error:" in heard.lower():
+                raise ProtocolError(f"{self._name}: is not the paper's firmware; it sent {heard[:60]!r}")
+            return next((found for line in lines if (found := counters(line))), None)
+        raise NoAnswerError(f"{self._name}: nothing answers SHOW with done; power, cable, baud rate, driver?")
+
+
+def _checked(steps_per_mm: object) -> Point:
+    allowed = "must be three numbers, none of them 0: motor steps per mm of x, y, z, negative for a turned axis"
+    if not isinstance(steps_per_mm, list | tuple) or len(steps_per_mm) != 3:
+        raise InputError("[stage] options steps_per_mm", steps_per_mm, allowed)
+    for one in steps_per_mm:
+        if isinstance(one, bool) or not isinstance(one, int | float) or not math.isfinite(one) or one == 0:
+            raise InputError("[stage] options steps_per_mm", one, allowed)
+    x, y, z = (float(one) for one in steps_per_mm)
+    return (x, y, z)

@@ -1,0 +1,330 @@
+"""A load cell that sends a line a sample over serial: raw counts, which need a calibration, or newtons."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.errors import InputError, one_of
+from tacbench_cad.lab.rig.calibration import Calibration, read_calibration
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.errors import GaugeError
+from tacbench_cad.lab.rig.gauge import Force, Gauge
+from tacbench_cad.lab.rig.samples import BAUD, Lines, SampleStream
+from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.spec import GaugeSettings
+from tacbench_cad.tables import Table
+
+#: Range of the usual 24-bit converters (HX711, ADS1232); at either end the amplifier is saturated.
+_LOW_COUNTS = -(2**23)
+_HIGH_COUNTS = 2**23 - 1
+#: A sample further from zero is no force of this rig: a damaged line, or a saturated cell if several come in a row.
+_MOST_N = 100.0
+_SEVERAL = 5
+#: A sample is damaged if it lies this many standard deviations (from the median absolute deviation) off the median ...
+_OFF_TIMES = 10.0
+#: ... and further than this, in newtons (motion within a window is slower), or in raw units without a calibration.
+_OFF_N = 0.005
+_OFF_UNITS = 10.0
+#: Time over which a tare and a calibration point are averaged, in seconds.
+STILL_S = 1.0
+#: What every gauge has.
+_NEEDED = ("identity", "simulated", "calibration", "read", "tare", "close")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadCellOptions:
+    """What ``[gauge.options]`` says of a load cell.
+
+    Args:
+        unit: ``counts`` or ``newtons``.
+        columns: Numbers on a line.
+        column: Which of them is the force, from 1.
+        low_counts: Counts at which the converter is saturated.
+        high_counts: Likewise.
+        stuck_samples: So many identical samples in a row mean that the cell is stuck; 0 switches the check off, for a
+            device that rounds its noise away.
+        least_samples: Samples that a mean needs at least, however short the window.
+        latency_s: Rig time for which samples may lie in the USB adapter: what comes within it was taken before.
+    """
+
+    unit: str = "counts"
+    columns: int = 1
+    column: int = 1
+    low_counts: float = float(_LOW_COUNTS)
+    high_counts: float = float(_HIGH_COUNTS)
+    stuck_samples: int = 20
+    least_samples: int = 3
+    latency_s: float = 0.02
+
+    def __post_init__(self) -> None:
+        one_of("unit", self.unit, ("counts", "newtons"))
+        if not 1 <= self.column <= self.columns:
+            raise InputError("column", self.column, f"must be from 1 to {self.columns}, the numbers on a line")
+        if not self.low_counts < self.high_counts:
+            raise InputError("low_counts", self.low_counts, "must be below high_counts")
+        if self.stuck_samples == 1:
+            raise InputError("stuck_samples", 1, "must be at least 2, or 0 to switch the check off")
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any], *, calibrated: bool) -> LoadCellOptions:
+        """Read the keys of ``[gauge.options]``.
+
+        Args:
+            values: The table.
+            calibrated: Whether the gauge has a calibration; lines are raw counts if it has, else newtons.
+
+        Raises:
+            InputError: A key is unknown, or its value is not allowed.
+        """
+        table = Table(values, "[gauge.options] ")
+        table.only(*cls.__dataclass_fields__)
+        usual = cls()
+        options = cls(
+            unit=table.text("unit", "counts" if calibrated else "newtons", ("counts", "newtons")),
+            columns=table.whole("columns", usual.columns, 1, 1000),
+            column=table.whole("column", usual.column, 1, 1000),
+            low_counts=table.number("low_counts", usual.low_counts),
+            high_counts=table.number("high_counts", usual.high_counts),
+            stuck_samples=table.whole("stuck_samples", usual.stuck_samples, 0, 100_000),
+            least_samples=table.whole("least_samples", usual.least_samples, 1, 10_000),
+            latency_s=table.number("latency_s", usual.latency_s, 0.0, 1.0),
+        )
+        if (options.unit == "counts") != calibrated:
+            wrong = "needs [gauge] calibration; `tacbench rig calibrate-force` writes one"
+            raise InputError(
+                "[gauge.options] unit", options.unit, "is calibrated already: no calibration" if calibrated else wrong
+            )
+        return options
+
+
+@dataclass(frozen=True, kw_only=True)
+class RawMean:
+    """Raw samples of a still load cell.
+
+    Args:
+        mean: Their mean, in counts or newtons.
+        spread: Their standard deviation (ddof 0).
+        samples: How many there were.
+    """
+
+    mean: float
+    spread: float
+    samples: int
+
+
+class RawLoadCell(Closing):
+    """The samples of a load cell as it sends them, looked at for what no living cell sends.
+
+    Args:
+        lines: The port.
+        name: What it is, for the messages.
+        options: How its lines read.
+        timeout_s: Longest real time to wait for a sample.
+        clock: The rig's time.
+
+    Raises:
+        RigError: Nothing that is a sample comes.
+    """
+
+    def __init__(self, lines: Lines, *, name: str, options: LoadCellOptions, timeout_s: float, clock: Clock) -> None:
+        self.name = name
+        self.options = options
+        self._clock = clock
+        self._beyond = 0
+        self._stream = SampleStream(
+            lines,
+            name=name,
+            columns=options.columns,
+            timeout_s=timeout_s,
+            error=GaugeError,
+            stuck_samples=options.stuck_samples,
+            watched=options.column,
+        )
+        self._stream.wait_for_start()
+
+    @property
+    def garbled(self) -> int:
+        """Lines so far that were no sample."""
+        return self._stream.garbled
+
+    def read(self, window_s: float, to_newtons: Callable[[float], float] | None = None) -> RawMean:
+        """Average the samples that arrive during a window that begins now.
+
+        Samples far off the others' median are damaged lines (a lost digit still reads as a number): they are left
+        out and counted as garbled.
+
+        Args:
+            window_s: Rig time.
+            to_newtons: The force that a raw sample means; None while that is not known, for a calibration.
+
+        Raises:
+            GaugeError: Stuck, saturated, or too many garbled lines.
+            RigError: Lost or silent.
+        """
+        self._stream.start_fresh(self.options.latency_s / self._clock.speed)
+        until = self._clock.now_s() + window_s
+        samples: list[float] = []
+        while len(samples) < self.options.least_samples or self._clock.now_s() < until:
+            value = self._stream.next()[self.options.column - 1]
+            if self._believable(value, 0.0 if to_newtons is None else to_newtons(value)):
+                samples.append(value)
+        floor = _OFF_UNITS if to_newtons is None else _OFF_N / abs(to_newtons(1.0) - to_newtons(0.0))
+        kept = self._without_damaged(np.array(samples), floor)
+        return RawMean(mean=float(kept.mean()), spread=float(kept.std()), samples=len(kept))
+
+    def close(self) -> None:
+        """Let go of the port. Never raises; a second call does nothing."""
+        self._stream.close()
+
+    def _believable(self, value: float, force_n: float) -> bool:
+        """Whether a sample can be true.
+
+        Raises:
+            GaugeError: It is at the converter's end, or one of several in a row that are no force.
+        """
+        counts = self.options.unit == "counts"
+        if counts and value in (self.options.low_counts, self.options.high_counts):
+            raise GaugeError(
+                f"{self.name}: saturated at {value:.0f} counts: overloaded, or a wire of the cell is broken"
+            )
+        beyond = counts and not self.options.low_counts < value < self.options.high_counts
+        if not beyond and abs(force_n) <= _MOST_N:
+            self._beyond = 0
+            return True
+        self._beyond += 1
+        if self._beyond >= _SEVERAL:
+            raise GaugeError(
+                f"{self.name}: saturated, {self._beyond} samples in a row such as {value:.10g} {self.options.unit}: "
+                "overloaded, a wire of the cell is broken, or these are no " + self.options.unit
+            )
+        self._stream.count(False, f"{value:.10g}")
+        return False
+
+    def _without_damaged(self, samples: NDArray[np.float64], floor: float) -> NDArray[np.float64]:
+        """The samples but for those far off; ``floor`` is a distance that is near in any case, in raw units."""
+        off = np.abs(samples - np.median(samples))
+        allowed = max(_OFF_TIMES * 1.4826 * float(np.median(off)), floor)
+        for value in samples[off > allowed]:
+            self._stream.count(False, f"{value:.10g}")
+        return samples[off <= allowed]
+
+
+class LoadCell(Closing):
+    """A force gauge made of a load cell. See :class:`tacbench_cad.lab.rig.gauge.Gauge`.
+
+    Args:
+        raw: The cell.
+        calibration: Its calibration, or None where it sends newtons.
+        calibration_name: The calibration's file name, for ``run.json``.
+        simulated: What of it is simulated, or an empty text.
+    """
+
+    def __init__(
+        self,
+        raw: RawLoadCell,
+        calibration: Calibration | None,
+        *,
+        calibration_name: str = "",
+        simulated: str = "",
+    ) -> None:
+        self.simulated = simulated
+        self.calibration: dict[str, object] = {}
+        # A simulated one gets another port each time it is started.
+        who = f"load cell, {simulated}" if simulated else raw.name
+        self.identity = f"{who}, newtons"
+        if calibration is not None:
+            self.calibration = {"file": calibration_name, **calibration.as_dict()}
+            self.identity = f"{who}, counts, calibrated {calibration.date_utc}"
+        self._raw = raw
+        self._scale = calibration
+        self._zero_n = 0.0
+
+    @property
+    def garbled(self) -> int:
+        """Lines so far that were no sample."""
+        return self._raw.garbled
+
+    def read(self, window_s: float) -> Force:
+        """See :class:`tacbench_cad.lab.rig.gauge.Gauge`."""
+        found = self._raw.read(window_s, self._newtons)
+        slope = 1.0 if self._scale is None else abs(self._scale.newtons_per_count)
+        return Force(
+            mean_n=self._newtons(found.mean) - self._zero_n, spread_n=found.spread * slope, samples=found.samples
+        )
+
+    def tare(self) -> None:
+        """Take the mean of a second as zero."""
+        self._zero_n += self.read(STILL_S).mean_n
+
+    def close(self) -> None:
+        """Let go of the port. Never raises; a second call does nothing."""
+        self._raw.close()
+
+    def _newtons(self, value: float) -> float:
+        return value if self._scale is None else self._scale.newtons(value)
+
+
+def open_raw(
+    port: str,
+    *,
+    clock: Clock,
+    baud: int | None = None,
+    options: LoadCellOptions | None = None,
+    timeout_s: float = GaugeSettings().timeout_s,
+) -> RawLoadCell:
+    """Open a load cell for its raw samples.
+
+    Args:
+        port: Path, name or pyserial URL.
+        clock: The rig's time.
+        baud: Symbols per second; None for the usual rate.
+        options: How its lines read; raw counts if None.
+        timeout_s: Longest real time to wait for a sample.
+
+    Raises:
+        InputError: There is no such port.
+        RigError: Nothing that is a sample comes.
+    """
+    from tacbench_cad.lab.rig.line import Line
+
+    return RawLoadCell(
+        Line(port, baud=baud or BAUD, what="gauge"),
+        name=f"load cell at {port}",
+        options=options or LoadCellOptions(),
+        timeout_s=timeout_s,
+        clock=clock,
+    )
+
+
+def open_gauge(settings: GaugeSettings, clock: Clock, *, taken: tuple[str, ...] = (), simulated: str = "") -> Gauge:
+    """Open the gauge that ``[gauge]`` describes.
+
+    Args:
+        settings: The table; its driver is ``serial`` or a ``module:name``.
+        clock: The rig's time.
+        taken: Ports of the rig's other devices, which it cannot have.
+        simulated: What of it is simulated: the virtual rig's load cell speaks over a real port.
+
+    Raises:
+        InputError: A setting is not allowed, the calibration cannot be read, or there is no such port.
+        RigError: Nothing that is a sample comes.
+    """
+    from tacbench_cad.lab.rig import plugin, ports
+
+    if plugin.is_plugin(settings.driver):
+        given = {} if settings.port is None else {"port": settings.port}
+        gauge: Gauge = plugin.made(settings.driver, {**settings.options, **given}, _NEEDED)
+        return gauge
+    one_of("[gauge] driver", settings.driver, ("serial",))
+    calibration = None if settings.calibration is None else read_calibration(Path(settings.calibration))
+    options = LoadCellOptions.of(settings.options, calibrated=calibration is not None)
+    port = ports.resolve(settings.port, "gauge", taken=taken)
+    raw = open_raw(port, clock=clock, baud=settings.baud, options=options, timeout_s=settings.timeout_s)
+    name = "" if settings.calibration is None else Path(settings.calibration).name
+    return LoadCell(raw, calibration, calibration_name=name, simulated=simulated)

@@ -1,0 +1,270 @@
+"""A stage run by Marlin 2: a converted 3D printer.
+
+Frame: the stage's millimetres are Marlin's own coordinates as homing sets them (``G28``), with the home offsets that
+are stored in the firmware; ``G92`` is never sent. So a taught origin stays valid after the power was off, once the
+stage is homed again.
+
+Trust: ``ok`` says that a move was queued, and ``M114`` where the queue will end. A move is done when ``M400`` has
+come through (all motion ended) and ``M114``, asked after it, names the target: soft end stops clamp a target
+silently. Where the build reports motor steps (``Count``) these must agree too, and give the position with the
+motors' resolution. Motors are counted, not seen: a slipping motor is not noticed. A reset, a halt or a lost answer
+makes the position unknown, and every move is refused until ``home()`` has succeeded.
+
+Homing: the end stops that ``M119`` lists tell which way z goes. With one at the top, z is homed first and upwards.
+With one at the bottom only (a printer's usual one), homing z goes down: the sensor is first raised by
+``home_lift_mm``, x and y are homed, then z; nothing may lie below the sensor at that corner.
+
+``stop()`` sends ``M410``. Motion ends without slowing down, about a second of silence follows, and lines sent in it
+would run twice: the next call waits it out. While homing the position is unknown afterwards.
+"""
+
+from __future__ import annotations
+
+import math
+
+from tacbench_cad.lab.rig import marlin_replies as replies
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.errors import (
+    AlarmError,
+    NotThereError,
+    PositionLostError,
+    ProtocolError,
+    RigError,
+)
+from tacbench_cad.lab.rig.line import Line
+from tacbench_cad.lab.rig.marlin_link import BAUDS, MarlinLink
+from tacbench_cad.lab.rig.marlin_replies import Place
+from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.spec import Point
+
+#: Half of the last decimal of ``M114``, and a little for the rounding of the target.
+ROUNDING_MM = 0.0055
+#: How often an unexpected position is asked for again.
+REPORTS = 4
+#: Speed of the rise before homing.
+LIFT_MM_S = 5.0
+
+
+class MarlinStage(Closing):
+    """A three-axis stage behind Marlin 2. See :class:`tacbench_cad.lab.rig.stage.Stage` and the module's text.
+
+    Args:
+        port: Path, name or pyserial URL.
+        clock: Time of the rig; not used, since Marlin itself says when motion has ended.
+        baud: Symbols per second; None tries the two common rates.
+        timeout_s: Longest silence that is waited through, in real seconds.
+        home_timeout_s: Longest homing of one axis or two, in real seconds.
+        home_lift_mm: Rise before homing where z is homed downwards.
+        simulated: What of it is simulated.
+
+    Raises:
+        InputError: The port cannot be opened.
+        NoAnswerError: Nothing answers.
+        ProtocolError: Something else than Marlin 2 answers.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        *,
+        clock: Clock | None = None,
+        baud: int | None = None,
+        timeout_s: float = 10.0,
+        home_timeout_s: float = 120.0,
+        home_lift_mm: float = 5.0,
+        simulated: str = "",
+    ) -> None:
+        self.simulated = simulated
+        self._clock = clock or Clock()
+        self._timeout_s = timeout_s
+        self._home_timeout_s = home_timeout_s
+        self._home_lift_mm = home_lift_mm
+        self._steps_per_mm: Point | None = None
+        self._rates_mm_s: Point | None = None
+        self._counts = False
+        self._last: Point | None = None
+        bauds = (baud,) if baud else BAUDS
+        self._line = Line(port, baud=bauds[0], what="stage", write_timeout_s=min(timeout_s, 2.0))
+        self._link = MarlinLink(self._line, timeout_s)
+        try:
+            self._link.greet(bauds)
+            self.identity = f"marlin: {self._link.firmware} at {port}"
+            self._prepare()
+            place = self._place()
+            self._counts = self._counted(place) is not None
+            if not any(place.planned_mm) and not self._link.lost:
+                self._link.lost = "it counts from 0 as after its power came on"
+        except BaseException:
+            self.close()
+            raise
+
+    def home(self) -> None:
+        """Find the end stops (see the module's text for the order); afterwards the position is known.
+
+        Works from every state in which the firmware answers.
+
+        Raises:
+            AlarmError: The firmware halted (an end stop was not found), or homing was stopped.
+            RigError: Lost, silent or reset.
+        """
+        self._link.resume()
+        self._link.greet(())
+        self._link.lost = "homing was not finished"
+        self._prepare()
+        stops = self._link.command("M119")
+        try:
+            if any(line.startswith("z_max") for line in stops):
+                order: tuple[str, ...] = ("G28 Z", "G28 X", "G28 Y")
+            else:
+                order = (
+                    "G91",
+                    f"G1 Z{self._home_lift_mm:.3f} F{60.0 * LIFT_MM_S:.0f}",
+                    "G90",
+                    "G28 X",
+                    "G28 Y",
+                    "G28 Z",
+                )
+            for command in (*order, "M400"):
+                self._known(command, self._home_timeout_s)
+        except NotThereError:
+            raise AlarmError(f"{self._link.name}: homing was stopped on request") from None
+        place = self._place()
+        counted = self._counted(place)
+        self._counts = counted is not None
+        self._link.lost = ""
+        self._last = counted or place.planned_mm
+
+    def move(self, target_mm: Point, speed_mm_s: float) -> Point:
+        """Go there in a straight line; done when ``M400`` came through and ``M114`` names the target.
+
+        Raises:
+            AlarmError: The firmware halted.
+            PositionLostError: It was reset, now or before; home first.
+            NotThereError: Stopped on request, clamped by a soft end stop, or cut short.
+            NoAnswerError: Silent.
+            ProtocolError: Lines were garbled time and again.
+            DeviceLostError: Unplugged.
+        """
+        start = self.position()
+        x, y, z = target_mm
+        try:
+            self._known(f"G1 X{x:.4f} Y{y:.4f} Z{z:.4f} F{max(60.0 * speed_mm_s, 0.1):.3f}")
+            seconds = self._duration_s(start, target_mm, speed_mm_s)
+            self._link.command("M400", within_s=seconds, limit_s=4.0 * (self._timeout_s + seconds) + 10.0)
+            at = self._at(target_mm)
+        except RigError:
+            raise
+        except BaseException:
+            # An interruption must not leave a carriage moving that nobody watches.
+            self.stop()
+            raise
+        if not all(abs(a - b) <= near for a, b, near in zip(at, target_mm, self._tolerance_mm(), strict=True)):
+            raise NotThereError(
+                f"{self._link.name}: stands at {_text(at)} instead of {_text(target_mm)}; "
+                "clamped by the firmware's soft end stops, or cut short"
+            )
+        self._last = at
+        return at
+
+    def position(self) -> Point:
+        """The reported position in mm, once motion has ended.
+
+        Raises:
+            PositionLostError: It is unknown: reset, halted, or never homed.
+            RigError: Lost or silent.
+        """
+        if self._link.lost:
+            raise PositionLostError(f"{self._link.name}: the position is unknown: {self._link.lost}; home first")
+        if self._link.stopping or self._line.torn:
+            self._link.resume()
+            self._prepare()
+            self._link.command("M400", limit_s=4.0 * self._timeout_s)
+        at = self._at(self._last)
+        # What a reset leaves behind, should its banner have been lost on the way.
+        if not any(at) and self._last is not None and math.dist(at, self._last) > 2.0 * ROUNDING_MM:
+            self._link.lost = "the firmware was reset (button, power dip or disturbance)"
+            raise PositionLostError(f"{self._link.name}: reports 0, 0, 0 although it was left elsewhere; home first")
+        self._last = at
+        return at
+
+    def stop(self) -> None:
+        """Stop all motion at once; from a signal handler too. Never raises."""
+        self._link.stop()
+
+    def close(self) -> None:
+        """Let go of the port. Never raises; a second call does nothing."""
+        self._line.close()
+
+    def _prepare(self) -> None:
+        """Modes that a reset forgets: mm, absolute, busy every 2 s, no reports unasked; and what the axes can do."""
+        self._known("G90")
+        # Not every build knows these; where they are missing there is nothing to switch.
+        for command in ("G21", "M113 S2", "M154 S0", "M155 S0"):
+            self._link.command(command)
+        found = dict(
+            one
+            for command in ("M92", "M203")
+            for line in self._link.command(command)
+            if (one := replies.per_axis(line))
+        )
+        self._steps_per_mm, self._rates_mm_s = found.get("M92"), found.get("M203")
+
+    def _known(self, command: str, limit_s: float | None = None) -> list[str]:
+        """Send a command that the firmware must know."""
+        lines = self._link.command(command, limit_s=limit_s)
+        if any(replies.is_unknown(line) for line in lines):
+            raise ProtocolError(f"{self._link.name}: does not know {command}; it said {lines[-1]!r}")
+        return lines
+
+    def _place(self) -> Place:
+        lines = self._link.command("M114", wanted=lambda line: replies.place(line) is not None)
+        return next(found for line in reversed(lines) if (found := replies.place(line)))
+
+    def _at(self, expected: Point | None) -> Point:
+        """Position at rest; by the motors' steps where they have proved to mean millimetres.
+
+        Another one than expected is believed only when it was reported twice: a report may be damaged.
+        """
+        place = self._place()
+        if expected is None or math.dist(place.planned_mm, expected) > 2.0 * ROUNDING_MM:
+            for _ in range(REPORTS):
+                before, place = place, self._place()
+                if place == before:
+                    break
+            else:
+                raise ProtocolError(f"{self._link.name}: reports another position each time it is asked, at rest")
+        counted = self._counted(place)
+        if self._counts and counted is None:
+            raise NotThereError(
+                f"{self._link.name}: its motors are not where its planner says, {_text(place.planned_mm)}; "
+                "motion was cut short"
+            )
+        return counted or place.planned_mm
+
+    def _counted(self, place: Place) -> Point | None:
+        """Position by motor steps; None where they are not told or disagree with the planned position."""
+        if place.steps is None or self._steps_per_mm is None or not all(self._steps_per_mm):
+            return None
+        x, y, z = (count / per_mm for count, per_mm in zip(place.steps, self._steps_per_mm, strict=True))
+        for counted, planned, per_mm in zip((x, y, z), place.planned_mm, self._steps_per_mm, strict=True):
+            if abs(counted - planned) > ROUNDING_MM + 1.0 / per_mm:
+                return None
+        return (x, y, z)
+
+    def _tolerance_mm(self) -> Point:
+        if not self._counts or self._steps_per_mm is None:
+            return (ROUNDING_MM,) * 3
+        x, y, z = (0.5 / one + 0.0005 for one in self._steps_per_mm)
+        return (x, y, z)
+
+    def _duration_s(self, start: Point, target: Point, speed_mm_s: float) -> float:
+        """Longest time of a move, by speed and by each axis's own greatest rate."""
+        seconds = math.dist(start, target) / speed_mm_s
+        for a, b, rate in zip(start, target, self._rates_mm_s or (0.0,) * 3, strict=True):
+            if rate > 0.0:
+                seconds = max(seconds, abs(b - a) / rate)
+        return seconds
+
+
+def _text(at: Point) -> str:
+    return "x {:.3f}, y {:.3f}, z {:.3f} mm".format(*at)

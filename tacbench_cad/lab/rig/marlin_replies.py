@@ -1,0 +1,100 @@
+"""What Marlin 2 sends, as values, and the frame that protects what is sent to it. Any text is allowed as input.
+
+Marlin's lines end in a newline only. A sent line carries its number and the exclusive or of its bytes, so that a
+garbled one is refused and asked for again.
+"""
+
+from __future__ import annotations
+
+import functools
+import operator
+import re
+from dataclasses import dataclass
+
+from tacbench_cad.lab.spec import Point
+
+_NUMBER = r"(-?\d{1,6}\.\d{2,4})"
+_POSITION = re.compile(
+    rf"X:{_NUMBER} Y:{_NUMBER} Z:{_NUMBER}(?: [A-Z]:-?\d{{1,9}}\.\d{{2,4}})*"
+    r"(?: Count X: ?(-?\d{1,9}) Y: ?(-?\d{1,9}) Z: ?(-?\d{1,9})(?: .*)?)?",
+    re.A,
+)
+_RESEND = re.compile(r"(?:Resend:|rs) ?N?(\d{1,9})", re.A)
+_THREE = re.compile(r"(?:echo:)? *(M\d{2,3}) X(\d{1,6}\.\d+) Y(\d{1,6}\.\d+) Z(\d{1,6}\.\d+)(?: .*)?", re.A)
+_FIRMWARE = re.compile(r"FIRMWARE_NAME:(\S+)(?: (\S+))?.*", re.A)
+_BANNER = re.compile(r"start|(?:echo:)? ?Marlin \S+|.*Last Updated:.*|echo: ?Compiled:.*", re.A)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """An answer to ``M114``.
+
+    Args:
+        planned_mm: Where the planner will end, to two decimals.
+        steps: Where the motors are, in steps; None where the build does not tell.
+    """
+
+    planned_mm: Point
+    steps: tuple[int, int, int] | None
+
+
+def framed(number: int, command: str) -> bytes:
+    """A command as it is sent: ``N3 G28 Z*27`` and a newline."""
+    body = f"N{number} {command}".encode("ascii")
+    return body + b"*%d\n" % functools.reduce(operator.xor, body)
+
+
+def place(line: str) -> Place | None:
+    """The position that a line reports; None if it reports none, or is damaged."""
+    found = _POSITION.fullmatch(line)
+    if not found:
+        return None
+    return Place(
+        planned_mm=(float(found[1]), float(found[2]), float(found[3])),
+        steps=None if found[4] is None else (int(found[4]), int(found[5]), int(found[6])),
+    )
+
+
+def is_ok(line: str) -> bool:
+    """Whether a line acknowledges a command (``ok``, or ``ok`` with the state of the queue)."""
+    return line == "ok" or line.startswith("ok ")
+
+
+def resend(line: str) -> int | None:
+    """Number of the line that is asked for again; None if none is."""
+    found = _RESEND.fullmatch(line)
+    return int(found[1]) if found else None
+
+
+def is_busy(line: str) -> bool:
+    """Whether the firmware says that it is at work."""
+    return "busy:" in line
+
+
+def is_banner(line: str) -> bool:
+    """Whether a line belongs to what the firmware says after a reset."""
+    return _BANNER.fullmatch(line) is not None
+
+
+def is_halted(line: str) -> bool:
+    """Whether the firmware says that it has halted and will be mute until a reset."""
+    return "halted" in line or "kill()" in line
+
+
+def is_unknown(line: str) -> bool:
+    """Whether a command was not known; its ``ok`` comes all the same."""
+    return "Unknown command" in line
+
+
+def firmware(line: str) -> str | None:
+    """Name and version in an answer to ``M115``: ``Marlin 2.1.2.7``; None if the line is another."""
+    found = _FIRMWARE.fullmatch(line)
+    if not found:
+        return None
+    return f"{found[1]} {found[2]}" if found[2] and ":" not in found[2] else found[1]
+
+
+def per_axis(line: str) -> tuple[str, Point] | None:
+    """Command and numbers of a line such as ``echo:  M92 X80.00 Y80.00 Z400.00 E93.00``; None if it is another."""
+    found = _THREE.fullmatch(line)
+    return (found[1], (float(found[2]), float(found[3]), float(found[4]))) if found else None

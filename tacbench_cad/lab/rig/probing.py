@@ -1,0 +1,118 @@
+"""What is plugged in: cameras with their sizes, and what a serial port says when it is asked."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from dataclasses import dataclass
+
+from tacbench_cad.errors import InputError, TacbenchError
+from tacbench_cad.lab.rig.camera_devices import STABLE_FOLDERS, Opener, cameras, open_capture
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.errors import DeviceLostError
+from tacbench_cad.lab.rig.samples import parse_numbers
+
+#: Rates at which a port is listened to.
+_BAUDS = (115_200, 9_600, 57_600, 230_400, 921_600)
+#: Longest real time to wait for the first words after opening a port restarted the board.
+_START_S = 2.5
+#: Time over which a stream of samples is counted.
+_LISTEN_S = 0.5
+#: Least lines that tell a stream of samples.
+_LEAST_LINES = 4
+#: Longest real time that each firmware is given to answer.
+_ANSWER_S = 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundCamera:
+    """A camera that is plugged in.
+
+    Args:
+        name: Its stable name, for ``[sensor] device``.
+        size_px: Width and height of the pictures that it gives unasked, or None if it does not open.
+    """
+
+    name: str
+    size_px: tuple[int, int] | None
+
+
+def found_cameras(opener: Opener = open_capture) -> tuple[FoundCamera, ...]:
+    """The cameras with a stable name, each opened for a moment.
+
+    Args:
+        opener: Opens a device.
+    """
+    found = []
+    for name in cameras(STABLE_FOLDERS):
+        size = None
+        try:
+            capture = opener(name)
+        except DeviceLostError:
+            capture = None
+        if capture is not None:
+            if capture.isOpened():
+                size = (int(capture.get(3)), int(capture.get(4)))
+            capture.release()
+        found.append(FoundCamera(name=name, size_px=size))
+    return tuple(found)
+
+
+def identify(port: str) -> str:
+    """Ask what is at a port. Opening it restarts many boards, so only ports that a person names are asked.
+
+    First it is listened to at the usual rates: gauges and taxels talk unasked. Then it is greeted as GRBL and as
+    Marlin. Nothing that moves is sent.
+
+    Args:
+        port: Path, name or pyserial URL.
+
+    Returns:
+        A line for people.
+
+    Raises:
+        InputError: There is no such port.
+    """
+    from tacbench_cad.lab.rig.grbl import GrblStage
+    from tacbench_cad.lab.rig.marlin import MarlinStage
+
+    heard = _listen(port)
+    if heard is not None:
+        return heard
+    for stage in (GrblStage, MarlinStage):
+        try:
+            with stage(port, clock=Clock(), timeout_s=_ANSWER_S) as found:
+                return found.identity
+        except InputError:
+            raise
+        except TacbenchError:
+            continue
+    return "no numbers, no GRBL, no Marlin"
+
+
+def _listen(port: str) -> str | None:
+    """What a device that talks unasked is, or None."""
+    from tacbench_cad.lab.rig.line import Line
+
+    with Line(port, baud=_BAUDS[0], what="device") as line:
+        for i, baud in enumerate(_BAUDS):
+            if i:
+                line.set_baud(baud)
+            first = line.read_line(_START_S if i == 0 else _LISTEN_S)
+            if first is None and i == 0:
+                # It says nothing at all, not even in the wrong rate.
+                return None
+            began = time.monotonic()
+            lines = [first] if first is not None else []
+            while (left := began + _LISTEN_S - time.monotonic()) > 0.0:
+                text = line.read_line(left)
+                if text is not None:
+                    lines.append(text)
+            columns = Counter(len(numbers) for one in lines if (numbers := parse_numbers(one)) is not None)
+            if columns and (most := columns.most_common(1)[0])[1] >= max(_LEAST_LINES, 0.7 * len(lines)):
+                rate = most[1] / _LISTEN_S
+                return f"samples of {most[0]} number(s), about {rate:.0f} a second at {baud} baud: {lines[-1][:40]}"
+            if lines and not any("\ufffd" in one for one in lines):
+                # Plain words: the rate is right, and it is no stream of samples.
+                return None
+    return None

@@ -1,0 +1,154 @@
+"""An array of taxels that sends a line of numbers a sample over serial: one sample a reading, or a short series."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.errors import SensorError
+from tacbench_cad.lab.rig.samples import BAUD, Lines, SampleStream
+from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.spec import SensorSettings
+from tacbench_cad.tables import Table
+
+#: How often a series is begun again because a line in it was damaged: a series has no holes.
+_ATTEMPTS = 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaxelOptions:
+    """What ``[sensor]`` says of an array of taxels.
+
+    Args:
+        columns: Taxels, numbers on a line.
+        samples: Samples of a reading: 1 gives shape (columns,), more give a series of shape (samples, columns).
+        units: Unit of the numbers.
+        baud: Symbols per second.
+        timeout_s: Longest real time to wait for a sample.
+        stuck_samples: So many identical samples in a row mean that the array is stuck; 0 switches the check off, for
+            a device that rounds its noise away.
+        latency_s: Rig time for which samples may lie in the USB adapter: what comes within it was taken before.
+    """
+
+    columns: int
+    samples: int = 1
+    units: str = "counts"
+    baud: int = BAUD
+    timeout_s: float = 2.0
+    stuck_samples: int = 50
+    latency_s: float = 0.02
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> TaxelOptions:
+        """Read the keys of ``[sensor]``.
+
+        Raises:
+            InputError: A key is unknown or missing, or its value is not allowed.
+        """
+        table = Table(values, "[sensor] ")
+        table.only(*cls.__dataclass_fields__)
+        stuck = table.whole("stuck_samples", cls.stuck_samples, 0, 1_000_000)
+        if stuck == 1:
+            raise InputError("[sensor] stuck_samples", 1, "must be at least 2, or 0 to switch the check off")
+        return cls(
+            columns=table.whole("columns", least=1, most=1000),
+            samples=table.whole("samples", cls.samples, 1, 1_000_000),
+            units=table.text("units", cls.units),
+            baud=table.whole("baud", cls.baud, 300, 10_000_000),
+            timeout_s=table.number("timeout_s", cls.timeout_s, 0.1, 600.0),
+            stuck_samples=stuck,
+            latency_s=table.number("latency_s", cls.latency_s, 0.0, 1.0),
+        )
+
+
+class TaxelSensor(Closing):
+    """Taxels over serial. See :class:`tacbench_cad.lab.rig.sensor.Sensor`.
+
+    Args:
+        lines: The port.
+        name: What it is.
+        options: How its lines read.
+        clock: The rig's time.
+
+    Raises:
+        RigError: Nothing that is a sample comes.
+    """
+
+    simulated = ""
+
+    def __init__(self, lines: Lines, *, name: str, options: TaxelOptions, clock: Clock) -> None:
+        self.name = name
+        self.units = options.units
+        self.shape: tuple[int, ...] = (options.samples, options.columns)[options.samples == 1 :]
+        chosen = {"columns": options.columns, "samples": options.samples, "baud": options.baud}
+        # The device cannot be asked: what it sends in every line is what was checked.
+        self.settings: dict[str, Any] = {"requested": chosen, "actual": {"columns": options.columns}}
+        self._options = options
+        self._clock = clock
+        self._stream = SampleStream(
+            lines,
+            name=name,
+            columns=options.columns,
+            timeout_s=options.timeout_s,
+            error=SensorError,
+            stuck_samples=options.stuck_samples,
+        )
+        self._stream.wait_for_start()
+
+    @property
+    def garbled(self) -> int:
+        """Lines so far that were no sample."""
+        return self._stream.garbled
+
+    def read(self) -> Reading:
+        """The next samples that arrive whole after this call.
+
+        Returns:
+            float64, shape (columns,) or (samples, columns).
+
+        Raises:
+            SensorError: Too many garbled lines, or a stuck array.
+            RigError: Lost or silent.
+        """
+        self._stream.start_fresh(self._options.latency_s / self._clock.speed)
+        for _ in range(_ATTEMPTS):
+            damaged = self._stream.garbled
+            rows: list[tuple[float, ...]] = []
+            while len(rows) < self._options.samples and self._stream.garbled == damaged:
+                rows.append(self._stream.next())
+            if self._stream.garbled == damaged or self._options.samples == 1:
+                return np.array(rows, dtype=np.float64).reshape(self.shape)
+        raise SensorError(
+            f"{self.name}: {_ATTEMPTS} series in a row had a damaged line; a slower rate or a shorter cable may help"
+        )
+
+    def close(self) -> None:
+        """Let go of the port. Never raises; a second call does nothing."""
+        self._stream.close()
+
+
+def open_taxels(settings: SensorSettings, clock: Clock, *, taken: tuple[str, ...] = ()) -> TaxelSensor:
+    """Open the array that ``[sensor]`` describes.
+
+    Args:
+        settings: The table.
+        clock: The rig's time.
+        taken: Ports of the rig's other devices, which it cannot have.
+
+    Raises:
+        InputError: A setting is not allowed, or there is no such port.
+        RigError: Nothing that is a sample comes.
+    """
+    from tacbench_cad.lab.rig import ports
+    from tacbench_cad.lab.rig.line import Line
+
+    options = TaxelOptions.of(settings.options)
+    port = ports.resolve(settings.device, "sensor", taken=taken)
+    lines = Line(port, baud=options.baud, what="sensor")
+    return TaxelSensor(lines, name=f"taxels at {port}", options=options, clock=clock)

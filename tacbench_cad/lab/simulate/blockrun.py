@@ -1,0 +1,286 @@
+"""One block of a simulated study: its presses straight from the contact model into a run folder."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.files import locked, replacing
+from tacbench_cad.lab.presses import Press
+from tacbench_cad.lab.rig.gauge import Force
+from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.runs import schema
+from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.printrecord import FIELDS
+from tacbench_cad.lab.runs.writing import RunWriter
+from tacbench_cad.lab.simulate.contact import Contact, contact_for
+from tacbench_cad.lab.simulate.prints import printer_of, seeded
+from tacbench_cad.lab.simulate.tactip import REST, SIMULATED, Pins, TacTip
+from tacbench_cad.lab.spec import PlannedBlock, Point, Study, WorkFrame
+
+#: Simulated runs have times so that a reference has an age; they begin at a date that nobody takes for a real one.
+BEGIN = datetime(2000, 1, 1, tzinfo=UTC)
+SECONDS_A_PRESS = 4.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How a study is simulated.
+
+    Args:
+        colour: Images in colour (BGR), else grey.
+        seed: Another number gives other prints and other noise.
+    """
+
+    colour: bool = False
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if isinstance(self.seed, bool) or not 0 <= self.seed < 2**32:
+            raise InputError("seed", self.seed, "must be a whole number from 0 to 4294967295")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shot:
+    """A simulated press.
+
+    Args:
+        pose_mm: The summit in the work frame.
+        force_n: The contact force there.
+        reading: The image.
+    """
+
+    pose_mm: Point
+    force_n: float
+    reading: Reading
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlockDone:
+    """What was made of one block.
+
+    Args:
+        name: Name of its run folder.
+        presses: Presses made now.
+        images: Images made now, references and stationary ones included.
+        worst_n: Largest distance of a force made now from its target, in N; 0 in depth mode.
+        seconds: Time in ``print`` (the height map), ``press`` (poses and pins), ``draw``, ``encode`` and ``write``.
+    """
+
+    name: str
+    presses: int
+    images: int
+    worst_n: float
+    seconds: Mapping[str, float]
+
+
+def run_info(study: Study, planned: PlannedBlock, options: Options) -> RunInfo:
+    """What ``run.json`` says of a block's simulated run."""
+    sensor = TacTip(colour=options.colour)
+    printer = printer_of(planned.printed)
+    return RunInfo(
+        printed=planned.printed,
+        levels=planned.levels,
+        protocol=study.protocol,
+        grid_spacing=study.grid_spacing,
+        holder=study.holder,
+        frame=WorkFrame(origin_mm=(0.0, 0.0, 0.0)),
+        slot=0,
+        stage={
+            "identity": "none",
+            "simulated": f"no stage: poses from the contact model; block from a virtual printer, {printer.name}",
+            "settings": {
+                "virtual_printer": printer.as_dict(),
+                "seed": options.seed,
+                "seconds_a_press": SECONDS_A_PRESS,
+            },
+        },
+        gauge={
+            "identity": "none",
+            "simulated": "no gauge: forces from the contact model",
+            "calibration": {},
+            "settings": {},
+        },
+        sensor={
+            "name": SIMULATED,
+            "simulated": SIMULATED,
+            "units": "counts",
+            "shape": list(sensor.shape),
+            "settings": {"requested": {"colour": options.colour}, "actual": sensor.as_dict()},
+        },
+    )
+
+
+class Source:
+    """Gives the readings of one run. The same press gives the same bytes, whenever it is made.
+
+    Args:
+        info: The run.
+        options: How it is simulated.
+
+    Attributes:
+        seconds: Time spent so far, see :class:`BlockDone`.
+    """
+
+    def __init__(self, info: RunInfo, options: Options) -> None:
+        self.info = info
+        self.seconds = {"print": 0.0, "press": 0.0, "draw": 0.0}
+        self._seed = options.seed
+        self._sensor = TacTip(colour=options.colour)
+        # Repeats of a press have the same pose: the pins are kept, some 6 kB each.
+        self._kept: dict[tuple[int, int], tuple[Point, float, Pins]] = {}
+
+    def press(self, press: Press) -> Shot:
+        """A press at its target force or depth.
+
+        Raises:
+            InputError: The force cannot be reached there, or lies below the depth limit.
+        """
+        pose, force, pins = self._pressed(press)
+        return Shot(pose_mm=pose, force_n=force, reading=self._frame(pins, f"press {press.number}"))
+
+    def free(self, what: str) -> Reading:
+        """A reading without contact."""
+        return self._frame(REST, what)
+
+    def still(self, press: Press, what: str) -> Reading:
+        """A reading in contact that belongs to no press of its own."""
+        return self._frame(self._pressed(press)[2], what)
+
+    @cached_property
+    def _contact(self) -> Contact:
+        """Printed when the first press needs it: a run that lacks nothing is passed over quickly."""
+        began = time.perf_counter()
+        contact = contact_for(self.info.printed, self.info.holder, seed=self._seed)
+        self.seconds["print"] += time.perf_counter() - began
+        return contact
+
+    def _pressed(self, press: Press) -> tuple[Point, float, Pins]:
+        key = (press.force_level, press.position)
+        if key not in self._kept:
+            contact = self._contact
+            began = time.perf_counter()
+            x, y = press.x_mm, press.y_mm
+            if press.target_n is not None:
+                z = contact.z_for_force(x, y, press.target_n)
+            else:
+                assert press.depth_mm is not None, "a press has a force or a depth"
+                z = contact.first_touch(x, y) - press.depth_mm
+            limit = self.info.protocol.depth_limit_mm
+            if z < -limit:
+                raise InputError(
+                    "depth_limit_mm",
+                    limit,
+                    f"press {press.number} of {self.info.printed.name} would go to {-z:.3f} mm below the block's top",
+                )
+            pose = (x, y, z)
+            self._kept[key] = (pose, contact.force_n(*pose), self._sensor.pins(contact, pose))
+            self.seconds["press"] += time.perf_counter() - began
+        return self._kept[key]
+
+    def _frame(self, pins: Pins, what: str) -> Reading:
+        began = time.perf_counter()
+        image = self._sensor.frame(pins, seeded("image", self._seed, self.info.printed.name, what))
+        self.seconds["draw"] += time.perf_counter() - began
+        return image
+
+
+def make_block(out: Path, info: RunInfo, options: Options) -> BlockDone:
+    """Make a block's run folder, or what is missing of it.
+
+    Args:
+        out: The folder of the runs.
+        info: The run, see :func:`run_info`.
+        options: How it is simulated.
+
+    Raises:
+        InputError: The folder holds another run, is held by another process, or cannot be written; or a force cannot
+            be reached.
+    """
+    import cv2
+
+    cv2.setNumThreads(1)  # blocks run side by side in processes; threads would only get in their way
+    folder = out / info.printed.name
+    _record_print(folder, info, options)
+    with RunWriter.open(folder, info, durable=False) as run:
+        missing = run.missing(info.presses)
+        middle = middle_press(info)
+        images, worst = 0, 0.0
+        source = Source(info, options)
+        if run.reference_time is None:
+            run.reference(source.free("reference 0"), BEGIN)
+            images += 1
+        images += _stationary(run, source, "start", middle)
+        for press in missing:
+            now = BEGIN + timedelta(seconds=SECONDS_A_PRESS * press.number)
+            since = run.reference_time
+            if since is None or (now - since).total_seconds() > info.protocol.reference_every_s:
+                run.reference(source.free(f"reference before {press.number}"), now)
+                images += 1
+            shot = source.press(press)
+            felt = None
+            in_band = None
+            if press.target_n is not None and press.band_n is not None:
+                felt = Force(mean_n=shot.force_n, spread_n=0.0, samples=1)
+                error = abs(shot.force_n - press.target_n)
+                in_band, worst = error <= press.band_n, max(worst, error)
+            run.press(press, shot.pose_mm, shot.reading, felt, felt, in_band, now)
+            images += 1
+        images += _stationary(run, source, "end", middle)
+        seconds = {**source.seconds, "encode": run.seconds["encode"], "write": run.seconds["sync"]}
+    return BlockDone(name=info.printed.name, presses=len(missing), images=images, worst_n=worst, seconds=seconds)
+
+
+def other_images(info: RunInfo) -> int:
+    """Reference and stationary images of a run: all of its images that show no press."""
+    presses_each = math.floor(info.protocol.reference_every_s / SECONDS_A_PRESS) + 1
+    return 1 + len(info.presses) // presses_each + 4 * info.protocol.stationary_frames
+
+
+def middle_press(info: RunInfo) -> Press:
+    """The press of the stationary readings: middle force level, middle position."""
+    level = info.levels[len(info.levels) // 2]
+    presses = sorted((one for one in info.presses if one.force_level == level), key=lambda one: one.position)
+    return presses[len(presses) // 2]
+
+
+def _stationary(run: RunWriter, source: Source, when: Literal["start", "end"], middle: Press) -> int:
+    """Make the stationary readings that are missing; returns how many."""
+    made = 0
+    for in_contact in (True, False):
+        for index in run.stationary_missing(when, in_contact, run.info.protocol.stationary_frames):
+            what = f"stationary {when} {index}"
+            reading = source.still(middle, f"{what} pressed") if in_contact else source.free(f"{what} free")
+            run.stationary(when, in_contact, index, reading)
+            made += 1
+    return made
+
+
+def _record_print(folder: Path, info: RunInfo, options: Options) -> None:
+    """Write the print's record of a new run: a virtual printer knows what a person would have to look up."""
+    printed, printer = info.printed, printer_of(info.printed)
+    known: dict[str, Any] = {
+        "printer": f"{printed.printer}, virtual",
+        "filament": f"{printed.filament}, virtual",
+        "slicer": "none: a virtual printer",
+        "slicer_profile": f"{printer.name}, seed {options.seed}, copy {printed.copy}; parameters in run.json",
+        "nozzle_mm": printer.nozzle_mm,
+        "layer_height_mm": printer.layer_mm,
+        "orientation": "relief up",
+    }
+    lines = [f"# Record of the simulated print {printed.name}. Nothing was printed."]
+    for name in FIELDS:
+        empty: Any = [] if name == "photos" else ""
+        lines.append(f"{name} = {json.dumps(known.get(name, empty))}")
+    with locked(folder):
+        if not (folder / schema.RUN_FILE).exists() and not (folder / schema.PRINT_FILE).exists():
+            with replacing(folder / schema.PRINT_FILE) as path:
+                path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -1,0 +1,290 @@
+"""Virtual printers: the height map of a block as a printer leaves it, another one for each copy.
+
+The parameters say what such printers do, from their makers' figures, from slicers' defaults and from what the paper
+saw on its prints. They were set before any image was simulated and are not fitted to the paper's results.
+
+A print is made in this order: walls out of place along x and y (``xy_error_mm``); narrow peaks slump (``peak_loss``);
+what is narrower than a line is not drawn (``nozzle_mm``); layers (``layer_mm``, ``layer_error_mm``), their edges
+round; uneven lines (``roughness_mm``); height and tilt of the whole (``z_error_mm``, ``tilt_mm``); strings
+(``stringing_per_cm2``).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.block import Block
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.simulate.heights import HeightMap, cell_of, centres, held, on_block
+from tacbench_cad.lab.spec import HolderRim, PrintedBlock
+
+Floats = NDArray[np.float64]
+
+#: Peaks narrower than so many lines cool too slowly to keep their height.
+SLUMPING_LINES = 4.0
+#: Standard deviation of the peak loss from place to place, as a share of itself: on the paper's prints "some of the
+#: peaks are more defined than other peaks on the same print".
+PEAK_SPREAD = 0.5
+#: Distance over which errors of a wall's place and of the peaks keep together, in mm.
+DRIFT_MM = 5.0
+#: A string's thickness where it lies on the surface, and the longest one, in mm; strings join high places.
+STRING_MM, STRING_LENGTH_MM = 0.08, 15.0
+#: Where the nozzle set off it leaves a blob of this height and radius (standard deviation), in mm.
+BLOB_MM, BLOB_RADIUS_MM = 0.12, 0.25
+
+
+@dataclass(frozen=True, kw_only=True)
+class VirtualPrinter:
+    """A printer with a filament in it. Every error is a standard deviation between or within copies, in mm.
+
+    Args:
+        name: What it stands for.
+        nozzle_mm: Width of a line: nothing narrower is drawn (a laser's spot for resin).
+        layer_mm: Layer height.
+        xy_error_mm: How far walls stand out of place, drifting along each axis.
+        layer_error_mm: Error of a layer's height, anew for each layer.
+        z_error_mm: Error of the whole height, one for each copy.
+        tilt_mm: Height that the top rises from one side to the other, along each axis, one for each copy.
+        peak_loss: Share of its height that a peak loses above the place where it becomes narrower than four lines.
+        roughness_mm: Unevenness of the lines.
+        stringing_per_cm2: Strings for each cm^2 of the block.
+    """
+
+    name: str
+    nozzle_mm: float
+    layer_mm: float
+    xy_error_mm: float
+    layer_error_mm: float
+    z_error_mm: float
+    tilt_mm: float
+    peak_loss: float
+    roughness_mm: float
+    stringing_per_cm2: float
+
+    def __post_init__(self) -> None:
+        for field, least, most in (
+            ("nozzle_mm", 0.01, 5.0),
+            ("layer_mm", 0.005, 2.0),
+            ("xy_error_mm", 0.0, 1.0),
+            ("layer_error_mm", 0.0, 1.0),
+            ("z_error_mm", 0.0, 1.0),
+            ("tilt_mm", 0.0, 1.0),
+            ("peak_loss", 0.0, 1.0),
+            ("roughness_mm", 0.0, 1.0),
+            ("stringing_per_cm2", 0.0, 100.0),
+        ):
+            value = getattr(self, field)
+            if not (math.isfinite(value) and least <= value <= most):
+                raise InputError(field, value, f"must be from {least:g} to {most:g}")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for a print's record."""
+        return asdict(self)
+
+
+#: Layers of 0.2 mm are the slicers' default for 0.4 mm nozzles (Cura, Creality Print, Bambu Studio). Walls: the usual
+#: calibration cubes of open bed slingers are right within 0.1 to 0.2 mm, of the CoreXY within 0.1 mm. Beds: levelled by
+#: hand, by a probe, by a probe before each print. The paper: the Ender-3 "suffered the most from webbing, and
+#: inconsistent layer heights"; strings on all filament printers, none on the resin's, which all "looked and felt the
+#: same". Form 3: laser spot of 0.085 mm and layers of 0.05 mm by its maker; resin shrinks and is cured evenly.
+PRINTERS: Mapping[str, VirtualPrinter] = {
+    "ender-3": VirtualPrinter(
+        name="ender-3",
+        nozzle_mm=0.4,
+        layer_mm=0.2,
+        xy_error_mm=0.10,
+        layer_error_mm=0.03,
+        z_error_mm=0.05,
+        tilt_mm=0.04,
+        peak_loss=0.30,
+        roughness_mm=0.030,
+        stringing_per_cm2=4.0,
+    ),
+    "ender-3-v3-se": VirtualPrinter(
+        name="ender-3-v3-se",
+        nozzle_mm=0.4,
+        layer_mm=0.2,
+        xy_error_mm=0.08,
+        layer_error_mm=0.02,
+        z_error_mm=0.03,
+        tilt_mm=0.02,
+        peak_loss=0.25,
+        roughness_mm=0.025,
+        stringing_per_cm2=2.0,
+    ),
+    "bambu-p1p": VirtualPrinter(
+        name="bambu-p1p",
+        nozzle_mm=0.4,
+        layer_mm=0.2,
+        xy_error_mm=0.05,
+        layer_error_mm=0.008,
+        z_error_mm=0.02,
+        tilt_mm=0.015,
+        peak_loss=0.20,
+        roughness_mm=0.015,
+        stringing_per_cm2=1.0,
+    ),
+    "form-3": VirtualPrinter(
+        name="form-3",
+        nozzle_mm=0.085,
+        layer_mm=0.05,
+        xy_error_mm=0.03,
+        layer_error_mm=0.0,
+        z_error_mm=0.02,
+        tilt_mm=0.015,
+        peak_loss=0.05,
+        roughness_mm=0.004,
+        stringing_per_cm2=0.0,
+    ),
+}
+#: What a filament does to stringing, peak loss and roughness, as factors. The paper saw more strings on the cheaper
+#: PLA and calls PETG "trickier to print with": it oozes more and stays soft longer than PLA.
+FILAMENTS: Mapping[str, tuple[float, float, float]] = {
+    "pla-plus": (1.0, 1.0, 1.0),
+    "pla-minus": (1.5, 1.1, 1.2),
+    "petg": (3.0, 1.3, 1.3),
+    "grey-v4": (1.0, 1.0, 1.0),
+}
+#: Stands in for printers and filaments without a preset: a well kept filament printer.
+GENERIC_PRINTER, GENERIC_FILAMENT = "ender-3-v3-se", "pla-plus"
+
+
+def printer_of(printed: PrintedBlock) -> VirtualPrinter:
+    """The virtual printer of a printed block; the generic one for a printer or filament without a preset."""
+    base = PRINTERS.get(printed.printer, PRINTERS[GENERIC_PRINTER])
+    stringing, loss, roughness = FILAMENTS.get(printed.filament, FILAMENTS[GENERIC_FILAMENT])
+    stands_in = "" if printed.printer in PRINTERS and printed.filament in FILAMENTS else f", as {base.name}"
+    return replace(
+        base,
+        name=f"{printed.printer} with {printed.filament}{stands_in}",
+        stringing_per_cm2=base.stringing_per_cm2 * stringing,
+        peak_loss=min(base.peak_loss * loss, 1.0),
+        roughness_mm=base.roughness_mm * roughness,
+    )
+
+
+def seeded(*words: object) -> np.random.Generator:
+    """A generator that only these words decide, the same on every machine."""
+    digest = hashlib.sha256(" ".join(str(word) for word in words).encode()).digest()
+    return np.random.Generator(np.random.SFC64(int.from_bytes(digest[:16], "big")))
+
+
+def stimulus(
+    printed: PrintedBlock, holder: HolderRim, printer: VirtualPrinter | None = None, *, seed: int = 0
+) -> HeightMap:
+    """What the sensor meets: the block as printed, the gap round it, the holder's rim, and nothing beyond.
+
+    Args:
+        printed: The block; its name, copy included, decides its random errors.
+        holder: What surrounds it.
+        printer: Who printed it; None for the preset of its printer and filament.
+        seed: Another number gives other copies.
+
+    Returns:
+        Heights in the work frame: z = 0 is the highest point of the design.
+    """
+    rng = seeded("print", seed, printed.name)
+    return held(printed.block, as_printed(printed.block, printer or printer_of(printed), rng), holder)
+
+
+def as_printed(block: Block, printer: VirtualPrinter, rng: np.random.Generator) -> HeightMap:
+    """A block's top as printed, without its holder.
+
+    Args:
+        block: The design.
+        printer: Who prints it.
+        rng: The copy's own randomness.
+
+    Returns:
+        Heights on the block's cells (:func:`tacbench_cad.lab.simulate.heights.centres`), z = 0 at the highest point of
+        the design.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    cell = cell_of(block)
+    x, y = centres(block)
+    shift_x, shift_y = (printer.xy_error_mm * _drift(along, rng) for along in (x, y))
+    z = np.ascontiguousarray(block.surface.grid(x + shift_x, y + shift_y).T) - block.extremes.high
+    thin = z - _opened(z, SLUMPING_LINES * printer.nozzle_mm / cell)
+    spread = 1.0 + PEAK_SPREAD * _smooth_noise(z.shape, DRIFT_MM / 2.0 / cell, rng)
+    z -= np.clip(printer.peak_loss * spread, 0.0, 1.0) * thin
+    z = _opened(z, printer.nozzle_mm / cell)
+    z = _layered(z, printer, block.height_mm, rng)
+    z = gaussian_filter(z, printer.layer_mm / 2.0 / cell, mode="nearest")
+    z += printer.roughness_mm * _smooth_noise(z.shape, printer.nozzle_mm / 2.0 / cell, rng)
+    rise_x, rise_y = printer.tilt_mm * rng.standard_normal(2)
+    z += rise_x * (x / block.size_mm[0] - 0.5)[None, :] + rise_y * (y / block.size_mm[1] - 0.5)[:, None]
+    z += printer.z_error_mm * rng.standard_normal()
+    area_cm2 = block.size_mm[0] * block.size_mm[1] / 100.0
+    return on_block(block, z + _strings(z, int(rng.poisson(printer.stringing_per_cm2 * area_cm2)), cell, rng))
+
+
+def _drift(along_mm: Floats, rng: np.random.Generator) -> Floats:
+    """A smooth random function of the place along an axis, of standard deviation 1."""
+    knots = np.arange(along_mm[0] - DRIFT_MM, along_mm[-1] + 2.0 * DRIFT_MM, DRIFT_MM)
+    values = rng.standard_normal(knots.size)
+    at = (along_mm - knots[0]) / DRIFT_MM
+    left = at.astype(int)
+    # Between two knots the weights' squares add up to 1, so that the deviation is the same everywhere.
+    turn = (at - left) * (math.pi / 2.0)
+    return np.asarray(np.cos(turn) * values[left] + np.sin(turn) * values[left + 1], dtype=np.float64)
+
+
+def _smooth_noise(shape: tuple[int, ...], cells: float, rng: np.random.Generator) -> Floats:
+    """Noise of standard deviation 1 that keeps together over so many cells."""
+    from scipy.ndimage import gaussian_filter
+
+    white = rng.standard_normal(shape)
+    # White noise after a Gaussian kernel g has the variance sum(g^2), for wide ones 1 / (4 pi cells^2).
+    impulse = np.zeros(2 * math.ceil(4.0 * cells) + 3)
+    impulse[impulse.size // 2] = 1.0
+    gain = float(np.sum(gaussian_filter(impulse, cells) ** 2))
+    return np.asarray(gaussian_filter(white, cells, mode="wrap") / gain, dtype=np.float64)
+
+
+def _opened(z: Floats, width_cells: float) -> Floats:
+    """The surface without what is narrower than a disc of this diameter, in cells (a morphological opening)."""
+    from scipy.ndimage import grey_opening
+
+    reach = int(width_cells / 2.0)
+    if reach < 1:
+        return z
+    at = np.arange(-reach, reach + 1)
+    disc = at[:, None] ** 2 + at[None, :] ** 2 <= (width_cells / 2.0) ** 2
+    return np.asarray(grey_opening(z, footprint=disc, mode="nearest"), dtype=np.float64)
+
+
+def _layered(z: Floats, printer: VirtualPrinter, height_mm: float, rng: np.random.Generator) -> Floats:
+    """The surface in layers: a layer is drawn wherever the design reaches the layer's middle, as slicers do it."""
+    layer = np.floor((z + height_mm) / printer.layer_mm + 0.5).astype(int)
+    np.maximum(layer, 0, out=layer)
+    errors = printer.layer_error_mm * rng.standard_normal(round(height_mm / printer.layer_mm) + 2)
+    top = printer.layer_mm * layer + errors[np.minimum(layer, errors.size - 1)]
+    return np.asarray(top - height_mm, dtype=np.float64)
+
+
+def _strings(z: Floats, count: int, cell_mm: float, rng: np.random.Generator) -> Floats:
+    """What strings add to the surface they lie on: from one high place to another, with a blob where each begins."""
+    added = np.zeros_like(z)
+    high = np.argwhere(z >= np.quantile(z, 0.8))
+    ny, nx = z.shape
+    radius = 3.0 * BLOB_RADIUS_MM / cell_mm
+    for _ in range(count):
+        start = high[rng.integers(len(high))]
+        ends = high[np.hypot(*(high - start).T) * cell_mm <= STRING_LENGTH_MM]
+        end = ends[rng.integers(len(ends))]
+        rows, columns = np.linspace(start, end, 2 * int(np.max(np.abs(end - start))) + 1).round().astype(int).T
+        added[rows, columns] = np.maximum(added[rows, columns], STRING_MM)
+        low = np.maximum(start - math.ceil(radius), 0)
+        stop = np.minimum(start + math.ceil(radius) + 1, (ny, nx))
+        at_y, at_x = (np.arange(a, b) - c for a, b, c in zip(low, stop, start, strict=True))
+        square = (at_y[:, None] ** 2 + at_x[None, :] ** 2) * (cell_mm / BLOB_RADIUS_MM) ** 2
+        added[low[0] : stop[0], low[1] : stop[1]] += BLOB_MM * np.exp(-square / 2.0)
+    return added

@@ -1,0 +1,239 @@
+"""Simulated studies: the paper's, a small one, and what any of them will take before it is made."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_EXCEPTION, wait
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from tacbench_cad.block import Block
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab import names
+from tacbench_cad.lab.runs import schema
+from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.pictures import encoded
+from tacbench_cad.lab.simulate.blockrun import BlockDone, Options, Source, make_block, other_images
+from tacbench_cad.lab.spec import PlannedBlock, PrintedBlock, Protocol, Study
+from tacbench_cad.lab.study import StudyFile, read_study
+from tacbench_cad.making.workers import Workers
+from tacbench_cad.protocol import PressGrid
+
+#: Numbers of the six textures.
+TEXTURES = (1, 2, 3, 4, 5, 6)
+#: Prints of each texture in the paper's three selected combinations, and the force level that copies 2 to 6 are
+#: pressed at: the paper pressed them at one force and does not say which, ours is the middle one.
+PAPER_COPIES = 6
+COPIES_LEVEL = 2
+#: Frames of each stationary group. A camera needs the protocol's 30; a simulated one has no drift to average over.
+PAPER_STATIONARY, QUICK_STATIONARY = 10, 5
+#: The small study: two combinations, two copies, and the corners, edges and middle of the paper's press grid.
+QUICK_COMBINATIONS = (("ender-3-v3-se", "pla-plus"), ("bambu-p1p", "pla-minus"))
+QUICK_COPIES = 2
+#: Images that are made to measure what one takes.
+SAMPLE = 12
+#: Seconds between two looks at how far the processes are.
+PROGRESS_S = 0.5
+#: Share of room left free beyond what is needed.
+SPARE = 0.05
+
+
+def paper_study() -> Study:
+    """The paper's study: nine combinations, one print of each texture at three forces, which makes 8,100 images; of
+    the three selected combinations five more prints at the middle force, which makes 4,500.
+    """
+    protocol = Protocol(stationary_frames=PAPER_STATIONARY)
+    levels = tuple(range(1, protocol.levels + 1))
+    first = [_planned(texture, both, 1, levels) for both in names.COMBINATIONS for texture in TEXTURES]
+    more = [
+        _planned(texture, both, copy, (COPIES_LEVEL,))
+        for both in names.SELECTED
+        for copy in range(2, PAPER_COPIES + 1)
+        for texture in TEXTURES
+    ]
+    return Study(blocks=(*first, *more), protocol=protocol)
+
+
+def quick_study() -> Study:
+    """The smallest study that every analysis accepts: two printers, two copies, six textures, three forces, two
+    repeats, and nine positions that span the paper's grid.
+    """
+    whole = PressGrid.paper()
+    grid = PressGrid(x_mm=whole.x_mm[::2], y_mm=whole.y_mm[::2])
+    protocol = Protocol(grid=grid, stationary_frames=QUICK_STATIONARY)
+    levels = tuple(range(1, protocol.levels + 1))
+    blocks = [
+        _planned(texture, both, copy, levels)
+        for both in QUICK_COMBINATIONS
+        for copy in range(1, QUICK_COPIES + 1)
+        for texture in TEXTURES
+    ]
+    return Study(blocks=tuple(blocks), protocol=protocol, grid_spacing="own")
+
+
+def study_of(word: str) -> StudyFile:
+    """The study that a command names: ``paper``, ``quick`` or a TOML file. Devices in a file are not used.
+
+    Raises:
+        InputError: It is neither, or something in the file is not allowed.
+    """
+    if word == "paper":
+        return StudyFile(study=paper_study())
+    if word == "quick":
+        return StudyFile(study=quick_study())
+    if not word.endswith(".toml"):
+        raise InputError("study", word, "allowed: paper, quick or a TOML file")
+    return read_study(Path(word))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """What a study takes; bytes and seconds are measured on a few of its images.
+
+    Args:
+        blocks: Blocks in all.
+        presses: Images of presses in all.
+        others: Images without a press behind them: references and stationary frames.
+        there: Images that are there already.
+        bytes_each: Size of an image's file.
+        seconds_each: Processor time of an image, for one process.
+        jobs: Processes.
+    """
+
+    blocks: int
+    presses: int
+    others: int
+    there: int
+    bytes_each: float
+    seconds_each: float
+    jobs: int
+
+    @property
+    def missing(self) -> int:
+        """Images that are still to be made."""
+        return max(self.presses + self.others - self.there, 0)
+
+    @property
+    def gb(self) -> float:
+        """What is still to be written, in GB (10^9 bytes)."""
+        return self.missing * self.bytes_each / 1e9
+
+    @property
+    def minutes(self) -> float:
+        """Time that it takes."""
+        return self.missing * self.seconds_each / self.jobs / 60.0
+
+
+def estimate(infos: Sequence[RunInfo], out: Path, options: Options, jobs: int) -> Estimate:
+    """Count a study's images and measure what one of them takes.
+
+    Args:
+        infos: The study's runs.
+        out: Their folder; images that are there are not counted again.
+        options: How it is simulated.
+        jobs: Processes.
+    """
+    nbytes, seconds = _measured(infos[0], options)
+    return Estimate(
+        blocks=len(infos),
+        presses=sum(len(info.presses) for info in infos),
+        others=sum(other_images(info) for info in infos),
+        there=sum(images_there(out / info.printed.name) for info in infos),
+        bytes_each=nbytes,
+        seconds_each=seconds,
+        jobs=jobs,
+    )
+
+
+def require_room(out: Path, needed: Estimate) -> None:
+    """Refuse a study that the disk has no room for.
+
+    Raises:
+        InputError: It has not; the message has the numbers.
+    """
+    folder = next((one for one in (out, *out.absolute().parents) if one.is_dir()), Path("/"))
+    free = shutil.disk_usage(folder).free / 1e9
+    need = needed.gb * (1.0 + SPARE)
+    if free < need:
+        raise InputError(
+            "output folder", str(out), f"has {free:.2f} GB free, and the study's images need {need:.2f} GB; make room"
+        )
+
+
+def make(
+    infos: Sequence[RunInfo],
+    out: Path,
+    options: Options,
+    jobs: int,
+    progress: Callable[[int], None] = lambda images: None,
+) -> list[BlockDone]:
+    """Make the runs of a study, or what is missing of them, side by side in processes.
+
+    The processes are ended at once by an interruption or an error; what they had made stays, and the next call goes
+    on at the first missing press of any block.
+
+    Args:
+        infos: The runs.
+        out: Their folder.
+        options: How they are simulated.
+        jobs: Processes.
+        progress: Told how many images are there, twice a second.
+
+    Returns:
+        What was made of each block, in the order of ``infos``.
+
+    Raises:
+        TacbenchError: A run folder holds another run, is held by another process, or cannot be written; or a force
+            cannot be reached.
+    """
+    folders = [out / info.printed.name for info in infos]
+    counts = [images_there(folder) for folder in folders]
+    with Workers(jobs) as workers:
+        futures = [workers.submit(make_block, out, info, options) for info in infos]
+        counted: set[int] = set()
+        pending = set(futures)
+        while pending:
+            done, pending = wait(pending, timeout=PROGRESS_S, return_when=FIRST_EXCEPTION)
+            for future in done:
+                future.result()
+            for i, future in enumerate(futures):
+                if i not in counted and (future.running() or future.done()):
+                    counts[i] = images_there(folders[i])
+                    if future.done():
+                        counted.add(i)
+            progress(sum(counts))
+        return [future.result() for future in futures]
+
+
+def _planned(texture: int, combination: tuple[str, str], copy: int, levels: tuple[int, ...]) -> PlannedBlock:
+    printer, filament = combination
+    printed = PrintedBlock(block=Block.of(texture), printer=printer, filament=filament, copy=copy)
+    return PlannedBlock(printed=printed, levels=levels)
+
+
+def images_there(folder: Path) -> int:
+    """Images in a run folder."""
+    return sum(1 for _ in _images(folder))
+
+
+def _images(folder: Path) -> Iterator[Path]:
+    for name in (schema.IMAGE_FOLDER, schema.REFERENCE_FOLDER, schema.STATIONARY_FOLDER):
+        with suppress(OSError):
+            yield from (folder / name).glob("*.png")
+
+
+def _measured(info: RunInfo, options: Options) -> tuple[float, float]:
+    """Mean bytes and processor seconds of a run's image, from presses spread over the run, each made twice.
+
+    That is as in the run itself, where repeats and stationary frames share the work of finding a pose.
+    """
+    source = Source(info, options)
+    encoded(source.press(info.presses[-1]).reading, info.simulated)  # what is imported and printed only once
+    sizes, began = [], time.process_time()
+    for i in range(SAMPLE):
+        press = info.presses[(i // 2) * len(info.presses) // SAMPLE]
+        sizes.append(len(encoded(source.press(press).reading, info.simulated)[0]))
+    return sum(sizes) / SAMPLE, (time.process_time() - began) / SAMPLE

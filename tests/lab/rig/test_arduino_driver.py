@@ -1,0 +1,204 @@
+"""The driver of the paper's own firmware, against a scripted peer."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+if sys.platform == "win32":
+    pytest.skip("needs pseudo-terminals, which Windows lacks", allow_module_level=True)
+
+from lab.rig.scripted_peer import Peer
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.rig.arduino import ArduinoStage
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, NotThereError, PositionLostError, ProtocolError
+from tacbench_cad.lab.spec import Point
+
+THERE: Point = (2.0, 4.0, -1.0)
+
+
+class Script:
+    """Jumps where it is sent."""
+
+    def __init__(self, shows: bool = True) -> None:
+        self.steps = [0, 0, 0]
+        self.shows = shows
+        self.moves: list[bytes] = []
+        self.pauses: list[bytes | float] = [b"done\n"]
+        self.obeys = True
+        self.mute = False
+
+    def peer(self) -> Peer:
+        return Peer(self.answer, realtime=b"")
+
+    def answer(self, got: bytes) -> Iterator[bytes | float]:
+        word, *rest = got.split(b",")
+        if self.mute or not word:
+            return
+        if word == b"RESET":
+            self.steps = [0, 0, 0]
+            yield b"homing\nall done\n"
+        elif word == b"SHOW":
+            yield b"%d,%d,%d\n" % tuple(self.steps) if self.shows else b"ready\n"
+            yield b"done\n"
+        elif word == b"MOVE":
+            self.moves.append(got)
+            if self.obeys:
+                self.steps = [int(one) for one in rest[:3]]
+            yield from self.pauses
+
+
+def opened(peer: Peer, *, timeout_s: float = 0.3, speed: float = 1.0) -> ArduinoStage:
+    clock = Clock(speed=speed)
+    return ArduinoStage(peer.port, steps_per_mm=[100, -200.0, 400], clock=clock, timeout_s=timeout_s)
+
+
+def test_moves_are_in_whole_steps_with_signs_and_a_pause() -> None:
+    script = Script()
+    with script.peer() as peer, opened(peer) as stage:
+        stage.home()
+        assert stage.move(THERE, 20.0) == THERE == stage.position()
+        # 4.58 mm at 20 mm/s is 0.229 s for 800 steps of the axis with the most.
+        assert script.moves == [b"MOVE,200,-800,-400,286"]
+        assert stage.move((2.0, 4.0, -1.0011), 20.0) == pytest.approx((2.0, 4.0, -1.0))
+        assert len(script.moves) == 1
+
+
+def test_the_identity_says_what_may_be_trusted() -> None:
+    with Script().peer() as peer, opened(peer) as stage:
+        assert "SHOW tells the steps" in stage.identity
+    with Script(shows=False).peer() as peer, opened(peer) as stage:
+        assert "done is believed" in stage.identity
+
+
+def test_without_positions_done_is_believed() -> None:
+    script = Script(shows=False)
+    with script.peer() as peer, opened(peer) as stage:
+        stage.home()
+        assert stage.position() == (0.0, 0.0, 0.0)
+        assert stage.move(THERE, 20.0) == THERE == stage.position()
+
+
+def test_nothing_moves_before_homing() -> None:
+    script = Script()
+    with script.peer() as peer, opened(peer) as stage:
+        with pytest.raises(PositionLostError, match="not homed"):
+            stage.move(THERE, 20.0)
+        assert script.moves == []
+
+
+def test_counters_that_survived_are_believed() -> None:
+    script = Script()
+    script.steps = [100, -200, 400]
+    with script.peer() as peer, opened(peer) as stage:
+        assert stage.position() == (1.0, 1.0, 1.0)
+
+
+def test_a_done_without_motion_is_no_arrival() -> None:
+    script = Script()
+    with script.peer() as peer, opened(peer) as stage:
+        stage.home()
+        stage.move(THERE, 20.0)
+        script.obeys = False
+        with pytest.raises(NotThereError, match="instead of"):
+            stage.move((3.0, 4.0, -1.0), 20.0)
+        assert stage.position() == THERE
+
+
+def test_a_lost_done_does_not_hide_an_arrival_where_show_tells() -> None:
+    script = Script()
+    with script.peer() as peer, opened(peer) as stage:
+        stage.home()
+        script.pauses = [b"d\xefne\n"]
+        assert stage.move(THERE, 20.0) == THERE
+
+
+def test_a_lost_done_without_show_is_a_lost_position() -> None:
+    script = Script(shows=False)
+    with script.peer() as peer, opened(peer) as stage:
+        stage.home()
+        script.pauses = []
+        with pytest.raises(NoAnswerError, match="no done to MOVE"):
+            stage.move(THERE, 20.0)
+        with pytest.raises(PositionLostError):
+            stage.position()
+
+
+def test_a_silent_reset_shows_in_the_counters() -> None:
+    script = Script()
+    with script.peer() as peer, opened(peer) as stage:
+        stage.home()
+        stage.move(THERE, 20.0)
+        script.steps = [0, 0, 0]
+        with pytest.raises(PositionLostError, match="0, 0, 0"):
+            stage.move((3.0, 4.0, -1.0), 20.0)
+        stage.home()
+        assert stage.move(THERE, 20.0) == THERE
+
+
+def test_a_hung_firmware_is_bounded() -> None:
+    script = Script()
+    with script.peer() as peer, opened(peer) as stage:
+        stage.home()
+        script.mute = True
+        with pytest.raises(NoAnswerError):
+            stage.move(THERE, 20.0)
+
+
+def test_opening_waits_for_the_boot_loader() -> None:
+    script = Script()
+    script.mute = True
+    timer = threading.Timer(1.2, lambda: setattr(script, "mute", False))
+    with script.peer() as peer:
+        timer.start()
+        with opened(peer) as stage:
+            stage.home()
+            assert stage.position() == (0.0, 0.0, 0.0)
+
+
+def test_a_stop_from_a_signal_handler_ends_the_move_after_its_piece() -> None:
+    script = Script()
+    script.pauses = [0.1, b"done\n"]
+    with script.peer() as peer, opened(peer) as stage:
+        stage.home()
+        before = signal.signal(signal.SIGALRM, lambda number, frame: stage.stop())
+        try:
+            signal.setitimer(signal.ITIMER_REAL, 0.25)
+            with pytest.raises(NotThereError, match="stopped on request"):
+                stage.move((20.0, 4.0, -1.0), 4.0)
+        finally:
+            signal.signal(signal.SIGALRM, before)
+        # Ten pieces of half a second each were planned.
+        assert 1 <= len(script.moves) <= 6
+        assert stage.position()[0] < 15.0
+
+
+def test_unplugging_is_noticed() -> None:
+    script = Script()
+    with script.peer() as peer, opened(peer) as stage:
+        stage.home()
+        script.pauses = []
+        threading.Timer(0.1, peer.unplug).start()
+        with pytest.raises(DeviceLostError):
+            stage.move(THERE, 20.0)
+        stage.stop()
+
+
+def test_another_firmware_is_refused() -> None:
+    def marlin(got: bytes) -> Iterator[bytes]:
+        return iter([b'echo:Unknown command: "SHOW"\nok done\n'])
+
+    with Peer(marlin, realtime=b"") as peer, pytest.raises(ProtocolError, match="not the paper's"):
+        opened(peer)
+
+
+@pytest.mark.parametrize("steps", [None, [1, 2], [1, 2, 0], "abc", [1, 2, "3"], [1.0, 2.0, float("nan")], [1, 2, True]])
+def test_steps_per_mm_are_checked_before_anything_is_opened(steps: object) -> None:
+    with pytest.raises(InputError, match="steps_per_mm"):
+        ArduinoStage("/dev/null", steps_per_mm=steps)

@@ -1,0 +1,53 @@
+"""The driver of the paper's firmware against its virtual twin, and every fault that it can be given."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+if sys.platform == "win32":
+    pytest.skip("needs pseudo-terminals, which Windows lacks", allow_module_level=True)
+
+from lab.rig.driver_faults import SPEED, survive
+
+from tacbench_cad.lab.rig import arduino
+from tacbench_cad.lab.rig.arduino import ArduinoStage
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.drivers import open_stage
+from tacbench_cad.lab.simulate.firmware.launch import launch
+from tacbench_cad.lab.spec import Point, StageSettings
+
+LIMITS = ((0.0, 200.0), (0.0, 200.0), (-100.0, 0.0))
+CENTER: Point = (50.0, 60.0, -30.0)
+STEPS_PER_MM = (400.0, 400.0, 400.0)
+
+
+@pytest.fixture(autouse=True)
+def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(arduino, "ATTEMPT_S", 0.2)
+
+
+def opener(port: str) -> ArduinoStage:
+    clock = Clock(speed=SPEED)
+    return ArduinoStage(port, steps_per_mm=STEPS_PER_MM, clock=clock, timeout_s=0.4, home_timeout_s=3.0)
+
+
+def test_open_stage_homes_and_moves() -> None:
+    with launch("arduino", speed=SPEED) as rig:
+        options = {"steps_per_mm": list(STEPS_PER_MM)}
+        settings = StageSettings(driver="arduino", port=rig.port, limits_mm=LIMITS, options=options)
+        with open_stage(settings, Clock(speed=SPEED)) as stage:
+            assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.002)
+            assert rig.true_position() == pytest.approx(CENTER, abs=0.02)
+
+
+@pytest.mark.parametrize("seed", (0, 4, 6))
+def test_faults_end_in_names_and_moves_where_they_say(seed: int) -> None:
+    survive("arduino", opener, CENTER, seed)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(7, 147))
+def test_many_faults(seed: int) -> None:
+    survive("arduino", opener, CENTER, seed)

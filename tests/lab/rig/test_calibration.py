@@ -1,0 +1,196 @@
+"""Calibration: the line through known masses, what is odd about it, and the file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.rig.calibration import (
+    STANDARD_GRAVITY,
+    Calibration,
+    CalibrationPoint,
+    fit,
+    read_calibration,
+    write_calibration,
+)
+
+DATE = "2026-01-02T03:04:05Z"
+
+
+def points(
+    masses: tuple[float, ...] = (0.0, 50.0, 100.0, 200.0),
+    slope: float = 4_000.0,
+    zero: float = 81_000.0,
+    noise: float = 0.0,
+    seed: int = 0,
+) -> list[CalibrationPoint]:
+    """Counts of a cell of so many counts per gram."""
+    random = np.random.default_rng(seed)
+    return [
+        CalibrationPoint(
+            mass_g=mass,
+            counts=zero + slope * mass + float(random.normal(0.0, noise)),
+            spread_counts=40.0,
+            samples=80,
+        )
+        for mass in masses
+    ]
+
+
+def made(found: list[CalibrationPoint], falling: bool = False) -> Calibration:
+    return fit(found, date_utc=DATE, device="cell", falling=falling)
+
+
+@given(
+    slope=st.floats(100.0, 1e5),
+    zero=st.floats(-1e6, 1e6),
+    masses=st.lists(st.integers(0, 500), min_size=3, max_size=8, unique=True),
+)
+def test_exact_counts_give_the_masses_back(slope: float, zero: float, masses: list[int]) -> None:
+    found = points(tuple(float(one) for one in masses), slope, zero)
+    calibration = made(found)
+    for point in found:
+        assert calibration.newtons(point.counts) == pytest.approx(point.mass_g * 9.80665e-3, abs=1e-5)
+    assert calibration.worst_n < 1e-5
+
+
+def test_the_weight_is_that_of_standard_gravity() -> None:
+    assert made(points()).newtons_per_count == pytest.approx(1e-3 * 9.80665 / 4_000.0)
+    assert STANDARD_GRAVITY == 9.80665
+
+
+def test_residual_has_two_degrees_of_freedom_less() -> None:
+    found = points(noise=900.0)
+    calibration = made(found)
+    force = np.array([one.mass_g * 9.80665e-3 for one in found])
+    counts = np.array([one.counts for one in found])
+    slope, zero = np.polyfit(force, counts, 1)
+    off = (counts - zero - slope * force) / slope
+    assert calibration.residual_n == pytest.approx(float(np.sqrt(np.sum(off**2) / 2)))
+    assert calibration.worst_n == pytest.approx(float(np.abs(off).max()))
+
+
+def test_noise_and_span_in_newtons() -> None:
+    calibration = made(points())
+    assert calibration.noise_n == pytest.approx(40.0 / 4_000.0 * 9.80665e-3)
+    assert calibration.span_n == pytest.approx(1.96133)
+
+
+@pytest.mark.parametrize("masses", [(), (0.0,), (0.0, 100.0), (100.0, 100.0, 0.0)])
+def test_too_few_masses_are_refused(masses: tuple[float, ...]) -> None:
+    with pytest.raises(InputError, match="at least 3 different ones"):
+        made(points(masses))
+
+
+def test_counts_that_fall_are_explained_and_may_be_meant() -> None:
+    found = points(slope=-4_000.0)
+    with pytest.raises(
+        InputError, match=r"counts fall as the mass grows.*another order.*swapped.*upside down.*--falling"
+    ):
+        made(found)
+    calibration = made(found, falling=True)
+    assert calibration.newtons_per_count < 0.0
+    assert calibration.newtons(found[3].counts) == pytest.approx(1.96133)
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.1])
+def test_a_cell_that_feels_nothing_is_refused(slope: float) -> None:
+    with pytest.raises(InputError, match="hardly change"):
+        made(points(slope=slope))
+
+
+@pytest.mark.parametrize("wrong", range(5))
+def test_the_one_wrong_mass_is_named(wrong: int) -> None:
+    masses = (0.0, 50.0, 100.0, 150.0, 200.0)
+    found = points(masses, noise=20.0)
+    bad = found[wrong]
+    found[wrong] = CalibrationPoint(
+        mass_g=bad.mass_g, counts=bad.counts + 4_000.0 * 20.0, spread_counts=40.0, samples=80
+    )
+    (warning,) = made(found).warnings
+    assert warning.startswith(f"the point at {masses[wrong]:g} g lies 0.19") or "0.2 N" in warning
+    assert "(20 g)" in warning or "(19.9 g)" in warning or "(20.1 g)" in warning
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_honest_noise_is_no_outlier(seed: int) -> None:
+    assert made(points((0.0, 20.0, 50.0, 100.0, 200.0), noise=20.0, seed=seed)).warnings == ()
+
+
+def test_a_bent_line_is_worth_a_warning() -> None:
+    found = [
+        CalibrationPoint(mass_g=mass, counts=4_000.0 * mass + 8.0 * mass**2, spread_counts=40.0, samples=80)
+        for mass in (0.0, 50.0, 100.0, 150.0, 200.0)
+    ]
+    assert any("from the line" in one for one in made(found).warnings)
+
+
+def test_no_point_without_load_is_worth_a_warning() -> None:
+    assert made(points((50.0, 100.0, 200.0))).warnings == ("no point without load: forces near zero are extrapolated",)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"mass_g": -1.0}, "mass_g = -1.0: must be from 0 to 10000 g"),
+        ({"mass_g": float("nan")}, "mass_g"),
+        ({"counts": float("inf")}, "counts"),
+        ({"samples": 0}, "samples = 0"),
+        ({"spread_counts": -1.0}, "spread_counts"),
+    ],
+)
+def test_odd_points_are_refused(values: dict[str, float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        CalibrationPoint(**({"mass_g": 1.0, "counts": 5.0, "spread_counts": 0.0, "samples": 1} | values))  # type: ignore[arg-type]
+
+
+def test_the_file_gives_back_what_was_written(tmp_path: Path) -> None:
+    calibration = made(points(noise=30.0))
+    path = tmp_path / "gauge.json"
+    write_calibration(path, calibration)
+    assert read_calibration(path) == calibration
+    document = json.loads(path.read_text())
+    assert document["date_utc"] == DATE and document["device"] == "cell" and len(document["points"]) == 4
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is not JSON"),
+        ("[" * 100_000, "is not JSON"),
+        ("[]", "is no force calibration"),
+        ('{"kind": "other"}', "is no force calibration"),
+        ('{"kind": "tacbench force calibration", "schema": 2}', "schema = 2: this tacbench reads schema 1"),
+        ('{"kind": "tacbench force calibration", "schema": 1}', "newtons_per_count|points"),
+    ],
+)
+def test_other_files_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "gauge.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_calibration(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("newtons_per_count", 0), ("newtons_per_count", "1"), ("zero_counts", None), ("points", []), ("slope", 1.0)],
+)
+def test_edited_values_are_refused_by_name(tmp_path: Path, key: str, value: object) -> None:
+    path = tmp_path / "gauge.json"
+    write_calibration(path, made(points()))
+    path.write_text(json.dumps(json.loads(path.read_text()) | {key: value}))
+    with pytest.raises(InputError, match=rf"calibration .*gauge\.json: .*{key}"):
+        read_calibration(path)
+
+
+def test_missing_files_and_folders_are_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no such file.*calibrate-force"):
+        read_calibration(tmp_path / "none.json")
+    with pytest.raises(InputError, match="is a folder"):
+        read_calibration(tmp_path)

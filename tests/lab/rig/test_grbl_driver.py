@@ -1,0 +1,462 @@
+"""The GRBL driver against a scripted peer: every trait of real firmware, one by one, and every way a move can end."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+if sys.platform == "win32":
+    pytest.skip("needs pseudo-terminals, which Windows lacks", allow_module_level=True)
+
+from lab.rig.scripted_grbl import ScriptedGrbl
+
+from tacbench_cad.lab.rig import grbl_link
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.errors import (
+    AlarmError,
+    DeviceLostError,
+    NoAnswerError,
+    NotThereError,
+    OutOfRangeError,
+    PositionLostError,
+    ProtocolError,
+)
+from tacbench_cad.lab.rig.grbl import GrblStage
+from tacbench_cad.lab.spec import Point
+
+THERE: Point = (-10.0, -20.0, -5.0)
+TIMEOUT_S = 0.6
+
+
+@pytest.fixture(autouse=True)
+def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, seconds in (("RESET_S", 0.6), ("GREETING_S", 3.0), ("ATTEMPT_S", 0.3)):
+        monkeypatch.setattr(grbl_link, name, seconds)
+
+
+@contextlib.contextmanager
+def opened(script: ScriptedGrbl, *, home: bool = True) -> Iterator[GrblStage]:
+    with script.peer() as peer, GrblStage(peer.port, clock=Clock(speed=50.0), timeout_s=TIMEOUT_S) as stage:
+        if home:
+            stage.home()
+        yield stage
+
+
+def moving(script: ScriptedGrbl, *then: bytes | float) -> None:
+    """From now on a move is taken, never arrives, and ``then`` follows."""
+
+    def on_move(target: Point) -> Iterator[bytes | float]:
+        script.state = "Run"
+        yield b"ok\r\n"
+        yield from then
+
+    script.on_move = on_move
+
+
+def test_identity_names_driver_version_and_port() -> None:
+    script = ScriptedGrbl()
+    with script.peer() as peer, GrblStage(peer.port) as stage:
+        assert stage.identity == f"grbl: GRBL 1.1h.20190825 at {peer.port}"
+        assert stage.simulated == ""
+
+
+def test_moves_are_in_machine_coordinates_and_report_where_they_ended() -> None:
+    script = ScriptedGrbl()
+    with script.peer() as peer, GrblStage(peer.port) as stage:
+        stage.home()
+        assert stage.move(THERE, 20.0) == THERE == stage.position()
+        sent = next(line for line in peer.lines if b"X-10" in line)
+        assert b"G53" in sent and b"G90" in sent and b"G21" in sent and b"F1200" in sent
+        assert not any(word in line for line in peer.lines for word in (b"G92", b"G54", b"G10"))
+
+
+@pytest.mark.parametrize("code", [2, 3])
+def test_trait_01_an_ok_after_an_alarm_is_no_arrival(code: int) -> None:
+    script = ScriptedGrbl()
+    with opened(script) as stage:
+        moving(script, b"ALARM:%d\r\nok\r\n" % code)
+        with pytest.raises(AlarmError, match=f"ALARM:{code}"):
+            stage.move(THERE, 20.0)
+        with pytest.raises(PositionLostError, match="home first"):
+            stage.move(THERE, 20.0)
+
+
+def test_trait_01_homing_after_an_alarm_makes_it_usable_again() -> None:
+    script = ScriptedGrbl()
+    with opened(script) as stage:
+        moving(script, b"ALARM:2\r\nok\r\n")
+        with pytest.raises(AlarmError):
+            stage.move(THERE, 20.0)
+        script.on_move = None
+        script.on_reset = lambda: [b"ok\r\n", script.banner, b"[MSG:'$H'|'$X' to unlock]\r\n"]
+        stage.home()
+        assert stage.move(THERE, 20.0) == THERE
+
+
+def test_trait_02_silence_after_an_alarm_that_was_garbled_is_an_alarm() -> None:
+    script = ScriptedGrbl()
+
+    def on_move(target: Point) -> Iterator[bytes | float]:
+        script.deaf = True
+        yield b"ok\r\nAL\xf2RM:1\r\n"
+
+    with opened(script) as stage:
+        script.on_move = on_move
+        with pytest.raises(AlarmError, match="silent until reset"):
+            stage.move(THERE, 20.0)
+        with pytest.raises(PositionLostError):
+            stage.position()
+
+
+def test_trait_02_a_stage_found_deaf_in_an_alarm_is_woken_by_a_reset() -> None:
+    script = ScriptedGrbl()
+    script.deaf = True
+    with opened(script) as stage:
+        assert stage.position() == (-1.0, -1.0, -1.0)
+
+
+def test_trait_03_homing_waits_through_silence_and_a_stale_report() -> None:
+    script = ScriptedGrbl()
+    script.on_home = lambda: [0.7, b"<Home|MPos:-3.000,-9.000,-1.000|FS:0,0>\r\n", b"ok\r\n"]
+    with opened(script) as stage:
+        assert stage.position() == (-1.0, -1.0, -1.0)
+
+
+def test_trait_03_homing_that_never_ends_is_bounded() -> None:
+    script = ScriptedGrbl()
+
+    def on_home() -> Iterator[bytes]:
+        script.deaf = True
+        return iter(())
+
+    script.on_home = on_home
+    with script.peer() as peer:
+        stage = GrblStage(peer.port, timeout_s=TIMEOUT_S, home_timeout_s=0.8)
+        with stage, pytest.raises(NoAnswerError, match="homing did not end"):
+            stage.home()
+
+
+def test_trait_04_a_banner_in_motion_is_a_lost_position() -> None:
+    script = ScriptedGrbl()
+
+    def on_move(target: Point) -> Iterator[bytes | float]:
+        yield b"ok\r\n"
+        script.at = (0.0, 0.0, 0.0)
+        yield script.banner
+
+    with opened(script) as stage:
+        script.on_move = on_move
+        with pytest.raises(PositionLostError, match="was reset"):
+            stage.move(THERE, 20.0)
+        with pytest.raises(PositionLostError, match="home first"):
+            stage.position()
+
+
+def test_trait_04_a_reset_without_its_banner_shows_in_the_position() -> None:
+    script = ScriptedGrbl()
+    with opened(script) as stage:
+        stage.move(THERE, 20.0)
+        script.at = (0.0, 0.0, 0.0)
+        with pytest.raises(PositionLostError, match="0, 0, 0"):
+            stage.move((-11.0, -20.0, -5.0), 20.0)
+
+
+def test_trait_05_a_stop_holds_and_the_next_move_leaves_the_hold_with_the_position_kept() -> None:
+    script = ScriptedGrbl()
+    with opened(script) as stage:
+        moving(script)
+        threading.Timer(0.1, stage.stop).start()
+        with pytest.raises(NotThereError, match="stopped on request"):
+            stage.move(THERE, 20.0)
+        script.on_move = None
+        assert stage.position() == (-1.0, -1.0, -1.0)
+        assert stage.move(THERE, 20.0) == THERE
+
+
+def test_trait_05_a_reset_in_motion_with_its_alarm_is_named() -> None:
+    script = ScriptedGrbl()
+    with opened(script) as stage:
+        moving(script, b"ALARM:3\r\n", 0.5, script.banner)
+        with pytest.raises(AlarmError, match="steps were lost"):
+            stage.move(THERE, 20.0)
+
+
+@pytest.mark.parametrize(("code", "kind"), [(15, OutOfRangeError), (9, AlarmError), (10, ProtocolError)])
+def test_trait_06_refusals_have_names(code: int, kind: type[Exception]) -> None:
+    script = ScriptedGrbl()
+    with opened(script) as stage:
+        script.on_move = lambda target: [b"error:%d\r\n" % code]
+        with pytest.raises(kind, match=f"error:{code}"):
+            stage.move(THERE, 20.0)
+
+
+def test_trait_07_no_banner_is_waited_for() -> None:
+    with opened(ScriptedGrbl(), home=False) as stage:
+        assert stage.position() == (-1.0, -1.0, -1.0)
+
+
+def test_trait_07_a_reset_on_opening_swallows_the_first_second_and_the_position() -> None:
+    script = ScriptedGrbl()
+    awake = time.monotonic() + 0.6
+
+    def boot() -> None:
+        script.deaf = False
+        peer.say(script.banner)
+
+    script.deaf = True
+    with script.peer() as peer:
+        timer = threading.Timer(awake - time.monotonic(), boot)
+        timer.start()
+        with GrblStage(peer.port, timeout_s=TIMEOUT_S) as stage:
+            with pytest.raises(PositionLostError, match="opening the port"):
+                stage.position()
+            stage.home()
+            assert stage.position() == (-1.0, -1.0, -1.0)
+
+
+def test_trait_08_one_line_is_under_way_at_a_time() -> None:
+    script = ScriptedGrbl()
+    in_flight: list[int] = []
+    pending = 0
+
+    def on_move(target: Point) -> Iterator[bytes | float]:
+        nonlocal pending
+        pending += 1
+        in_flight.append(pending)
+        yield 0.02
+        script.at = target
+        pending -= 1
+        yield b"ok\r\n"
+
+    with opened(script) as stage:
+        script.on_move = on_move
+        for step in range(20):
+            stage.move((-10.0, -20.0, -5.0 - 0.1 * step), 20.0)
+        assert in_flight == [1] * 20
+
+
+def test_trait_09_real_time_bytes_are_raw() -> None:
+    script = ScriptedGrbl()
+    with script.peer() as peer, GrblStage(peer.port, timeout_s=TIMEOUT_S) as stage:
+        stage._line.write_now(b"\x85")
+        stage.stop()
+        stage.position()
+        assert b"\x85!" in bytes(peer.received) and b"\xc2" not in bytes(peer.received)
+
+
+def test_trait_10_an_ok_without_motion_is_no_arrival() -> None:
+    script = ScriptedGrbl()
+    with opened(script) as stage:
+        script.on_move = lambda target: [b"ok\r\n"]
+        with pytest.raises(NotThereError, match="ended at x -1"):
+            stage.move(THERE, 20.0)
+
+
+def test_trait_10_an_ok_to_homing_without_homing_is_not_believed() -> None:
+    script = ScriptedGrbl()
+    script.at = (-50.0, -50.0, -50.0)
+    script.on_home = lambda: [b"ok\r\n"]
+    with script.peer() as peer, GrblStage(peer.port, timeout_s=TIMEOUT_S) as stage:
+        with pytest.raises(PositionLostError, match="has not homed"):
+            stage.home()
+        with pytest.raises(PositionLostError):
+            stage.move(THERE, 20.0)
+
+
+def test_trait_11_run_at_no_speed_is_no_arrival() -> None:
+    script = ScriptedGrbl()
+
+    def on_move(target: Point) -> Iterator[bytes | float]:
+        script.state, script.at = "Run", (target[0], target[1], target[2] + 0.01)
+        yield b"ok\r\n"
+        yield 0.15
+        script.state, script.at = "Idle", target
+
+    with opened(script) as stage:
+        script.on_move = on_move
+        assert stage.move(THERE, 20.0) == THERE
+
+
+def test_trait_12_grblhal_and_its_fresh_memory_are_known() -> None:
+    script = ScriptedGrbl()
+    script.banner = b"error:7\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n"
+    script.version = b"[VER:1.1f.20230101:]\r\n[OPT:VNMSL,35,1024,3,0]\r\n[FIRMWARE:grblHAL]\r\nok\r\n"
+    script.on_status = lambda: [
+        script.report().replace(b"|FS:0,0>", b"|Bf:35,1024|FS:0,0|WCO:0.000,0.000,0.000|A:|H:1,7|TLR:0>")
+    ]
+    with opened(script) as stage:
+        assert stage.identity.startswith("grbl: grblHAL 1.1f")
+        assert stage.move(THERE, 20.0) == THERE
+
+
+def test_trait_13_grblhal_tells_its_alarm_in_the_status_and_may_skip_answers() -> None:
+    script = ScriptedGrbl()
+    asked = 0
+
+    def every_other() -> Iterator[bytes]:
+        nonlocal asked
+        asked += 1
+        return iter([script.report()] if asked % 2 else [])
+
+    def on_move(target: Point) -> Iterator[bytes | float]:
+        script.state = "Alarm:2"
+        yield b"ok\r\n"
+
+    with opened(script) as stage:
+        script.on_status = every_other
+        stage.move(THERE, 20.0)
+        script.on_move = on_move
+        with pytest.raises(AlarmError, match="state Alarm"):
+            stage.move((-11.0, -20.0, -5.0), 20.0)
+
+
+def test_trait_13_grblhal_reset_in_motion_gives_the_banner_alone() -> None:
+    script = ScriptedGrbl()
+    with opened(script) as stage:
+        moving(script, b"\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n")
+        with pytest.raises(PositionLostError):
+            stage.move(THERE, 20.0)
+
+
+def test_work_coordinates_are_turned_into_machine_coordinates() -> None:
+    script = ScriptedGrbl()
+    reports = 0
+
+    def on_status() -> Iterator[bytes]:
+        nonlocal reports
+        reports += 1
+        x, y, z = (a - 100.0 for a in script.at)
+        offset = b"|WCO:100.000,100.000,100.000" if reports % 5 == 3 else b""
+        return iter([f"<{script.state}|WPos:{x:.3f},{y:.3f},{z:.3f}|FS:0,0".encode() + offset + b">\r\n"])
+
+    script.on_status = on_status
+    with opened(script) as stage:
+        assert stage.move(THERE, 20.0) == pytest.approx(THERE)
+
+
+def test_inches_are_refused() -> None:
+    script = ScriptedGrbl()
+    script.settings = script.settings.replace(b"$13=0", b"$13=1")
+    with script.peer() as peer, pytest.raises(ProtocolError, match=r"\$13=0"):
+        GrblStage(peer.port)
+
+
+def test_a_carriage_that_leaves_its_line_is_stopped() -> None:
+    script = ScriptedGrbl()
+
+    def on_move(target: Point) -> Iterator[bytes | float]:
+        script.state, script.at = "Run", (-1.0, -1.0, -9.0)
+        yield b"ok\r\n"
+
+    with script.peer() as peer, GrblStage(peer.port, timeout_s=TIMEOUT_S) as stage:
+        stage.home()
+        script.on_move = on_move
+        with pytest.raises(NotThereError, match="on its way to"):
+            stage.move((-1.0, -1.0, -2.0), 20.0)
+        stage.position()
+        assert b"!" in bytes(peer.received)
+
+
+def test_standing_still_in_state_run_is_bounded() -> None:
+    script = ScriptedGrbl()
+    with opened(script) as stage:
+        moving(script)
+        with pytest.raises(NotThereError, match="stays at"):
+            stage.move(THERE, 20.0)
+
+
+def test_a_lost_ok_does_not_hide_an_arrival() -> None:
+    script = ScriptedGrbl()
+
+    def on_move(target: Point) -> Iterator[bytes | float]:
+        script.at = target
+        yield b"k\r\n"
+
+    with opened(script) as stage:
+        script.on_move = on_move
+        assert stage.move(THERE, 20.0) == THERE
+
+
+def test_unplugging_in_motion_is_noticed() -> None:
+    script = ScriptedGrbl()
+    with script.peer() as peer, GrblStage(peer.port, timeout_s=TIMEOUT_S) as stage:
+        stage.home()
+        moving(script)
+        threading.Timer(0.1, peer.unplug).start()
+        with pytest.raises(DeviceLostError, match="gone"):
+            stage.move(THERE, 20.0)
+        with pytest.raises(DeviceLostError):
+            stage.home()
+        stage.stop()
+
+
+def test_a_dead_device_is_no_alarm() -> None:
+    script = ScriptedGrbl()
+    with opened(script) as stage:
+        script.on_reset = list
+
+        def on_move(target: Point) -> Iterator[bytes | float]:
+            script.deaf = True
+            return iter(())
+
+        script.on_move = on_move
+        with pytest.raises(NoAnswerError, match="no answer"):
+            stage.move(THERE, 20.0)
+
+
+def test_stop_works_from_a_signal_handler_in_the_middle_of_a_move() -> None:
+    script = ScriptedGrbl()
+    with opened(script) as stage:
+        moving(script)
+        before = signal.signal(signal.SIGALRM, lambda number, frame: stage.stop())
+        try:
+            signal.setitimer(signal.ITIMER_REAL, 0.15)
+            with pytest.raises(NotThereError, match="stopped on request"):
+                stage.move(THERE, 20.0)
+        finally:
+            signal.signal(signal.SIGALRM, before)
+        script.on_move = None
+        assert stage.move(THERE, 20.0) == THERE
+
+
+def test_an_interruption_in_a_move_stops_the_carriage() -> None:
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    script = ScriptedGrbl()
+    with opened(script) as stage:
+        moving(script)
+        before = signal.signal(signal.SIGALRM, interrupt)
+        try:
+            signal.setitimer(signal.ITIMER_REAL, 0.15)
+            with pytest.raises(KeyboardInterrupt):
+                stage.move(THERE, 20.0)
+        finally:
+            signal.signal(signal.SIGALRM, before)
+        script.on_move = None
+        assert stage.position() == (-1.0, -1.0, -1.0)
+
+
+def test_stop_while_homing_resets_and_the_position_is_unknown() -> None:
+    script = ScriptedGrbl()
+    with script.peer() as peer, GrblStage(peer.port, timeout_s=TIMEOUT_S) as stage:
+        script.on_home = list
+        script.on_reset = lambda: [b"ALARM:6\r\n", script.banner] if peer.lines[-1] == b"$H" else [script.banner]
+        threading.Timer(0.3, stage.stop).start()
+        with pytest.raises(AlarmError, match="ALARM:6"):
+            stage.home()
+        with pytest.raises(PositionLostError):
+            stage.move(THERE, 20.0)
+
+
+def test_another_device_is_named() -> None:
+    script = ScriptedGrbl()
+    script.version = b"FIRMWARE_NAME:Marlin 2.1.2.7\nok\n"
+    with script.peer() as peer, pytest.raises(ProtocolError, match="is Marlin, not GRBL"):
+        GrblStage(peer.port, timeout_s=TIMEOUT_S)

@@ -1,0 +1,242 @@
+"""Bounded lines over serial ports, and the parsers of what firmware sends on arbitrary bytes."""
+
+from __future__ import annotations
+
+import math
+import os
+import socket
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.rig import arduino, grbl_replies, marlin_replies
+from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError
+from tacbench_cad.lab.rig.line import LONGEST_LINE, Line
+
+needs_pty = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals, which Windows lacks")
+
+
+@pytest.fixture
+def wire() -> Iterator[tuple[Line, int]]:
+    """A line and the descriptor of its far end."""
+    if sys.platform == "win32":
+        pytest.skip("needs pseudo-terminals, which Windows lacks")
+    import pty
+    import tty
+
+    far, near = pty.openpty()
+    tty.setraw(near)
+    with Line(os.ttyname(near), baud=115200, what="stage") as line:
+        os.close(near)
+        yield line, far
+    os.close(far)
+
+
+def test_lines_come_whole_without_their_ends(wire: tuple[Line, int]) -> None:
+    line, far = wire
+    os.write(far, b"one\r\n\r\n  two \n\x00three")
+    assert [line.read_line(0.5), line.read_line(0.5), line.read_line(0.05)] == ["one", "two", None]
+    os.write(far, b"\xff!\n")
+    assert line.read_line(0.5) == "three�!"
+
+
+def test_a_wait_ends_in_time(wire: tuple[Line, int]) -> None:
+    line, far = wire
+    os.write(far, b"half a line")
+    before = time.monotonic()
+    assert line.read_line(0.2) is None
+    assert time.monotonic() - before >= 0.2
+
+
+def test_noise_without_ends_is_cut(wire: tuple[Line, int]) -> None:
+    line, far = wire
+    threading.Thread(target=os.write, args=(far, b"x" * LONGEST_LINE + b"yz\n"), daemon=True).start()
+    assert line.read_line(2.0) == "x" * LONGEST_LINE
+    assert line.read_line(2.0) == "yz"
+
+
+def test_what_has_come_can_be_forgotten(wire: tuple[Line, int]) -> None:
+    line, far = wire
+    os.write(far, b"old\nolder")
+    assert line.read_line(0.5) == "old"
+    line.forget()
+    os.write(far, b"new\n")
+    assert line.read_line(0.5) == "new"
+
+
+def test_a_device_that_takes_nothing_is_no_endless_wait() -> None:
+    if sys.platform == "win32":
+        pytest.skip("needs pseudo-terminals, which Windows lacks")
+    import pty
+    import tty
+
+    far, near = pty.openpty()
+    tty.setraw(near)
+    with Line(os.ttyname(near), baud=115200, what="stage", write_timeout_s=0.2) as line:
+        with pytest.raises(NoAnswerError, match="takes no bytes"):
+            for _ in range(1000):
+                line.write(b"x" * 1000)
+        assert line.torn
+        line.write_now(b"!")
+    os.close(near)
+    os.close(far)
+
+
+@needs_pty
+def test_an_unplugged_device_is_named_and_stopping_it_never_raises() -> None:
+    import pty
+
+    far, near = pty.openpty()
+    with Line(os.ttyname(near), baud=115200, what="stage") as line:
+        os.close(near)
+        os.close(far)
+        with pytest.raises(DeviceLostError, match="is gone"):
+            line.read_line(1.0)
+        with pytest.raises(DeviceLostError, match="is gone"):
+            line.write(b"?")
+        line.write_now(b"!")
+    line.write_now(b"!")
+    with pytest.raises(DeviceLostError):
+        line.read_line(0.1)
+    line.close()
+
+
+@needs_pty
+def test_one_port_has_one_holder() -> None:
+    import pty
+
+    far, near = pty.openpty()
+    with Line(os.ttyname(near), baud=115200, what="stage"), pytest.raises(InputError, match="held by another program"):
+        Line(os.ttyname(near), baud=115200, what="gauge")
+    os.close(near)
+    os.close(far)
+
+
+def test_a_missing_port_is_bad_input(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="stage port") as caught:
+        Line(str(tmp_path / "ttyUSB7"), baud=115200, what="stage")
+    assert caught.value.exit_code == 2
+
+
+@pytest.mark.parametrize("port", ["socket://127.0.0.1:1", "nonsense://x", "socket://x:notaport"])
+def test_a_url_that_leads_nowhere_is_bad_input(port: str) -> None:
+    with pytest.raises(InputError, match="cannot be opened"):
+        Line(port, baud=115200, what="stage")
+
+
+def test_a_socket_is_a_port_like_any_other() -> None:
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        Line(f"socket://127.0.0.1:{server.getsockname()[1]}", baud=115200, what="stage") as line,
+    ):
+        far, _ = server.accept()
+        with far:
+            far.sendall(b"hello\n")
+            assert line.read_line(1.0) == "hello"
+            line.write(b"?")
+            line.write_now(b"!")
+            assert far.recv(1) + far.recv(1) == b"?!"
+        with pytest.raises(DeviceLostError):
+            line.read_line(1.0)
+
+
+# Parsers: any bytes are taken, and nothing damaged passes for a report.
+
+arbitrary = st.one_of(st.binary(max_size=120).map(lambda raw: raw.decode("ascii", "replace")), st.text(max_size=120))
+number = st.integers(-999_999, 999_999).map(lambda micro: micro / 1000.0)
+point = st.tuples(number, number, number)
+REPORT = "<Run|MPos:1.000,-2.500,3.125|FS:500,0|WCO:0.000,0.000,0.000>"
+PLACE = "X:1.00 Y:-2.50 Z:3.12 E:0.00 Count X:80 Y:-200 Z:1250"
+
+
+@given(arbitrary)
+@example("<Idle|MPos:nan,inf,1e9>")
+@example("<Idle|MPos:1.000,2.000,3.000|MPos:1.000,2.000,4.000>")
+@example("ALARM:99999999999")
+@example("$130=1e999")
+@example("[VER:]")
+def test_grbl_replies_take_anything(text: str) -> None:
+    report = grbl_replies.status(text)
+    if report is not None:
+        places = [one for one in (report.machine_mm, report.work_mm, report.offset_mm) if one is not None]
+        assert places and all(math.isfinite(value) for place in places for value in place)
+    for parse in (grbl_replies.alarm, grbl_replies.error, grbl_replies.version, grbl_replies.is_banner):
+        parse(text)
+    assert all(math.isfinite(value) for value in grbl_replies.settings([text]).values())
+
+
+@given(arbitrary)
+@example("X:nan Y:0.00 Z:0.00")
+@example("Resend: 99999999999999999999")
+def test_marlin_replies_take_anything(text: str) -> None:
+    place = marlin_replies.place(text)
+    assert place is None or all(math.isfinite(value) for value in place.planned_mm)
+    for parse in (marlin_replies.resend, marlin_replies.firmware, marlin_replies.per_axis, marlin_replies.is_ok):
+        parse(text)
+    for tell in (marlin_replies.is_busy, marlin_replies.is_banner, marlin_replies.is_halted, marlin_replies.is_unknown):
+        assert tell(text) in (True, False)
+
+
+@given(arbitrary)
+def test_arduino_replies_take_anything(text: str) -> None:
+    found = arduino.counters(text)
+    assert found is None or len(found) == 3
+    assert arduino.is_done(text) in (True, False)
+
+
+@given(st.sampled_from(["Idle", "Run", "Hold:0", "Alarm:2"]), point, st.booleans())
+def test_reports_are_read_back(state: str, at: tuple[float, float, float], extra: bool) -> None:
+    more = "|Bf:15,128|FS:0,0|Pn:PZ|A:S|H:1|TLR:0" if extra else "|FS:0,0"
+    report = grbl_replies.status("<{}|MPos:{:.3f},{:.3f},{:.3f}{}>".format(state, *at, more))
+    assert report is not None and report.machine_mm == at
+    assert report.state == state.split(":")[0]
+
+
+@given(point)
+def test_places_are_read_back(at: tuple[float, float, float]) -> None:
+    x, y, z = (round(one, 2) for one in at)
+    place = marlin_replies.place(f"X:{x:.2f} Y:{y:.2f} Z:{z:.2f} E:0.00 Count X: 1 Y: 2 Z: 3")
+    assert place is not None and place.planned_mm == (x, y, z) and place.steps == (1, 2, 3)
+
+
+@given(st.integers(0, len(REPORT) - 1))
+def test_a_report_that_lost_a_sign_gives_its_position_with_one_digit_less_or_none(at: int) -> None:
+    damaged = REPORT[:at] + REPORT[at + 1 :]
+    report = grbl_replies.status(damaged)
+    within = REPORT.index("MPos:") + 5 <= at < REPORT.index("|FS")
+    assert report is None or within or report.machine_mm == (1.0, -2.5, 3.125)
+    # Decimals are always three: losing one never gives a plausible place.
+    assert not (report is not None and REPORT[at - 1 : at] == ".")
+
+
+@given(st.integers(0, 10**6), st.text(alphabet=st.characters(min_codepoint=32, max_codepoint=126), max_size=60))
+def test_a_frames_checksum_is_the_exclusive_or_of_its_bytes(line: int, command: str) -> None:
+    body, _, checksum = marlin_replies.framed(line, command).rpartition(b"*")
+    value = 0
+    for byte in body:
+        value ^= byte
+    assert int(checksum) == value and checksum.endswith(b"\n")
+
+
+def test_known_lines() -> None:
+    assert grbl_replies.status(REPORT) is not None
+    assert grbl_replies.is_banner("GrblHAL 1.1f ['$' or '$HELP' for help]")
+    assert grbl_replies.is_banner("[MSG:'$H'|'$X' to unlock]")
+    assert not grbl_replies.is_banner("[MSG:Caution: Unlocked]")
+    assert grbl_replies.alarm("ALARM:3") == 3 and grbl_replies.alarm("ALARM:x") == 0
+    assert grbl_replies.settings(["$100=250.000", "$13=0 (report inches)", "ok"]) == {100: 250.0, 13: 0.0}
+    assert marlin_replies.place(PLACE) is not None
+    assert marlin_replies.resend("Resend: 12") == 12 and marlin_replies.resend("rs N3") == 3
+    assert marlin_replies.per_axis(" M203 X300.00 Y300.00 Z5.00 E25.00") == ("M203", (300.0, 300.0, 5.0))
+    assert marlin_replies.per_axis("echo:  M92 X80.00 Y80.00 Z400.00") == ("M92", (80.0, 80.0, 400.0))
+    assert not marlin_replies.is_banner("FIRMWARE_NAME:Marlin 2.1.2.7 (x) SOURCE_CODE_URL:y")
+    assert marlin_replies.framed(3, "T0") == b"N3 T0*57\n"
+    assert arduino.counters("x: 10 y: -20 z: 30") == (10, -20, 30)
+    assert arduino.counters("1.5,2.5,3.5") is None

@@ -1,0 +1,406 @@
+"""The load cell: newtons out of counts, only new samples, and everything that no living cell sends."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.rig.calibration import Calibration, CalibrationPoint, fit, write_calibration
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.errors import DeviceLostError, GaugeError, NoAnswerError
+from tacbench_cad.lab.rig.gauge import Force, Gauge
+from tacbench_cad.lab.rig.loadcell import LoadCell, LoadCellOptions, RawLoadCell, open_gauge
+from tacbench_cad.lab.spec import GaugeSettings
+
+pty_only = pytest.mark.skipif(sys.platform == "win32", reason="WINDOWS HAS NO PSEUDO-TERMINALS: not tested here")
+
+#: Counts per newton and counts without load of the cell of these tests.
+SLOPE = 400_000.0
+ZERO = 81_000.0
+RATE_HZ = 80.0
+
+
+class Time:
+    """A clock that only goes on when the cell sends a line."""
+
+    speed = 1.0
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+
+    def now_s(self) -> float:
+        return self.now
+
+
+class Cell:
+    """Lines of a cell that sends at 80 Hz."""
+
+    def __init__(self, clock: Time, force_n: Callable[[float], float] = lambda t: 0.0) -> None:
+        self.clock = clock
+        self.force_n = force_n
+        self.random = np.random.default_rng(1)
+        self.alter: Callable[[int, str], str | None] = lambda i, line: line
+        self.sent = 0
+        self.forgotten = 0
+        self.closed = 0
+
+    def read_line(self, timeout_s: float) -> str | None:
+        self.clock.now += 1.0 / RATE_HZ
+        self.sent += 1
+        counts = round(ZERO + SLOPE * self.force_n(self.clock.now) + self.random.normal(0.0, 100.0))
+        return self.alter(self.sent, str(counts))
+
+    def forget(self) -> None:
+        self.forgotten += 1
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+def calibration() -> Calibration:
+    points = [
+        CalibrationPoint(mass_g=mass, counts=ZERO + SLOPE * mass * 9.80665e-3, spread_counts=100.0, samples=80)
+        for mass in (0.0, 100.0, 200.0)
+    ]
+    return fit(points, date_utc="2026-01-02", device="cell")
+
+
+def raw(cell: Cell, **options: Any) -> RawLoadCell:
+    chosen = LoadCellOptions(latency_s=0.0, **options)
+    return RawLoadCell(cell, name="cell", options=chosen, timeout_s=0.1, clock=cell.clock)  # type: ignore[arg-type]
+
+
+class OwnGauge:
+    """A gauge of a user's own."""
+
+    identity = "own"
+    simulated = ""
+    calibration: dict[str, object]
+
+    def __init__(self, port: str, gain: float = 1.0) -> None:
+        self.calibration = {"gain": gain, "port": port}
+
+    def read(self, window_s: float) -> Force:
+        return Force(mean_n=0.0, spread_n=0.0, samples=1)
+
+    def tare(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def gauge(cell: Cell, **options: Any) -> LoadCell:
+    return LoadCell(raw(cell, **options), calibration(), calibration_name="gauge.json")
+
+
+def test_it_is_a_gauge_in_newtons() -> None:
+    cell = Cell(Time(), lambda t: 1.913)
+    with gauge(cell) as found:
+        assert isinstance(found, Gauge)
+        force = found.read(1.0)
+        assert force.mean_n == pytest.approx(1.913, abs=5e-4)
+        assert force.spread_n == pytest.approx(100.0 / SLOPE, rel=0.3)
+        assert force.samples in (80, 81)
+        assert found.calibration["file"] == "gauge.json" and found.calibration["zero_counts"] == pytest.approx(ZERO)
+        assert "2026-01-02" in found.identity and found.simulated == ""
+    found.close()
+    assert cell.closed == 2
+
+
+def test_newtons_need_no_calibration() -> None:
+    cell = Cell(Time())
+    cell.alter = lambda i, line: f"{1.5 + int(line) * 1e-8:.6f}"
+    found = LoadCell(raw(cell, unit="newtons"), None)
+    assert found.read(0.1).mean_n == pytest.approx(1.5, abs=0.01)
+    assert found.calibration == {}
+
+
+def test_the_window_begins_at_the_call() -> None:
+    cell = Cell(Time(), lambda t: 0.0 if t < 5.0 else 2.0)
+    found = gauge(cell)
+    cell.clock.now = 5.0
+    before = cell.forgotten
+    force = found.read(0.1)
+    assert force.mean_n == pytest.approx(2.0, abs=1e-3) and force.samples >= 8
+    assert cell.forgotten == before + 1
+
+
+def test_a_short_window_still_has_some_samples() -> None:
+    assert gauge(Cell(Time())).read(0.0).samples == 3
+    assert gauge(Cell(Time()), least_samples=10).read(0.001).samples == 10
+
+
+def test_a_tare_makes_the_present_force_zero() -> None:
+    cell = Cell(Time(), lambda t: 0.7)
+    found = gauge(cell)
+    found.tare()
+    assert found.read(0.5).mean_n == pytest.approx(0.0, abs=1e-3)
+    cell.force_n = lambda t: 1.0
+    assert found.read(0.5).mean_n == pytest.approx(0.3, abs=1e-3)
+    found.tare()
+    assert found.read(0.5).mean_n == pytest.approx(0.0, abs=1e-3)
+
+
+def test_garbled_lines_are_skipped_and_counted() -> None:
+    cell = Cell(Time(), lambda t: 1.0)
+    found = gauge(cell)
+    cell.alter = lambda i, line: ("", "8\ufffd1", line[:3] + "x", "nan")[i // 8 % 4] if i % 8 == 0 else line
+    force = found.read(1.0)
+    assert force.mean_n == pytest.approx(1.0, abs=1e-3)
+    assert found.garbled >= 8
+
+
+@pytest.mark.parametrize("damage", [lambda line: line[:-1], lambda line: line[1:], lambda line: line + line[-1]])
+def test_a_lost_or_doubled_digit_does_not_move_the_mean(damage: Callable[[str], str]) -> None:
+    cell = Cell(Time(), lambda t: 1.0)
+    found = gauge(cell)
+    cell.alter = lambda i, line: damage(line) if i % 8 == 0 else line
+    force = found.read(1.0)
+    assert force.mean_n == pytest.approx(1.0, abs=1e-3)
+    assert found.garbled >= 8
+
+
+@pytest.mark.parametrize("line", ["", "\ufffd\ufffd", "12 34", "nan"])
+def test_nothing_but_garbage_is_an_error(line: str) -> None:
+    cell = Cell(Time())
+    found = gauge(cell)
+    cell.alter = lambda i, sound: line
+    with pytest.raises(GaugeError, match="garbled"):
+        found.read(0.1)
+
+
+def test_a_stuck_cell_is_noticed_within_a_window_or_over_many() -> None:
+    for window_s in (1.0, 0.01):
+        cell = Cell(Time(), lambda t: 1.0)
+        found = gauge(cell)
+        found.read(0.1)
+        cell.alter = lambda i, line: "481000"
+        with pytest.raises(GaugeError, match="20 samples in a row are 481000: it is stuck"):
+            for _ in range(20):
+                found.read(window_s)
+
+
+def test_a_device_that_rounds_may_repeat_itself() -> None:
+    cell = Cell(Time())
+    cell.alter = lambda i, line: "0.00"
+    found = LoadCell(raw(cell, unit="newtons", stuck_samples=0), None)
+    assert found.read(1.0).mean_n == 0.0
+
+
+@pytest.mark.parametrize("end", [2**23 - 1, -(2**23)])
+def test_a_saturated_cell_is_noticed(end: int) -> None:
+    cell = Cell(Time())
+    found = gauge(cell)
+    cell.alter = lambda i, line: str(end)
+    with pytest.raises(GaugeError, match=rf"saturated at {end} counts"):
+        found.read(0.1)
+
+
+@pytest.mark.parametrize("value", ["99999999999", "-9000000", "197.7123"])
+def test_samples_beyond_any_force_are_saturation(value: str) -> None:
+    cell = Cell(Time())
+    found = gauge(cell) if "." not in value else LoadCell(raw(cell, unit="newtons"), None)
+    random = np.random.default_rng(3)
+    cell.alter = lambda i, line: f"{float(value) + random.integers(0, 9):.10g}"
+    with pytest.raises(GaugeError, match="saturated, 5 samples in a row"):
+        found.read(0.1)
+
+
+def test_silence_and_loss_have_names() -> None:
+    cell = Cell(Time())
+    found = gauge(cell)
+    cell.alter = lambda i, line: None
+    with pytest.raises(NoAnswerError, match="sends nothing"):
+        found.read(0.1)
+    silent = Cell(Time())
+    silent.alter = lambda i, line: None
+    with pytest.raises(NoAnswerError):
+        gauge(silent)
+    assert silent.closed == 1
+
+
+def test_what_a_board_says_when_it_starts_is_passed_over() -> None:
+    cell = Cell(Time())
+    cell.alter = lambda i, line: ("HX711 ready", "tare...", "8100")[i - 1] if i <= 2 else line
+    assert gauge(cell).read(0.1).samples >= 8
+
+
+def test_one_column_of_several() -> None:
+    cell = Cell(Time(), lambda t: 1.0)
+    cell.alter = lambda i, line: f"{i * 12},{line},25.5"
+    assert gauge(cell, columns=3, column=2).read(0.5).mean_n == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_falling_cell_gives_positive_forces() -> None:
+    points = [
+        CalibrationPoint(mass_g=mass, counts=ZERO - SLOPE * mass * 9.80665e-3, spread_counts=100.0, samples=80)
+        for mass in (0.0, 100.0, 200.0)
+    ]
+    falling = fit(points, date_utc="2026-01-02", device="cell", falling=True)
+    cell = Cell(Time())
+    cell.alter = lambda i, line: str(2 * round(ZERO) - int(line))
+    cell.force_n = lambda t: 1.0
+    force = LoadCell(raw(cell), falling).read(0.5)
+    assert force.mean_n == pytest.approx(1.0, abs=1e-3) and force.spread_n > 0.0
+
+
+@pytest.mark.parametrize(
+    ("options", "calibrated", "message"),
+    [
+        ({"rate": 80}, True, "unknown key"),
+        ({"column": 2}, True, "column = 2: must be from 1 to 1"),
+        ({"stuck_samples": 1}, True, "stuck_samples = 1"),
+        ({"unit": "grams"}, True, "unit = 'grams'"),
+        ({"unit": "counts"}, False, "needs .*calibration"),
+        ({"unit": "newtons"}, True, "calibrated already"),
+        ({"low_counts": 5.0, "high_counts": 4.0}, True, "must be below high_counts"),
+    ],
+)
+def test_wrong_options_are_refused(options: dict[str, Any], calibrated: bool, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        LoadCellOptions.of(options, calibrated=calibrated)
+
+
+# --- over a real port ---
+
+
+@contextmanager
+def port(sample: Callable[[int], bytes], period_s: float) -> Iterator[tuple[str, Callable[[], None]]]:
+    """A pseudo-terminal with a cell at the other end; yields its path and what unplugs it."""
+    import tty
+
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    ended = threading.Event()
+
+    def write() -> None:
+        os.set_blocking(master, False)
+        i = 0
+        while not ended.wait(period_s):
+            i += 1
+            try:
+                os.write(master, sample(i))
+            except OSError:
+                continue
+        os.close(master)
+
+    writer = threading.Thread(target=write, daemon=True)
+    writer.start()
+
+    def unplug() -> None:
+        if not ended.is_set():
+            ended.set()
+            writer.join()
+            os.close(slave)
+
+    try:
+        yield os.ttyname(slave), unplug
+    finally:
+        unplug()
+
+
+@pty_only
+def test_a_cell_on_a_port(tmp_path: Path) -> None:
+    path = tmp_path / "gauge.json"
+    write_calibration(path, calibration())
+    random = np.random.default_rng(2)
+
+    def sample(i: int) -> bytes:
+        line = b"%d\r\n" % round(ZERO + SLOPE * 2.0 + float(random.normal(0.0, 100.0)))
+        return line if i % 11 else line[:3] + b"\xff" + line[4:]
+
+    with port(sample, 0.001) as (name, unplug):
+        settings = GaugeSettings(driver="serial", port=name, calibration=str(path), timeout_s=1.0)
+        with open_gauge(settings, Clock(speed=50.0), simulated="gauge") as found:
+            force = found.read(1.0)
+            assert force.mean_n == pytest.approx(2.0, abs=5e-3) and force.samples >= 3
+            assert found.identity.startswith("load cell, gauge") and found.simulated == "gauge"
+            json.dumps(found.calibration)
+            unplug()
+            with pytest.raises((DeviceLostError, NoAnswerError)):
+                found.read(1.0)
+
+
+@pty_only
+def test_a_missing_calibration_is_named(tmp_path: Path) -> None:
+    settings = GaugeSettings(driver="serial", port="/dev/null", calibration=str(tmp_path / "none.json"))
+    with pytest.raises(InputError, match="there is no such file"):
+        open_gauge(settings, Clock())
+
+
+def test_a_gauge_of_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "own_gauge", sys.modules[__name__])
+    settings = GaugeSettings(driver="own_gauge:OwnGauge", port="P", options={"gain": 2.0})
+    assert open_gauge(settings, Clock()).calibration == {"gain": 2.0, "port": "P"}
+    with pytest.raises(InputError, match="driver = 'serail'"):
+        open_gauge(GaugeSettings(driver="serail"), Clock())
+
+
+@pty_only
+@pytest.mark.parametrize("newtons", [False, True])
+def test_the_virtual_load_cell(tmp_path: Path, newtons: bool) -> None:
+    """The firmware simulator's stream: noise and offset, then each of its faults by name."""
+    from tacbench_cad.lab.simulate.firmware.faults import Fault
+    from tacbench_cad.lab.simulate.firmware.loadcell import CellSettings
+    from tacbench_cad.lab.simulate.firmware.loadcell import LoadCell as VirtualCell
+
+    path = tmp_path / "gauge.json"
+    scale = CellSettings().counts_per_n
+    points = [
+        CalibrationPoint(mass_g=m, counts=84_213.0 + scale * m * 9.80665e-3, spread_counts=30.0, samples=80)
+        for m in (0.0, 100.0, 200.0)
+    ]
+    write_calibration(path, fit(points, date_utc="2026-01-02", device="cell"))
+    for fault, message in ((None, ""), ("stuck", "stuck"), ("saturated", "saturated")):
+        virtual = VirtualCell(CellSettings(newtons=newtons))
+        if fault is not None:
+            virtual.inject(Fault(kind=fault, at_s=0.0), 2.0)
+        with port(lambda i, v=virtual: v.read(i / 80.0, lambda: 1.0), 0.001) as (name, _):
+            settings = GaugeSettings(driver="serial", port=name, calibration=None if newtons else str(path))
+            with open_gauge(settings, Clock(speed=12.5)) as found:
+                if fault is None:
+                    assert found.read(1.0).mean_n == pytest.approx(1.0, abs=2e-3)
+                    continue
+                with pytest.raises(GaugeError, match=message):
+                    for _ in range(40):
+                        found.read(1.0)
+
+
+@pty_only
+def test_the_virtual_rigs_faults_end_in_named_errors_and_the_gauge_goes_on() -> None:
+    from tacbench_cad.lab.simulate.firmware.faults import Fault
+    from tacbench_cad.lab.simulate.firmware.launch import launch
+
+    spring = {"flat_z_mm": 10.0, "n_per_mm": 0.2}
+    with launch("grbl", speed=50.0, seed=3, gauge={"newtons": True}, stimulus=spring) as rig:
+        settings = GaugeSettings(driver="serial", port=rig.gauge_port, timeout_s=0.6)
+        with open_gauge(settings, Clock(speed=50.0), simulated="load cell of the virtual rig") as found:
+            for kind in ("drop", "double", "garble"):
+                rig.inject(Fault(kind=kind, where="gauge", chance=0.005, seconds=20.0))
+            force = rig.force_n()
+            for _ in range(60):
+                assert found.read(0.1).mean_n == pytest.approx(force, abs=0.004)
+            for kind, error in (("stuck", GaugeError), ("saturated", GaugeError), ("silence", NoAnswerError)):
+                until = rig.now_s() + 60.0
+                rig.inject(Fault(kind=kind, where="gauge", seconds=60.0))
+                with pytest.raises(error):
+                    for _ in range(40):
+                        found.read(0.1)
+                Clock(speed=50.0).sleep(until - rig.now_s() + 15.0)
+                assert found.read(0.1).mean_n == pytest.approx(force, abs=0.004)
+            rig.inject(Fault(kind="unplug", where="gauge"))
+            with pytest.raises(DeviceLostError):
+                for _ in range(40):
+                    found.read(0.1)

@@ -1,0 +1,325 @@
+"""The Marlin driver against a scripted peer: every trait of real firmware, one by one, and every way a move can end."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+if sys.platform == "win32":
+    pytest.skip("needs pseudo-terminals, which Windows lacks", allow_module_level=True)
+
+from lab.rig.scripted_marlin import ScriptedMarlin
+
+from tacbench_cad.lab.rig import marlin_link
+from tacbench_cad.lab.rig.errors import (
+    AlarmError,
+    DeviceLostError,
+    NoAnswerError,
+    NotThereError,
+    PositionLostError,
+    ProtocolError,
+)
+from tacbench_cad.lab.rig.marlin import MarlinStage
+from tacbench_cad.lab.spec import Point
+
+THERE: Point = (10.0, 20.0, 5.0)
+TIMEOUT_S = 0.3
+
+
+@contextlib.contextmanager
+def opened(script: ScriptedMarlin, *, home: bool = True) -> Iterator[MarlinStage]:
+    with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
+        if home:
+            stage.home()
+        yield stage
+
+
+@pytest.fixture(autouse=True)
+def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, seconds in (("GREETING_S", 1.5), ("ATTEMPT_S", 0.3)):
+        monkeypatch.setattr(marlin_link, name, seconds)
+
+
+def test_identity_names_driver_version_and_port() -> None:
+    script = ScriptedMarlin()
+    with script.peer() as peer, MarlinStage(peer.port) as stage:
+        assert stage.identity == f"marlin: Marlin 2.1.2.7 at {peer.port}"
+        assert stage.position() == (10.0, 20.0, 30.0)
+
+
+def test_z_is_homed_first_where_its_end_stop_is_at_the_top() -> None:
+    script = ScriptedMarlin()
+    with opened(script) as stage:
+        assert [one for one in script.accepted if one.startswith(b"G28")] == [b"G28 Z", b"G28 X", b"G28 Y"]
+        assert stage.position() == (0.0, 0.0, 100.0)
+
+
+def test_the_sensor_is_raised_before_z_is_homed_downwards() -> None:
+    script = ScriptedMarlin()
+    script.top = False
+    with opened(script):
+        begin = script.accepted.index(b"G91")
+        assert script.accepted[begin : begin + 6] == [
+            b"G91", b"G1 Z5.000 F300", b"G90", b"G28 X", b"G28 Y", b"G28 Z",
+        ]  # fmt: skip
+
+
+def test_positions_have_the_motors_resolution_where_steps_are_told() -> None:
+    script = ScriptedMarlin()
+    with opened(script) as stage:
+        assert stage.move((10.0, 20.0, 5.0031), 20.0) == (10.0, 20.0, 5.0025)
+
+
+def test_a_build_without_steps_reports_two_decimals() -> None:
+    script = ScriptedMarlin()
+    script.steps_per_mm = None
+    with opened(script) as stage:
+        assert stage.move((10.0, 20.0, 5.0031), 20.0) == (10.0, 20.0, 5.0)
+
+
+def test_trait_14_no_ok_and_no_planned_target_is_an_arrival_before_m400() -> None:
+    script = ScriptedMarlin()
+    script.on[b"M400"] = lambda got: [0.3, b"ok\n"]
+    with opened(script) as stage:
+        before = time.monotonic()
+        stage.move(THERE, 20.0)
+        assert time.monotonic() - before >= 0.3
+        words = [one.split(b" ")[0] for one in script.accepted]
+        assert words[-3:] == [b"G1", b"M400", b"M114"]
+
+
+def test_trait_14_motors_elsewhere_than_planned_are_no_arrival() -> None:
+    script = ScriptedMarlin()
+    with opened(script) as stage:
+        script.on[b"M114"] = lambda got: [b"X:10.00 Y:20.00 Z:5.00 E:0.00 Count X:800 Y:1600 Z:9999\nok\n"]
+        with pytest.raises(NotThereError, match="motors"):
+            stage.move(THERE, 20.0)
+
+
+def test_trait_15_a_clamped_target_is_no_arrival() -> None:
+    script = ScriptedMarlin()
+    with opened(script) as stage:
+        script.soft = 0.0
+        with pytest.raises(NotThereError, match="soft end stops"):
+            stage.move((-20.0, 20.0, 5.0), 20.0)
+
+
+def test_trait_15_nothing_moves_before_homing() -> None:
+    script = ScriptedMarlin()
+    script.reset()
+    with opened(script, home=False) as stage:
+        with pytest.raises(PositionLostError, match="home first"):
+            stage.move((-20.0, 20.0, 5.0), 20.0)
+        assert not any(one.startswith(b"G1") for one in script.accepted)
+
+
+def test_trait_16_a_garbled_line_is_sent_again_and_its_own_ok_not_counted() -> None:
+    script = ScriptedMarlin()
+    garbled = 0
+
+    def once(got: bytes) -> Iterator[bytes]:
+        nonlocal garbled
+        garbled += 1
+        if garbled > 1:
+            return script.obey(got)
+        script.last -= 1
+        return iter([script.refusal("checksum mismatch")])
+
+    with opened(script) as stage:
+        script.on[b"G1"] = once
+        assert stage.move(THERE, 20.0) == THERE
+        assert garbled == 2
+
+
+def test_trait_16_a_lost_ok_is_no_endless_resend() -> None:
+    script = ScriptedMarlin()
+
+    def silent(got: bytes) -> Iterator[bytes]:
+        script.go(got)
+        return iter(())
+
+    with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
+        stage.home()
+        script.on[b"G1"] = silent
+        assert stage.move(THERE, 20.0) == THERE
+        assert sum(b"G1" in line for line in peer.lines) == 2
+
+
+def test_trait_16_lines_that_are_always_garbled_end_in_an_error() -> None:
+    script = ScriptedMarlin()
+
+    def never(got: bytes) -> Iterator[bytes]:
+        script.last -= 1
+        return iter([script.refusal("checksum mismatch")])
+
+    with opened(script) as stage:
+        script.on[b"G1"] = never
+        with pytest.raises(ProtocolError, match="garbled"):
+            stage.move(THERE, 20.0)
+
+
+def test_trait_17_a_stop_ends_the_move_and_nothing_is_sent_in_the_silence_after_it() -> None:
+    script = ScriptedMarlin()
+    stopped_at = first_after = 0.0
+
+    def until_stopped(got: bytes) -> Iterator[bytes | float]:
+        script.at = (3.0, 4.0, 50.0)
+        return iter(())
+
+    def stop(got: bytes) -> Iterator[bytes | float]:
+        nonlocal stopped_at
+        stopped_at = time.monotonic()
+        script.on.clear()
+        # The cut M400 says ok, far from the target; M410 itself is never acknowledged.
+        return iter([b"ok\n"])
+
+    with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=3.0) as stage:
+        stage.home()
+        script.on = {b"M400": until_stopped, b"M410": stop}
+        threading.Timer(0.1, stage.stop).start()
+        with pytest.raises(NotThereError, match="stopped on request"):
+            stage.move(THERE, 20.0)
+        sent = len(peer.lines)
+        answered: list[Point] = []
+        asking = threading.Thread(target=lambda: answered.append(stage.position()))
+        asking.start()
+        while len([one for one in peer.lines[sent:] if one not in (b"", b"M410")]) == 0:
+            time.sleep(0.005)
+        first_after = time.monotonic()
+        asking.join()
+        assert first_after - stopped_at > 1.0
+        assert answered == [(3.0, 4.0, 50.0)]
+        assert stage.move(THERE, 20.0) == THERE
+
+
+def test_trait_18_an_unknown_command_is_no_success() -> None:
+    script = ScriptedMarlin()
+    with opened(script) as stage:
+        script.on[b"G1"] = lambda got: [b'echo:Unknown command: "G1"\nok\n']
+        with pytest.raises(ProtocolError, match="does not know G1"):
+            stage.move(THERE, 20.0)
+
+
+def test_trait_18_a_halt_is_an_alarm_and_then_silence() -> None:
+    script = ScriptedMarlin()
+
+    def halt(got: bytes) -> Iterator[bytes]:
+        script.mute = True
+        return iter([b"Error:Printer halted. kill() called!\n"])
+
+    with opened(script) as stage:
+        script.on[b"M400"] = halt
+        with pytest.raises(AlarmError, match="reset button"):
+            stage.move(THERE, 20.0)
+        with pytest.raises(PositionLostError):
+            stage.position()
+        with pytest.raises(NoAnswerError, match="needs its reset"):
+            stage.home()
+
+
+def test_trait_18_a_reset_in_motion_is_a_lost_position_until_homed() -> None:
+    script = ScriptedMarlin()
+    with opened(script) as stage:
+        script.on[b"M400"] = lambda got: [script.reset()]
+        with pytest.raises(PositionLostError, match="was reset"):
+            stage.move(THERE, 20.0)
+        with pytest.raises(PositionLostError, match="home first"):
+            stage.move(THERE, 20.0)
+        script.on.clear()
+        stage.home()
+        assert stage.move(THERE, 20.0) == THERE
+
+
+def test_trait_18_a_reset_whose_banner_was_lost_shows_in_the_line_numbers() -> None:
+    script = ScriptedMarlin()
+    with opened(script) as stage:
+        script.reset()
+        with pytest.raises(PositionLostError, match="counts its lines from 1"):
+            stage.move(THERE, 20.0)
+
+
+def test_trait_19_busy_lets_the_silence_begin_anew() -> None:
+    script = ScriptedMarlin()
+    busy = [0.25, b"echo:busy: processing\n"]
+    script.on[b"G28"] = lambda got: [*busy * (4 if got.endswith(b"Z") else 0), *script.obey(got)]
+    with opened(script) as stage:
+        assert stage.position() == (0.0, 0.0, 100.0)
+
+
+def test_trait_19_busy_for_ever_is_bounded() -> None:
+    script = ScriptedMarlin()
+    with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=0.2, home_timeout_s=0.5) as stage:
+        script.on[b"G28"] = lambda got: [0.1, b"echo:busy: processing\n"] * 8
+        with pytest.raises(NoAnswerError, match="G28"):
+            stage.home()
+
+
+def test_trait_19_both_baud_rates_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    script = ScriptedMarlin()
+    tried: list[int] = []
+
+    def set_baud(line: object, baud: int) -> None:
+        tried.append(baud)
+        script.mute = baud != 115200
+
+    monkeypatch.setattr("tacbench_cad.lab.rig.line.Line.set_baud", set_baud)
+    script.mute = True
+    with script.peer() as peer, MarlinStage(peer.port) as stage:
+        assert tried == [250000, 115200]
+        assert stage.position() == (10.0, 20.0, 30.0)
+
+
+def test_opening_a_port_that_resets_waits_for_the_end_of_the_start() -> None:
+    script = ScriptedMarlin()
+    script.mute = True
+
+    def boot() -> None:
+        peer.say(script.reset())
+        script.mute = False
+
+    with script.peer() as peer:
+        threading.Timer(0.5, boot).start()
+        with MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
+            with pytest.raises(PositionLostError, match="opening the port"):
+                stage.position()
+            stage.home()
+            assert stage.move(THERE, 20.0) == THERE
+
+
+def test_unplugging_in_motion_is_noticed() -> None:
+    script = ScriptedMarlin()
+    with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
+        stage.home()
+        script.on[b"M400"] = lambda got: []
+        threading.Timer(0.1, peer.unplug).start()
+        with pytest.raises(DeviceLostError, match="gone"):
+            stage.move(THERE, 20.0)
+        stage.stop()
+
+
+def test_stop_works_from_a_signal_handler_in_the_middle_of_a_move() -> None:
+    script = ScriptedMarlin()
+    with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=2.0) as stage:
+        stage.home()
+        script.on = {b"M400": lambda got: [], b"M410": lambda got: []}
+        before = signal.signal(signal.SIGALRM, lambda number, frame: stage.stop())
+        try:
+            signal.setitimer(signal.ITIMER_REAL, 0.1)
+            with pytest.raises(NotThereError, match="stopped on request"):
+                stage.move(THERE, 20.0)
+        finally:
+            signal.signal(signal.SIGALRM, before)
+        assert b"M410" in peer.lines
+
+
+def test_another_firmware_is_refused() -> None:
+    script = ScriptedMarlin()
+    script.on[b"M115"] = lambda got: [b"FIRMWARE_NAME:Repetier_1.0.3 FIRMWARE_URL:x\nok\n"]
+    with script.peer() as peer, pytest.raises(ProtocolError, match="not Marlin 2"):
+        MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S)

@@ -1,0 +1,61 @@
+"""The Marlin driver against virtual Marlin, and every fault that it can be given."""
+
+from __future__ import annotations
+
+import sys
+import threading
+
+import pytest
+
+if sys.platform == "win32":
+    pytest.skip("needs pseudo-terminals, which Windows lacks", allow_module_level=True)
+
+from lab.rig.driver_faults import SPEED, survive
+
+from tacbench_cad.lab.rig import marlin_link
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.drivers import open_stage
+from tacbench_cad.lab.rig.errors import NotThereError
+from tacbench_cad.lab.rig.marlin import MarlinStage
+from tacbench_cad.lab.simulate.firmware.launch import launch
+from tacbench_cad.lab.spec import Point, StageSettings
+
+LIMITS = ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0))
+CENTER: Point = (50.0, 60.0, 70.0)
+
+
+@pytest.fixture(autouse=True)
+def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, seconds in (("GREETING_S", 1.5), ("ATTEMPT_S", 0.3)):
+        monkeypatch.setattr(marlin_link, name, seconds)
+
+
+def opener(port: str) -> MarlinStage:
+    return MarlinStage(port, clock=Clock(speed=SPEED), baud=250000, timeout_s=0.5, home_timeout_s=5.0)
+
+
+@pytest.mark.parametrize("emergency_parser", [False, True])
+def test_open_stage_homes_moves_and_stops(emergency_parser: bool) -> None:
+    with launch("marlin", speed=SPEED, emergency_parser=emergency_parser) as rig:
+        settings = StageSettings(driver="virtual-marlin", port=rig.port, limits_mm=LIMITS)
+        with open_stage(settings, Clock(speed=SPEED)) as stage:
+            assert stage.simulated == "stage (virtual-marlin)"
+            assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.01)
+            assert rig.true_position() == pytest.approx(CENTER, abs=0.05)
+            threading.Timer(0.05, stage.stop).start()
+            with pytest.raises(NotThereError, match="stopped on request"):
+                stage.move((150.0, 150.0, 10.0), 5.0)
+            assert stage.position() == pytest.approx(rig.true_position(), abs=0.05)
+            assert stage.position()[0] < 149.0
+            assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.01)
+
+
+@pytest.mark.parametrize("seed", (0, 2, 4, 5, 6))
+def test_faults_end_in_names_and_moves_where_they_say(seed: int) -> None:
+    survive("marlin", opener, CENTER, seed)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(7, 147))
+def test_many_faults(seed: int) -> None:
+    survive("marlin", opener, CENTER, seed)

@@ -1,0 +1,386 @@
+"""``tacbench rig``: probe, align and calibrate-force, with scripted answers."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+import tomllib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tacbench_cad.cli import rig
+from tacbench_cad.errors import CheckFailedError, InputError
+from tacbench_cad.lab.rig import loadcell, ports, probing
+from tacbench_cad.lab.rig.aligning import highest_point_mm
+from tacbench_cad.lab.rig.calibration import read_calibration
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError
+from tacbench_cad.lab.rig.gauge import Force
+from tacbench_cad.lab.rig.loadcell import LoadCellOptions, RawLoadCell
+from tacbench_cad.lab.rig.ports import Candidate
+from tacbench_cad.lab.rig.stage import Closing, LimitedStage
+from tacbench_cad.lab.spec import Point, PrintedBlock, RigSettings, WorkFrame
+
+Capture = pytest.CaptureFixture[str]
+Patch = pytest.MonkeyPatch
+
+
+def run(*argv: str) -> None:
+    rig.app(list(argv), prog_name="tacbench rig", standalone_mode=False)
+
+
+def typed(monkeypatch: Patch, *lines: str) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO("".join(line + "\n" for line in lines)))
+
+
+# --- calibrate-force ---
+
+
+class Scale:
+    """Lines of a cell on which a hand puts one mass after another: a new one at each prompt."""
+
+    def __init__(self, counts_per_g: float = 4_000.0, masses: Sequence[float] = (0.0, 50.0, 100.0, 200.0)) -> None:
+        self.counts_per_g = counts_per_g
+        self.masses = list(masses)
+        self.random = np.random.default_rng(5)
+        self.on = -1
+        self.left = 0
+
+    def read_line(self, timeout_s: float) -> str | None:
+        mass = self.masses[max(self.on, 0)]
+        return str(round(84_000.0 + self.counts_per_g * mass + self.random.normal(0.0, 30.0)))
+
+    def forget(self) -> None:
+        self.on += 1
+
+    def close(self) -> None:
+        self.left += 1
+
+
+@pytest.fixture
+def scale(monkeypatch: Patch) -> Scale:
+    found = Scale()
+
+    def opened(port: str, *, clock: Clock, baud: int | None, options: LoadCellOptions) -> RawLoadCell:
+        found.port, found.baud, found.options = port, baud, options  # type: ignore[attr-defined]
+        return RawLoadCell(found, name="cell", options=options, timeout_s=0.1, clock=clock)
+
+    monkeypatch.setattr(loadcell, "open_raw", opened)
+    monkeypatch.setattr(loadcell, "STILL_S", 0.02)
+    return found
+
+
+def test_known_masses_give_a_calibration(scale: Scale, tmp_path: Path, monkeypatch: Patch, capsys: Capture) -> None:
+    typed(monkeypatch, "", "", "", "")
+    path = tmp_path / "gauge.json"
+    run("calibrate-force", "--port", "P", "--masses", "0,50,100,200", "-o", str(path), "--baud", "57600")
+    found = read_calibration(path)
+    assert found.newtons_per_count == pytest.approx(9.80665e-3 / 4_000.0, rel=1e-3)
+    assert found.device == "P" and [one.mass_g for one in found.points] == [0.0, 50.0, 100.0, 200.0]
+    assert found.date_utc.endswith("Z")
+    out, err = capsys.readouterr()
+    assert "take everything off" in out and "put 200 g on" in out and "residual" in out and "warning" not in err
+    assert (scale.port, scale.baud, scale.left) == ("P", 57600, 1)  # type: ignore[attr-defined]
+
+
+def test_a_wrong_mass_is_warned_of(scale: Scale, tmp_path: Path, monkeypatch: Patch, capsys: Capture) -> None:
+    scale.masses = [0.0, 50.0, 120.0, 150.0, 200.0]
+    typed(monkeypatch, *[""] * 5)
+    run("calibrate-force", "--port", "P", "--masses", "0,50,100,150,200", "-o", str(tmp_path / "gauge.json"))
+    assert "warning: the point at 100 g lies" in capsys.readouterr().err
+
+
+def test_masses_in_the_wrong_order_store_nothing(scale: Scale, tmp_path: Path, monkeypatch: Patch) -> None:
+    scale.masses = [200.0, 100.0, 50.0, 0.0]
+    typed(monkeypatch, *[""] * 4)
+    path = tmp_path / "gauge.json"
+    argv = ("calibrate-force", "--port", "P", "--masses", "0,50,100,200", "-o", str(path))
+    with pytest.raises(InputError, match="counts fall as the mass grows"):
+        run(*argv)
+    assert not path.exists()
+    scale.masses, scale.counts_per_g, scale.on = [0.0, 50.0, 100.0, 200.0], -4_000.0, -1
+    typed(monkeypatch, *[""] * 4)
+    run(*argv, "--falling")
+    assert read_calibration(path).newtons_per_count < 0.0
+
+
+def test_an_input_that_ends_stores_nothing(scale: Scale, tmp_path: Path, monkeypatch: Patch) -> None:
+    typed(monkeypatch, "")
+    with pytest.raises(InputError, match="the input has ended; nothing is stored"):
+        run("calibrate-force", "--port", "P", "--masses", "0,50,100", "-o", str(tmp_path / "gauge.json"))
+    assert list(tmp_path.iterdir()) == [] and scale.left == 1
+
+
+def test_one_column_of_several_is_told_to_the_cell(scale: Scale, tmp_path: Path, monkeypatch: Patch) -> None:
+    sent = scale.read_line
+    monkeypatch.setattr(scale, "read_line", lambda timeout_s: f"7,{sent(timeout_s)},9")
+    typed(monkeypatch, *[""] * 4)
+    path = tmp_path / "gauge.json"
+    run("calibrate-force", "--port", "P", "--masses", "0,50,100,200", "-o", str(path), "--column", "2/3")
+    assert read_calibration(path).zero_counts == pytest.approx(84_000.0, abs=100.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--masses", "0,100"), "at least 3 different ones"),
+        (("--masses", "0,1,x"), "masses = 'x': must be a number"),
+        (("--masses", "0,1,-5"), "from 0 to 10000 g"),
+        (("--masses", "0,1,nan"), "from 0 to 10000 g"),
+        (("--masses", "0,1,2", "--column", "3/2"), "I from 1 to N"),
+        (("--masses", "0,1,2", "--column", "2"), "must be I/N"),
+        (("--masses", "0,1,2", "--baud", "fast"), "must be a whole number"),
+    ],
+)
+def test_wrong_options_are_refused_before_anything_is_weighed(
+    scale: Scale, tmp_path: Path, options: tuple[str, ...], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        run("calibrate-force", "--port", "P", "-o", str(tmp_path / "gauge.json"), *options)
+    assert scale.on == -1
+
+
+def test_a_calibration_is_not_overwritten(scale: Scale, tmp_path: Path) -> None:
+    path = tmp_path / "gauge.json"
+    path.write_text("old")
+    with pytest.raises(InputError, match="is there already"):
+        run("calibrate-force", "--port", "P", "--masses", "0,1,2", "-o", str(path))
+    with pytest.raises(InputError, match="folder does not exist"):
+        run("calibrate-force", "--port", "P", "--masses", "0,1,2", "-o", str(tmp_path / "no" / "gauge.json"))
+    assert path.read_text() == "old" and scale.on == -1
+
+
+# --- probe ---
+
+PORT = Candidate(
+    name="/dev/serial/by-id/usb-A", device="/dev/ttyUSB0", description="A board", hardware="USB", stable=True
+)
+
+
+class Camera:
+    def __init__(self, opened: bool = True) -> None:
+        self.opened = opened
+        self.released = False
+
+    def isOpened(self) -> bool:  # noqa: N802
+        return self.opened
+
+    def get(self, prop: int) -> float:
+        return {3: 640.0, 4: 480.0}[prop]
+
+    def release(self) -> None:
+        self.released = True
+
+
+@pytest.fixture
+def plugged(monkeypatch: Patch) -> list[str]:
+    asked: list[str] = []
+
+    def answer(port: str) -> str:
+        asked.append(port)
+        return "grbl: 1.1h"
+
+    monkeypatch.setattr(ports, "candidates", lambda: [PORT])
+    monkeypatch.setattr(probing, "cameras", lambda folders: ("/dev/v4l/by-id/usb-C-video-index0",))
+    monkeypatch.setattr(probing, "identify", answer)
+    monkeypatch.setattr(probing.found_cameras, "__defaults__", (lambda name: Camera(),))
+    return asked
+
+
+def test_probe_lists_and_asks_nobody(plugged: list[str], capsys: Capture) -> None:
+    run("probe")
+    out = capsys.readouterr().out
+    assert "/dev/serial/by-id/usb-A" in out and "A board" in out
+    assert "/dev/v4l/by-id/usb-C-video-index0" in out and "640 x 480" in out
+    assert plugged == []
+
+
+def test_probe_asks_whom_it_is_told_to(plugged: list[str], capsys: Capture) -> None:
+    run("probe", "--ask", "P1", "--ask", "P2", "--json")
+    document = json.loads(capsys.readouterr().out)
+    assert document["asked"] == {"P1": "grbl: 1.1h", "P2": "grbl: 1.1h"} and plugged == ["P1", "P2"]
+    assert document["ports"][0]["name"] == PORT.name
+    assert document["cameras"] == [{"name": "/dev/v4l/by-id/usb-C-video-index0", "size_px": [640, 480]}]
+
+
+def test_probe_with_nothing_plugged_in(monkeypatch: Patch, capsys: Capture) -> None:
+    monkeypatch.setattr(ports, "candidates", list)
+    monkeypatch.setattr(probing, "cameras", lambda folders: ())
+    run("probe")
+    out = capsys.readouterr().out
+    assert "No serial device" in out and "No camera" in out
+
+
+def test_a_camera_that_does_not_open_is_still_listed(monkeypatch: Patch) -> None:
+    def gone(name: str) -> Any:
+        raise DeviceLostError(name)
+
+    monkeypatch.setattr(probing, "cameras", lambda folders: ("a",))
+    for opener in (gone, lambda name: Camera(opened=False)):
+        (found,) = probing.found_cameras(opener)
+        assert (found.name, found.size_px) == ("a", None)
+
+
+# --- align ---
+
+STUDY = """# kept
+[block]
+texture = 1
+printer = "bambu-p1p"
+filament = "pla-minus"
+
+[stage]
+driver = "grbl"
+port = "P"
+origin_mm = [1, 2, -60]  # to be taught
+limits_mm = [[0, 200], [0, 200], [-100, 0]]
+
+[gauge]
+driver = "serial"
+port = "Q"
+
+[sensor]
+driver = "opencv"
+exposure = 100
+"""
+
+
+class FakeStage(Closing):
+    identity, simulated = "fake", "stage"
+
+    def __init__(self) -> None:
+        self.here: Point = (70.0, 70.0, -40.0)
+
+    def home(self) -> None: ...
+
+    def move(self, target_mm: Point, speed_mm_s: float) -> Point:
+        self.here = target_mm
+        return target_mm
+
+    def position(self) -> Point:
+        return self.here
+
+    def stop(self) -> None: ...
+
+
+class FakeGauge(Closing):
+    identity, simulated = "fake", "gauge"
+    tared = 0
+
+    def read(self, window_s: float) -> Force:
+        return Force(mean_n=0.0123, spread_n=0.0, samples=3)
+
+    def tare(self) -> None:
+        self.tared += 1
+
+
+@pytest.fixture
+def stage(monkeypatch: Patch) -> FakeStage:
+    from tacbench_cad.lab import devices
+
+    found, gauge = FakeStage(), FakeGauge()
+
+    @contextmanager
+    def opened(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> Iterator[Any]:
+        assert settings.sensor.driver == "simulated", "the camera is left alone"
+        yield SimpleNamespace(stage=LimitedStage(found, settings.stage.limits_mm), gauge=gauge)
+        assert gauge.tared == 1
+
+    monkeypatch.setattr(devices, "open_rig", opened)
+    return found
+
+
+def answers(off_mm: float = 0.0) -> list[str]:
+    """Lines that teach a frame at 80.5, 79.25, -61, a quarter turn round; the stage begins at 70, 70, -40."""
+    from tacbench_cad.block import Block
+
+    frame = WorkFrame(origin_mm=(80.5, 79.25, -61.0), quarter_turns=1)
+    places = [frame.to_stage((x, y, 0.0)) for x, y in ((4.0, 18.0), (9.0, 18.0), (4.0, 23.0), (9.0, 23.0))]
+    lines: list[str] = []
+    here = (70.0, 70.0)
+    for i, (x, y, _) in enumerate(places):
+        if i < 2:
+            lines.append(f"x {x - here[0] + (off_mm if i == 0 else 0.0):.6f} y {y - here[1]:.6f}")
+            here = (x, y) if off_mm == 0.0 or i else (x + off_mm, y)
+        lines.append("ok")
+    x, y, _ = frame.to_stage((*highest_point_mm(Block.of("1", "paper")), 0.0))
+    return [*lines, "ok", "z -2", *[""] * 29, "z -1", "ok"]
+
+
+def test_align_stores_the_frame(stage: FakeStage, tmp_path: Path, monkeypatch: Patch, capsys: Capture) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY)
+    typed(monkeypatch, *answers())
+    run("align", str(path))
+    text = path.read_text()
+    assert text.startswith("# kept\n") and "# to be taught" in text
+    table = tomllib.loads(text)["stage"]
+    assert table["origin_mm"] == pytest.approx([80.5, 79.25, -61.0], abs=1e-3) and table["quarter_turns"] == 1
+    out = capsys.readouterr().out
+    assert "marker 25" in out and "0.012 N" in out and "worst marker 0.000 mm off" in out
+
+
+@pytest.mark.parametrize(
+    ("lines", "error", "message"),
+    [
+        (answers()[:3], InputError, "the input has ended; nothing is stored"),
+        (["quit"], InputError, "stopped"),
+        (answers(off_mm=3.0), CheckFailedError, "nothing is stored"),
+    ],
+)
+def test_align_stores_nothing_unless_it_ends_well(
+    stage: FakeStage, tmp_path: Path, monkeypatch: Patch, lines: list[str], error: type[Exception], message: str
+) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY)
+    typed(monkeypatch, *lines)
+    with pytest.raises(error, match=message):
+        run("align", str(path))
+    assert path.read_text() == STUDY
+    assert stage.here[2] == 0.0
+
+
+def test_align_refuses_odd_tolerances_and_studies_without_a_rig(tmp_path: Path) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY[: STUDY.index("[stage]")])
+    for value in ("0", "-1", "nan", "six"):
+        with pytest.raises(InputError, match="tolerance-mm"):
+            run("align", str(path), "--tolerance-mm", value)
+    with pytest.raises(InputError, match=r"\[stage\]"):
+        run("align", str(path))
+
+
+# --- identify, over real ports ---
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="WINDOWS HAS NO PSEUDO-TERMINALS: not tested here")
+@pytest.mark.parametrize("kind", ["grbl", "marlin"])
+def test_firmware_and_gauge_are_identified(kind: str) -> None:
+    from tacbench_cad.lab.simulate.firmware.launch import launch
+
+    with launch(kind, speed=20.0) as virtual:
+        assert probing.identify(virtual.port).startswith(f"{kind}: ")
+        assert "samples of 1 number(s)" in probing.identify(virtual.gauge_port)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="WINDOWS HAS NO PSEUDO-TERMINALS: not tested here")
+def test_a_silent_port_is_no_error(monkeypatch: Patch) -> None:
+    import os
+
+    def silent(port: str, **options: Any) -> Any:
+        raise NoAnswerError(port)
+
+    monkeypatch.setattr(probing, "_START_S", 0.05)
+    monkeypatch.setattr("tacbench_cad.lab.rig.grbl.GrblStage", silent)
+    monkeypatch.setattr("tacbench_cad.lab.rig.marlin.MarlinStage", silent)
+    master, slave = os.openpty()
+    assert probing.identify(os.ttyname(slave)) == "no numbers, no GRBL, no Marlin"
+    os.close(master)
+    os.close(slave)

@@ -1,0 +1,201 @@
+"""Lines of numbers: whatever bytes come, a sample is a sample or it is skipped and counted."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tacbench_cad.lab.rig.errors import DeviceLostError, GaugeError, NoAnswerError, SensorError
+from tacbench_cad.lab.rig.line import Line
+from tacbench_cad.lab.rig.samples import SampleStream, parse_numbers
+
+pty_only = pytest.mark.skipif(sys.platform == "win32", reason="WINDOWS HAS NO PSEUDO-TERMINALS: not tested here")
+
+
+class Script:
+    """Lines that are there already; then nothing."""
+
+    def __init__(self, *lines: str) -> None:
+        self.lines = list(lines)
+        self.closed = 0
+
+    def read_line(self, timeout_s: float) -> str | None:
+        return self.lines.pop(0) if self.lines else None
+
+    def forget(self) -> None:
+        self.lines.clear()
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+def stream(*lines: str, columns: int = 1) -> SampleStream:
+    return SampleStream(Script(*lines), name="cell", columns=columns, timeout_s=0.01, error=GaugeError)
+
+
+@contextmanager
+def terminal() -> Iterator[str]:
+    """A silent pseudo-terminal; yields its path."""
+    master, slave = os.openpty()
+    try:
+        yield os.ttyname(slave)
+    finally:
+        os.close(slave)
+        os.close(master)
+
+
+@pytest.mark.parametrize(
+    ("line", "numbers"),
+    [
+        ("1", (1.0,)),
+        (" -12.5\r", (-12.5,)),
+        ("+.5e-3", (0.0005,)),
+        ("1,2,3", (1.0, 2.0, 3.0)),
+        ("1, 2 ,3,", (1.0, 2.0, 3.0)),
+        ("1;2\t3 4", (1.0, 2.0, 3.0, 4.0)),
+        ("8388607", (8388607.0,)),
+    ],
+)
+def test_samples_are_read(line: str, numbers: tuple[float, ...]) -> None:
+    assert parse_numbers(line) == numbers
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "",
+        " ",
+        ",",
+        "1,,2",
+        ",1",
+        "1,2,,",
+        "abc",
+        "nan",
+        "inf",
+        "-inf",
+        "1e999",
+        "0x10",
+        "1_000",
+        "--1",
+        "1-",
+        "12N",
+        "\ufffd12",
+        "1\x002",
+        "١٢",
+        "1.2.3",
+        "ready",
+        "1\x0b2",
+        "9" * 21,
+    ],
+)
+def test_anything_else_is_no_sample(line: str) -> None:
+    assert parse_numbers(line) is None
+
+
+@given(st.text(max_size=60))
+def test_any_text_is_a_sample_or_none(line: str) -> None:
+    numbers = parse_numbers(line)
+    assert numbers is None or (len(numbers) >= 1 and all(math.isfinite(one) for one in numbers))
+
+
+@given(
+    st.lists(st.floats(-1e15, 1e15), min_size=1, max_size=20),
+    st.sampled_from([",", ", ", ";", "\t", " ", " ;\t"]),
+    st.sampled_from(["", "\r", ",", " "]),
+)
+def test_what_is_printed_is_read_back(values: list[float], between: str, end: str) -> None:
+    line = between.join(f"{one:.17g}" for one in values) + end
+    assert parse_numbers(line) == tuple(values)
+
+
+@pty_only
+@settings(max_examples=25, deadline=None)
+@given(data=st.binary(max_size=300), columns=st.integers(1, 3))
+def test_arbitrary_bytes_give_samples_or_named_errors(data: bytes, columns: int) -> None:
+    with terminal() as path, Line(path, baud=115200, what="gauge") as line:
+        found = SampleStream(line, name="cell", columns=columns, timeout_s=0.01, error=SensorError)
+        # Straight into the line's buffer, as if it had come: a pseudo-terminal adds nothing to it.
+        line._buffer += data + b"\n"
+        try:
+            for _ in range(300):
+                sample = found.next()
+                assert len(sample) == columns and all(math.isfinite(one) for one in sample)
+        except (SensorError, NoAnswerError):
+            pass
+        else:
+            pytest.fail("300 samples out of 300 bytes")
+
+
+@given(st.lists(st.text(max_size=8), min_size=1, max_size=60))
+def test_every_line_is_a_sample_or_counted(lines: list[str]) -> None:
+    found = stream(*lines)
+    samples = 0
+    try:
+        while True:
+            found.next()
+            samples += 1
+    except (GaugeError, NoAnswerError):
+        left = len(found._lines.lines)  # type: ignore[attr-defined]
+        assert samples + found.garbled + left == len(lines)
+
+
+def test_garbled_lines_are_skipped_and_counted() -> None:
+    found = stream("1", "x", "2", "", "3,4", "5")
+    assert [found.next() for _ in range(3)] == [(1.0,), (2.0,), (5.0,)]
+    assert found.garbled == 3
+
+
+def test_too_many_garbled_lines_end_it() -> None:
+    lines = [line for i in range(40) for line in (f"{i}", "?#")]
+    found = stream(*lines)
+    with pytest.raises(GaugeError, match=r"cell: 10 of the last 20 lines are garbled, as '\?#'"):
+        for _ in range(40):
+            found.next()
+
+
+def test_few_garbled_lines_do_not(lines: int = 400) -> None:
+    found = stream(*[f"{i}" if i % 5 else "?" for i in range(lines)])
+    assert [found.next() for _ in range(320)][-1] == (399.0,)
+    assert found.garbled == 80
+
+
+def test_a_number_too_many_is_garbled() -> None:
+    with pytest.raises(GaugeError, match=r"no sound line in time; the last one was '1,2'"):
+        stream("1,2").next()
+    assert stream("1,2", columns=2).next() == (1.0, 2.0)
+
+
+def test_silence_has_a_name() -> None:
+    with pytest.raises(NoAnswerError, match="sends nothing"):
+        stream().next()
+    with pytest.raises(NoAnswerError):
+        stream("1").start_fresh()
+
+
+@pty_only
+def test_only_samples_that_came_after_the_call_are_given() -> None:
+    import tty
+
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    with Line(os.ttyname(slave), baud=115200, what="gauge") as line:
+        found = SampleStream(line, name="cell", columns=1, timeout_s=2.0, error=GaugeError)
+        os.write(master, b"1\n2\n3\n4")
+        later = threading.Timer(0.05, lambda: os.write(master, b"4\n5\n6\n"))
+        later.start()
+        found.start_fresh(latency_s=0.01)
+        assert found.next() == (5.0,), "44 began before the call"
+        later.join()
+        os.close(master)
+        os.close(slave)
+        with pytest.raises(DeviceLostError):
+            found.next()
+            found.next()

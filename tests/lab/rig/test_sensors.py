@@ -1,0 +1,70 @@
+"""Sensors by name, and one of a user's own."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.errors import DeviceLostError
+from tacbench_cad.lab.rig.sensor import Sensor
+from tacbench_cad.lab.rig.sensors import open_sensor
+from tacbench_cad.lab.spec import SensorSettings
+
+OWN = """
+import numpy as np
+
+class Skin:
+    name, units, shape, simulated = "skin", "pF", (3,), ""
+
+    def __init__(self, device, gain=1.0):
+        self.settings = {"requested": {"device": device, "gain": gain}, "actual": {}}
+
+    def read(self):
+        return np.arange(3.0) * self.settings["requested"]["gain"]
+
+    def close(self): pass
+    def __enter__(self): return self
+    def __exit__(self, *error): self.close()
+
+class Broken:
+    pass
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "own_skin.py").write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "own_skin", raising=False)
+
+
+@pytest.mark.usefixtures("own")
+def test_a_sensor_of_ones_own() -> None:
+    settings = SensorSettings(driver="own_skin:Skin", device="usb7", options={"gain": 2.0})
+    with open_sensor(settings, Clock()) as sensor:
+        assert isinstance(sensor, Sensor)
+        assert np.array_equal(sensor.read(), [0.0, 2.0, 4.0])
+        assert sensor.settings["requested"] == {"device": "usb7", "gain": 2.0}
+
+
+@pytest.mark.usefixtures("own")
+def test_what_is_no_sensor_is_refused() -> None:
+    with pytest.raises(InputError, match="lacks name, units"):
+        open_sensor(SensorSettings(driver="own_skin:Broken"), Clock())
+
+
+def test_unknown_names_are_refused() -> None:
+    with pytest.raises(InputError, match='did you mean "taxels"'):
+        open_sensor(SensorSettings(driver="taxel"), Clock())
+
+
+def test_the_named_ones_are_opened() -> None:
+    with pytest.raises(DeviceLostError, match="camera"):
+        open_sensor(SensorSettings(driver="opencv", device="/dev/video-none", options={"exposure": 1}), Clock())
+    with pytest.raises(InputError, match="sensor port"):
+        open_sensor(SensorSettings(driver="taxels", device="/dev/none", options={"columns": 4}), Clock())

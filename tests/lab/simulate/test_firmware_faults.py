@@ -1,0 +1,220 @@
+"""Faults on the line, in the board and in the motors; arbitrary bytes into every firmware."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+import pytest
+from firmware_host import Host, homed, near
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.simulate.firmware.base import OUTPUT_BYTES
+from tacbench_cad.lab.simulate.firmware.board import SEND_BYTES
+from tacbench_cad.lab.simulate.firmware.faults import KINDS as FAULTS
+from tacbench_cad.lab.simulate.firmware.faults import Fault
+from tacbench_cad.lab.simulate.firmware.setup import KINDS, Setup
+
+ASK = {"grbl": b"$G\n", "grblhal": b"$G\n", "marlin": b"M105\n", "arduino": b"SHOW\n"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bytes_dropped_doubled_and_garbled_on_their_way_out(kind: str) -> None:
+    host = homed(kind)
+    whole = host.ask(ASK[kind])
+    assert whole
+    host.inject("drop", count=3)
+    assert host.ask(ASK[kind]) == whole[3:]
+    host.inject("double", count=2)
+    assert host.ask(ASK[kind]) == whole[:1] * 2 + whole[1:2] * 2 + whole[2:]
+    host.inject("garble")
+    said = host.ask(ASK[kind])
+    assert said[1:] == whole[1:] and said[:1] != whole[:1]
+    assert host.ask(ASK[kind]) == whole, "the fault is over"
+
+
+def test_bytes_dropped_on_their_way_in() -> None:
+    host = homed("grbl")
+    host.inject("drop", direction="in", count=1)
+    assert host.ask(b"$G\n") == b"error:1\r\n" or host.ask(b"$G\n")
+    host = homed("marlin")
+    host.inject("garble", direction="in", count=1)
+    assert host.ask(b"M114\n").startswith(b"echo:Unknown command")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_silence_swallows_both_ways_for_its_time(kind: str) -> None:
+    host = homed(kind)
+    host.inject("silence", seconds=2.0)
+    assert host.ask(ASK[kind], 1.9) == b""
+    host.wait(0.2)
+    assert host.ask(ASK[kind]) != b""
+
+
+def test_chance_is_seeded() -> None:
+    said = []
+    for seed in (1, 1, 2):
+        host = homed("grbl", seed=seed)
+        host.inject("drop", chance=0.2, direction="both")
+        said.append(host.ask(b"$$\n", 1.0))
+    assert said[0] == said[1] != said[2]
+
+
+def test_faults_begin_at_their_time_or_byte() -> None:
+    host = Host("grbl", faults=(Fault(kind="reset", at_s=10.0), Fault(kind="drop", after_bytes=6, count=2)))
+    assert host.ask(b"$G\n", 0.1).startswith(b"[GC:")
+    assert host.ask(b"$G\n", 0.1).startswith(b"C:G0")
+    assert host.wait(6.8) == b""
+    assert b"Grbl 1.1h" in host.wait(3.0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_reset_and_an_alarm_forget_or_halt(kind: str) -> None:
+    host = homed(kind)
+    host.inject("alarm")
+    said = host.wait(1.0)
+    assert {"grbl": b"ALARM:1", "grblhal": b"ALARM:1", "marlin": b"halted", "arduino": b""}[kind] in said
+    host.inject("reset")
+    host.wait(3.0)
+    assert host.reported == (0.0, 0.0, 0.0)
+
+
+def test_a_slip_shows_in_the_true_position_only() -> None:
+    host = homed("grbl")
+    host.ask(b"G1 Z-20 F900\n", 5.0)
+    host.inject("slip", axis="z", mm=-1.5)
+    assert b"|MPos:0.000,0.000,-20.000|" in host.ask(b"?")
+    assert near(host.true, (0.0, 0.0, -21.5), 0.01)
+
+
+def test_a_stall_ends_after_its_time() -> None:
+    host = homed("grbl")
+    host.inject("stall", axis="x", seconds=5.0)
+    host.ask(b"G1 X10 F3000\n", 6.0)
+    assert near(host.true, (0.0, 0.0, 0.0), 0.01)
+    host.ask(b"G1 X11\n", 2.0)
+    assert near(host.true, (1.0, 0.0, 0.0), 0.01)
+
+
+def test_unplugged_nothing_passes_and_the_firmware_goes_on() -> None:
+    host = homed("grbl")
+    host.ask(b"G1 X50 F600\n", 1.0)
+    host.inject("unplug", seconds=10.0)
+    assert not host.board.plugged
+    assert host.ask(b"?", 9.0) == b""
+    host.wait(1.1)
+    assert host.board.plugged and host.ask(b"?").startswith(b"<Idle|MPos:50.000")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"kind": "fire"}, "fault"),
+        ({"kind": "drop", "chance": 2.0}, "chance"),
+        ({"kind": "drop", "count": -1}, "count"),
+        ({"kind": "drop", "count": 1.5}, "count"),
+        ({"kind": "drop", "at_s": float("nan")}, "at_s"),
+        ({"kind": "drop", "at_s": -1.0}, "at_s"),
+        ({"kind": "drop", "at_s": 1.0, "after_bytes": 4}, "not both"),
+        ({"kind": "drop", "where": "gauge", "after_bytes": 4}, "no bytes"),
+        ({"kind": "slip", "axis": "w"}, "axis"),
+        ({"kind": "slip", "mm": "far"}, "mm"),
+        ({"kind": "drop", "when": 3}, "when"),
+        ({}, "kind is missing"),
+    ],
+)
+def test_bad_faults_are_refused(values: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Fault.from_dict(values)
+
+
+def test_faults_as_text_and_as_values() -> None:
+    fault = Fault.parse("drop at_s=12 count=3 direction=in chance=0.5")
+    assert fault == Fault(kind="drop", at_s=12, count=3, direction="in", chance=0.5)
+    assert Fault.from_dict(fault.as_dict()) == fault
+    for text in ("", "drop count", "drop count=few"):
+        with pytest.raises(InputError):
+            Fault.parse(text)
+
+
+@given(text=st.text(max_size=30), kind=st.sampled_from(["drop", "slip", ""]))
+def test_any_text_is_a_fault_or_bad_input(text: str, kind: str) -> None:
+    with contextlib.suppress(InputError):
+        assert Fault.parse(f"{kind} {text}").kind in FAULTS
+
+
+def test_setups_survive_being_written_down() -> None:
+    setup = Setup(
+        kind="grbl", faults=(Fault(kind="drop"),), start_mm=(1.0, 2.0, -3.0), firmware={"settings": {22: 0, 20: 0}}
+    )
+    assert Setup.from_dict(setup.as_dict()) == setup
+    for wrong in ({"kind": "reprap"}, {"kind": "grbl", "speed": 0.0}, {"kind": "grbl", "gauge": {"rate": 3}}):
+        with pytest.raises(InputError):
+            Setup(**wrong)
+    with pytest.raises(InputError, match="emergency"):
+        Setup(kind="marlin", firmware={"emergency": True}).board()
+
+
+# Arbitrary bytes
+
+
+def lines(kind: str) -> st.SearchStrategy[bytes]:
+    """Bytes that go deeper than noise: pieces of the protocol, shuffled, with noise in between."""
+    own = {
+        "grbl": rb"$H|;$X|;G1;G0;G91;G20;X10;Y-5.5;Z-1;F600;$J=;|;G4P1;?;!;~;G92;G10L2P1;$22=0|;$20=0|;$$|;$#|;M0|;M2|",
+        "marlin": rb"G28|;G1 ;G91|;X10 ;Y-5.5 ;Z-1 ;F600;|;M400|;M410|;M114|;N1 ;N2 ;*33;M110 N0|;M112|;G4 S1|;M154S1|",
+        "arduino": rb"RESET|;MOVE,;100,;-5,;|;SHOW|;ZERO|;CENTRE|;CALIB|",
+    }
+    pieces = own["grbl" if kind == "grblhal" else kind].replace(b"|", b"\n").split(b";")
+    pieces += [b"\x18", b"\x85"]
+    return st.lists(st.one_of(st.sampled_from(pieces), st.binary(max_size=12)), max_size=40).map(b"".join)
+
+
+def withstand(kind: str, data: st.DataObject) -> None:
+    """Draw bytes and pauses, and look at what must hold."""
+    host = Host(kind)
+    board, firmware = host.board, host.board.firmware
+    for _ in range(data.draw(st.integers(1, 4))):
+        host.send(data.draw(lines(kind)))
+        said = host.wait(data.draw(st.sampled_from([0.0, 0.01, 0.3, 5.0])))
+        assert all(byte < 0x80 for byte in said)
+        assert len(firmware._rx) <= firmware.rx_bytes
+        assert firmware.carriage.queued <= 16
+        assert board.room >= 0
+        for axis, value in zip(firmware.carriage.axes, host.true, strict=True):
+            low, high = axis.ends_mm
+            assert low - 1e-9 <= value <= high + 1e-9
+    host.inject("reset")
+    host.wait(3.0)
+    assert host.ask(ASK[kind], 0.5) or kind == "arduino", "it does not come back after a reset"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_no_bytes_break_a_firmware_and_memory_is_bounded(kind: str, data: st.DataObject) -> None:
+    withstand(kind, data)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=3000, deadline=None)
+@given(data=st.data())
+def test_many_bytes_break_no_firmware(kind: str, data: st.DataObject) -> None:
+    withstand(kind, data)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_flood_is_bounded(kind: str) -> None:
+    host = homed(kind)
+    for _ in range(20):
+        host.send(ASK[kind] * 2000)
+        assert host.board.room <= SEND_BYTES
+    assert len(host.wait(0.0)) == 0
+    for _ in range(40):
+        host.send(b"$$\n" * 100)
+        host.board.advance(host.now_s + 10.0)
+    host.now_s += 1000.0
+    assert len(host.wait(1000.0)) <= 2 * OUTPUT_BYTES

@@ -1,0 +1,235 @@
+"""The virtual Marlin, byte by byte: the traits of Marlin 2.1 that drivers must survive, by their number in the list."""
+
+from __future__ import annotations
+
+from functools import reduce
+from operator import xor
+
+import pytest
+from firmware_host import Host, homed, near
+
+#: The end stops close between two whole steps.
+STEP = 1.0 / 80.0 + 1e-6
+
+
+def numbered(number: int, command: str, wrong: int = 0) -> bytes:
+    text = f"N{number} {command}".encode()
+    return text + b"*%d\n" % (reduce(xor, text, 0) ^ wrong)
+
+
+def where(host: Host) -> bytes:
+    return host.ask(b"M114\n", 0.05)
+
+
+# 14: ok means queued
+
+
+def test_ok_and_m114_come_when_a_move_is_queued() -> None:
+    host = homed("marlin")
+    assert host.ask(b"G1 X100 Y50 F600\n", 0.05) == b"ok\n"
+    assert where(host) == b"X:100.00 Y:50.00 Z:100.00 E:0.00 Count X:8000 Y:4000 Z:40000\nok\n"
+    assert host.true[0] < 2.0
+    host.send(b"M400\n")
+    assert host.wait(1.5) == b""
+    said = host.until(b"ok\n")
+    assert said.replace(b"echo:busy: processing\n", b"") == b"ok\n"
+    assert near(host.true, (100.0, 50.0, 100.0), STEP)
+
+
+def test_auto_report_gives_the_plan_too() -> None:
+    host = homed("marlin")
+    assert host.ask(b"M154 S1\nG1 X100 F600\n", 0.5) == b"ok\nok\n"
+    assert host.wait(1.0) == b"X:100.00 Y:0.00 Z:100.00 E:0.00 Count X:8000 Y:0 Z:40000\n"
+    host.ask(b"M154 S0\n")
+    assert host.wait(3.0) == b""
+
+
+def test_m114_r_is_a_compile_option() -> None:
+    for realtime in (False, True):
+        host = homed("marlin", firmware={"m114_realtime": realtime})
+        host.ask(b"G1 X100 F600\n", 1.0)
+        said = host.ask(b"M114 R\n", 0.05)
+        assert said.startswith(b"X:100.00") != realtime
+        assert where(host).startswith(b"X:100.00")
+
+
+# 15: end stops
+
+
+def test_soft_end_stops_clamp_silently() -> None:
+    host = homed("marlin")
+    assert host.ask(b"G1 X-20 Y300 Z-5 F6000\n", 0.05) == b"ok\n"
+    assert where(host).startswith(b"X:0.00 Y:200.00 Z:0.00 ")
+
+
+def test_before_homing_nothing_is_clamped_and_the_carriage_runs_into_its_frame() -> None:
+    host = Host("marlin")
+    assert host.ask(b"G1 X-100 F6000\n", 0.05) == b"ok\n"
+    host.ask(b"M400\n", 5.0)
+    assert where(host).startswith(b"X:-100.00 ")
+    assert host.true[0] == -2.0, "a pressed end stop outside of homing means nothing"
+    host.ask(b"G1 X0\nM400\n", 5.0)
+    assert host.true[0] == 98.0, "the steps made against the frame are lost"
+    assert b"x_min: open\n" in host.ask(b"M119\n")
+
+
+# 16: line numbers
+
+
+def test_checksum_mismatch_asks_for_a_resend_and_says_ok() -> None:
+    host = homed("marlin")
+    assert host.ask(numbered(0, "M110 N0")) == b"ok\n"
+    assert host.ask(numbered(1, "G91")) == b"ok\n"
+    assert host.ask(numbered(2, "G1 X5 F600", wrong=4)) == (b"Error:checksum mismatch, Last Line: 1\nResend: 2\nok\n")
+    assert host.ask(numbered(2, "G1 X5 F600")) == b"ok\n"
+
+
+def test_an_accepted_line_sent_again_gets_no_answer() -> None:
+    host = homed("marlin")
+    host.ask(numbered(0, "M110 N0") + numbered(1, "G91") + numbered(2, "G1 X5 F600"))
+    assert host.ask(numbered(2, "G1 X5 F600"), 5.0) == b""
+    assert host.ask(numbered(1, "G91"), 5.0) == b""
+    assert where(host).startswith(b"X:5.00")
+    assert host.ask(numbered(7, "G90")) == (
+        b"Error:Line Number is not Last Line Number+1, Last Line: 2\nResend: 3\nok\n"
+    )
+    assert host.ask(b"N3 G90\n") == b"Error:No Checksum with line number, Last Line: 2\nResend: 3\nok\n"
+
+
+def test_a_refused_line_takes_what_follows_it_in_the_buffer_along() -> None:
+    host = homed("marlin")
+    host.ask(numbered(0, "M110 N0"))
+    for _ in range(4):
+        host.ask(b"G4 P500\n", 0.001)
+    host.send(b"N9 G91*1\nM115\n")
+    said = host.wait(20.0)
+    assert b"Resend: 1" in said and b"FIRMWARE_NAME" not in said
+
+
+# 17: the quick stop
+
+
+def test_m410_stops_at_once_and_is_silent_for_a_second() -> None:
+    host = homed("marlin")
+    host.ask(b"G1 X100 F600\n", 2.0)
+    assert host.ask(b"M410\n", 0.9) == b""
+    assert not host.board.firmware.carriage.moving
+    assert host.wait(0.3) == b"ok\n"
+    x = host.true[0]
+    assert 10.0 < x < 30.0
+    told = float(where(host).split(b" ")[0][2:])
+    assert abs(told - x) < 0.02
+
+
+def test_m400_cut_short_by_m410_says_ok_far_from_the_target() -> None:
+    host = homed("marlin")
+    host.ask(b"G1 X100 F600\nM400\n", 1.5)
+    assert host.ask(b"M410\n", 0.9) == b""
+    assert host.wait(0.5) == b"ok\nok\n"
+    assert host.true[0] < 30.0
+
+
+def test_a_command_within_the_silence_runs_twice_and_m410_is_never_acknowledged() -> None:
+    host = homed("marlin")
+    host.ask(b"G1 X100 F600\n", 2.0)
+    host.ask(b"M410\n", 0.2)
+    report = b"X:%.2f Y:0.00 Z:100.00 E:0.00 Count X:%d Y:0 Z:40000\nok\n"
+    x = host.reported[0]
+    assert host.ask(b"M114\n", 3.0) == 2 * (report % (x, round(x * 80)))
+    assert host.ask(b"M114\n", 3.0) == report % (x, round(x * 80))
+
+
+def test_with_an_emergency_parser_m410_behaves() -> None:
+    host = homed("marlin", firmware={"emergency_parser": True})
+    assert b"Cap:EMERGENCY_PARSER:1\n" in host.ask(b"M115\n")
+    host.ask(b"G1 X100 F600\nM400\n", 2.0)
+    assert host.ask(b"M410\n", 0.1) == b"ok\nok\n"
+    assert host.ask(b"G91\n", 0.1) == b"ok\n"
+    assert host.true[0] < 30.0
+
+
+# 18: unknown commands, M112, reset
+
+
+def test_unknown_commands_are_echoed_and_say_ok() -> None:
+    host = homed("marlin")
+    assert host.ask(b"M9999\n") == b'echo:Unknown command: "M9999"\nok\n'
+    assert host.ask(b"hello\n") == b'echo:Unknown command: "hello"\nok\n'
+    assert host.ask(b"\n ; only words\n") == b""
+
+
+@pytest.mark.parametrize("emergency_parser", [False, True])
+def test_m112_kills_until_a_reset_that_forgets_the_position(emergency_parser: bool) -> None:
+    host = homed("marlin", firmware={"emergency_parser": emergency_parser})
+    host.ask(b"G1 X100 F600\n", 2.0)
+    assert host.ask(b"M112\n") == b"Error:Printer halted. kill() called!\n"
+    true = host.true
+    assert host.ask(b"M114\nM115\n", 30.0) == b""
+    assert host.true == true
+    host.inject("reset")
+    said = host.wait(3.0)
+    assert said.startswith(b"start\nMarlin 2.1.2.7\n") and b"rror" not in said
+    assert where(host).startswith(b"X:0.00 Y:0.00 Z:0.00 ")
+    assert host.true == true
+
+
+# 19: busy lines, line ends, baud
+
+
+def test_long_commands_say_busy_every_two_seconds_and_lines_end_in_lf() -> None:
+    host = Host("marlin")
+    host.send(b"G28\n")
+    said = host.until(b"ok\n")
+    assert said.endswith(b"X:0.00 Y:0.00 Z:100.00 E:0.00 Count X:0 Y:0 Z:40000\nok\n")
+    busy = said.count(b"echo:busy: processing\n")
+    assert busy >= 2 and said.startswith(b"echo:busy: processing\n")
+    assert b"\r" not in host.greeting + said
+    assert near(host.true, (0.0, 0.0, 100.0), STEP)
+    host.ask(b"G1 X200 F1200\n", 0.1)
+    host.send(b"M400\n")
+    assert host.until(b"ok\n").count(b"busy") == 4
+
+
+@pytest.mark.parametrize("baud", [115200, 250000])
+def test_a_host_at_another_speed_reads_garbage(baud: int) -> None:
+    host = homed("marlin", firmware={"baud": baud})
+    host.board.host_baud = 57600
+    said = host.ask(b"M115\n", 1.0)
+    assert b"FIRMWARE" not in said
+    host.board.host_baud = baud
+    host.ask(b"\n", 1.0)
+    assert b"FIRMWARE_NAME:Marlin" in host.ask(b"M115\n", 1.0)
+
+
+# The rest
+
+
+def test_a_full_planner_holds_the_ok_back() -> None:
+    host = homed("marlin")
+    for i in range(40):
+        host.ask(b"G1 X%d F60\n" % (i % 2), 0.01)
+    assert host.wait(0.5) == b""
+    assert host.until(b"ok\n", step_s=0.5).endswith(b"ok\n")
+
+
+def test_positions_can_be_set_and_moves_relative() -> None:
+    host = homed("marlin")
+    host.ask(b"G1 X50 F6000\nM400\nG92 X10\nG91\nG1 X-5 Z-1\nM400\n", 10.0)
+    assert where(host).startswith(b"X:5.00 Y:0.00 Z:99.00 ")
+    assert near(host.true, (45.0, 0.0, 99.0), STEP)
+    host.ask(b"G90\nG28 X\n", 30.0)
+    assert where(host).startswith(b"X:0.00 ")
+
+
+def test_homing_with_a_dead_motor_kills() -> None:
+    host = Host("marlin")
+    host.inject("stall", axis="z")
+    host.send(b"G28\n")
+    assert host.until(b"kill() called!\n").endswith(b"echo:Homing Failed\nError:Printer halted. kill() called!\n")
+
+
+def test_dwell_waits_for_motion_and_temperature_is_that_of_the_room() -> None:
+    host = homed("marlin")
+    assert host.ask(b"G1 X10 F600\nG4 S1\n", 1.9) == b"ok\n"
+    assert host.wait(1.0) == b"echo:busy: processing\nok\n"
+    assert host.ask(b"M105\n") == b" T:20.00 /0.00 @:0\nok\n"

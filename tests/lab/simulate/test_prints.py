@@ -1,0 +1,148 @@
+"""Virtual printers: what each error does, and that a copy is always the same copy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tacbench_cad.block import Block
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab import names
+from tacbench_cad.lab.simulate.heights import centres
+from tacbench_cad.lab.simulate.prints import (
+    FILAMENTS,
+    PRINTERS,
+    VirtualPrinter,
+    as_printed,
+    printer_of,
+    seeded,
+    stimulus,
+)
+from tacbench_cad.lab.spec import HolderRim, PrintedBlock
+
+#: A printer without errors, with layers too thin to see.
+PERFECT = VirtualPrinter(
+    name="perfect",
+    nozzle_mm=0.1,
+    layer_mm=0.005,
+    xy_error_mm=0.0,
+    layer_error_mm=0.0,
+    z_error_mm=0.0,
+    tilt_mm=0.0,
+    peak_loss=0.0,
+    roughness_mm=0.0,
+    stringing_per_cm2=0.0,
+)
+
+
+def _design(block: Block) -> np.ndarray:
+    x, y = centres(block)
+    return np.asarray(block.surface.grid(x, y).T - block.extremes.high)
+
+
+def _error(printer: VirtualPrinter, texture: int = 2, seed: int = 1) -> np.ndarray:
+    block = Block.of(texture)
+    return as_printed(block, printer, seeded("test", seed)).z_mm - _design(block)
+
+
+def _printed(printer: str = "bambu-p1p", filament: str = "pla-minus", copy: int = 1, texture: int = 3) -> PrintedBlock:
+    return PrintedBlock(block=Block.of(texture), printer=printer, filament=filament, copy=copy)
+
+
+def test_a_printer_without_errors_prints_the_formula() -> None:
+    assert np.max(np.abs(_error(PERFECT))) < 0.004
+
+
+def test_layers_make_terraces_at_most_half_a_layer_off() -> None:
+    block = Block.of(1, mm_per_unit=(6.0, 6.0, 1.0))
+    z = as_printed(block, replace(PERFECT, layer_mm=0.25), seeded("test")).z_mm
+    # Only edges are round; at random heights one in fifty would lie so near to a whole number of layers.
+    layers = (z + block.height_mm) / 0.25
+    assert np.mean(np.abs(layers - np.round(layers)) < 0.01) > 0.3
+    assert np.max(np.abs(z - _design(block))) < 0.5 * 0.25 + 0.01
+
+
+def test_a_wide_line_draws_no_narrow_peak() -> None:
+    narrow, wide = _error(PERFECT), _error(replace(PERFECT, nozzle_mm=1.6))
+    assert np.max(wide) < 0.01
+    assert np.min(wide) < np.min(narrow) - 0.05
+
+
+def test_peaks_lose_height_and_nothing_gains() -> None:
+    block = Block.of(2)
+    lost = _error(replace(PERFECT, nozzle_mm=0.4, peak_loss=0.6))
+    kept = _error(replace(PERFECT, nozzle_mm=0.4, peak_loss=0.0))
+    high = _design(block) > -0.15
+    assert np.max(lost - kept) < 1e-3
+    assert np.mean((lost - kept)[high]) < 4.0 * np.mean((lost - kept)[~high]) < 0.0
+
+
+def test_walls_out_of_place_show_where_the_relief_is_steep() -> None:
+    block = Block.of(1)
+    moved = as_printed(block, replace(PERFECT, xy_error_mm=0.1), seeded("test")).z_mm - _design(block)
+    x, _ = centres(block)
+    slope = np.abs(block.surface(x, 0.0, (1, 0)))
+    column = np.abs(moved).mean(axis=0)
+    assert column[slope > 0.7].mean() > 3.0 * column[slope < 0.1].mean()
+
+
+def test_roughness_height_and_tilt_have_the_size_they_are_given() -> None:
+    assert np.std(_error(replace(PERFECT, nozzle_mm=0.4, roughness_mm=0.03))) == pytest.approx(0.03, rel=0.1)
+    heights = [np.mean(_error(replace(PERFECT, z_error_mm=0.1), seed=seed)) for seed in range(40)]
+    assert 0.07 < np.std(heights) < 0.13
+    tilted = _error(replace(PERFECT, tilt_mm=0.1))
+    assert np.mean(tilted) == pytest.approx(0.0, abs=0.003)
+    assert np.ptp(tilted.mean(axis=0)) > 0.01
+
+
+def test_strings_lie_on_the_surface_and_only_add() -> None:
+    strung = _error(replace(PERFECT, stringing_per_cm2=3.0)) - _error(PERFECT)
+    assert np.min(strung) > -1e-9
+    assert 0.001 < np.mean(strung > 0.05) < 0.2
+
+
+def test_a_copy_is_always_the_same_copy_and_no_other_one() -> None:
+    one = stimulus(_printed(), HolderRim()).z_mm
+    assert np.array_equal(one, stimulus(_printed(), HolderRim()).z_mm)
+    there = np.isfinite(one)
+    for other in (stimulus(_printed(copy=2), HolderRim()), stimulus(_printed(), HolderRim(), seed=1)):
+        assert np.array_equal(np.isfinite(other.z_mm), there)
+        assert np.std(one[there] - other.z_mm[there]) > 0.005
+
+
+def test_every_printer_and_filament_of_the_paper_has_a_preset() -> None:
+    assert set(PRINTERS) == set(names.PRINTERS)
+    assert set(FILAMENTS) == set(names.FILAMENTS)
+    for printer, filament in names.COMBINATIONS:
+        assert printer_of(_printed(printer, filament)).name == f"{printer} with {filament}"
+
+
+def test_an_unknown_printer_gets_the_generic_one_and_says_so() -> None:
+    found = printer_of(_printed("my-printer", "wood"))
+    assert "my-printer with wood, as ender-3-v3-se" in found.name
+    assert found.peak_loss == PRINTERS["ender-3-v3-se"].peak_loss
+
+
+def test_resin_comes_closer_to_the_design_than_filament() -> None:
+    block = Block.of(3)
+    off = {
+        printer: np.std(stimulus_error(block, printer, filament))
+        for printer, filament in (("form-3", "grey-v4"), ("bambu-p1p", "pla-minus"), ("ender-3", "petg"))
+    }
+    assert off["form-3"] < off["bambu-p1p"] < off["ender-3"]
+
+
+def stimulus_error(block: Block, printer: str, filament: str) -> np.ndarray:
+    """What a preset's print of a block has more or less than the design."""
+    printed = PrintedBlock(block=block, printer=printer, filament=filament)
+    return as_printed(block, printer_of(printed), seeded(printed.name)).z_mm - _design(block)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("nozzle_mm", 0.0), ("layer_mm", float("nan")), ("peak_loss", 1.5), ("tilt_mm", -0.1)]
+)
+def test_a_printer_that_cannot_be_is_refused(field: str, value: float) -> None:
+    with pytest.raises(InputError, match=field):
+        replace(PERFECT, **{field: value})  # type: ignore[arg-type]

@@ -1,0 +1,315 @@
+"""Whole simulated studies: what they hold, what they say, and that an interruption loses nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from tacbench_cad.block import Block
+from tacbench_cad.cli import main
+from tacbench_cad.errors import InputError, TacbenchError
+from tacbench_cad.lab import names
+from tacbench_cad.lab.runs.checking import check_run
+from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.simulate.blockrun import Options, make_block, other_images, run_info
+from tacbench_cad.lab.simulate.study import (
+    Estimate,
+    estimate,
+    images_there,
+    make,
+    paper_study,
+    quick_study,
+    require_room,
+    study_of,
+)
+from tacbench_cad.lab.spec import PlannedBlock, PrintedBlock, Protocol, Study
+from tacbench_cad.protocol import FORCE_SPREADS_N, FORCES_N, PressGrid
+
+GRID = PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0))
+STUDY_FILE = """
+out = "runs"
+[study]
+textures = [1, 4]
+prints = [{ printer = "resin", filament = "resin", copies = 2 }]
+[protocol]
+grid = { x_mm = [4.0, 9.0], y_mm = [18.0, 23.0] }
+stationary_frames = 1
+repeats = 1
+"""
+
+
+def _study(**changes: object) -> Study:
+    protocol = Protocol(grid=GRID, stationary_frames=2, **changes)  # type: ignore[arg-type]
+    blocks = [
+        PlannedBlock(
+            printed=PrintedBlock(block=Block.of(texture), printer="ender-3", filament="petg", copy=1),
+            levels=tuple(range(1, protocol.levels + 1)),
+        )
+        for texture in (2, 4)
+    ]
+    return Study(blocks=tuple(blocks), protocol=protocol, grid_spacing="own")
+
+
+def _infos(study: Study, options: Options | None = None) -> list[RunInfo]:
+    return [run_info(study, one, options or Options()) for one in study.blocks]
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    """Every file of a study but ``run.json``, which tells when it was made, and what a killed process leaves."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file() and path.name != "run.json" and not path.name.startswith(".tacbench-")
+    }
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A small study, made in two processes."""
+    out = tmp_path_factory.mktemp("made")
+    told: list[int] = []
+    blocks = make(_infos(_study()), out, Options(), 2, told.append)
+    assert [block.presses for block in blocks] == [24, 24]
+    assert [block.images for block in blocks] == [24 + 9, 24 + 9]
+    assert told and told[-1] == 66 == sum(images_there(folder) for folder in out.iterdir())
+    yield out
+
+
+def test_the_papers_study_has_its_images() -> None:
+    study = paper_study()
+    firsts = [one for one in study.blocks if one.printed.copy == 1]
+    more = [one for one in study.blocks if one.printed.copy > 1]
+    places = len(study.protocol.grid.positions_mm)
+    assert sum(len(one.levels) * 2 * places for one in firsts) == 8100
+    assert sum(len(one.levels) * 2 * places for one in more) == 4500
+    assert study.presses == 12_600
+    assert {(one.printed.printer, one.printed.filament) for one in firsts} == set(names.COMBINATIONS)
+    assert {one.levels for one in more} == {(2,)}
+    prints = Counter((one.printed.printer, one.printed.filament) for one in study.blocks)
+    assert {both for both, count in prints.items() if count == 36} == set(names.SELECTED)
+    assert study.protocol.forces_n == FORCES_N and study.protocol.repeats == 2
+
+
+def test_the_quick_study_has_two_of_everything() -> None:
+    study = quick_study()
+    assert {one.printed.object_label for one in study.blocks} == set(range(1, 7))
+    assert len({one.printed.printer for one in study.blocks}) == 2
+    assert {one.printed.copy for one in study.blocks} == {1, 2}
+    assert {one.levels for one in study.blocks} == {(1, 2, 3)}
+    paper = {tuple(place) for place in PressGrid.paper().positions_mm}
+    assert {tuple(place) for place in study.protocol.grid.positions_mm} < paper
+    assert study.protocol.stationary_frames >= 2
+
+
+def test_the_quick_study_stays_below_its_bound(tmp_path: Path) -> None:
+    needed = estimate(_infos(quick_study()), tmp_path, Options(), 2)
+    assert needed.missing == 1296 + 24 * 21
+    assert needed.gb < 0.3
+
+
+def test_every_force_lies_in_its_band(made: Path) -> None:
+    for folder in made.iterdir():
+        rows = Run.open(folder).rows
+        assert len(rows) == 24
+        for row in rows:
+            assert row.measured_force_n is not None and row.target_force_n is not None
+            band = FORCE_SPREADS_N[row.force_level - 1]
+            assert abs(row.measured_force_n - row.target_force_n) < band / 10.0
+            assert row.in_band is True
+
+
+def test_the_run_folders_pass_the_check(made: Path) -> None:
+    for folder in made.iterdir():
+        report = check_run(folder)
+        assert report.ok, [str(one) for one in report.findings]
+
+
+def test_everything_says_that_it_is_simulated(made: Path) -> None:
+    for folder in made.iterdir():
+        run = Run.open(folder)
+        assert len(run.info.simulated) == 3
+        assert "virtual printer, ender-3 with petg" in run.info.simulated[0]
+        document = json.loads((folder / "run.json").read_text())
+        assert document["stage"]["settings"]["virtual_printer"]["layer_mm"] == 0.2
+        for image in folder.rglob("*.png"):
+            assert b"tEXtsimulated\0" in image.read_bytes()[:200]
+        record = run.print_record
+        assert record.values["printer"] == "ender-3, virtual"
+        assert record.values["nozzle_mm"] == 0.4
+
+
+def test_images_are_grey_and_repeats_differ_by_noise(made: Path) -> None:
+    run = Run.open(next(iter(sorted(made.iterdir()))))
+    one, two = (
+        cv2.imread(str(run.folder / "sensor_images" / run.by_key[(3, repeat, 1)].sensor_image), cv2.IMREAD_UNCHANGED)
+        for repeat in (1, 2)
+    )
+    assert one.shape == (480, 640) and one.dtype == np.uint8
+    difference = one.astype(int) - two
+    assert 0 < np.var(difference) < 6.0
+
+
+def test_an_interrupted_study_ends_like_one_that_was_not(made: Path, tmp_path: Path) -> None:
+    out = tmp_path / "again"
+    shutil.copytree(made, out)
+    first, second = sorted(out.iterdir())
+    shutil.rmtree(second)
+    lines = (first / "targets.csv").read_text().splitlines(keepends=True)
+    # Killed while the tenth row was written; its image and a later one are there already, the end's frames are not.
+    (first / "targets.csv").write_text("".join(lines[:10]) + lines[10][:17])
+    still = (first / "stationary" / "stationary.csv").read_text().splitlines(keepends=True)
+    (first / "stationary" / "stationary.csv").write_text("".join(still[:5]))
+    for path in (first / "sensor_images").glob("image_2?.png"):
+        path.unlink()
+    blocks = make(_infos(_study()), out, Options(), 2)
+    assert [block.presses for block in blocks] == [15, 24]
+    assert _files(out) == _files(made)
+
+
+def test_a_whole_study_is_not_made_again(made: Path, tmp_path: Path) -> None:
+    out = tmp_path / "again"
+    shutil.copytree(made, out)
+    blocks = make(_infos(_study()), out, Options(), 1)
+    assert [block.images for block in blocks] == [0, 0]
+    assert estimate(_infos(_study()), out, Options(), 1).missing == 0
+    assert _files(out) == _files(made)
+
+
+@pytest.mark.parametrize(("options", "said"), [(Options(colour=True), "shape"), (Options(seed=7), "seed")])
+def test_a_run_is_not_gone_on_with_in_another_way(made: Path, tmp_path: Path, options: Options, said: str) -> None:
+    out = tmp_path / "again"
+    shutil.copytree(made, out)
+    with pytest.raises(TacbenchError, match=said) as refusal:
+        make(_infos(_study(), options), out, options, 1)
+    assert refusal.value.exit_code == 2
+    assert _files(out) == _files(made)
+
+
+def test_colour_and_another_seed_give_other_images(tmp_path: Path) -> None:
+    study = _study(forces_n=(1.0,), bands_n=(0.01,), repeats=1)
+    images = []
+    for name, options in (("a", Options(colour=True)), ("b", Options(colour=True, seed=1))):
+        done = make_block(tmp_path / name, _infos(study, options)[0], options)
+        assert done.worst_n <= 1e-5
+        images.append(cv2.imread(str(tmp_path / name / done.name / "sensor_images" / "image_1.png"), -1))
+    assert images[0].shape == (480, 640, 3)
+    assert not np.array_equal(*images)
+
+
+def test_depth_mode_leaves_the_force_empty(tmp_path: Path) -> None:
+    study = _study(contact="depth", depths_mm=(0.5, 1.0), repeats=1)
+    info = _infos(study)[0]
+    make_block(tmp_path, info, Options())
+    rows = Run.open(tmp_path / info.printed.name).rows
+    assert len(rows) == 8
+    assert all(row.measured_force_n is None and row.in_band is None for row in rows)
+    shallow, deep = ({row.position: row.pose_mm[2] for row in rows if row.force_level == level} for level in (1, 2))
+    assert [deep[place] for place in shallow] == pytest.approx([z - 0.5 for z in shallow.values()], abs=1e-4)
+
+
+def test_references_are_made_anew_at_the_interval(tmp_path: Path) -> None:
+    study = _study(reference_every_s=30.0, repeats=1)
+    info = _infos(study)[0]
+    done = make_block(tmp_path, info, Options())
+    references = Run.open(tmp_path / info.printed.name).references
+    assert [one.after_press for one in references] == [0, 7]
+    assert done.images == 12 + other_images(info)
+
+
+def test_a_press_below_the_depth_limit_is_refused(tmp_path: Path) -> None:
+    study = _study(depth_limit_mm=2.5)
+    with pytest.raises(InputError, match=r"depth_limit_mm.*would go to"):
+        make_block(tmp_path, _infos(study)[1], Options())
+
+
+def test_a_disk_without_room_is_refused_with_the_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    needed = Estimate(blocks=1, presses=1000, others=21, there=21, bytes_each=1e6, seconds_each=0.01, jobs=2)
+    assert needed.gb == pytest.approx(1.0) and needed.minutes == pytest.approx(1000 * 0.01 / 120)
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=1.0e9))
+    with pytest.raises(InputError, match=r"has 1\.00 GB free.*1\.05 GB"):
+        require_room(tmp_path / "not" / "there", needed)
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=1.1e9))
+    require_room(tmp_path, needed)
+
+
+@pytest.mark.parametrize(("word", "said"), [("papr", "paper"), ("nowhere.toml", "cannot be read"), ("", "quick")])
+def test_an_unknown_study_is_refused(word: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        study_of(word)
+
+
+def test_the_command_makes_a_study_from_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "study.toml").write_text(STUDY_FILE)
+    assert main(["simulate", "--study", str(tmp_path / "study.toml"), "--jobs", "2", "--json"]) == 0
+    out, err = capsys.readouterr()
+    document = json.loads(out)
+    assert document["images"] == document["images_made"] == 4 * (12 + 5)
+    assert {run["name"] for run in document["runs"]} == {path.name for path in (tmp_path / "runs").iterdir()}
+    assert "4 blocks, 48 images of presses" in err and "GB" in err
+    assert main(["simulate", "--study", str(tmp_path / "study.toml")]) == 0
+    out, err = capsys.readouterr()
+    assert "68 are there; 0 images to make" in err
+    assert "form-3" in out and "0 images" in out
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (["--study", "papr", "--out", "x"], "papr"),
+        (["--study", "quick"], "name a folder"),
+        (["--out", "x", "--jobs", "0"], "1 or more"),
+        (["--out", "x", "--jobs", "two"], "whole number"),
+        (["--out", "x", "--seed", "-1"], "seed"),
+    ],
+)
+def test_bad_options_end_with_one_line(
+    argv: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["simulate", *argv]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and said in err and len(err.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_in_the_folders_place_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "study.toml").write_text(STUDY_FILE)
+    (tmp_path / "runs").write_text("precious")
+    assert main(["simulate", "--study", str(tmp_path / "study.toml"), "--jobs", "1"]) == 2
+    assert "runs" in capsys.readouterr().err
+    assert (tmp_path / "runs").read_text() == "precious"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for another process")
+def test_an_interruption_ends_with_130_and_the_study_can_go_on(tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_text(STUDY_FILE.replace("repeats = 1", "repeats = 5"))
+    command = [sys.executable, "-m", "tacbench_cad", "simulate", "--study", str(tmp_path / "study.toml"), "--jobs", "2"]
+    running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    folder = tmp_path / "runs"
+    deadline = time.monotonic() + 60.0
+    while sum(1 for _ in folder.glob("*/sensor_images/*.png")) < 20 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    os.kill(running.pid, signal.SIGINT)
+    _, err = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert err.splitlines()[-1] == "error: interrupted" and "Traceback" not in err
+    made = sum(1 for _ in folder.glob("*/sensor_images/*.png"))
+    assert 20 <= made < 4 * (60 + 1)
+    assert subprocess.run(command, capture_output=True, check=True)
+    for run in folder.iterdir():
+        assert check_run(run).ok
+        assert len(Run.open(run).rows) == 60
