@@ -1,4 +1,4 @@
-"""Make every picture of the docs from the parts themselves: ``python docs/pictures.py``.
+"""Make every picture of the docs from the parts and the simulation themselves: ``python docs/pictures.py``.
 
 Each picture is drawn from a part that is built here, so that the docs cannot show what the project does not make.
 """
@@ -12,6 +12,8 @@ from housing.holder import Holder
 from housing.jig import Jig
 from tacbench_cad.block import Block
 from tacbench_cad.block_part import block_part
+from tacbench_cad.files import replacing
+from tacbench_cad.lab.simulate.figures import simulated_images
 from tacbench_cad.pictures import catalogue_picture, preview_sheet, texture_picture
 from tacbench_cad.textures import read_texture
 
@@ -40,6 +42,8 @@ def main() -> None:
     preview_sheet([(part.name, part.mesh[0]) for part in released], IMAGES / "released.png")
     own = read_texture(HERE / "hex.toml")
     preview_sheet([("hex", block_part(Block.of(own.texture, table=own.block)).mesh[0])], IMAGES / "hex.png")
+    with replacing(IMAGES / "simulated.png") as path:
+        simulated_images().savefig(path, dpi=200, metadata={"Software": None})
 
 
 if __name__ == "__main__":

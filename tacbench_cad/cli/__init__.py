@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from tacbench_cad import __version__
-from tacbench_cad.cli import check, doctor, make, show, textures
+from tacbench_cad.cli import acquire, check, doctor, import_, make, rig, runs, show, simulate, textures
 from tacbench_cad.cli.common import one_line, with_default_values
 from tacbench_cad.errors import TacbenchError
 
@@ -35,7 +35,7 @@ def tacbench(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and stop.")
     ] = False,
 ) -> None:
-    """Printable tactile texture blocks from formulas: made, checked and described.
+    """Printable tactile texture blocks from formulas: made, checked, pressed and compared.
 
     Examples:
       tacbench make                         the six blocks, holder and jig, in stl_out/
@@ -43,15 +43,20 @@ def tacbench(
       tacbench check stl_out/*.stl          examine files, also such as were made elsewhere
       tacbench textures                     what there is, and what a nozzle can print of it
       tacbench show 4 --press               a picture of a texture and the press positions
+      tacbench acquire --virtual --out runs press a block on a simulated rig; with a FILE.toml on yours
+      tacbench runs check runs              examine what was recorded
+      tacbench simulate --study quick --out study  a whole simulated study
       tacbench doctor                       what is installed, and how to repair it
 
     Every command has its own --help. Exit codes: 0 done, 1 a check failed, 2 bad input or something missing,
-    130 interrupted.
+    3 a run stopped safely that can go on, 130 interrupted.
     """
 
 
-for _module in (make, check, textures, show, doctor):
+for _module in (make, check, textures, show, acquire, simulate, import_, doctor):
     app.command(_module.NAME)(_module.command)
+for _group in (runs, rig):
+    app.add_typer(_group.app, name=_group.NAME)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -61,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: Arguments without the program's name; None for those of this process.
 
     Returns:
-        The exit code: 0 done, 1 a check failed, 2 bad input or a missing tool, 130 interrupted.
+        The exit code: 0 done, 1 a check failed, 2 bad input or a missing tool, 3 a run stopped safely, 130 interrupted.
     """
     # Our matrix products are small: threads only get in each other's way. A user's own value stays.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -137,8 +137,8 @@ class ArduinoStage(Closing):
             NoAnswerError: Silent; the position is unknown then.
             DeviceLostError: Unplugged.
         """
-        start = self.position()
         self._stopping = False
+        start = self.position()
         pieces = max(1, math.ceil(math.dist(start, target_mm) / (speed_mm_s * PIECE_S)))
         for piece in range(1, pieces + 1):
             share = piece / pieces

@@ -31,7 +31,7 @@ class Line(Closing):
         port: Path, name or pyserial URL.
         baud: Symbols per second; of no meaning for a pseudo-terminal or a socket.
         what: What is at the other end, for the messages: ``stage``.
-        write_timeout_s: Longest time that writing may be held up.
+        write_timeout_s: Longest time that writing may be held up (``rfc2217://`` knows no such limit).
 
     Attributes:
         port: As given.
@@ -49,6 +49,10 @@ class Line(Closing):
         self._buffer = bytearray()
         self._serial = _opened(port, baud, what, write_timeout_s)
         self._descriptor = _descriptor(self._serial)
+        # RFC 2217 keeps its socket to a thread of its own; its write takes a lock, which a signal handler must not.
+        urgent = self._descriptor or _descriptor(getattr(self._serial, "_socket", None))
+        # Windows writes to sockets and ports in other ways.
+        self._urgent = urgent if os.name == "posix" else None
 
     def set_baud(self, baud: int) -> None:
         """Change the symbols per second without opening the port again (which would reset many boards).
@@ -118,15 +122,15 @@ class Line(Closing):
         takes a lock.
         """
         with contextlib.suppress(Exception):
-            if self._descriptor is not None:
-                os.write(self._descriptor, data)
+            if self._urgent is not None:
+                os.write(self._urgent, data)
             else:
                 self._serial.write(data)
 
     def close(self) -> None:
         """Let go of the port. Never raises; a second call does nothing."""
         # The descriptor's number may soon belong to another file.
-        self._descriptor = None
+        self._descriptor = self._urgent = None
         with contextlib.suppress(Exception):
             self._serial.close()
 
@@ -163,9 +167,12 @@ def _opened(port: str, baud: int, what: str, write_timeout_s: float) -> Any:
     import serial
 
     # Held exclusively where the system can: two programs on one stage would mix their lines.
-    own = {"exclusive": True} if os.name == "posix" and "://" not in port else {}
+    own: dict[str, Any] = {"exclusive": True} if os.name == "posix" and "://" not in port else {}
+    if not port.startswith("rfc2217:"):
+        # pyserial's RFC 2217 has none.
+        own["write_timeout"] = write_timeout_s
     try:
-        return serial.serial_for_url(port, baudrate=baud, timeout=0.0, write_timeout=write_timeout_s, **own)
+        return serial.serial_for_url(port, baudrate=baud, timeout=0.0, **own)
     except serial.SerialException as error:
         raise InputError(f"{what} port", port, _reason(error)) from None
     except (OSError, ValueError) as error:

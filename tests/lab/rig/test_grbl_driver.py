@@ -16,7 +16,7 @@ if sys.platform == "win32":
 
 from lab.rig.scripted_grbl import ScriptedGrbl
 
-from tacbench_cad.lab.rig import grbl_link
+from tacbench_cad.lab.rig import grbl, grbl_link
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
@@ -31,13 +31,14 @@ from tacbench_cad.lab.rig.grbl import GrblStage
 from tacbench_cad.lab.spec import Point
 
 THERE: Point = (-10.0, -20.0, -5.0)
-TIMEOUT_S = 0.6
+TIMEOUT_S = 0.4
 
 
 @pytest.fixture(autouse=True)
 def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, seconds in (("RESET_S", 0.6), ("GREETING_S", 3.0), ("ATTEMPT_S", 0.3)):
+    for name, seconds in (("RESET_S", 0.4), ("GREETING_S", 3.0), ("ATTEMPT_S", 0.3)):
         monkeypatch.setattr(grbl_link, name, seconds)
+    monkeypatch.setattr(grbl, "STANDING_S", 0.15)
 
 
 @contextlib.contextmanager
@@ -137,7 +138,7 @@ def test_trait_03_homing_that_never_ends_is_bounded() -> None:
 
     script.on_home = on_home
     with script.peer() as peer:
-        stage = GrblStage(peer.port, timeout_s=TIMEOUT_S, home_timeout_s=0.8)
+        stage = GrblStage(peer.port, timeout_s=TIMEOUT_S, home_timeout_s=0.5)
         with stage, pytest.raises(NoAnswerError, match="homing did not end"):
             stage.home()
 

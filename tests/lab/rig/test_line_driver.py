@@ -147,6 +147,33 @@ def test_a_socket_is_a_port_like_any_other() -> None:
             line.read_line(1.0)
 
 
+@pytest.mark.filterwarnings("ignore:set:DeprecationWarning")
+def test_a_port_behind_rfc_2217_is_stopped_without_its_lock() -> None:
+    import serial
+    import serial.rfc2217
+
+    class Writer:
+        def __init__(self, far: socket.socket) -> None:
+            self.write = far.sendall
+
+    def serve() -> None:
+        far, _ = server.accept()
+        with far, serial.serial_for_url("loop://", timeout=0) as device:
+            manager = serial.rfc2217.PortManager(device, Writer(far))
+            while data := far.recv(1024):
+                device.write(b"".join(manager.filter(data)))
+                far.sendall(b"".join(manager.escape(device.read(1024))))
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        threading.Thread(target=serve, daemon=True).start()
+        with Line(f"rfc2217://127.0.0.1:{server.getsockname()[1]}", baud=115200, what="stage") as line:
+            line.write(b"echo\n")
+            assert line.read_line(2.0) == "echo"
+            with line._serial._write_lock:
+                line.write_now(b"stop\n")
+            assert line.read_line(2.0) == "stop"
+
+
 # Parsers: any bytes are taken, and nothing damaged passes for a report.
 
 arbitrary = st.one_of(st.binary(max_size=120).map(lambda raw: raw.decode("ascii", "replace")), st.text(max_size=120))

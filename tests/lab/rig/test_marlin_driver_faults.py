@@ -26,12 +26,12 @@ CENTER: Point = (50.0, 60.0, 70.0)
 
 @pytest.fixture(autouse=True)
 def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, seconds in (("GREETING_S", 1.5), ("ATTEMPT_S", 0.3)):
+    for name, seconds in (("GREETING_S", 1.2), ("ATTEMPT_S", 0.3), ("AFTER_STOP_S", 0.3)):
         monkeypatch.setattr(marlin_link, name, seconds)
 
 
 def opener(port: str) -> MarlinStage:
-    return MarlinStage(port, clock=Clock(speed=SPEED), baud=250000, timeout_s=0.5, home_timeout_s=5.0)
+    return MarlinStage(port, clock=Clock(speed=SPEED), baud=250000, timeout_s=0.3, home_timeout_s=5.0)
 
 
 @pytest.mark.parametrize("emergency_parser", [False, True])
@@ -50,7 +50,7 @@ def test_open_stage_homes_moves_and_stops(emergency_parser: bool) -> None:
             assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.01)
 
 
-@pytest.mark.parametrize("seed", (0, 2, 4, 5, 6))
+@pytest.mark.parametrize("seed", (2, 3, 4, 5, 6))
 def test_faults_end_in_names_and_moves_where_they_say(seed: int) -> None:
     survive("marlin", opener, CENTER, seed)
 

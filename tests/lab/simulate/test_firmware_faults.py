@@ -81,6 +81,13 @@ def test_a_reset_and_an_alarm_forget_or_halt(kind: str) -> None:
     assert host.reported == (0.0, 0.0, 0.0)
 
 
+def test_an_alarm_while_it_boots_changes_nothing() -> None:
+    host = Host("grbl", wake=False)
+    host.inject("alarm")
+    assert host.wait(2.0).startswith(b"\r\nGrbl 1.1h")
+    assert host.ask(b"?").startswith(b"<Alarm|")
+
+
 def test_a_slip_shows_in_the_true_position_only() -> None:
     host = homed("grbl")
     host.ask(b"G1 Z-20 F900\n", 5.0)
@@ -153,6 +160,8 @@ def test_setups_survive_being_written_down() -> None:
     for wrong in ({"kind": "reprap"}, {"kind": "grbl", "speed": 0.0}, {"kind": "grbl", "gauge": {"rate": 3}}):
         with pytest.raises(InputError):
             Setup(**wrong)
+    with pytest.raises(InputError, match="boot_s"):
+        Setup(kind="marlin", firmware={"boot_s": "long"}).board()
     with pytest.raises(InputError, match="emergency"):
         Setup(kind="marlin", firmware={"emergency": True}).board()
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from tacbench_cad.errors import InputError
@@ -123,7 +125,9 @@ def test_bad_stimuli_are_refused(values: dict[str, object]) -> None:
         stimulus_from(values)
 
 
-@pytest.mark.parametrize("wrong", [{"rate_hz": 0.0}, {"counts_per_n": 0.0}, {"noise_n": float("nan")}])
-def test_bad_cells_are_refused(wrong: dict[str, float]) -> None:
+@pytest.mark.parametrize(
+    "wrong", [{"rate_hz": 0.0}, {"counts_per_n": 0.0}, {"noise_n": float("nan")}, {"rate_hz": "fast"}]
+)
+def test_bad_cells_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(InputError):
         CellSettings(**wrong)

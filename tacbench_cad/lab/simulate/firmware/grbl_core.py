@@ -55,10 +55,11 @@ class GrblCore(Firmware):
         return self.carriage.counted(self.now_s)
 
     def alarm(self, now_s: float) -> None:
-        """An end stop closes (touched, or a wire that picks up noise): ALARM:1."""
+        """An end stop closes (touched, or a wire that picks up noise): ALARM:1. Not while it boots."""
         self.advance(now_s)
-        self._run(self._critical(1))
-        self._pump()
+        if self._listening:
+            self._run(self._critical(1))
+            self._pump()
 
     # Memory
 
@@ -109,7 +110,7 @@ class GrblCore(Firmware):
             self._abort(6)
         elif self._deaf:
             return
-        elif self.carriage.moving:
+        elif self.carriage.moving or self.state in ("Run", "Jog"):
             if self.dialect.abort_alarm:
                 self._abort(3)
             else:

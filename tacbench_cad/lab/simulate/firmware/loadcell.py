@@ -40,8 +40,9 @@ class CellSettings:
 
     def __post_init__(self) -> None:
         for name in ("rate_hz", "counts_per_n", "offset_counts", "noise_n", "drift_n_per_min"):
-            if not math.isfinite(getattr(self, name)):
-                raise InputError(f"gauge {name}", getattr(self, name), "must be a number")
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+                raise InputError(f"gauge {name}", value, "must be a number")
         if not 0.0 < self.rate_hz <= 10_000.0:
             raise InputError("gauge rate_hz", self.rate_hz, "must be above 0 and at most 10000")
         if self.counts_per_n == 0.0 or self.noise_n < 0.0:

@@ -116,6 +116,8 @@ def _firmware(kind: str, start: Point, random_: random.Random, options: dict[str
     for key in options:
         if key not in allowed:
             raise InputError(f"option of {kind}", key, nearest(key, allowed))
+        if isinstance(options[key], str):
+            raise InputError(f"option {key} of {kind}", options[key], "must be a number")
     return maker(Carriage(axes, start, random_), **options)
 
 

@@ -1,0 +1,127 @@
+"""Where the time of a data run goes: 150 presses on the virtual rig, through the drivers and the pseudo-terminal.
+
+    python benchmarks/press_loop.py [--driver virtual-grbl] [--speed 50] [--texture 4] [--out DIR]
+
+Every call of the stage, the gauge, the sensor and the clock is timed from outside, and the writer counts its own
+encoding and syncing. What is left of the run's time is the loop's own: planning, searching, checking, encoding (which
+is also shown by itself), hashing, rows. Claim: below 20 ms a press, encoding included. The stationary readings are left
+out, so that what is shown belongs to presses (and to a reference every 600 s of rig time).
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from tacbench_cad.lab.acquire.person import Typing
+from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.session import acquire
+from tacbench_cad.lab.devices import Rig, open_rig
+from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.spec import PrintedBlock, RigSettings, WorkFrame
+from tacbench_cad.lab.study import virtual_study
+
+LIMIT_MS = 20.0
+
+
+class Timed(Closing):
+    """A device whose calls are timed; attributes pass through.
+
+    Args:
+        inner: The device.
+        name: What it is called in the table.
+        seconds: Where its time is added.
+        calls: Where its calls are counted.
+    """
+
+    def __init__(self, inner: Any, name: str, seconds: Counter[str], calls: Counter[str]) -> None:
+        self._inner, self._name, self._seconds, self._calls = inner, name, seconds, calls
+
+    def __getattr__(self, key: str) -> Any:
+        found = getattr(self._inner, key)
+        if not callable(found):
+            return found
+
+        def timed(*values: Any) -> Any:
+            began = time.perf_counter()
+            try:
+                return found(*values)
+            finally:
+                self._seconds[self._name] += time.perf_counter() - began
+                self._calls[self._name] += 1
+
+        return timed
+
+
+def main() -> int:
+    """Print the table; the exit code is 1 where the claim does not hold."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--driver", default="virtual-grbl", help="virtual-grbl or virtual-marlin")
+    parser.add_argument("--speed", type=float, default=50.0, help="times faster than real time (default 50)")
+    parser.add_argument("--texture", default="4", help="default 4")
+    parser.add_argument("--out", type=Path, help="keep the run here; default: a temporary folder")
+    chosen = parser.parse_args()
+    seconds: Counter[str] = Counter()
+    calls: Counter[str] = Counter()
+    opening = 0.0
+
+    @contextmanager
+    def timed_rig(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> Iterator[Rig]:
+        nonlocal opening
+        began = time.perf_counter()
+        with open_rig(settings, printed, frame) as rig:
+            opening = time.perf_counter() - began
+            timed: dict[str, Any] = {
+                name: Timed(getattr(rig, name), name, seconds, calls) for name in ("stage", "gauge", "sensor", "clock")
+            }
+            yield replace(rig, **timed)
+
+    with tempfile.TemporaryDirectory() as temporary:
+        out = chosen.out or Path(temporary)
+        study = virtual_study(texture=chosen.texture, driver=chosen.driver, speed=chosen.speed)
+        protocol = replace(study.study.protocol, stationary_frames=0)
+        began = time.perf_counter()
+        (result,) = acquire(
+            replace(study.study, protocol=protocol),
+            study.required_rig,
+            out,
+            person=Typing(lambda prompt: "", print),
+            progress=Silent(),
+            opener=timed_rig,
+        )
+        whole = time.perf_counter() - began
+        rows = Run.open(result.folder).rows
+    presses = result.presses
+    shares = {
+        "opening and homing the rig": opening,
+        "waiting for the stage": seconds["stage"],
+        "waiting for the gauge": seconds["gauge"],
+        "waiting for the sensor": seconds["sensor"],
+        "waiting for a step to settle": seconds["clock"],
+        "waiting for the disk": result.seconds["sync"],
+        "encoding and checksums": result.seconds["encode"],
+    }
+    rest = whole - sum(shares.values())
+    print(f"{chosen.driver}, texture {chosen.texture}, {chosen.speed:g} times real time: {presses} presses, ", end="")
+    print(f"{sum(row.in_band is True for row in rows)} in their band, {whole:.1f} s")
+    print(f"{calls['stage'] / presses:.0f} stage, {calls['gauge'] / presses:.0f} gauge calls a press\n")
+    print(f"{'share':<32}{'s':>8}{'ms a press':>12}{'%':>7}")
+    for name, spent in {**shares, "the rest of the loop": rest}.items():
+        print(f"{name:<32}{spent:>8.2f}{1e3 * spent / presses:>12.2f}{100.0 * spent / whole:>7.1f}")
+    own_ms = 1e3 * (rest + shares["encoding and checksums"]) / presses
+    held = own_ms < LIMIT_MS
+    print(f"\nthe loop's own time, encoding included: {own_ms:.1f} ms a press, claimed below {LIMIT_MS:g}: ", end="")
+    print("yes" if held else "NO")
+    return 0 if held else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,197 @@
+"""One press: down by bounded steps until the target is reached, and up again.
+
+The search always comes from above. Printed plastic and a gel-filled dome show hysteresis and creep, and a stage has
+backlash: a height that was reached downwards carries another force than the same height reached upwards. So a press
+that is too hard is lifted past the wanted height, by half an approach step, and lowered to it again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from tacbench_cad.lab.acquire.forces import ContactForce
+from tacbench_cad.lab.acquire.safety import Carriage
+from tacbench_cad.lab.acquire.touch import Touch
+from tacbench_cad.lab.presses import Press
+from tacbench_cad.lab.rig.gauge import Force
+from tacbench_cad.lab.spec import Point, Protocol
+
+#: Approach steps above the lowest height that was found free, at which the next approach at the same place begins.
+MARGIN_STEPS = 2.0
+#: A coarse step is taken only if the target stays out of reach should the force grow so many times as much as it did
+#: with the step before: contact stiffens with depth, and ``F ~ depth^2`` triples the gain from first to second step.
+GROWTH = 3.0
+#: Far from the band, in its half widths, only this share of the predicted step is taken: prediction lags behind.
+FAR_BANDS = 4.0
+FAR_SHARE = 0.8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact:
+    """The sensor in contact, ready to be read.
+
+    Args:
+        pose_mm: Where the stage reports it, in the work frame.
+        measured: Settled force, or None without a gauge.
+        in_band: Whether the force lies in the target's band; None in depth mode.
+    """
+
+    pose_mm: Point
+    measured: Force | None
+    in_band: bool | None
+
+
+@dataclass(kw_only=True)
+class Slope:
+    """The local stiffness: a straight line through the forces that were read near a height.
+
+    Args:
+        reach_mm: How far from that height a force still counts.
+        least_mm: Heights that lie closer together than this say nothing.
+    """
+
+    reach_mm: float
+    least_mm: float
+    seen: list[tuple[float, float]] = field(default_factory=list)
+
+    def add(self, z_mm: float, force_n: float) -> None:
+        """Remember a force that was reached downwards."""
+        self.seen.append((z_mm, force_n))
+
+    def at(self, z_mm: float) -> float | None:
+        """Stiffness in N/mm round a height, or None where too little is known or the force falls with depth."""
+        near = [(z, f) for z, f in self.seen if abs(z - z_mm) <= self.reach_mm]
+        if not near or max(z for z, _ in near) - min(z for z, _ in near) < self.least_mm:
+            return None
+        mean_z = sum(z for z, _ in near) / len(near)
+        mean_f = sum(f for _, f in near) / len(near)
+        slope = sum((z - mean_z) * (f - mean_f) for z, f in near) / sum((z - mean_z) ** 2 for z, _ in near)
+        return -slope if slope < 0.0 else None
+
+
+class Presser:
+    """Presses one block, place by place, and remembers where it was free.
+
+    Args:
+        protocol: The protocol.
+        carriage: Moves the sensor.
+        force: Reads the force; None on a rig without a gauge.
+        touch: Finds first touch in depth mode; None in force mode.
+    """
+
+    def __init__(self, protocol: Protocol, carriage: Carriage, force: ContactForce | None, touch: Touch | None) -> None:
+        self.protocol = protocol
+        self.carriage = carriage
+        self.force = force
+        self.touch = touch
+        self._free_mm: dict[int, float] = {}
+        self._touch_mm: dict[int, float] = {}
+
+    def press(self, press: Press) -> Contact:
+        """Go over the place, read the free force, and press.
+
+        Args:
+            press: Place and target.
+
+        Returns:
+            The sensor in contact at the best force found, or at the stated depth. It stays there.
+
+        Raises:
+            RigError: A limit was met or a device failed. The caller lifts the sensor.
+        """
+        self.carriage.over(press.x_mm, press.y_mm)
+        if self.force is not None:
+            self.force.follow_zero()
+        if press.depth_mm is None:
+            return self._to_force(press)
+        return self._to_depth(press, press.depth_mm)
+
+    def _to_force(self, press: Press) -> Contact:
+        force, step = self._gauge, self.protocol.approach_step_mm
+        assert press.target_n is not None
+        assert press.band_n is not None
+        least = press.target_n - press.band_n
+        slope = Slope(reach_mm=step, least_mm=2.0 * self.protocol.fine_step_mm)
+        self._start(press.position)
+        before, now = 0.0, force.glance().mean_n
+        while now + GROWTH * max(now - before, 0.0) < least:
+            z = self.carriage.to_height(self.carriage.aim_mm - step)
+            before, now = now, force.glance().mean_n
+            slope.add(z, now)
+            if now < force.touch_n:
+                self._free_mm[press.position] = z
+        return self._search(press.target_n, press.band_n, slope)
+
+    def _search(self, target_n: float, band_n: float, slope: Slope) -> Contact:
+        """Small steps to the target from where the approach ended; the best one is kept."""
+        protocol, carriage, force = self.protocol, self.carriage, self._gauge
+        stiffness: float | None = None
+        least = protocol.fine_step_mm
+        best: tuple[float, float] | None = None
+        for _ in range(protocol.search_steps):
+            z = carriage.at[2]
+            read = force.settled()
+            miss = target_n - read.mean_n
+            if abs(miss) <= band_n:
+                return Contact(pose_mm=carriage.at, measured=read, in_band=True)
+            if best is None or abs(miss) < best[0]:
+                best = (abs(miss), z)
+            slope.add(z, read.mean_n)
+            stiffness = slope.at(z) or stiffness
+            wanted = abs(miss) / stiffness if stiffness else protocol.approach_step_mm
+            if miss > 0.0:
+                share = FAR_SHARE if miss > FAR_BANDS * band_n else 1.0
+                self._lower(min(max(share * wanted, least), protocol.approach_step_mm))
+                # A stage with coarser steps than ours does not move at all: the next step is then a longer one.
+                least = 2.0 * least if abs(carriage.at[2] - z) < protocol.fine_step_mm / 2.0 else protocol.fine_step_mm
+            else:
+                self._from_above(z + max(wanted, least))
+        assert best is not None
+        self._from_above(best[1])
+        read = force.settled()
+        return Contact(pose_mm=carriage.at, measured=read, in_band=abs(target_n - read.mean_n) <= band_n)
+
+    def _to_depth(self, press: Press, depth_mm: float) -> Contact:
+        assert self.touch is not None
+        step = self.protocol.approach_step_mm
+        if press.position not in self._touch_mm:
+            self._touch_mm[press.position] = self.touch.find(press.position, self._down)
+            self._free_mm[press.position] = self._touch_mm[press.position]
+            self.carriage.lift()
+        self._start(press.position)
+        end = self._touch_mm[press.position] - depth_mm
+        while self.carriage.aim_mm > end:
+            self._down(min(step, self.carriage.aim_mm - end))
+        read = None if self.force is None else self.force.settled()
+        return Contact(pose_mm=self.carriage.at, measured=read, in_band=None)
+
+    def _start(self, position: int) -> None:
+        """Go where the approach by steps begins: the travel height the first time, later just above the block."""
+        known = self._free_mm.get(position)
+        if known is not None:
+            start = known + MARGIN_STEPS * self.protocol.approach_step_mm
+            if start < self.carriage.at[2]:
+                self.carriage.to_height(start)
+
+    def _down(self, by_mm: float) -> float:
+        """A step down of at most an approach step, with a look at the gauge if there is one."""
+        z = self.carriage.to_height(self.carriage.aim_mm - min(by_mm, self.protocol.approach_step_mm))
+        if self.force is not None:
+            self.force.glance()
+        return z
+
+    def _lower(self, by_mm: float) -> None:
+        self.carriage.to_height(self.carriage.at[2] - by_mm)
+
+    def _from_above(self, z_mm: float) -> None:
+        """Lift past a height by half an approach step, and come down to it."""
+        extra = self.protocol.approach_step_mm / 2.0
+        self.carriage.to_height(max(z_mm, self.carriage.at[2]) + extra)
+        while self.carriage.aim_mm - z_mm > self.protocol.approach_step_mm:
+            self._down(self.protocol.approach_step_mm)
+        self.carriage.to_height(z_mm)
+
+    @property
+    def _gauge(self) -> ContactForce:
+        assert self.force is not None, "force mode without a gauge is refused by the reader of the study"
+        return self.force

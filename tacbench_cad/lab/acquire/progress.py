@@ -1,0 +1,132 @@
+"""What a person sees while blocks are pressed."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol, TextIO
+
+from tacbench_cad.files import TEMPORARY_PREFIX
+from tacbench_cad.lab.rig.gauge import Force
+
+#: A stream that is no terminal gets a line every so many seconds.
+PLAIN_EVERY_S = 10.0
+
+
+class Progress(Protocol):
+    """Is told how a run goes on."""
+
+    def begin(self, name: str, done: int, total: int) -> None:
+        """A block's run is begun or gone on with; ``done`` of its ``total`` presses are there."""
+        ...
+
+    def pressed(self, done: int, force: Force | None, in_band: bool | None, reading: Path) -> None:
+        """One more press is on the disk."""
+        ...
+
+    def end(self) -> None:
+        """The block's run was left, finished or not."""
+        ...
+
+    def say(self, message: str) -> None:
+        """Something else that the person should know."""
+        ...
+
+
+class Silent:
+    """Says nothing."""
+
+    def begin(self, name: str, done: int, total: int) -> None:
+        """See :class:`Progress`."""
+
+    def pressed(self, done: int, force: Force | None, in_band: bool | None, reading: Path) -> None:
+        """See :class:`Progress`."""
+
+    def end(self) -> None:
+        """See :class:`Progress`."""
+
+    def say(self, message: str) -> None:
+        """See :class:`Progress`."""
+
+
+class Lines:
+    """One line that is written over on a terminal, and a new line every ten seconds elsewhere.
+
+    Args:
+        out: Folder of the runs: the last image is copied there as ``last.png``, for a viewer that watches one file.
+        stream: Where to write; the standard error if None.
+        now_s: Seconds, never going back.
+    """
+
+    def __init__(self, out: Path, stream: TextIO | None = None, now_s: Callable[[], float] = time.monotonic) -> None:
+        self.out = out
+        self.stream = stream if stream is not None else sys.stderr
+        self.now_s = now_s
+        self._over = self.stream.isatty()
+        self._name = ""
+        self._total = self._width = 0
+        self._written = 0.0
+        self._first: tuple[float, int] | None = None
+
+    def begin(self, name: str, done: int, total: int) -> None:
+        """See :class:`Progress`."""
+        self._name, self._total = name, total
+        self._first, self._written = None, -PLAIN_EVERY_S
+        self.say(f"{name}: {done} of {total} presses are there" if done else f"{name}: {total} presses")
+
+    def pressed(self, done: int, force: Force | None, in_band: bool | None, reading: Path) -> None:
+        """See :class:`Progress`."""
+        self._show(reading)
+        now = self.now_s()
+        if self._first is not None and not self._over and done < self._total and now - self._written < PLAIN_EVERY_S:
+            return
+        self._written = now
+        left = self._left(now, done)
+        felt = "" if force is None else f"  {force.mean_n:.4f} N" + ("" if in_band is not False else " (out of band)")
+        self._line(f"{self._name}  {done}/{self._total}{left}{felt}  {reading.name}")
+
+    def end(self) -> None:
+        """See :class:`Progress`."""
+        if self._width:
+            self.stream.write("\n")
+            self._width = 0
+
+    def say(self, message: str) -> None:
+        """See :class:`Progress`."""
+        self.end()
+        self.stream.write(f"{message}\n")
+        self.stream.flush()
+
+    def _left(self, now: float, done: int) -> str:
+        """The time left at the pace since the sitting's first press; nothing is known at that press."""
+        if self._first is None:
+            self._first = (now, done)
+            return ""
+        began, before = self._first
+        return f"  {_duration((now - began) / (done - before) * (self._total - done))} left"
+
+    def _line(self, text: str) -> None:
+        if self._over:
+            self.stream.write("\r" + text.ljust(self._width))
+            self._width = len(text)
+        else:
+            self.stream.write(f"{text}\n")
+        self.stream.flush()
+
+    def _show(self, reading: Path) -> None:
+        """Copy the last image. A copy that fails is no reason to stop a run."""
+        if reading.suffix == ".png":
+            with contextlib.suppress(OSError):
+                temporary = self.out / f"{TEMPORARY_PREFIX}last.png"
+                shutil.copyfile(reading, temporary)
+                temporary.replace(self.out / "last.png")
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}"

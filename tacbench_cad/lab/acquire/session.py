@@ -1,0 +1,223 @@
+"""A whole study on one rig: which block is next, which slot it goes to, and where the last sitting ended."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.files import locked, replacing
+from tacbench_cad.lab.acquire.block import STATIONARY, BlockResult, press_block
+from tacbench_cad.lab.acquire.person import Person
+from tacbench_cad.lab.acquire.progress import Progress
+from tacbench_cad.lab.acquire.safety import Signals, require_within
+from tacbench_cad.lab.devices import Rig, open_rig, recorded_gauge, recorded_stage
+from tacbench_cad.lab.presses import block_order
+from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.spec import PlannedBlock, PrintedBlock, Protocol, RigSettings, Study, WorkFrame
+from tacbench_cad.tables import Table, read_toml
+
+#: File in a run folder with the heights of first touch that a person taught.
+TAUGHT_FILE = "touch.toml"
+#: Differences between a run and the study that are named; the rest are counted.
+SHOWN = 6
+
+Opener = Callable[[RigSettings, PrintedBlock, WorkFrame], AbstractContextManager[Rig]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """A block of the study and where it is pressed.
+
+    Args:
+        planned: The block.
+        slot: Slot of the tray, from 0.
+        frame: Its work frame.
+        folder: Its run folder.
+    """
+
+    planned: PlannedBlock
+    slot: int
+    frame: WorkFrame
+    folder: Path
+
+    @property
+    def label(self) -> str:
+        """What stands on the block's underside if it was printed with its label: ``T4 PAPER X1 02``."""
+        printed = self.planned.printed
+        return " ".join(replace(printed.block, copy=printed.copy).label_words)
+
+
+def places(study: Study, rig: RigSettings, out: Path) -> tuple[Place, ...]:
+    """Every block of a study in the order of pressing, each with its slot.
+
+    The slots are filled in turn, so a block has the same slot in every sitting.
+    """
+    slots = rig.stage.slots_mm
+    return tuple(
+        Place(
+            planned=planned,
+            slot=number % len(slots),
+            frame=rig.stage.frame.shifted(slots[number % len(slots)]),
+            folder=out / planned.printed.name,
+        )
+        for number, planned in enumerate(block_order(study))
+    )
+
+
+def acquire(
+    study: Study,
+    rig: RigSettings,
+    out: Path,
+    *,
+    person: Person,
+    progress: Progress,
+    durable: bool = True,
+    opener: Opener = open_rig,
+) -> tuple[BlockResult, ...]:
+    """Press every block of a study that is not complete yet.
+
+    Blocks are put in by trays: as many at a time as the stage has slots. The devices stay open from block to block.
+    Nothing is asked where stage and sensor are both simulated: nobody can put a block in there.
+
+    Args:
+        study: Blocks and protocol.
+        rig: The devices.
+        out: Folder of the run folders.
+        person: Puts the blocks in.
+        progress: Is told.
+        durable: See :meth:`RunWriter.open`.
+        opener: Opens the devices.
+
+    Returns:
+        What was done at each block that was not complete.
+
+    Raises:
+        InputError: The study cannot be pressed on this rig, or a run was begun with other settings.
+        RigError: A device failed or a limit was met; the run can go on.
+        KeyboardInterrupt: A signal came; likewise.
+    """
+    _require_gauge(study.protocol, rig)
+    slots = tuple(rig.stage.frame.shifted(one) for one in rig.stage.slots_mm)
+    require_within(study.protocol, rig.holder, slots, rig.stage.limits_mm)
+    results: list[BlockResult] = []
+    with Signals() as signals, locked(out), ExitStack() as devices:
+        every = places(study, rig, out)
+        open_ones = [place for place in every if not _finished(study, rig, place)]
+        if len(open_ones) < len(every):
+            progress.say(f"{len(every) - len(open_ones)} of {len(every)} blocks are complete")
+        opened: Rig | None = None
+        for tray in _trays(open_ones, len(slots)):
+            taught = {place.slot: _prepare(study, rig, place, person, len(slots), len(every)) for place in tray}
+            for place in tray:
+                if opened is None:
+                    opened = devices.enter_context(opener(rig, place.planned.printed, place.frame))
+                else:
+                    opened.put(place.planned.printed, place.frame)
+                info = RunInfo(
+                    printed=place.planned.printed,
+                    levels=place.planned.levels,
+                    protocol=study.protocol,
+                    grid_spacing=study.grid_spacing,
+                    holder=rig.holder,
+                    frame=place.frame,
+                    slot=place.slot,
+                    stage=opened.stage_info,
+                    gauge=opened.gauge_info,
+                    sensor=opened.sensor_info,
+                )
+                results.append(
+                    press_block(
+                        opened,
+                        info,
+                        place.folder,
+                        signals=signals,
+                        progress=progress,
+                        taught_mm=taught[place.slot],
+                        durable=durable,
+                    )
+                )
+    return tuple(results)
+
+
+def _require_gauge(protocol: Protocol, rig: RigSettings) -> None:
+    if rig.gauge.driver == "none" and (protocol.contact == "force" or protocol.touch == "gauge"):
+        raise InputError(
+            "[gauge] driver", "none", 'pressing to a force needs a gauge; use contact = "depth" with touch = "sensor"'
+        )
+
+
+def _trays(blocks: Sequence[Place], slots: int) -> Iterator[tuple[Place, ...]]:
+    """Blocks that are put in together: each slot at most once, in order."""
+    tray: list[Place] = []
+    for place in blocks:
+        if any(place.slot == other.slot for other in tray) or len(tray) == slots:
+            yield tuple(tray)
+            tray = []
+        tray.append(place)
+    if tray:
+        yield tuple(tray)
+
+
+def _finished(study: Study, rig: RigSettings, place: Place) -> bool:
+    """Whether a block's run is complete, and refuse one that was begun otherwise, before any device is opened."""
+    if not (place.folder / "run.json").exists():
+        return False
+    run = Run.open(place.folder)
+    now = replace(
+        run.info,
+        printed=place.planned.printed,
+        levels=place.planned.levels,
+        protocol=study.protocol,
+        grid_spacing=study.grid_spacing,
+        holder=rig.holder,
+        frame=place.frame,
+        slot=place.slot,
+        stage={**run.info.stage, "settings": recorded_stage(rig.stage)},
+        gauge={**run.info.gauge, "settings": recorded_gauge(rig.gauge)},
+    )
+    differences = run.info.differences(now)
+    if differences:
+        shown = "; ".join(differences[:SHOWN]) + (
+            f"; and {len(differences) - SHOWN} more" if differences[SHOWN:] else ""
+        )
+        raise InputError(
+            "run",
+            str(place.folder),
+            f"was begun with other settings: {shown}; restore them or name another folder",
+        )
+    still = [(one.when, one.in_contact) for one in run.stationary_readings]
+    count = study.protocol.stationary_frames
+    done = {row.number for row in run.rows}
+    return all(still.count(group) >= count for group in STATIONARY) and all(
+        press.number in done for press in run.info.presses
+    )
+
+
+def _prepare(
+    study: Study, rig: RigSettings, place: Place, person: Person, slots: int, blocks: int
+) -> tuple[float, ...]:
+    """Have the block put in, and its heights of first touch where a person teaches them."""
+    # A single block is taken to lie in the holder.
+    if blocks > 1 and not (rig.stage.is_virtual and rig.sensor.driver == "simulated"):
+        person.put_in(place.planned.printed, place.label, place.slot + 1 if slots > 1 else None)
+    if study.protocol.contact == "force" or study.protocol.touch != "taught":
+        return ()
+    path = place.folder / TAUGHT_FILE
+    if path.exists():
+        return read_toml(path, "first touch", _heights)
+    heights = person.first_touch(place.planned.printed, len(study.protocol.grid.positions_mm))
+    place.folder.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as temporary:
+        numbers = ", ".join(f"{one:.4f}" for one in heights)
+        head = "# Heights of first touch, taught by hand, in mm of the work frame."
+        temporary.write_text(f"{head}\nz_mm = [{numbers}]\n", encoding="utf-8")
+    return heights
+
+
+def _heights(table: Table) -> tuple[float, ...]:
+    heights: tuple[float, ...] = table.only("z_mm").numbers("z_mm", None)
+    return heights

@@ -1,0 +1,156 @@
+"""First touch in depth mode: felt by the gauge, seen by the sensor, or taught by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol as Interface
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.acquire.forces import ContactForce
+from tacbench_cad.lab.acquire.safety import Carriage
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.sensor import Sensor
+from tacbench_cad.lab.spec import Protocol
+
+#: Readings of the free sensor from which its noise is taken.
+FREE_READINGS = 8
+#: The change of a reading is the mean of its largest changes, so many of all its numbers (at least one): touch moves a
+#: few markers in the middle of the image first.
+LARGEST_SHARE = 0.001
+#: A reading shows touch if its change is larger than those of the free readings by so many times their scatter, and by
+#: this share at the least.
+CHANGE_SPREADS = 6.0
+LEAST_CHANGE = 0.2
+#: Touch is found in steps of this share of an approach step, once an approach step has met it.
+FINE_SHARE = 0.1
+
+#: Lowers the sensor by so many mm (an approach step at most) and returns the height.
+Down = Callable[[float], float]
+
+
+class Touch(Interface):
+    """Finds the height of first touch at a place."""
+
+    def find(self, position: int, down: Down) -> float:
+        """The height of first touch, in mm of the work frame.
+
+        Args:
+            position: The place, from 1; the sensor is above it at the travel height.
+            down: Lowers the sensor.
+
+        Raises:
+            RigError: A limit was met before, or a device failed.
+        """
+        ...
+
+
+class StepwiseTouch:
+    """Steps down until something says that the sensor touches, then once more from above in finer steps.
+
+    Args:
+        carriage: Where the sensor is.
+        protocol: Its approach step.
+        begin: Is called at the travel height, before the first step.
+        touches: Whether the sensor touches where it is.
+    """
+
+    def __init__(
+        self, carriage: Carriage, protocol: Protocol, begin: Callable[[], None], touches: Callable[[], bool]
+    ) -> None:
+        self.carriage = carriage
+        self.protocol = protocol
+        self.begin = begin
+        self.touches = touches
+
+    def find(self, position: int, down: Down) -> float:
+        """See :class:`Touch`. The height is the last free one of the fine steps."""
+        step = self.protocol.approach_step_mm
+        self.begin()
+        while not self.touches():
+            down(step)
+        self.carriage.to_height(self.carriage.at[2] + 2.0 * step)
+        while True:
+            free = self.carriage.at[2]
+            down(FINE_SHARE * step)
+            if self.touches():
+                return free
+
+
+def by_gauge(carriage: Carriage, protocol: Protocol, force: ContactForce) -> Touch:
+    """Touch is where the settled force rises above the free gauge's noise."""
+
+    def touches() -> bool:
+        return force.settled().mean_n > force.touch_n
+
+    return StepwiseTouch(carriage, protocol, lambda: None, touches)
+
+
+def by_sensor(carriage: Carriage, protocol: Protocol, sensor: Sensor, clock: Clock) -> Touch:
+    """Touch is where a reading differs from the free sensor's mean by more than free readings do."""
+    change = SensorChange()
+
+    def read() -> NDArray[np.float32]:
+        carriage.check()
+        clock.sleep(protocol.settle_s)
+        return np.asarray(sensor.read(), dtype=np.float32)
+
+    def begin() -> None:
+        change.learn([read() for _ in range(FREE_READINGS)])
+
+    return StepwiseTouch(carriage, protocol, begin, lambda: change.seen(read()))
+
+
+class SensorChange:
+    """Tells a touched sensor from a free one by the largest changes of its numbers."""
+
+    def __init__(self) -> None:
+        self._mean = np.zeros(0, dtype=np.float32)
+        self._most = 0.0
+
+    def learn(self, free: Sequence[NDArray[np.float32]]) -> None:
+        """Take readings of the free sensor, at least three.
+
+        Each is compared with the mean of the others, as a later reading is compared with the mean of all.
+        """
+        count = len(free)
+        self._mean = np.mean(free, axis=0, dtype=np.float32)
+        # The mean of the others differs from one reading by count / (count - 1) times what the mean of all does.
+        share = count / (count - 1.0)
+        changes = [share * self._change(one) for one in free]
+        middle = float(np.mean(changes))
+        self._most = middle + max(CHANGE_SPREADS * float(np.std(changes, ddof=1)), LEAST_CHANGE * middle)
+
+    def seen(self, reading: NDArray[np.float32]) -> bool:
+        """Whether a reading is not one of the free sensor."""
+        return self._change(reading) > self._most
+
+    def _change(self, reading: NDArray[np.float32]) -> float:
+        changes = np.abs(reading - self._mean).ravel()
+        largest = max(1, round(LARGEST_SHARE * changes.size))
+        return float(np.mean(np.partition(changes, changes.size - largest)[-largest:]))
+
+
+class Taught:
+    """Heights that a person found by hand.
+
+    Args:
+        heights_mm: One for all positions, or one for each, in mm of the work frame.
+        positions: How many positions there are.
+
+    Raises:
+        InputError: There are neither one nor ``positions`` heights, or one is no finite number.
+    """
+
+    def __init__(self, heights_mm: Sequence[float], positions: int) -> None:
+        if len(heights_mm) not in (1, positions) or not all(np.isfinite(heights_mm)):
+            raise InputError(
+                "first touch", list(heights_mm), f"must be one finite height in mm, or {positions}, one a position"
+            )
+        self.heights_mm = tuple(heights_mm) if len(heights_mm) == positions else tuple(heights_mm) * positions
+
+    def find(self, position: int, down: Down) -> float:
+        """See :class:`Touch`."""
+        return self.heights_mm[position - 1]

@@ -1,0 +1,173 @@
+"""``tacbench acquire``: a file to begin with, a run without hardware, resuming, refusals and exit codes."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tacbench_cad.cli import main
+from tacbench_cad.lab.runs.reading import Run
+
+Capture = pytest.CaptureFixture[str]
+
+needs_pty = pytest.mark.skipif(
+    sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows"
+)
+NAME = "texture-2_paper_x1_bambu-p1p_pla-minus_copy01"
+VIRTUAL = """
+out = "runs"
+[block]
+texture = 2
+printer = "bambu"
+filament = "PLA-"
+[protocol]
+grid = { x_mm = [4.0, 9.0], y_mm = [18.0] }
+forces_n = [0.5]
+bands_n = [0.02]
+repeats = REPEATS
+stationary_frames = 1
+clearance_mm = 1.0
+[stage]
+driver = "virtual-grbl"
+options = { speed = 100.0 }
+[gauge]
+driver = "serial"
+port = "virtual"
+[sensor]
+driver = "simulated"
+"""
+
+
+def virtual_file(folder: Path, repeats: int = 1, **changes: str) -> Path:
+    text = VIRTUAL.replace("REPEATS", str(repeats))
+    for old, new in changes.items():
+        text = re.sub(rf"(?m)^{old} = .*$", f"{old} = {new}", text)
+    path = folder / "study.toml"
+    path.write_text(text)
+    return path
+
+
+def test_init_writes_a_file_and_never_overwrites(tmp_path: Path, capsys: Capture) -> None:
+    path = tmp_path / "study.toml"
+    assert main(["acquire", "--init", str(path)]) == 0
+    assert "[protocol]" in path.read_text()
+    path.write_text("mine")
+    assert main(["acquire", "--init", str(path)]) == 2
+    assert "is there already" in capsys.readouterr().err
+    assert path.read_text() == "mine"
+
+
+@needs_pty
+def test_a_virtual_rig_gives_a_run_and_goes_on_with_it(tmp_path: Path, capsys: Capture) -> None:
+    path = virtual_file(tmp_path)
+    assert main(["acquire", str(path)]) == 0
+    shown = capsys.readouterr()
+    assert "1 run complete in" in shown.out
+    assert f"{NAME}  2/2" in shown.err
+    folder = tmp_path / "runs" / NAME
+    run = Run.open(folder)
+    assert len(run.rows) == 2
+    assert len(run.info.simulated) == 3
+    assert (tmp_path / "runs" / "last.png").read_bytes() == (folder / "sensor_images" / "image_2.png").read_bytes()
+    # A row is lost: only its press is made again.
+    targets = folder / "targets.csv"
+    targets.write_text("".join(targets.read_text().splitlines(keepends=True)[:-1]))
+    assert main(["acquire", str(path)]) == 0
+    assert f"{NAME}: 1 of 2 presses are there" in capsys.readouterr().err
+    assert len(Run.open(folder).rows) == 2
+    # Nothing is missing: no device is opened.
+    assert main(["acquire", str(path)]) == 0
+    assert "1 of 1 blocks are complete" in capsys.readouterr().err
+    assert main(["acquire", str(virtual_file(tmp_path, forces_n="[0.6]"))]) == 2
+    assert "protocol.forces_n: [0.5] then, [0.6] now" in capsys.readouterr().err
+
+
+@needs_pty
+def test_ctrl_c_ends_with_130_and_a_run_that_goes_on(tmp_path: Path) -> None:
+    path = virtual_file(tmp_path, repeats=100)
+    command = [sys.executable, "-c", "import sys; from tacbench_cad.cli import main; sys.exit(main())"]
+    with subprocess.Popen([*command, "acquire", str(path)], stderr=subprocess.PIPE, text=True) as process:
+        targets = tmp_path / "runs" / NAME / "targets.csv"
+        deadline = time.monotonic() + 30.0
+        while time.monotonic() < deadline and not (targets.exists() and len(targets.read_bytes().splitlines()) > 2):
+            time.sleep(0.05)
+        os.kill(process.pid, signal.SIGINT)
+        _, error = process.communicate(timeout=30.0)
+    assert process.returncode == 130, error
+    assert "Traceback" not in error
+    assert error.rstrip().endswith("error: interrupted")
+    assert "not lifted" not in error
+    assert len(Run.open(tmp_path / "runs" / NAME).rows) >= 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "name a TOML file"),
+        (["missing.toml"], "cannot be read"),
+        (["x.toml", "--virtual"], "needs no file"),
+        (["x.toml", "--texture", "3"], "goes with --virtual"),
+        (["x.toml", "--driver", "virtual-grbl"], "goes with --virtual"),
+        (["x.toml", "--speed", "3"], "goes with --virtual"),
+        (["--virtual", "--init", "x.toml"], "goes with no other option"),
+        (["--virtual"], "name the folder"),
+        (["--virtual", "--out", "o", "--speed", "fast"], "must be a number"),
+        (["--virtual", "--out", "o", "--speed", "0"], "must be from 0.1 to 1000"),
+        (["--virtual", "--out", "o", "--speed", "nan"], "must be from 0.1 to 1000"),
+        (["--virtual", "--out", "o", "--driver", "grbl"], "virtual-grbl, virtual-marlin"),
+        (["--virtual", "--out", "o", "--texture", "7"], "texture"),
+    ],
+)
+def test_bad_input_ends_with_2(
+    arguments: list[str], message: str, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["acquire", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"forces_n": "[6.0]"}, "must be below 5 N, the hard limit"),
+        ({"grid": "{ x_mm = [4.0, 90.0], y_mm = [18.0] }"}, "it leaves the block"),
+        ({"clearance_mm": "150.0"}, "limits_mm z"),
+        ({"stationary_frames": "1\nsetle_s = 1.0"}, 'did you mean "settle_s"?'),
+        ({"driver": '"none"'}, "driver"),
+    ],
+)
+def test_bad_files_end_with_2(changes: dict[str, str], message: str, tmp_path: Path, capsys: Capture) -> None:
+    assert main(["acquire", str(virtual_file(tmp_path, **changes))]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_missing_device_is_named(tmp_path: Path, capsys: Capture) -> None:
+    path = virtual_file(tmp_path)
+    text = path.read_text().replace('driver = "virtual-grbl"', 'driver = "grbl"\nport = "/dev/no-such-port"')
+    text = text.replace(
+        "options = { speed = 100.0 }", "origin_mm = [80, 80, -60]\nlimits_mm = [[0, 200], [0, 200], [-100, 0]]"
+    )
+    path.write_text(text.replace('port = "virtual"', 'port = "/dev/no-such-gauge"'))
+    assert main(["acquire", str(path)]) in (2, 3)
+    assert "/dev/no-such-port" in capsys.readouterr().err
+
+
+@needs_pty
+@pytest.mark.long
+@pytest.mark.parametrize("driver", ["virtual-grbl", "virtual-marlin"])
+def test_virtual_gives_150_presses(driver: str, tmp_path: Path, capsys: Capture) -> None:
+    assert main(["acquire", "--virtual", "--texture", "4", "--driver", driver, "--out", str(tmp_path)]) == 0
+    (folder,) = (one for one in tmp_path.iterdir() if one.is_dir())
+    rows = Run.open(folder).rows
+    assert len(rows) == 150
+    assert all(row.in_band for row in rows)
+    assert main(["runs", "check", str(tmp_path)]) == 0

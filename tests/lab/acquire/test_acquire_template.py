@@ -1,0 +1,89 @@
+"""The file of ``acquire --init``: valid as it is, every key in it, every default the true one."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.acquire.template import TEMPLATE, write_template
+from tacbench_cad.lab.spec import GaugeSettings, HolderRim, Protocol, SensorSettings, StageSettings
+from tacbench_cad.lab.study import StudyFile, read_study
+from tacbench_cad.tables import Table
+
+#: Not defaults but examples of what has none.
+EXAMPLES = ("port", "device", "calibration", "key_mm", "baud")
+
+
+def read(folder: Path, text: str) -> StudyFile:
+    path = folder / "study.toml"
+    path.write_text(text, encoding="utf-8")
+    return read_study(path)
+
+
+def with_defaults(text: str) -> str:
+    """The text with every commented default in force, except those that are only examples."""
+    return re.sub(rf"(?m)^# (?!(?:{'|'.join(EXAMPLES)}) =)([a-z_]+ = )", r"\1", text)
+
+
+def without_study(text: str) -> str:
+    before, _, rest = text.partition("# [study]\n")
+    return before + rest[rest.index("[holder]") :]
+
+
+def test_it_is_valid_as_it_is(tmp_path: Path) -> None:
+    write_template(tmp_path / "study.toml")
+    file = read_study(tmp_path / "study.toml")
+    assert file.study.protocol == Protocol()
+    assert file.out == tmp_path / "runs"
+    assert file.required_rig.holder == HolderRim()
+
+
+def test_the_defaults_that_it_shows_are_the_true_ones(tmp_path: Path) -> None:
+    plain = read(tmp_path, TEMPLATE)
+    explicit = read(tmp_path, with_defaults(without_study(TEMPLATE)))
+    assert explicit.study == plain.study
+    stage, shown = plain.required_rig.stage, explicit.required_rig.stage
+    for one in fields(StageSettings):
+        if one.name != "options":
+            assert getattr(stage, one.name) == getattr(shown, one.name), one.name
+    assert explicit.required_rig.gauge.timeout_s == plain.required_rig.gauge.timeout_s
+
+
+def test_its_study_is_valid_too(tmp_path: Path) -> None:
+    text = re.sub(r"(?s)\[block\].*?# \[study\]\n", "[study]\n", TEMPLATE)
+    head, _, rest = text.partition("[study]\n")
+    own, _, rest = rest.partition("[holder]")
+    own = re.sub(r"(?m)^# (?=[a-z_]+ = |    \{|\])", "", own)
+    file = read(tmp_path, f"{head}[study]\n{own}[holder]{rest}")
+    assert len(file.study.blocks) == 6 * (6 + 2)
+    assert file.study.blocks[-1].printed.block.key_mm == 3.0
+
+
+@pytest.mark.parametrize("kind", [Protocol, StageSettings, GaugeSettings, SensorSettings, HolderRim])
+def test_every_key_is_explained(kind: type) -> None:
+    for one in fields(kind):  # type: ignore[arg-type]
+        if (kind, one.name) != (SensorSettings, "options"):
+            assert re.search(rf"(?m)^(?:# )?{one.name} = ", TEMPLATE), one.name
+
+
+def test_the_camera_driver_knows_the_keys_of_the_sensor() -> None:
+    from tacbench_cad.lab.rig.camera import CameraOptions
+
+    text = re.sub(r"(?m)^# (?=[a-z_]+ = )", "", TEMPLATE.partition("[sensor]")[2])
+    values = Table(tomllib.loads(text)).values
+    CameraOptions.of({key: value for key, value in values.items() if key not in ("driver", "device")})
+
+
+def test_it_never_overwrites(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("mine")
+    with pytest.raises(InputError, match="is there already"):
+        write_template(path)
+    assert path.read_text() == "mine"
+    with pytest.raises(InputError, match="is there already"):
+        write_template(tmp_path)

@@ -1,0 +1,164 @@
+"""Faults injected into the virtual rig in mid-run: a named error, the sensor lifted, and a run that goes on."""
+
+from __future__ import annotations
+
+import random
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from lab.acquire.rigs import small_protocol
+
+from tacbench_cad.lab.acquire.person import Typing
+from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.session import acquire
+from tacbench_cad.lab.rig.errors import RigError
+from tacbench_cad.lab.rig.gauge import Force
+from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.simulate.firmware import launch as launching
+from tacbench_cad.lab.simulate.firmware.faults import Fault
+from tacbench_cad.lab.simulate.firmware.launch import VirtualRig
+from tacbench_cad.lab.spec import Study
+from tacbench_cad.lab.study import StudyFile, virtual_study
+
+pytestmark = pytest.mark.skipif(
+    sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows"
+)
+#: Height of travel of the virtual rigs' blocks, in the stage's frame.
+CLEARANCE_MM = 1.5
+
+
+class Trial(Silent):
+    """One sitting on a virtual rig that gets a fault after the second press.
+
+    Args:
+        file: Study and rig.
+        fault: Makes the fault at that instant of rig time, or None for no fault.
+        delay_s: Rig time from the second press to the fault.
+    """
+
+    def __init__(self, file: StudyFile, fault: Fault | None, delay_s: float) -> None:
+        self.file, self.fault, self.delay_s = file, fault, delay_s
+        self.rig: VirtualRig | None = None
+        self.lowest_mm = self.left_at_mm = 1e9
+        self.said: list[str] = []
+        self.count = 0
+
+    def pressed(self, done: int, force: Force | None, in_band: bool | None, reading: Path) -> None:
+        self.count += 1
+        if self.count == 2 and self.fault is not None and self.rig is not None:
+            self.rig.inject(replace(self.fault, at_s=self.rig.now_s() + self.delay_s))
+
+    def say(self, message: str) -> None:
+        self.said.append(message)
+
+    def run(self, out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Go on with the run; whatever ends it, where the carriage truly is when the devices are let go is kept."""
+        start = launching.launch
+
+        def launched(*values: Any, **named: Any) -> VirtualRig:
+            rig = start(*values, **named)
+            self.rig = rig
+            close = rig.close
+            monkeypatch.setattr(rig, "close", lambda: (self._look(rig), close()))
+            return rig
+
+        with monkeypatch.context() as patched:
+            patched.setattr(launching, "launch", launched)
+            acquire(
+                self.file.study,
+                self.file.required_rig,
+                out,
+                person=Typing(lambda _: "", lambda _: None),
+                progress=self,
+                durable=False,
+            )
+
+    def _look(self, rig: VirtualRig) -> None:
+        origin = self.file.required_rig.stage.origin_mm[2]
+        self.left_at_mm = rig.true_position()[2] - origin
+
+
+def short_file(driver: str) -> StudyFile:
+    """Four presses at four positions, impatient enough for a test."""
+    file = virtual_study(driver=driver, speed=100.0)
+    protocol = small_protocol(repeats=1, stationary_frames=1, clearance_mm=CLEARANCE_MM)
+    blocks = tuple(replace(one, levels=(2,)) for one in file.study.blocks)
+    study = Study(blocks=blocks, protocol=protocol)
+    rig = file.required_rig
+    rig = replace(rig, stage=replace(rig.stage, timeout_s=1.0), gauge=replace(rig.gauge, timeout_s=0.5))
+    return StudyFile(study=study, rig=rig)
+
+
+def try_fault(
+    driver: str, fault: Fault, delay_s: float, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> tuple[RigError | None, Trial]:
+    """A sitting with the fault, then one without, after which the run is whole; the error of the first."""
+    file = short_file(driver)
+    trial = Trial(file, fault, delay_s)
+    caught: RigError | None = None
+    try:
+        trial.run(out, monkeypatch)
+    except RigError as error:
+        caught = error
+        assert error.exit_code == 3
+        assert str(error)
+    folder = out / file.study.blocks[0].printed.name
+    before = [row.number for row in Run.open(folder).rows]
+    assert len(before) >= 2
+    Trial(file, None, 0.0).run(out, monkeypatch)
+    run = Run.open(folder)
+    assert [row.number for row in run.rows] == [1, 2, 3, 4]
+    for row in run.rows:
+        run.reading(row, verify=True)
+        assert row.measured_force_n is not None
+        assert row.measured_force_n < file.study.protocol.hard_limit_n
+    return caught, trial
+
+
+def test_an_alarm_on_grbl_lifts_the_sensor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    error, trial = try_fault("virtual-grbl", Fault(kind="alarm"), 1.0, tmp_path, monkeypatch)
+    assert error is not None
+    assert trial.left_at_mm >= CLEARANCE_MM - 0.1, (error, trial.said)
+
+
+#: Faults with which nothing, or nothing known, can lift the sensor: the port is gone for good, or stays silent.
+DEAD = {
+    "unplugged": Fault(kind="unplug"),
+    "silent": Fault(kind="silence", direction="both"),
+}
+ALL = {
+    **DEAD,
+    "alarm": Fault(kind="alarm"),
+    "stuck gauge": Fault(kind="stuck", where="gauge"),
+    "gauge unplugged": Fault(kind="unplug", where="gauge"),
+    "dropped byte": Fault(kind="drop", count=1),
+    "dropped bytes": Fault(kind="drop", chance=0.05, seconds=30.0),
+    "doubled bytes": Fault(kind="double", chance=0.05, seconds=30.0),
+    "garbled bytes": Fault(kind="garble", chance=0.05, seconds=30.0),
+    "garbled orders": Fault(kind="garble", chance=0.01, seconds=30.0, direction="in"),
+    "short silence": Fault(kind="silence", direction="both", seconds=20.0),
+    "reset": Fault(kind="reset"),
+    "slipping motor": Fault(kind="slip", mm=0.3),
+    "stalled motor": Fault(kind="stall", seconds=5.0),
+    "noisy gauge": Fault(kind="noise", where="gauge", n=0.5),
+    "saturated gauge": Fault(kind="saturated", where="gauge"),
+    "garbled gauge": Fault(kind="garble", where="gauge", chance=0.1, seconds=60.0),
+    "silent gauge": Fault(kind="silence", where="gauge"),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("driver", ["virtual-grbl", "virtual-marlin"])
+@pytest.mark.parametrize("name", ALL)
+def test_every_fault_on_every_driver(name: str, driver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    dice = random.Random(f"{name} {driver}")
+    for attempt in range(3):
+        error, trial = try_fault(driver, ALL[name], dice.uniform(0.0, 4.0), tmp_path / str(attempt), monkeypatch)
+        if name in DEAD:
+            assert error is not None
+            assert any("by hand" in said for said in trial.said)
+        else:
+            assert trial.left_at_mm >= CLEARANCE_MM - 0.4, (error, trial.said)

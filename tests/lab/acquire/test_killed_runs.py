@@ -1,0 +1,96 @@
+"""SIGKILL at random instants, while writing too: after resuming, every press is there exactly once and sound."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from lab.acquire import killed_child
+from lab.acquire.rigs import printed
+
+from tacbench_cad.lab.runs.checking import check_run
+from tacbench_cad.lab.runs.reading import Run
+
+CHILD = Path(killed_child.__file__)
+TESTS = CHILD.parents[2]
+
+
+def sitting(folder: Path, seed: int, rig: str, kill_after_s: float | None) -> bool:
+    """Go on with the run in a process of its own; whether it came to its end before it was killed."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(TESTS), str(TESTS.parent)])}
+    with subprocess.Popen(
+        [sys.executable, str(CHILD), str(folder), str(seed), rig],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        started = process.stdout.readline()
+        assert started == "ready\n", process.stderr.read()
+        if kill_after_s is not None:
+            time.sleep(kill_after_s)
+            process.kill()
+        finished = "done" in process.stdout.read()
+        failure = process.stderr.read()
+    assert finished or kill_after_s is not None, failure
+    assert finished or process.returncode != 1, failure
+    return finished
+
+
+def require_sound(folder: Path) -> None:
+    """All 150 presses exactly once, every image readable and what its checksum says, by two readers."""
+    run = Run.open(folder)
+    assert sorted(row.number for row in run.rows) == list(range(1, 151))
+    assert len(run.by_key) == 150
+    for row in run.rows:
+        run.reading(row, verify=True)
+    found = check_run(folder).findings
+    # The doubles' pattern is not judged: it is no TacTip.
+    assert [one for one in found if one.kind not in ("dark", "blurred")] == []
+
+
+def kill_and_resume(folder: Path, kills: int, seed: int, rig: str, span_s: float) -> int:
+    """Kill a run at random instants until it is whole or was killed so often, then let it end; the number of kills."""
+    dice = random.Random(seed)
+    killed, rows = 0, 0
+    while killed < kills:
+        if sitting(folder, killed, rig, dice.uniform(0.0, span_s)):
+            break
+        killed += 1
+        if (folder / printed().name / "run.json").exists():
+            now = len(Run.open(folder / printed().name).rows)
+            assert now >= rows, "a press was lost"
+            rows = now
+    else:
+        assert sitting(folder, 999, rig, None)
+    require_sound(folder / printed().name)
+    return killed
+
+
+def test_a_run_that_is_killed_eight_times_is_whole_in_the_end(tmp_path: Path) -> None:
+    assert kill_and_resume(tmp_path, 8, 1, "fakes", 0.3) == 8
+
+
+@pytest.mark.long
+def test_two_hundred_kills(tmp_path: Path) -> None:
+    killed = seed = 0
+    while killed < 200:
+        seed += 1
+        killed += kill_and_resume(tmp_path, 200 - killed, 1000 + seed, "fakes", 0.4)
+        shutil.rmtree(tmp_path / printed().name)
+    assert seed > 1, "no run was interrupted more often than it takes to end it"
+
+
+@pytest.mark.long
+@pytest.mark.skipif(sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows")
+@pytest.mark.parametrize("driver", ["virtual-grbl", "virtual-marlin"])
+def test_kills_on_the_virtual_rig(driver: str, tmp_path: Path) -> None:
+    assert kill_and_resume(tmp_path, 12, 7, driver, 12.0) > 3

@@ -1,0 +1,309 @@
+"""One block: every press once, resumed at the first missing one, the sensor lifted whatever ends the run."""
+
+from __future__ import annotations
+
+import errno
+import os
+import random
+import shutil
+import signal
+from pathlib import Path
+
+import pytest
+from lab.acquire.fakes import Plate
+from lab.acquire.rigs import FakeRig, info_of, small_protocol
+
+from tacbench_cad.errors import InputError, TacbenchError
+from tacbench_cad.lab.acquire.block import BlockResult, press_block
+from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.safety import Signals
+from tacbench_cad.lab.rig.errors import (
+    AlarmError,
+    DeviceLostError,
+    ForceLimitError,
+    GaugeError,
+    NoAnswerError,
+    NotReachedError,
+    PositionLostError,
+    RigError,
+    SensorError,
+)
+from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.spec import Protocol
+
+TRAVEL_MM = 5.0
+
+
+class Notes(Silent):
+    """Keeps what was said."""
+
+    def __init__(self) -> None:
+        self.said: list[str] = []
+
+    def say(self, message: str) -> None:
+        self.said.append(message)
+
+
+def pressed(rig: FakeRig, folder: Path, protocol: Protocol, notes: Notes | None = None) -> BlockResult:
+    opened = rig.rig()
+    with Signals() as signals:
+        return press_block(
+            opened,
+            info_of(opened, protocol),
+            folder,
+            signals=signals,
+            progress=notes or Notes(),
+            taught_mm=(0.0,),
+            durable=False,
+        )
+
+
+def require_whole(folder: Path, protocol: Protocol) -> Run:
+    """Every press exactly once, each reading there and what its checksum says; the stationary ones too."""
+    run = Run.open(folder)
+    count = protocol.levels * protocol.repeats * len(protocol.grid.positions_mm)
+    assert sorted(row.number for row in run.rows) == list(range(1, count + 1))
+    assert len(run.by_key) == count
+    for row in run.rows:
+        run.reading(row, verify=True)
+    for when in ("start", "end"):
+        for contact in (True, False):
+            assert len(run.stationary(when, contact)) == protocol.stationary_frames
+    return run
+
+
+def test_a_block_is_pressed_whole(tmp_path: Path) -> None:
+    rig, protocol = FakeRig(), small_protocol()
+    result = pressed(rig, tmp_path / "run", protocol)
+    assert (result.presses, result.missed) == (16, 0)
+    run = require_whole(tmp_path / "run", protocol)
+    for row in run.rows:
+        assert row.in_band
+        assert row.target_force_n is not None
+        assert row.force_after_n == pytest.approx(row.target_force_n, abs=0.012)
+        assert row.reference_age_s is not None
+        # Its pose is where this plate carries the force.
+        assert rig.plate.force_n(row.pose_mm) == pytest.approx(row.target_force_n, abs=0.012)
+    assert rig.stage.at[2] == pytest.approx(TRAVEL_MM)
+
+
+def test_sideways_only_at_the_travel_height(tmp_path: Path) -> None:
+    rig = FakeRig()
+    pressed(rig, tmp_path / "run", small_protocol())
+    for before, after in zip(rig.stage.path, rig.stage.path[1:], strict=False):
+        if before[:2] != after[:2]:
+            assert min(before[2], after[2]) >= TRAVEL_MM - 0.01
+
+
+def test_a_reference_at_the_chosen_interval(tmp_path: Path) -> None:
+    # The doubles' clock runs so fast that every press is due.
+    rig, protocol = FakeRig(), small_protocol()
+    pressed(rig, tmp_path / "run", protocol)
+    assert len(Run.open(tmp_path / "run").references) == 1 + 16
+
+
+@pytest.mark.parametrize("touch", ["sensor", "taught"])
+def test_a_rig_without_a_gauge(tmp_path: Path, touch: str) -> None:
+    rig, protocol = FakeRig(gauge=False), small_protocol(contact="depth", touch=touch)
+    pressed(rig, tmp_path / "run", protocol)
+    for row in require_whole(tmp_path / "run", protocol).rows:
+        assert (row.target_force_n, row.measured_force_n, row.force_after_n, row.in_band) == (None,) * 4
+
+
+def test_five_misses_in_a_row_stop_the_run_and_keep_their_rows(tmp_path: Path) -> None:
+    rig, protocol = FakeRig(step_mm=0.05), small_protocol(search_steps=6, bands_n=(0.0005, 0.0005))
+    with pytest.raises(NotReachedError, match="5 presses in a row missed their band"):
+        pressed(rig, tmp_path / "run", protocol)
+    assert [row.in_band for row in Run.open(tmp_path / "run").rows] == [False] * 5
+    assert rig.stage.at[2] == pytest.approx(TRAVEL_MM, abs=0.05)
+
+
+FAULTS = [
+    NoAnswerError("the stage is silent"),
+    AlarmError("ALARM:1"),
+    PositionLostError("the stage was reset"),
+    GaugeError("the gauge is stuck"),
+    DeviceLostError("the gauge was unplugged"),
+    SensorError("the image is dark"),
+]
+
+
+@pytest.mark.parametrize("error", FAULTS, ids=lambda error: type(error).__name__)
+@pytest.mark.parametrize("where", ["stage", "gauge", "sensor"])
+def test_a_fault_lifts_the_sensor_and_the_run_goes_on(tmp_path: Path, where: str, error: RigError) -> None:
+    rig, protocol = FakeRig(), small_protocol()
+    assert rig.gauge is not None
+    faults = {"stage": rig.stage.faults, "gauge": rig.gauge.faults, "sensor": rig.sensor.faults}[where]
+    faults[12 if where == "sensor" else 300] = error
+    with pytest.raises(type(error), match=str(error)) as caught:
+        pressed(rig, tmp_path / "run", protocol)
+    assert caught.value.exit_code == 3
+    assert rig.stage.at[2] >= TRAVEL_MM - 0.01
+    assert 0 < len(Run.open(tmp_path / "run").rows) < 16
+    pressed(rig, tmp_path / "run", protocol)
+    require_whole(tmp_path / "run", protocol)
+
+
+def test_a_locked_stage_is_homed_to_lift_the_sensor(tmp_path: Path) -> None:
+    rig = FakeRig()
+    error = AlarmError("ALARM:3")
+    rig.stage.faults.update({200: error, 201: error, 202: error})
+    with pytest.raises(AlarmError):
+        pressed(rig, tmp_path / "run", small_protocol())
+    assert rig.stage.homed == 1
+    assert rig.stage.at[2] == 20.0
+
+
+def test_a_dead_stage_is_named_and_nothing_is_lost(tmp_path: Path) -> None:
+    protocol, notes = small_protocol(), Notes()
+    rig = FakeRig(dead_after=(300, DeviceLostError("/dev/stage is gone")))
+    with pytest.raises(DeviceLostError, match="/dev/stage is gone"):
+        pressed(rig, tmp_path / "run", protocol, notes)
+    assert any("was not lifted" in said and "by hand" in said for said in notes.said)
+    pressed(FakeRig(), tmp_path / "run", protocol)
+    require_whole(tmp_path / "run", protocol)
+
+
+def test_the_force_limit_stops_the_run(tmp_path: Path) -> None:
+    # A load that grows so fast that one approach step passes from below the target to beyond the limit.
+    plate = Plate(stiffness=90.0, power=1.0)
+    rig, protocol = FakeRig(plate=plate), small_protocol()
+    with pytest.raises(ForceLimitError, match="above the hard limit of 5 N"):
+        pressed(rig, tmp_path / "run", protocol)
+    assert rig.stage.at[2] == pytest.approx(TRAVEL_MM)
+    assert rig.gauge is not None
+    assert max(rig.gauge.readings) <= protocol.hard_limit_n + protocol.approach_step_mm * 90.0
+
+
+def test_an_image_that_repeats_is_a_stuck_sensor(tmp_path: Path) -> None:
+    rig = FakeRig()
+    frozen = rig.sensor.read()
+    rig.sensor.read = lambda: frozen  # type: ignore[method-assign]
+    with pytest.raises(SensorError, match="the same image twice"):
+        pressed(rig, tmp_path / "run", small_protocol())
+    assert rig.stage.at[2] >= TRAVEL_MM - 0.01
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_stops_lifts_and_leaves_the_run_resumable(tmp_path: Path, name: str) -> None:
+    if not hasattr(signal, name):
+        pytest.skip(f"{name} does not exist on this system: this end of a run is not tested here")
+    rig, protocol = FakeRig(), small_protocol()
+    before = signal.getsignal(getattr(signal, name))
+    rig.stage.on_move = lambda _: signal.raise_signal(getattr(signal, name)) if rig.stage.calls == 250 else None
+    with pytest.raises(KeyboardInterrupt):
+        pressed(rig, tmp_path / "run", protocol)
+    assert rig.stage.stopped == 1
+    assert rig.stage.at[2] >= TRAVEL_MM - 0.01
+    assert signal.getsignal(getattr(signal, name)) == before
+    rig.stage.on_move = lambda _: None
+    pressed(rig, tmp_path / "run", protocol)
+    require_whole(tmp_path / "run", protocol)
+
+
+def test_a_second_signal_does_not_disturb_the_lift(tmp_path: Path) -> None:
+    rig = FakeRig()
+
+    def twice(_: object) -> None:
+        if rig.stage.calls >= 250:
+            signal.raise_signal(signal.SIGINT)
+
+    rig.stage.on_move = twice
+    with pytest.raises(KeyboardInterrupt):
+        pressed(rig, tmp_path / "run", small_protocol())
+    assert rig.stage.stopped == 1
+    assert rig.stage.at[2] >= TRAVEL_MM - 0.01
+
+
+def test_a_full_disk_lifts_the_sensor_and_the_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, protocol = FakeRig(), small_protocol()
+    real, calls = os.fsync, []
+
+    def full(handle: int) -> None:
+        calls.append(handle)
+        if len(calls) > 60:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        real(handle)
+
+    monkeypatch.setattr(os, "fsync", full)
+    opened = rig.rig()
+    with pytest.raises(InputError, match="no space left"), Signals() as signals:
+        press_block(opened, info_of(opened, protocol), tmp_path / "run", signals=signals, progress=Silent())
+    assert rig.stage.at[2] >= TRAVEL_MM - 0.01
+    monkeypatch.undo()
+    pressed(rig, tmp_path / "run", protocol)
+    require_whole(tmp_path / "run", protocol)
+
+
+def test_a_folder_that_cannot_be_written_moves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "run").write_text("a file")
+    rig = FakeRig()
+    with pytest.raises(InputError, match="is not a folder"):
+        pressed(rig, tmp_path / "run", small_protocol())
+    assert len(rig.stage.path) == 1
+
+
+def test_other_settings_are_refused_before_anything_moves(tmp_path: Path) -> None:
+    rig, protocol = FakeRig(), small_protocol()
+    pressed(rig, tmp_path / "run", protocol)
+    moves = len(rig.stage.path)
+    rig.sensor.settings["requested"]["exposure"] = 7
+    with pytest.raises(InputError, match=r"sensor\.settings\.requested\.exposure: 5 then, 7 now"):
+        pressed(rig, tmp_path / "run", protocol)
+    assert len(rig.stage.path) == moves
+
+
+def one_random_fault(seed: int, folder: Path) -> None:
+    """A run under random faults, gone on with until it is whole; the invariants of the press loop after each part."""
+    dice = random.Random(seed)
+    protocol = small_protocol()
+    plate = dice.choice([Plate(), Plate(stiffness=8.0, power=1.0), Plate(stiffness=30.0, power=1.5)])
+    protocol = small_protocol(bands_n=(0.05, 0.2), fine_step_mm=0.0001)
+    rig = FakeRig(plate=plate)
+    assert rig.gauge is not None
+    rows: list[int] = []
+    for sitting in range(12):
+        rig.stage.calls = rig.sensor.count = 0
+        rig.gauge.readings.clear()
+        rig.stage.path = rig.stage.path[-1:]
+        errors = dice.choices(FAULTS, k=2)
+        kind = dice.choice(["stage", "gauge", "sensor", "force", "nothing"])
+        at = dice.randrange(5, 600)
+        rig.stage.faults = {at: errors[0], at + dice.randrange(1, 4): errors[1]} if kind == "stage" else {}
+        force = dice.choice([5.4, -5.4, float("nan")])
+        rig.gauge.faults = {"gauge": {at: errors[0]}, "force": {at: force}}.get(kind, {})
+        rig.sensor.faults = {dice.randrange(3, 30): errors[0]} if kind == "sensor" else {}
+        try:
+            pressed(rig, folder, protocol)
+            finished = True
+        except TacbenchError as error:
+            assert isinstance(error, RigError), error
+            assert str(error)
+            finished = False
+        rig.stage.faults, rig.gauge.faults, rig.sensor.faults = {}, {}, {}
+        assert min(z for _, _, z in rig.stage.path) >= -protocol.depth_limit_mm
+        assert rig.stage.at[2] >= TRAVEL_MM - 0.01, "not lifted"
+        stiffest = plate.stiffness_n_per_mm(protocol.hard_limit_n)
+        true_n = max(plate.force_n(one) for one in rig.stage.path)
+        assert true_n <= protocol.hard_limit_n + protocol.approach_step_mm * stiffest
+        now = [row.number for row in Run.open(folder).rows]
+        assert now[: len(rows)] == rows
+        assert len(set(now)) == len(now)
+        rows = now
+        if finished and sitting:
+            break
+    else:
+        pressed(rig, folder, protocol)
+    require_whole(folder, protocol)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_invariants_under_random_faults(seed: int, tmp_path: Path) -> None:
+    one_random_fault(seed, tmp_path / "run")
+
+
+@pytest.mark.long
+def test_the_invariants_under_many_random_faults(tmp_path: Path) -> None:
+    for seed in range(1000, 1400):
+        one_random_fault(seed, tmp_path / "run")
+        shutil.rmtree(tmp_path / "run")

@@ -1,0 +1,85 @@
+"""The carriage: bounds before anything is sent, upwards before sideways, a retreat that tries what there is."""
+
+from __future__ import annotations
+
+import pytest
+from lab.acquire.fakes import FakeStage
+from lab.acquire.rigs import LIMITS, small_protocol
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.acquire.safety import Carriage, require_within, travel_height_mm
+from tacbench_cad.lab.rig.errors import AlarmError, DepthLimitError, DeviceLostError, NoAnswerError
+from tacbench_cad.lab.spec import HolderRim, Protocol, WorkFrame
+
+
+def carriage(stage: FakeStage, z_mm: float = 0.0, **settings: bool) -> Carriage:
+    return Carriage(stage, WorkFrame(origin_mm=(0.0, 0.0, z_mm)), small_protocol(), HolderRim(), **settings)
+
+
+def test_travel_is_above_block_and_rim() -> None:
+    assert travel_height_mm(Protocol(), HolderRim(rim_mm=1.18)) == 5.0
+    assert travel_height_mm(Protocol(), HolderRim(rim_mm=-2.0)) == 7.0
+
+
+def test_up_first_then_sideways() -> None:
+    stage = FakeStage(at=(0.0, 0.0, -1.0))
+    carriage(stage).over(4.0, 18.0)
+    assert stage.path == [(0.0, 0.0, -1.0), (0.0, 0.0, 5.0), (4.0, 18.0, 5.0)]
+
+
+def test_from_a_high_slot_to_a_low_one_sideways_comes_before_down() -> None:
+    stage = FakeStage(at=(0.0, 0.0, 5.0))
+    carriage(stage, z_mm=-10.0).over(64.0, 18.0)
+    assert stage.path[1:] == [(64.0, 18.0, 5.0), (64.0, 18.0, -5.0)]
+
+
+@pytest.mark.parametrize("z_mm", [-7.001, -100.0, float("nan")])
+def test_nothing_is_sent_below_the_depth_limit(z_mm: float) -> None:
+    stage = FakeStage()
+    with pytest.raises(DepthLimitError, match=r"below the depth limit, -7 mm"):
+        carriage(stage).to_height(z_mm)
+    assert len(stage.path) == 1
+
+
+def test_a_stage_that_goes_deeper_than_it_was_sent_is_stopped() -> None:
+    stage = FakeStage(step_mm=4.0)
+    with pytest.raises(DepthLimitError, match=r"the stage reports z = -8\.000 mm"):
+        carriage(stage).to_height(-6.5)
+
+
+def test_a_retreat_lifts_and_says_nothing() -> None:
+    stage = FakeStage(at=(1.0, 2.0, -3.0))
+    assert carriage(stage).retreat() == ""
+    assert stage.at == (1.0, 2.0, 5.0)
+
+
+def test_a_retreat_tries_twice_and_then_homes() -> None:
+    stage = FakeStage(at=(1.0, 2.0, -3.0), faults={2: NoAnswerError("silent"), 4: AlarmError("ALARM:3")})
+    assert carriage(stage, may_home=True).retreat() == ""
+    assert stage.homed == 1
+
+
+def test_a_stage_without_end_stops_is_not_homed() -> None:
+    stage = FakeStage(at=(1.0, 2.0, -3.0), faults={2: NoAnswerError("silent"), 3: AlarmError("ALARM:3")})
+    assert "was not lifted (ALARM:3): lift it by hand" in carriage(stage, may_home=False).retreat()
+    assert stage.homed == 0
+
+
+def test_a_retreat_from_a_lost_stage_says_so() -> None:
+    stage = FakeStage(at=(1.0, 2.0, -3.0), dead_after=(2, DeviceLostError("unplugged")))
+    assert "(unplugged): lift it by hand" in carriage(stage, may_home=True).retreat()
+
+
+def test_a_failing_last_lift_is_tried_again() -> None:
+    stage = FakeStage(at=(1.0, 2.0, -3.0), faults={3: NoAnswerError("silent")})
+    with pytest.raises(NoAnswerError), carriage(stage).safely(pytest.fail):
+        pass
+    assert stage.at[2] == 5.0
+
+
+def test_positions_are_within_the_stage_in_every_slot() -> None:
+    turned = WorkFrame(origin_mm=(0.0, 0.0, 0.0), quarter_turns=1)
+    require_within(small_protocol(), HolderRim(), (turned,), LIMITS)
+    limits = ((0.0, 100.0), LIMITS[1], LIMITS[2])
+    with pytest.raises(InputError, match=r"limits_mm x = \[0\.0, 100\.0\]: slot 1 needs -23\.000 to -18\.000 mm"):
+        require_within(small_protocol(), HolderRim(), (turned,), limits)

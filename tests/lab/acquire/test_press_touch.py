@@ -1,0 +1,95 @@
+"""Depth mode: first touch by gauge, by a change of the sensor, and taught; stated depths below it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from lab.acquire.fakes import Plate
+from lab.acquire.rigs import AT_ONCE, FakeRig, small_protocol
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.acquire.press import Presser
+from tacbench_cad.lab.acquire.touch import SensorChange, Taught, by_gauge, by_sensor
+from tacbench_cad.lab.presses import plan
+from tacbench_cad.lab.rig.errors import DepthLimitError
+
+BUMPY = Plate(top=lambda x, y: 0.1 * x - 1.0)
+
+
+def depths(rig: FakeRig, presser: Presser) -> list[float]:
+    """How deep below the plate's top each press of the plan went."""
+    found = []
+    for press in plan(presser.protocol, (1, 2), "block"):
+        contact = presser.press(press)
+        assert contact.in_band is None
+        found.append(rig.plate.top(press.x_mm, press.y_mm) - contact.pose_mm[2])
+        presser.carriage.lift()
+    return found
+
+
+@pytest.mark.parametrize("touch", ["gauge", "sensor"])
+def test_stated_depths_below_first_touch(touch: str) -> None:
+    rig = FakeRig(plate=BUMPY, gauge=touch == "gauge")
+    protocol = small_protocol(contact="depth", touch=touch)
+    presser = rig.presser(protocol)
+    if presser.force is not None:
+        presser.touch = by_gauge(presser.carriage, protocol, presser.force)
+    else:
+        presser.touch = by_sensor(presser.carriage, protocol, rig.sensor, AT_ONCE)
+    found = depths(rig, presser)
+    wanted = [press.depth_mm for press in plan(protocol, (1, 2), "block")]
+    # First touch is known to a fine step and what the gauge (5 mN) or the image needs to show it.
+    assert found == pytest.approx(wanted, abs=0.12 if touch == "gauge" else 0.2)
+    assert float(np.std(np.subtract(found, wanted))) < 0.03
+
+
+def test_a_contact_without_a_gauge_has_no_force() -> None:
+    rig = FakeRig(gauge=False)
+    protocol = small_protocol(contact="depth", touch="taught")
+    presser = rig.presser(protocol)
+    presser.touch = Taught([0.0], 4)
+    contact = presser.press(plan(protocol, (1,), "block")[0])
+    assert contact.measured is None
+    assert contact.pose_mm[2] == pytest.approx(-0.35)
+
+
+def test_taught_heights_are_one_or_one_for_each_position() -> None:
+    assert Taught([1.0], 4).find(3, lambda _: 0.0) == 1.0
+    assert Taught([1.0, 2.0, 3.0, 4.0], 4).find(3, lambda _: 0.0) == 3.0
+    for wrong in ([], [1.0, 2.0], [float("nan")]):
+        with pytest.raises(InputError, match="first touch"):
+            Taught(wrong, 4)
+
+
+def test_a_depth_below_the_limit_is_not_sent() -> None:
+    rig = FakeRig(gauge=False)
+    protocol = small_protocol(contact="depth", touch="taught")
+    presser = rig.presser(protocol)
+    presser.touch = Taught([-6.9], 4)
+    with pytest.raises(DepthLimitError):
+        presser.press(plan(protocol, (1,), "block")[0])
+    assert min(z for _, _, z in rig.stage.path) >= -7.0
+
+
+def test_a_sensor_that_never_changes_ends_at_the_depth_limit() -> None:
+    rig = FakeRig(plate=Plate(top=lambda x, y: -40.0), gauge=False)
+    protocol = small_protocol(contact="depth", touch="sensor")
+    presser = rig.presser(protocol)
+    presser.touch = by_sensor(presser.carriage, protocol, rig.sensor, AT_ONCE)
+    with pytest.raises(DepthLimitError):
+        presser.press(plan(protocol, (1,), "block")[0])
+
+
+@pytest.mark.parametrize("shape", [(40, 50), (16,)])
+def test_a_change_in_a_few_numbers_stands_out_of_the_free_readings(shape: tuple[int, ...]) -> None:
+    random = np.random.default_rng(0)
+
+    def reading(more: float) -> np.ndarray:
+        made = (100.0 + random.standard_normal(shape)).astype(np.float32)
+        made.flat[:4] += more
+        return made
+
+    change = SensorChange()
+    change.learn([reading(0.0) for _ in range(8)])
+    assert sum(change.seen(reading(0.0)) for _ in range(200)) <= 2
+    assert all(change.seen(reading(12.0)) for _ in range(20))
