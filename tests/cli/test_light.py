@@ -38,6 +38,8 @@ def modules_after(*argv: str) -> set[str]:
         ("doctor", "--help"),
         ("textures",),
         ("textures", "--preset", "released", "--json"),
+        *((command, "--help") for command in ("acquire", "simulate", "import")),
+        *((group, command, "--help") for group, command in (("runs", "check"), ("rig", "probe"), ("rig", "align"))),
     ],
     ids=" ".join,
 )

@@ -122,7 +122,7 @@ driver = "serial"
 # port = "/dev/serial/by-id/usb-..."
 # baud = 115200
 # File that `tacbench rig calibrate-force` wrote. Without it the lines are taken for newtons.
-# calibration = "force.toml"
+# calibration = "gauge.json"
 # timeout_s = 2.0
 # What only one driver knows: columns and column of a line with several numbers, stuck_samples, latency_s.
 # options = { columns = 1, column = 1 }
@@ -142,6 +142,19 @@ exposure = 100
 # gain = 0
 # white_balance = 4600
 # colour = true
+# A frame is dark, or blurred, beyond these; 0 switches a check off, for a sensor without markers.
+# dark_counts = 25
+# blur_px = 3.0
+# Taxels instead: so many numbers on a line; more than one sample makes each reading a short time series.
+# driver = "taxels"
+# device = "/dev/serial/by-id/usb-..."
+# columns = 16
+# samples = 1
+# units = "counts"
+# baud = 115200
+# timeout_s = 2.0
+# stuck_samples = 50
+# latency_s = 0.02
 """
 
 

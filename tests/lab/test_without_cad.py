@@ -1,0 +1,66 @@
+"""The lab where no CAD package can be imported, as on a small computer beside a rig."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+BLOCKED = ("OCP", "cadquery", "build123d", "pymeshlab", "gmsh", "vtkmodules", "matplotlib", "housing")
+STUDY = """
+[block]
+texture = 4
+printer = "bambu-p1p"
+filament = "pla-minus"
+[protocol]
+forces_n = [1.0]
+bands_n = [0.05]
+repeats = 1
+stationary_frames = 2
+grid = {{ x_mm = [5, 8], y_mm = [19] }}
+[stage]
+driver = "{driver}"
+options = {{ speed = 50 }}
+[gauge]
+driver = "serial"
+port = "virtual"
+[sensor]
+driver = "simulated"
+"""
+CODE = f"""
+import sys
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {BLOCKED!r}:
+            raise ModuleNotFoundError(name + " is blocked", name=name)
+sys.meta_path.insert(0, Blocker())
+from tacbench_cad.cli import main
+code = main(sys.argv[1:])
+assert not [name for name in sys.modules if name.split(".")[0] in {BLOCKED!r}]
+sys.exit(code)
+"""
+
+
+def _tacbench(*argv: str | Path) -> str:
+    done = subprocess.run([sys.executable, "-c", CODE, *map(str, argv)], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return done.stdout + done.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the virtual rig needs pseudo-terminals; Windows has none")
+@pytest.mark.parametrize("driver", ["virtual-grbl", "virtual-marlin"])
+def test_a_block_is_pressed_and_checked(tmp_path: Path, driver: str) -> None:
+    study = tmp_path / "study.toml"
+    study.write_text(STUDY.format(driver=driver))
+    _tacbench("acquire", study, "--out", tmp_path / "runs")
+    said = _tacbench("runs", "check", tmp_path / "runs")
+    assert "2 presses: nothing wrong" in said and "simulated TacTip" in said
+
+
+def test_a_study_is_simulated_and_checked(tmp_path: Path) -> None:
+    study = tmp_path / "study.toml"
+    study.write_text(STUDY.format(driver="virtual-grbl").partition("[stage]")[0])
+    _tacbench("simulate", "--study", study, "--out", tmp_path / "runs", "--jobs", "1")
+    assert "2 presses: nothing wrong" in _tacbench("runs", "check", tmp_path / "runs")
