@@ -11,6 +11,8 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+#: A command, with its group's name where it has one, and what follows.
+_COMMAND = re.compile(r"^tacbench ((?:runs|rig) [\w-]+|\w+)(.*)$", re.MULTILINE)
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -42,12 +44,12 @@ def test_pictures_and_links_are_there(page: Path) -> None:
 def test_every_option_named_in_the_pages_exists() -> None:
     named = set()
     for page in PAGES:
-        for command, rest in re.findall(r"^tacbench (\w+)(.*)$", "\n".join(blocks(page, "(?:bash|sh)?")), re.MULTILINE):
+        for command, rest in _COMMAND.findall("\n".join(blocks(page, "(?:bash|sh)?"))):
             named |= {(command, option) for option in re.findall(r"--[a-z][a-z-]*", rest)}
     assert named
     for command in {command for command, _ in named}:
         text = subprocess.run(
-            [sys.executable, "-m", "tacbench_cad", command, "--help"],
+            [sys.executable, "-m", "tacbench_cad", *command.split(), "--help"],
             capture_output=True,
             text=True,
             timeout=120,
