@@ -31,6 +31,10 @@ class InputError(TacbenchError):
         self.allowed = allowed
         super().__init__(f"{field} = {value!r}: {allowed}" if value is not None else f"{field}: {allowed}")
 
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, object, str]]:
+        # Raised in another process, it comes back by these three; Exception's own way has only the message.
+        return (type(self), (self.field, self.value, self.allowed))
+
 
 class MissingToolError(TacbenchError):
     """Something asked for needs a package or a system library that is not there."""

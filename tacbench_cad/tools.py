@@ -44,6 +44,9 @@ PACKAGES: tuple[Package, ...] = (
     Package(distribution="matplotlib", module="matplotlib", extra="plot", use="preview.png and tacbench show"),
     Package(distribution="pyserial", module="serial", extra="lab", use="stages and gauges on a serial port"),
     Package(distribution="opencv-python-headless", module="cv2", extra="lab", use="cameras and images of a data run"),
+    Package(distribution="scikit-learn", module="sklearn", extra="analysis", use="classifiers and their scores"),
+    Package(distribution="joblib", module="joblib", extra="analysis", use="analysis on several processors"),
+    Package(distribution="distributed", module="distributed", extra="dask", use="analysis on a Dask cluster"),
 )
 
 

@@ -147,6 +147,10 @@ class Collection:
         run = int(self.run[index])
         return self.runs[run].reading(self._rows[run][int(self.number[index])])
 
+    def path(self, index: int) -> str:
+        """Where a press's reading lies, from its run folder: ``sensor_images/image_7.png``."""
+        return schema.reading_path(self._rows[int(self.run[index])][int(self.number[index])].sensor_image)
+
     @cached_property
     def _rows(self) -> list[dict[int, schema.Row]]:
         return [{row.number: row for row in run.rows} for run in self.runs]

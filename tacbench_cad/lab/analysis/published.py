@@ -1,0 +1,76 @@
+"""The paper's figures that ours are set beside, as data, each with the line of PAPER.md that it stands in.
+
+Nothing here is corrected. Where the text leaves something open, the note beside the constant says what.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+#: A row's printer and filament: names as in :mod:`tacbench_cad.lab.names`.
+Combination = tuple[str, str]
+
+#: Variance, mean over pixels and positions, counts^2, textures 1 to 6. PAPER.md, "The tables to reproduce", first
+#: table. The text says neither grey nor colour, nor which force, nor ddof.
+VARIANCE: Mapping[Combination, tuple[float, ...]] = {
+    ("ender-3-v3-se", "pla-plus"): (2.60, 10.36, 12.12, 10.75, 7.026, 8.28),  # "| Ender-3 V3 SE, PLA+ | ..."
+    ("bambu-p1p", "pla-minus"): (2.80, 2.64, 3.61, 3.67, 3.63, 3.51),  # "| Bambu, PLA- | ..."
+    ("form-3", "grey-v4"): (2.31, 2.11, 2.8, 3.06, 3.32, 3.14),  # "| Resin | ..."
+}
+#: How the paper's rows are called in tables and sentences.
+ROW_NAMES: Mapping[Combination, str] = {
+    ("ender-3-v3-se", "pla-plus"): "Ender-3 V3 SE PLA+",
+    ("bambu-p1p", "pla-minus"): "Bambu P1P PLA-",
+    ("form-3", "grey-v4"): "Form 3 resin",
+}
+#: Prints and readings of each press place behind a figure of :data:`VARIANCE`: "ddof 0 over the 6 x 2 readings".
+PRINTS = 6
+REPEATS = 2
+#: Positions behind a figure of :data:`VARIANCE`: the 5 x 5 grid.
+POSITIONS = 25
+
+#: "Stationary sensor: 'average pixel variation' 2.6". PAPER.md, above the first table and weakness 2.
+FLOOR = 2.6
+#: The unit of :data:`FLOOR`, which the text does not give.
+FLOOR_UNIT: str | None = None
+#: What :data:`FLOOR` is in counts^2 if it is a variance, and if it is a standard deviation.
+FLOOR_READINGS: Mapping[str, float] = {"variance": FLOOR, "standard deviation": FLOOR**2}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accuracy:
+    """One row of the paper's classification table, in per cent.
+
+    Args:
+        model: ``forest`` or ``network``.
+        train_on: Printer, and the filament that the text names for it (see :data:`TRAINED_ON_NOTE`).
+        train: Accuracy on the training images.
+        test: Accuracy on the 20 % split.
+        unseen: Accuracy on every other combination.
+    """
+
+    model: str
+    train_on: Combination
+    train: float
+    test: float
+    unseen: float
+
+
+#: PAPER.md, "Classification (train %, test %, unseen prints %)".
+CLASSIFICATION: tuple[Accuracy, ...] = (
+    Accuracy(model="forest", train_on=("ender-3-v3-se", "pla-plus"), train=100.0, test=99.53, unseen=31.4),
+    Accuracy(model="network", train_on=("ender-3-v3-se", "pla-plus"), train=99.7, test=99.3, unseen=33.21),
+    Accuracy(model="forest", train_on=("bambu-p1p", "pla-minus"), train=100.0, test=99.7, unseen=63.98),
+    Accuracy(model="network", train_on=("bambu-p1p", "pla-minus"), train=100.0, test=99.8, unseen=53.73),
+    Accuracy(model="forest", train_on=("form-3", "grey-v4"), train=100.0, test=99.3, unseen=70.66),
+    Accuracy(model="network", train_on=("form-3", "grey-v4"), train=100.0, test=99.9, unseen=61.41),
+)
+#: "The combination called most variable is PLA- in the text and PLA+ in the table."
+TRAINED_ON_NOTE = "the text names PLA- for the Ender-3 V3 SE classifiers, the variance table PLA+"
+#: "Chance is 16.7 %": six textures.
+CHANCE_PERCENT = 100.0 / 6.0
+#: Trials that each accuracy is the average of.
+TRIALS = 20
+#: "The Bambu forest scores 63.98 % in the table and 53 % in the confusion matrix's caption."
+BAMBU_FOREST_CAPTION_PERCENT = 53.0

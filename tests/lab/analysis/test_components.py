@@ -1,0 +1,243 @@
+"""Variance components: expected coefficients, unbiasedness, agreement with other programs, designs with holes."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import ArrayLike, NDArray
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.analysis.components import (
+    COLUMNS,
+    LEVELS,
+    Component,
+    NestedSums,
+    component_rows,
+    components,
+    precision,
+)
+
+TRUE = (4.0, 2.0, 1.0, 0.5)
+Ints = NDArray[np.int64]
+
+
+def groups_of(labels: Ints) -> list[Ints]:
+    """Which group each press belongs to: all, texture, printer, print, press."""
+    named = [np.unique(labels[:, :depth], axis=0, return_inverse=True)[1].reshape(-1) for depth in (1, 2, 3)]
+    return [np.zeros(len(labels), dtype=np.int64), *named, np.arange(len(labels))]
+
+
+def sums_of_squares(values: ArrayLike, labels: ArrayLike) -> NestedSums:
+    """The nested sums of presses in memory, in two passes; streaming gives the same."""
+    pixels, names = np.asarray(values, dtype=np.float64), np.asarray(labels)
+    means = [
+        np.stack([pixels[groups == one].mean(axis=0) for one in range(groups.max() + 1)])[groups]
+        for groups in groups_of(names)
+    ]
+    squares = [float(((fine - coarse) ** 2).sum(axis=0).mean()) for coarse, fine in itertools.pairwise(means)]
+    return NestedSums.of(names, squares)
+
+
+def balanced(textures: int, printers: int, prints: int, repeats: int) -> Ints:
+    design = itertools.product(range(textures), range(printers), range(prints), range(repeats))
+    return np.array([one[:3] for one in design])
+
+
+def simulated(labels: Ints, pixels: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    values = np.zeros((len(labels), pixels))
+    for groups, true in zip(groups_of(labels)[1:], TRUE, strict=True):
+        values += math.sqrt(true) * rng.standard_normal((groups.max() + 1, pixels))[groups]
+    return values + 100.0
+
+
+def variances(labels: Ints, values: NDArray[np.float64]) -> list[float | None]:
+    return [one.variance for one in components(sums_of_squares(values, labels))]
+
+
+UNBALANCED = np.delete(balanced(3, 3, 3, 3), [1, 2, 4, 9, 10, 11, 12, 30, 31, 54, 55, 56, 57, 58, 80], axis=0)
+
+
+@pytest.mark.parametrize("labels", [balanced(3, 3, 2, 2), UNBALANCED], ids=["balanced", "unbalanced"])
+def test_the_estimates_are_unbiased(labels: Ints) -> None:
+    # Independent pixels are independent studies: the mean over 40,000 of them is the expectation.
+    values = simulated(labels, 40_000, np.random.default_rng(1))
+    for estimate, true, name in zip(variances(labels, values), TRUE, LEVELS, strict=True):
+        assert estimate == pytest.approx(true, rel=0.03 if name != "texture" else 0.05), name
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(*[st.integers(0, 2)] * 3), min_size=2, max_size=25))
+def test_coefficients_are_the_expected_sums_of_squares(rows: list[tuple[int, int, int]]) -> None:
+    labels = np.array(rows)
+    # The expectation for unit component l is the sum of squares' trace against that component's covariance: exact.
+    sums = sums_of_squares(np.eye(len(labels)), labels)
+    for depth, groups in enumerate(groups_of(labels)[1:]):
+        indicator = (groups[:, None] == np.unique(groups)[None, :]).astype(float)
+        unit = sums_of_squares(indicator, labels).squares * indicator.shape[1]
+        np.testing.assert_allclose(unit, sums.coefficients[:, depth], atol=1e-9)
+
+
+def test_the_pieces_add_up_to_the_total_sum_of_squares() -> None:
+    values = simulated(UNBALANCED, 7, np.random.default_rng(2))
+    total = ((values - values.mean(axis=0)) ** 2).sum(axis=0).mean()
+    assert sums_of_squares(values, UNBALANCED).squares.sum() == pytest.approx(total, rel=1e-12)
+
+
+def test_pooling_positions_is_the_mean_over_positions_of_a_balanced_design() -> None:
+    labels, rng = balanced(2, 2, 2, 2), np.random.default_rng(3)
+    places = [sums_of_squares(simulated(labels, 50, rng), labels) for _ in range(3)]
+    pooled = [one.variance for one in components(places[0] + places[1] + places[2])]
+    each = np.array([[one.variance for one in components(sums)] for sums in places], dtype=np.float64)
+    means = each.mean(axis=0)
+    np.testing.assert_allclose(np.array(pooled, dtype=float), means, rtol=1e-12)
+
+
+def test_copies_numbered_alike_on_two_printers_are_different_prints() -> None:
+    labels = balanced(2, 2, 3, 2)
+    renumbered = labels.copy()
+    renumbered[:, 2] += 10 * renumbered[:, 1] + 100 * renumbered[:, 0]
+    values = simulated(labels, 5, np.random.default_rng(4))
+    assert variances(labels, values) == variances(renumbered, values)
+
+
+def test_agrees_with_the_mixed_model_of_statsmodels() -> None:
+    pandas = pytest.importorskip("pandas")
+    formula = pytest.importorskip("statsmodels.formula.api")
+    labels = balanced(5, 3, 3, 2)
+    values = simulated(labels, 1, np.random.default_rng(11))
+    ours = variances(labels, values)
+    assert min(one for one in ours if one is not None) > 0.0  # REML equals ANOVA where nothing is cut at 0
+    frame = pandas.DataFrame(labels, columns=["texture", "printer", "copy"]).astype(str).assign(y=values[:, 0])
+    frame["printer"] = frame["texture"] + frame["printer"]
+    frame["copy"] = frame["printer"] + frame["copy"]
+    model = formula.mixedlm(
+        "y ~ 1",
+        frame,
+        groups="texture",
+        re_formula="1",
+        vc_formula={"printer": "0 + C(printer)", "print": "0 + C(copy)"},
+    )
+    fit = model.fit(reml=True, method=["lbfgs", "powell"])
+    by_name = dict(zip(model.exog_vc.names, fit.vcomp, strict=True))
+    theirs = [float(fit.cov_re.iloc[0, 0]), by_name["printer"], by_name["print"], fit.scale]
+    np.testing.assert_allclose(np.array(ours, dtype=float), theirs, rtol=2e-3)
+
+
+def test_agrees_with_the_intraclass_correlation_of_pingouin() -> None:
+    pandas = pytest.importorskip("pandas")
+    pingouin = pytest.importorskip("pingouin")
+    labels = balanced(1, 1, 8, 3)
+    values = simulated(labels, 1, np.random.default_rng(5))
+    found = {one.name: one.variance for one in components(sums_of_squares(values, labels))}
+    assert found["print"] is not None and found["repeat"] is not None
+    frame = pandas.DataFrame({"print": labels[:, 2], "repeat": np.tile(range(3), 8), "y": values[:, 0]})
+    table = pingouin.intraclass_corr(frame, targets="print", raters="repeat", ratings="y")
+    theirs = float(table.set_index("Type").loc["ICC(1,1)", "ICC"])
+    assert found["print"] / (found["print"] + found["repeat"]) == pytest.approx(theirs, abs=1e-6)
+
+
+def test_a_negative_estimate_stays_and_has_a_truncated_one_beside_it() -> None:
+    labels = balanced(1, 1, 2, 2)
+    found = {one.name: one for one in components(sums_of_squares([[1.0], [3.0], [3.0], [1.0]], labels))}
+    assert found["print"].variance == pytest.approx(-1.0)
+    assert found["print"].truncated == 0.0
+    assert "negative" in found["print"].note
+    spread = precision(tuple(found.values()))
+    assert spread.repeatability == spread.intermediate == pytest.approx(math.sqrt(2.0))
+    assert spread.limits["repeatability"] == pytest.approx(2.8 * math.sqrt(2.0))
+
+
+@pytest.mark.parametrize(
+    ("labels", "missing", "includes"),
+    [
+        (balanced(1, 2, 3, 2), {"texture": "one texture only; no estimate"}, {}),
+        (
+            balanced(3, 1, 3, 2),
+            {"printer": "one printer-filament only; it is in the component of the texture"},
+            {"texture": ("printer",)},
+        ),
+        (
+            balanced(3, 2, 1, 2),
+            {"print": "one print of each block only; it is in the component of the printer"},
+            {"printer": ("print",)},
+        ),
+        (
+            balanced(3, 2, 2, 1),
+            {"repeat": "one repeat only; it is in the component of the print"},
+            {"print": ("repeat",)},
+        ),
+        (balanced(1, 1, 4, 1), {"texture": "one texture only", "repeat": "one repeat only"}, {"print": ("repeat",)}),
+    ],
+)
+def test_a_level_with_one_member_is_named_and_is_in_the_next_coarser_one(
+    labels: Ints, missing: dict[str, str], includes: dict[str, tuple[str, ...]]
+) -> None:
+    found = {
+        one.name: one for one in components(sums_of_squares(simulated(labels, 3, np.random.default_rng(6)), labels))
+    }
+    for name, reason in missing.items():
+        assert found[name].variance is None and found[name].truncated is None
+        assert found[name].note.startswith(reason)
+    for name, finer in includes.items():
+        assert found[name].includes == finer
+
+
+def test_what_is_merged_is_still_unbiased() -> None:
+    labels = balanced(3, 3, 1, 2)
+    found = {
+        one.name: one.variance
+        for one in components(sums_of_squares(simulated(labels, 40_000, np.random.default_rng(7)), labels))
+    }
+    assert found["printer"] == pytest.approx(TRUE[1] + TRUE[2], rel=0.03)
+    assert found["repeat"] == pytest.approx(TRUE[3], rel=0.03)
+
+
+def test_a_single_press_has_no_component() -> None:
+    found = components(sums_of_squares([[1.0, 2.0]], [[0, 0, 0]]))
+    assert [one.variance for one in found] == [None] * 4
+    assert precision(found).reproducibility is None
+
+
+def test_constant_readings_have_components_of_zero() -> None:
+    labels = balanced(2, 2, 2, 2)
+    assert variances(labels, np.full((len(labels), 4), 7.0)) == [0.0] * 4
+
+
+def test_reproducibility_needs_the_printers() -> None:
+    def made(**values: float | None) -> tuple[Component, ...]:
+        return tuple(Component(name=name, variance=values.get(name), dof=1) for name in LEVELS)
+
+    spread = precision(made(texture=9.0, printer=3.0, print=2.0, repeat=4.0))
+    assert spread.repeatability == 2.0
+    assert spread.intermediate == pytest.approx(math.sqrt(6.0))
+    assert spread.reproducibility == 3.0
+    assert precision(made(print=2.0, repeat=4.0)).reproducibility is None
+
+
+def test_rows_have_the_columns_of_the_file() -> None:
+    found = components(sums_of_squares(simulated(UNBALANCED, 3, np.random.default_rng(8)), UNBALANCED))
+    rows = component_rows(2, found, {"print": (0.5, 3.0)})
+    assert [row["component"] for row in rows] == [*LEVELS, "repeatability", "intermediate", "reproducibility"]
+    assert all(tuple(row) == COLUMNS for row in rows)
+    assert (rows[2]["low"], rows[2]["high"]) == (0.5, 3.0)
+    assert rows[4]["variance"] == pytest.approx(rows[3]["truncated"])
+
+
+@pytest.mark.parametrize(
+    ("labels", "squares", "field"),
+    [
+        (np.zeros((0, 3)), [0, 0, 0, 0], "labels"),
+        (np.zeros((4, 2)), [0, 0, 0, 0], "labels"),
+        (np.zeros((4, 3)), [0, 0, 0], "squares"),
+        (np.zeros((4, 3)), [0, 0, math.nan, 0], "squares"),
+        (np.zeros((4, 3)), [0, 0, -1, 0], "squares"),
+    ],
+)
+def test_wrong_sums_are_refused(labels: Ints, squares: list[float], field: str) -> None:
+    with pytest.raises(InputError, match=field):
+        NestedSums.of(labels, squares)

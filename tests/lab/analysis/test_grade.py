@@ -1,0 +1,247 @@
+"""The grade: published figures as they stand, verdicts, sentences, and the command."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from studies import write_study
+
+from tacbench_cad.cli import grade as command
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.analysis import published
+from tacbench_cad.lab.analysis.cells import Cell
+from tacbench_cad.lab.analysis.grade import Grade, grade
+from tacbench_cad.lab.analysis.grade_limits import Context, factors
+from tacbench_cad.lab.names import SELECTED
+
+ENDER, BAMBU, RESIN = published.VARIANCE
+
+
+def cell(texture: int | str, low: float | None, high: float | None, **changes: Any) -> Cell:
+    values: dict[str, Any] = {
+        "printer": "mine",
+        "filament": "petg",
+        "texture": f"texture-{texture}" if isinstance(texture, int) else texture,
+        "force_level": "all",
+        "variance": 1.0 if low is None or high is None else (low + high) / 2.0,
+        "floor": 0.2,
+        "low": low,
+        "high": high,
+        "prints": 6,
+        "presses": 900,
+    }
+    return Cell(**{**values, **changes})
+
+
+def like(row: tuple[float, ...], low: float, high: float, **changes: Any) -> list[Cell]:
+    return [cell(i, low * value, high * value, **changes) for i, value in enumerate(row, start=1)]
+
+
+def graded(cells: list[Cell], context: Context | None = None) -> Grade:
+    found = grade(cells, context or Context())
+    assert len(found) == 1
+    return found[0]
+
+
+def test_the_published_figures_are_the_papers() -> None:
+    assert list(published.VARIANCE) == list(SELECTED) == list(published.ROW_NAMES)
+    assert published.VARIANCE[ENDER] == (2.60, 10.36, 12.12, 10.75, 7.026, 8.28)
+    assert published.VARIANCE[BAMBU] == (2.80, 2.64, 3.61, 3.67, 3.63, 3.51)
+    assert published.VARIANCE[RESIN] == (2.31, 2.11, 2.8, 3.06, 3.32, 3.14)
+    unseen = {(one.model, one.train_on): one.unseen for one in published.CLASSIFICATION}
+    assert list(unseen.values()) == [31.4, 33.21, 63.98, 53.73, 70.66, 61.41]
+    assert {one.train_on for one in published.CLASSIFICATION} == set(SELECTED)
+    assert published.FLOOR == 2.6 and published.FLOOR_UNIT is None
+    assert published.FLOOR_READINGS["standard deviation"] == pytest.approx(6.76)
+
+
+def test_an_interval_below_all_figures_is_as_consistent() -> None:
+    found = graded(like(published.VARIANCE[RESIN], 0.3, 0.9))
+    assert all(set(one.verdicts.values()) == {"less"} for one in found.textures)
+    assert found.supports[2] == (
+        "As consistent as the published Form 3 resin, or more so: textures 1, 2, 3, 4, 5, 6 vary less."
+    )
+
+
+def test_an_interval_above_a_figure_is_less_consistent() -> None:
+    found = graded(like(published.VARIANCE[ENDER], 0.5, 0.8))
+    assert found.supports[0].startswith("As consistent as the published Ender-3 V3 SE PLA+")
+    assert found.supports[1].startswith(
+        "Less consistent than the published Bambu P1P PLA-: textures 2, 3, 4, 6 vary more"
+    )
+    assert "(the clearest at least 2 times as much)" in found.supports[1]
+    assert "texture 1 varies less" in found.supports[1]
+    assert found.supports[1].endswith("texture 5 cannot be told apart (up to 1.5 times as much is possible).")
+
+
+@pytest.mark.parametrize(
+    ("floor", "head"),
+    [
+        (1.0, "Less consistent than the published Form 3 resin: texture 1 varies more"),
+        (3.0, "Above the published Form 3 resin, but the sensor's own noise is large enough to explain it: texture 1"),
+        (None, "Above the published Form 3 resin, but without a noise floor it is open whether by the prints: texture"),
+    ],
+)
+def test_noise_is_not_held_against_the_prints(floor: float | None, head: str) -> None:
+    assert graded([cell(1, 4.0, 5.0, floor=floor)]).supports[2].startswith(head)
+
+
+def test_an_interval_around_a_figure_shows_nothing() -> None:
+    found = graded(like(published.VARIANCE[BAMBU], 0.5, 4.0))
+    assert found.textures[0].verdicts[BAMBU] == "unclear"
+    assert found.supports[1] == (
+        "Neither shown nor contradicted to be as consistent as the published Bambu P1P PLA-: textures 1, 2, 3, 4, 5, 6 "
+        "cannot be told apart (up to 4 times as much is possible)."
+    )
+
+
+def test_fewer_prints_are_brought_to_six_before_they_are_compared() -> None:
+    assert factors(6, 2) == (1.0, 1.0)
+    assert factors(3, 2) == pytest.approx((1.1, 1.25))
+    assert factors(2, 2) == pytest.approx((11 / 9, 5 / 3))
+    assert factors(12, 2) == pytest.approx((10 / 11, 22 / 23))
+    six, three = (graded(like(published.VARIANCE[RESIN], 0.3, 0.85, prints=prints)) for prints in (6, 3))
+    assert six.textures[0].verdicts[RESIN] == "less"
+    assert three.textures[0].verdicts[RESIN] == "unclear"
+    assert any("3 prints where the paper has 6" in one and "20 % too low" in one for one in three.limits)
+
+
+def test_one_print_has_no_verdict_and_says_why() -> None:
+    found = graded([cell(i, None, None, prints=1) for i in range(1, 7)])
+    assert all(not one.verdicts for one in found.textures)
+    assert found.supports == ("Nothing yet about prints: an interval needs at least two prints of a texture.",)
+    assert any(
+        one.startswith("One print of textures 1, 2, 3, 4, 5, 6: the figure holds repeats only") for one in found.limits
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"floor_source": "none"}, "No noise floor"),
+        ({"floor_source": "repeats"}, "The floor is an upper bound"),
+        ({"simulated": ("sensor: simulated TacTip",)}, "Simulated (sensor: simulated TacTip)"),
+        ({"contact": "depth", "forces_n": ()}, "Pressed to a depth"),
+        ({"forces_n": (0.5, 1.0)}, "Other forces (0.5, 1 N)"),
+        ({"shape": (240, 320, 3)}, "Readings of 240 x 320 x 3"),
+        ({"same_grid": False}, "Other positions"),
+        ({"preset": "paper"}, "Blocks of preset paper"),
+        ({"scale": 2.0}, "at scale 2"),
+        ({"repeats": 5}, "5 repeats at each place"),
+    ],
+)
+def test_what_differs_from_the_paper_is_said(changes: dict[str, Any], sentence: str) -> None:
+    cells = like(published.VARIANCE[RESIN], 0.5, 0.9)
+    assert not any(sentence in one for one in graded(cells).limits)
+    assert any(sentence in one for one in graded(cells, replace(Context(), **changes)).limits)
+
+
+def test_a_study_like_the_papers_still_cannot_take_off_the_papers_floor() -> None:
+    limits = graded(like(published.VARIANCE[RESIN], 0.5, 0.9)).limits
+    assert len(limits) == 2
+    assert "2.6 counts^2 if a variance or 6.8 counts^2 if a standard deviation" in limits[0]
+
+
+def test_another_sensors_unit_is_not_compared() -> None:
+    found = graded(like(published.VARIANCE[RESIN], 0.3, 0.9), Context(units="kPa", shape=(16,)))
+    assert all(not one.verdicts for one in found.textures)
+    assert found.supports == ("Nothing about the published figures: they are in counts^2, these in (kPa)^2.",)
+    assert not any("published" in one for one in found.limits)
+
+
+def test_noise_that_makes_up_the_figure_is_said() -> None:
+    cells = like(published.VARIANCE[RESIN], 0.5, 0.9)
+    cells[1] = replace(cells[1], floor=0.8 * cells[1].variance)
+    assert any("Up to 80 % of the figure is noise (texture 2)" in one for one in graded(cells).limits)
+
+
+def test_missing_and_own_textures_are_named() -> None:
+    found = graded([cell(2, 0.5, 1.0), cell("hex", 0.5, 1.0)])
+    assert [one.number for one in found.textures] == [2]
+    assert "Textures 1, 3, 4, 5, 6 not pressed: nothing is said about them." in found.limits
+    assert "Not in the paper, so not compared: hex." in found.limits
+
+
+def test_each_printer_and_filament_has_its_own_grade_at_the_level_asked_for() -> None:
+    cells = [cell(1, 0.5, 1.0, printer=printer, force_level=level) for printer in ("b", "a") for level in (1, 2, "all")]
+    found = grade(cells, Context(), 2)
+    assert [one.printer for one in found] == ["b", "a"]
+    assert all(one.force_level == 2 and len(one.textures) == 1 for one in found)
+    assert any("Force level 2 alone" in one for one in found[0].limits)
+
+
+def test_what_cannot_be_graded_is_refused() -> None:
+    with pytest.raises(InputError, match="force_level"):
+        grade([cell(1, 0.5, 1.0)], Context(), 3)
+    with pytest.raises(InputError, match="none of them is one of the paper's six"):
+        grade([cell("hex", 0.5, 1.0)], Context())
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"variance": -1.0},
+        {"variance": float("nan")},
+        {"high": float("inf")},
+        {"low": None},
+        {"prints": 0},
+        {"force_level": 0},
+        {"force_level": "both"},
+    ],
+)
+def test_a_cell_validates_itself(changes: dict[str, Any]) -> None:
+    with pytest.raises(InputError):
+        replace(cell(1, 0.5, 1.0), **changes)
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two textures of three prints on two printers, simulated, without stationary frames."""
+    folder = tmp_path_factory.mktemp("study")
+    write_study(folder, copies=3, simulated="simulated TacTip", still=0)
+    return folder
+
+
+def test_the_command_prints_table_and_sentences(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command.command([study], force_level="all", jobs="1", json=False)
+    out = capsys.readouterr().out
+    assert "ender-3, pla-plus: mean over the forces" in out
+    assert "bambu-p1p, pla-minus: mean over the forces" in out
+    for sentence in (
+        "Simulated (sensor: simulated TacTip)",
+        "3 prints where the paper has 6",
+        "The floor is an upper bound",
+        "Textures 3, 4, 5, 6 not pressed",
+        "Other positions than the paper's grid",
+        "Readings of 24 x 32",
+    ):
+        assert out.count(sentence) == 2
+
+
+def test_the_command_prints_json(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command.command([study], force_level="1", jobs="1", json=True)
+    document = json.loads(capsys.readouterr().out)
+    assert document["simulated"] == ["sensor: simulated TacTip"] and document["units"] == "counts"
+    assert [(one["printer"], one["force_level"]) for one in document["grades"]] == [("ender-3", 1), ("bambu-p1p", 1)]
+    first, second = document["grades"][0]["textures"]
+    assert (first["texture"], second["texture"]) == (1, 2)
+    assert first["low"] < first["variance"] < first["high"]
+    resin = first["published"][2]
+    assert (resin["printer"], resin["filament"], resin["variance"]) == ("form-3", "grey-v4", 2.31)
+    assert resin["ours_is"] in ("less", "more", "unclear")
+
+
+@pytest.mark.parametrize(("options", "field"), [({"force_level": "two"}, "force-level"), ({"jobs": "0"}, "jobs")])
+def test_the_commands_options_are_refused_by_name(options: dict[str, str], field: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=field):
+        command.command([tmp_path], json=False, **{"force_level": "all", "jobs": "1", **options})
+
+
+def test_readings_that_were_left_out_are_said() -> None:
+    context = Context(left_out=("run/a.png: is damaged", "run/b.png: is damaged"))
+    limits = graded(like(published.VARIANCE[RESIN], 0.5, 0.9), context).limits
+    assert limits[0] == "2 readings could not be used and are left out: run/a.png: is damaged."

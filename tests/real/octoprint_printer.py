@@ -1,0 +1,97 @@
+"""OctoPrint's own virtual Marlin printer behind a pseudo-terminal; run by the Python that has OctoPrint installed.
+
+Prints the terminal's path and runs until its standard input ends. No OctoPrint server, settings folder or port is
+needed: the printer object gets its plugin's default settings. With ``--marlin2`` its answers are brought nearer to
+Marlin 2, as far as settings and a line of M114 go; without, it is purely theirs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import tempfile
+import threading
+import tty
+from types import SimpleNamespace
+from typing import Any
+
+from octoprint.plugins.virtual_printer import VirtualPrinterPlugin, virtual
+
+virtual.plugin_manager = lambda: SimpleNamespace(get_hooks=lambda name: {})
+
+MARLIN2 = {
+    "firmwareName": "Marlin 2.1.2 (OctoPrint virtual)",
+    "sendWait": False,
+    "sendBusy": True,
+    "rxBuffer": 128,
+    "resetLines": ["start", "Marlin 2.1.2"],
+    "simulated_errors": [],
+}
+
+
+class Settings:
+    """What the printer asks of OctoPrint's settings."""
+
+    def __init__(self, values: dict[str, Any], folder: str) -> None:
+        self.values, self.folder = values, folder
+
+    def get(self, path: list[str], merged: bool = False) -> Any:
+        value: Any = self.values
+        for key in path:
+            value = value[key]
+        return value
+
+    def get_int(self, path: list[str]) -> int:
+        return int(self.get(path))
+
+    def get_float(self, path: list[str]) -> float:
+        return float(self.get(path))
+
+    def get_boolean(self, path: list[str]) -> bool:
+        return bool(self.get(path))
+
+    def global_get_basefolder(self, name: str) -> str:
+        return self.folder
+
+
+class Marlin2(virtual.VirtualPrinter):  # type: ignore[misc]
+    """M114 as Marlin answers it: the position on a line of its own, then ``ok``."""
+
+    def _gcode_M114(self, data: str) -> None:  # noqa: N802 (their name)
+        self._send(self._generatePositionOutput())
+
+
+def main() -> None:
+    """Serve until the standard input ends."""
+    values = VirtualPrinterPlugin.get_settings_defaults(SimpleNamespace())
+    marlin2 = "--marlin2" in sys.argv
+    values.update(MARLIN2 if marlin2 else {})
+    folder = tempfile.mkdtemp()
+    kind = Marlin2 if marlin2 else virtual.VirtualPrinter
+    # The other end stays open here, so that a client's close is no hang-up.
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    printer = kind(Settings(values, folder), None, folder, read_timeout=0.2)
+
+    def inwards() -> None:
+        with contextlib.suppress(Exception):
+            while data := os.read(ours, 64):
+                while data:
+                    data = data[printer.write(data) or len(data) :]
+
+    def outwards() -> None:
+        while True:
+            line = printer.readline()
+            if line:
+                os.write(ours, line if line.endswith(b"\n") else line + b"\n")
+
+    for work in (inwards, outwards):
+        threading.Thread(target=work, daemon=True).start()
+    print(os.ttyname(theirs), flush=True)
+    sys.stdin.read()
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,64 @@
+"""Our Marlin driver against OctoPrint's virtual printer: a Marlin that neither we nor Marlin's authors wrote.
+
+It needs OctoPrint in an environment of its own, ``.venv-octoprint``, which ``.ci/run`` sets up.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.drivers import open_stage
+from tacbench_cad.lab.rig.errors import OutOfRangeError
+from tacbench_cad.lab.spec import StageSettings
+
+ROOT = Path(__file__).parent.parent.parent
+PYTHON = ROOT / ".venv-octoprint" / "bin" / "python"
+
+pytestmark = [
+    pytest.mark.real,
+    pytest.mark.skipif(
+        not PYTHON.exists(),
+        reason="OctoPrint is not there: python3 -m venv .venv-octoprint && .venv-octoprint/bin/pip install OctoPrint==1.11.8",
+    ),
+]
+
+
+@contextmanager
+def _printer(*options: str) -> Iterator[str]:
+    """The path of a terminal behind which OctoPrint's printer answers."""
+    script = Path(__file__).with_name("octoprint_printer.py")
+    with subprocess.Popen(
+        [PYTHON, script, *options], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as process:
+        assert process.stdin is not None and process.stdout is not None
+        path = process.stdout.readline().strip()
+        assert path, "OctoPrint's printer did not start"
+        try:
+            yield path
+        finally:
+            process.stdin.close()
+            process.wait(timeout=30)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are needed; Windows has none")
+@pytest.mark.parametrize("options", [("--marlin2",), ()], ids=["near Marlin 2", "as it comes"])
+def test_the_marlin_driver_moves_octoprints_printer(options: tuple[str, ...]) -> None:
+    with _printer(*options) as port:
+        settings = StageSettings(
+            driver="marlin", port=port, limits_mm=((0.0, 200.0), (0.0, 200.0), (0.0, 100.0)), timeout_s=5.0
+        )
+        with open_stage(settings, Clock()) as stage:
+            assert "marlin" in stage.identity.lower()
+            for target in ((10.0, 20.0, 30.0), (12.5, 20.0, 30.0), (12.5, 23.25, 7.125)):
+                assert stage.move(target, 100.0) == pytest.approx(target, abs=0.011)
+                assert stage.position() == pytest.approx(target, abs=0.011)
+            with pytest.raises(OutOfRangeError):
+                stage.move((-1.0, 0.0, 10.0), 100.0)
+            assert stage.position() == pytest.approx((12.5, 23.25, 7.125), abs=0.011)
