@@ -118,7 +118,9 @@ def export(
         for folder in found:
             target = None if out is None else out / folder.name
             images += export_tactile_data(folder, target, how, told(folder.name))
-    typer.echo(f"{len(found)} runs, {images} images of {size} pixels, in {out or 'the run folders'}")
+    typer.echo(
+        f"{len(found)} run{'' if len(found) == 1 else 's'}, {images} images of {size} pixels, in {out or 'the run folders'}"
+    )
 
 
 def _box(text: str | None) -> tuple[int, int, int, int] | None:
@@ -204,4 +206,4 @@ def _print(reports: list[RunReport]) -> None:
     findings = sum(len(report.findings) for report in reports)
     presses = sum(report.presses for report in reports)
     verdict = "nothing wrong" if not findings else f"{findings} findings"
-    screen.print(f"{len(reports)} runs, {presses} presses: {verdict}", soft_wrap=True)
+    screen.print(f"{len(reports)} run{'' if len(reports) == 1 else 's'}, {presses} presses: {verdict}", soft_wrap=True)

@@ -222,7 +222,7 @@ def test_numbers_for_people(numbers: list[int], text: str) -> None:
 def test_the_command_passes_a_sound_folder(run_folder: Path, capsys: Capture) -> None:
     assert main(["runs", "check", str(run_folder.parent)]) == 0
     out = capsys.readouterr().out
-    assert "16 of 16" in out and "stage: stage model" in out and "1 runs, 16 presses: nothing wrong" in out
+    assert "16 of 16" in out and "stage: stage model" in out and "1 run, 16 presses: nothing wrong" in out
     assert "empty in print.toml (runs): printer_serial (1)" in out
 
 
@@ -256,7 +256,7 @@ def test_another_schema_version_ends_with_2_and_the_others_are_checked(
     assert main(["runs", "check", str(run_folder.parent)]) == 2
     said = capsys.readouterr()
     assert "has schema version 2, this program reads 1" in said.err
-    assert "1 runs, 16 presses: nothing wrong" in said.out
+    assert "1 run, 16 presses: nothing wrong" in said.out
 
 
 def test_a_missing_command_is_one_line(capsys: Capture) -> None:

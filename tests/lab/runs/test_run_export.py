@@ -100,7 +100,7 @@ def test_the_command_exports_every_run(run_folder: Path, tmp_path: Path, capsys:
     out = tmp_path / "out"
     words = ["runs", "export", str(run_folder), "--to", "tactile-data", "--out", str(out), "--size", "64x48"]
     assert main(words) == 0
-    assert "1 runs, 16 images of 64x48 pixels" in capsys.readouterr().out
+    assert "1 run, 16 images of 64x48 pixels" in capsys.readouterr().out
     assert image_of(out / "run" / "processed_images" / "image_7.png").shape == (48, 64)
 
 
