@@ -1,0 +1,304 @@
+"""The paper's whole classification protocol beside the script that one would write from its text with scikit-learn.
+
+    python benchmarks/paper_protocol.py [RUNS...] [--cores 2] [--trials 20] [--plain-trials 2]
+
+Three training combinations, random forest and network, 20 trials. Plain: for each trial and combination one PCA of the
+augmented set, one forest and one ``MLPClassifier``; a few trials are run and their time is multiplied. Ours: Gram
+matrices, batched networks, the same forest. Both are child processes on the same cores, one after the other, on the
+same images: those of run folders, or synthetic ones of 256 x 192 pixels with textures, prints, positions and noise.
+Peak memory is the largest resident size of the process plus, for ours, of each of its workers.
+
+Claims: at least 10 times faster, accuracies within the trials' spread, peak memory below 2 GB.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+SELECTED = 3
+COMBINATIONS = 9
+TEXTURES = 6
+CLASSIFIERS = ("forest", "network")
+COLUMNS = ("train", "test", "unseen")
+
+
+class Study:
+    """Images (N, pixels), texture and combination of each, and the combinations that are trained on."""
+
+    def __init__(self, folder: Path) -> None:
+        self.images: NDArray[np.uint8] = np.load(folder / "images.npy")
+        self.texture, self.combination = np.load(folder / "labels.npy")
+        counts = np.bincount(self.combination)
+        self.selected = sorted(np.argsort(-counts, kind="stable")[:SELECTED].tolist())
+
+
+def synthetic(folder: Path, selected: int, others: int, shape: tuple[int, int], seed: int = 1) -> None:
+    """Write images of smooth fields: one a texture, changed by combination and print, moved by position, with noise."""
+    random = np.random.default_rng(seed)
+    height, width = shape
+    up = [np.array([np.interp(np.linspace(0, n - 1, s), range(n), line) for line in np.eye(n)]).T
+          for n, s in ((24, height), (32, width))]  # fmt: skip
+
+    def field(size: float, *lead: int) -> NDArray[np.float64]:
+        return size * random.standard_normal((*lead, 24, 32))
+
+    base, texture, place = 70 + field(15), field(3, TEXTURES), field(5, 25)
+    texture_place = field(2, TEXTURES, 25)
+    counts = [selected if one < SELECTED else others for one in range(COMBINATIONS)]
+    images = np.empty((TEXTURES * sum(counts), height * width), np.uint8)
+    labels = np.empty((2, len(images)), np.int64)
+    index = 0
+    for combination, count in enumerate(counts):
+        way = field(3, TEXTURES)
+        for kind in range(TEXTURES):
+            prints = field(2.0 if combination == 0 else 1.0, 6)
+            for one in range(count):
+                low = base + texture[kind] + way[kind] + prints[one // 50 % 6] + place[one % 25]
+                low = low + texture_place[kind, one % 25] + field(0.5)
+                high = up[0] @ low @ up[1].T + 1.4 * random.standard_normal((height, width))
+                images[index] = np.clip(np.rint(high), 0, 255).ravel()
+                labels[:, index] = kind, combination
+                index += 1
+    np.save(folder / "images.npy", images)
+    np.save(folder / "labels.npy", labels)
+
+
+def recorded(folder: Path, runs: list[Path]) -> None:
+    """Write the images of run folders, grey and at 40 % of their size."""
+    from tacbench_cad.lab.analysis.collection import Collection
+    from tacbench_cad.lab.analysis.gram import stacked
+    from tacbench_cad.lab.analysis.preprocess import Preprocess
+
+    study, prepare = Collection.open(runs), Preprocess(resolution=0.4)
+    rows = (np.asarray(prepare(study.reading(index)), dtype=np.uint8) for index in range(len(study)))
+    np.save(folder / "images.npy", stacked(rows, len(study)))
+    labels = [np.unique(one, return_inverse=True)[1] for one in (study.texture, study.combination)]
+    np.save(folder / "labels.npy", np.array(labels))
+
+
+class Result:
+    """Seconds of each stage and accuracies of each trial, (combination, classifier, column)."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self.worker_kb = 0
+        self.accuracies: list[list[list[float]]] = []
+
+    @contextmanager
+    def timed(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
+
+
+def scored(models: Any, sets: Any) -> list[list[float]]:
+    """Accuracy of each classifier on each set."""
+    return [[float(np.mean(model.predict(rows) == labels)) for rows, labels in sets] for model in models]
+
+
+def peak_kb() -> int:
+    """Largest resident size of this process; Linux' own counter, since ``getrusage`` keeps a parent's beyond exec."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        lines = status.read_text().splitlines()
+        return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def plain(study: Study, trials: int, epochs: int) -> Result:
+    """The script from the text."""
+    from sklearn.decomposition import PCA
+    from sklearn.ensemble import RandomForestClassifier
+    from sklearn.model_selection import train_test_split
+    from sklearn.neural_network import MLPClassifier
+
+    result = Result()
+    for combination in study.selected:
+        chosen = study.combination == combination
+        for trial in range(trials):
+            random = np.random.default_rng(trial)
+            with result.timed("augmenting, PCA"):
+                images = study.images[chosen].astype(float)
+                noisy = images + random.normal(0, 5, images.shape)
+                augmented = np.concatenate([images, noisy, images + 10, images - 10])
+                labels = np.tile(study.texture[chosen], 4)
+                pca = PCA(n_components=25, random_state=trial)
+                scores = pca.fit_transform(augmented)
+                unseen = pca.transform(study.images[~chosen].astype(float))
+            rows = train_test_split(scores, labels, test_size=0.2, random_state=trial)
+            with result.timed("forest"):
+                forest = RandomForestClassifier(max_depth=50, random_state=trial).fit(rows[0], rows[2])
+            with result.timed("network"):
+                network = MLPClassifier((50,), max_iter=epochs, n_iter_no_change=epochs, tol=0, random_state=trial)
+                network.fit(rows[0], rows[2])
+            with result.timed("predicting"):
+                sets = [(rows[0], rows[2]), (rows[1], rows[3]), (unseen, study.texture[~chosen])]
+                result.accuracies.append(scored((forest, network), sets))
+    return result
+
+
+def networks_of(splits: Any, seeds: list[int], epochs: int) -> tuple[Any, int]:
+    """Train one network a split, together; also the process's peak memory."""
+    from tacbench_cad.lab.analysis.network import NetworkClassifier, fit_together
+
+    networks = [NetworkClassifier(max_iter=epochs, random_state=seed) for seed in seeds]
+    return fit_together(networks, [(rows[0], rows[2]) for rows in splits]), peak_kb()
+
+
+def ours(study: Study, trials: int, epochs: int, cores: int) -> Result:
+    """The same through Gram matrices and batched networks, networks in as many processes as there are cores."""
+    from joblib import Parallel, delayed
+    from sklearn.ensemble import RandomForestClassifier
+    from sklearn.model_selection import train_test_split
+    from threadpoolctl import threadpool_limits
+
+    from tacbench_cad.lab.analysis.augmented_pca import AugmentedPCA
+
+    result = Result()
+    for combination in study.selected:
+        chosen = np.flatnonzero(study.combination == combination)
+        unseen = np.flatnonzero(study.combination != combination)
+        with result.timed("Gram matrix"):
+            pca = AugmentedPCA(study.images, chosen)
+        with result.timed("augmenting, PCA"):
+            shares = [one.tolist() for one in np.array_split(np.arange(trials), min(cores, trials))]
+            with threadpool_limits(limits=1):  # a thread a share of the trials waits less than threads in each product
+                drawn = Parallel(n_jobs=cores, backend="threading")(delayed(pca.fits)(one, unseen) for one in shares)
+            found = [one for share in drawn for one in share]
+            del pca, drawn
+        labels = np.tile(study.texture[chosen], 4)
+        splits = [
+            train_test_split(one.augmented.reshape(len(labels), -1), labels, test_size=0.2, random_state=trial)
+            for trial, one in enumerate(found)
+        ]
+        with result.timed("network"):
+            parts = np.array_split(np.arange(trials), min(trials, cores * max(1, round(trials / cores / 8))))
+            trained = Parallel(n_jobs=cores)(
+                delayed(networks_of)([splits[trial] for trial in part], part.tolist(), epochs) for part in parts
+            )
+            networks = [network for part, _ in trained for network in part]
+            result.worker_kb = max(result.worker_kb, *(peak for _, peak in trained))
+        with result.timed("forest"):
+            forests = [
+                RandomForestClassifier(max_depth=50, random_state=trial, n_jobs=cores).fit(rows[0], rows[2])
+                for trial, rows in enumerate(splits)
+            ]
+        with result.timed("predicting"):
+            for one, rows, forest, network in zip(found, splits, forests, networks, strict=True):
+                sets = [(rows[0], rows[2]), (rows[1], rows[3]), (one.others, study.texture[unseen])]
+                result.accuracies.append(scored((forest, network), sets))
+    return result
+
+
+def child(part: str, folder: Path, trials: int, epochs: int, cores: int) -> None:
+    """Run one of the two and print what it took, as JSON."""
+    import warnings
+
+    warnings.simplefilter("ignore")
+    study = Study(folder)
+    start = time.perf_counter()
+    result = plain(study, trials, epochs) if part == "plain" else ours(study, trials, epochs, cores)
+    wall = time.perf_counter() - start
+    peak = peak_kb() + cores * result.worker_kb
+    answer = {"wall": wall, "peak_gb": peak / 1e6, "seconds": result.seconds, "accuracies": result.accuracies}
+    print(json.dumps(answer))
+
+
+def run(part: str, folder: Path, trials: int, arguments: argparse.Namespace) -> dict[str, Any]:
+    """Run one of the two as a process with its number of cores and threads."""
+    threads = {f"{name}_NUM_THREADS": str(arguments.cores) for name in ("OMP", "OPENBLAS", "MKL")}
+    argv = [sys.executable, __file__, "--part", part, "--folder", str(folder), "--trials", str(trials)]
+    argv += ["--epochs", str(arguments.epochs), "--cores", str(arguments.cores)]
+    done = subprocess.run(argv, env={**os.environ, **threads}, stdout=subprocess.PIPE, check=True, text=True)
+    answer: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return answer
+
+
+def show(study: Study, answers: dict[str, dict[str, Any]], trials: dict[str, int], wanted: int) -> bool:
+    """Print times, memory and accuracies; whether the claims hold."""
+    pixels = study.images.shape[1]
+    rows = [int(np.sum(study.combination == one)) for one in study.selected]
+    print(f"{len(study.images)} images of {pixels} pixels; trained on {rows} images, four copies each")
+    whole = {part: answer["wall"] * wanted / trials[part] for part, answer in answers.items()}
+    for part, answer in answers.items():
+        print(f"\n{part}: {trials[part]} trials in {answer['wall']:.1f} s; peak memory {answer['peak_gb']:.2f} GB")
+        for stage, seconds in answer["seconds"].items():
+            each = seconds / trials[part] / len(study.selected)
+            print(f"  {stage:<18}{seconds:>9.1f} s{each:>9.2f} s a trial and combination")
+    note = f"{trials['plain']} trials, multiplied by {wanted / trials['plain']:g}"
+    print(f"\n{wanted} trials: plain {whole['plain']:.0f} s ({note}), ours {whole['ours']:.0f} s", end="")
+    faster = whole["plain"] / whole["ours"]
+    print(f": {faster:.1f} times faster")
+    print(f"\n{'accuracy, %':<26}{'plain':>8}{'ours':>8}{'spread':>8}   (standard deviation of our trials)")
+    agree = True
+    tables = {
+        part: 100 * np.array(answer["accuracies"]).reshape(len(study.selected), trials[part], 2, 3)
+        for part, answer in answers.items()
+    }
+    for index, combination in enumerate(study.selected):
+        for which, classifier in enumerate(CLASSIFIERS):
+            for column, name in enumerate(COLUMNS):
+                one, other = (tables[part][index, :, which, column] for part in ("plain", "ours"))
+                spread = other.std(ddof=1) if len(other) > 1 else 0.0
+                near = abs(one.mean() - other.mean()) <= 3 * spread * np.sqrt(1 / len(one) + 1 / len(other)) + 0.1
+                agree &= bool(near)
+                label = f"{combination + 1} {classifier} {name}"
+                print(f"{label:<26}{one.mean():>8.2f}{other.mean():>8.2f}{spread:>8.2f}{'' if near else '   differ'}")
+    held = {
+        "at least 10 times faster": faster >= 10,
+        "accuracies agree (3 standard errors + 0.1 %)": agree,
+        "peak memory below 2 GB": answers["ours"]["peak_gb"] < 2,
+    }
+    print()
+    for claim, holds in held.items():
+        print(f"{claim}: {'yes' if holds else 'NO'}")
+    return all(held.values())
+
+
+def main() -> int:
+    """Print the tables; the exit code is 1 where a claim does not hold."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("runs", nargs="*", type=Path, help="run folders; synthetic images without them")
+    parser.add_argument("--cores", type=int, default=2, help="threads and processes of both (default 2)")
+    parser.add_argument("--trials", type=int, default=20, help="trials of the protocol (default 20)")
+    parser.add_argument("--plain-trials", type=int, default=2, help="trials of the plain script (default 2)")
+    parser.add_argument("--epochs", type=int, default=1500, help="epochs of the networks (default 1500)")
+    parser.add_argument("--selected", type=int, default=300, help="synthetic images a trained texture (default 300)")
+    parser.add_argument("--others", type=int, default=75, help="synthetic images a texture elsewhere (default 75)")
+    parser.add_argument("--size", default="256x192", help="width and height of synthetic images (default 256x192)")
+    parser.add_argument("--part", choices=("plain", "ours"), help=argparse.SUPPRESS)
+    parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, set(sorted(os.sched_getaffinity(0))[: arguments.cores]))
+    if arguments.part:
+        child(arguments.part, arguments.folder, arguments.trials, arguments.epochs, arguments.cores)
+        return 0
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if arguments.runs:
+            recorded(folder, arguments.runs)
+        else:
+            width, height = (int(one) for one in arguments.size.split("x"))
+            synthetic(folder, arguments.selected, arguments.others, (height, width))
+        trials = {"plain": arguments.plain_trials, "ours": arguments.trials}
+        answers = {part: run(part, folder, count, arguments) for part, count in trials.items()}
+        return 0 if show(Study(folder), answers, trials, arguments.trials) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
