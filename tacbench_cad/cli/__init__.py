@@ -10,7 +10,20 @@ from typing import Annotated
 import typer
 
 from tacbench_cad import __version__
-from tacbench_cad.cli import acquire, check, doctor, import_, make, rig, runs, show, simulate, textures
+from tacbench_cad.cli import (
+    acquire,
+    check,
+    classify,
+    doctor,
+    import_,
+    make,
+    rig,
+    runs,
+    show,
+    simulate,
+    textures,
+    variance,
+)
 from tacbench_cad.cli.common import one_line, with_default_values
 from tacbench_cad.errors import TacbenchError
 
@@ -53,7 +66,7 @@ def tacbench(
     """
 
 
-for _module in (make, check, textures, show, acquire, simulate, import_, doctor):
+for _module in (make, check, textures, show, acquire, simulate, import_, variance, classify, doctor):
     app.command(_module.NAME)(_module.command)
 for _group in (runs, rig):
     app.add_typer(_group.app, name=_group.NAME)

@@ -105,14 +105,8 @@ class RunWriter:
             else:
                 _begin(folder, info)
             with refusing(folder):
-                for name in (
-                    schema.IMAGE_FOLDER,
-                    schema.DATA_FOLDER,
-                    schema.REFERENCE_FOLDER,
-                    schema.STATIONARY_FOLDER,
-                ):
-                    if name != schema.DATA_FOLDER or not _gives_images(info):
-                        (folder / name).mkdir(exist_ok=True)
+                for name in (schema.IMAGE_FOLDER, schema.REFERENCE_FOLDER, schema.STATIONARY_FOLDER):
+                    (folder / name).mkdir(exist_ok=True)
                 if durable:
                     sync_folder(folder)
                     sync_folder(folder.parent)
@@ -242,12 +236,18 @@ class RunWriter:
         """Write a reading's file; with ``durable`` it and its folder's entry are on the disk afterwards."""
         path = self.folder / name
         began = time.perf_counter()
-        with refusing(path.parent), path.open("wb") as stream:
-            stream.write(data)
-            if self._durable:
-                stream.flush()
-                os.fsync(stream.fileno())
-                sync_folder(path.parent)
+        with refusing(path.parent):
+            # What is no image has a folder of its own, made when the first such reading comes.
+            if not path.parent.exists():
+                path.parent.mkdir()
+                if self._durable:
+                    sync_folder(self.folder)
+            with path.open("wb") as stream:
+                stream.write(data)
+                if self._durable:
+                    stream.flush()
+                    os.fsync(stream.fileno())
+                    sync_folder(path.parent)
         self.seconds["sync"] += time.perf_counter() - began
 
     def _append(self, table: GrowingTable, values: Sequence[Any]) -> None:
@@ -265,11 +265,6 @@ def software() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             continue
     return versions
-
-
-def _gives_images(info: RunInfo) -> bool:
-    shape = info.reading_shape
-    return shape is not None and (len(shape) == 2 or (len(shape) == 3 and shape[2] == 3)) and min(shape[:2]) >= 8
 
 
 def _require_same(begun: RunInfo, info: RunInfo) -> None:

@@ -254,6 +254,17 @@ def test_what_is_no_image_is_stored_as_numbers(tmp_path: Path, make_info: Any, f
     assert check_run(tmp_path / "run").ok
 
 
+def test_a_large_array_of_taxels_is_no_image(tmp_path: Path, make_info: Any) -> None:
+    info = make_info(shape=(16, 24))
+    taxels = np.linspace(0.0, 1.0, 16 * 24).reshape(16, 24)
+    with RunWriter.open(tmp_path / "run", info) as writer:
+        writer.reference(taxels, NOW)
+        writer.press(info.presses[0], (4.0, 18.0, -1.0), taxels + 0.5)
+    run = Run.open(tmp_path / "run")
+    assert (tmp_path / "run" / "sensor_data" / "reading_1.npy").is_file()
+    assert np.array_equal(run.reading(run.rows[0], verify=True), taxels + 0.5)
+
+
 def test_images_say_what_was_simulated(run_folder: Path, tmp_path: Path, make_info: Any, noise: Any) -> None:
     data = (run_folder / "sensor_images" / "image_1.png").read_bytes()
     assert b"tEXtsimulated\0stage: stage model" in data

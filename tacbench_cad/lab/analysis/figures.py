@@ -1,0 +1,139 @@
+"""What all figures of the analysis have in common: style, colours, and files with the mark of simulated data.
+
+Needs matplotlib (extra ``plot``), imported when a figure is made. Every figure becomes a PNG and a PDF, each written
+whole or not at all, with no date in it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import textwrap
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tacbench_cad.errors import MissingToolError
+from tacbench_cad.files import replacing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Colours that people with any colour vision tell apart (Okabe and Ito), the darker ones first.
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#f0e442")
+INK = "#222222"
+#: Colour map of magnitudes.
+MAP = "viridis"
+#: Colour of the mark of simulated data.
+MARK = "#b03a00"
+DPI = 150
+#: Width of one column and of a page in most journals, in inches.
+COLUMN_IN, PAGE_IN = 3.5, 7.2
+#: Height of a line of the mark, and characters that fit into an inch of it.
+_LINE_IN, _CHARACTERS_PER_IN = 0.14, 16.5
+#: Lines that the mark may take; a study of many printers would name each of them.
+_LINES = 2
+
+_STYLE = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.0,
+    "axes.titlesize": 8.5,
+    "axes.labelsize": 8.0,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "legend.fontsize": 7.5,
+    "figure.titlesize": 9.0,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "image.cmap": MAP,
+    "image.interpolation": "nearest",
+    "lines.linewidth": 1.2,
+    # Letters in a PDF stay letters, so that a journal can search them.
+    "pdf.fonttype": 42,
+}
+
+
+@contextlib.contextmanager
+def styled() -> Iterator[None]:
+    """Draw in our own style, whatever the user's settings say.
+
+    Raises:
+        MissingToolError: matplotlib is not installed.
+    """
+    try:
+        import matplotlib
+    except ImportError:
+        raise MissingToolError('figures need matplotlib: pip install "tacbench-cad[plot]"') from None
+    with matplotlib.rc_context({**matplotlib.rcParamsDefault, "backend": matplotlib.rcParams["backend"], **_STYLE}):
+        from cycler import cycler
+
+        matplotlib.rcParams["axes.prop_cycle"] = cycler(color=list(COLOURS))
+        yield
+
+
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """A figure of its own, which no window knows of, with matplotlib's constrained layout."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width_in, height_in), dpi=DPI, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save(figure: Figure, stem: Path, simulated: Sequence[str]) -> tuple[Path, Path]:
+    """Write a figure as PNG and as PDF.
+
+    Args:
+        figure: The figure, inside :func:`styled`.
+        stem: The files' path without suffix. Its folder must exist.
+        simulated: What of the data was simulated (``Collection.simulated``); it is written below the figure, outside
+            of everything that is drawn. Empty for real data.
+
+    Returns:
+        The PNG's and the PDF's path.
+
+    Raises:
+        InputError: A file cannot be written.
+    """
+    from matplotlib.transforms import Bbox
+
+    width, height = (float(one) for one in figure.get_size_inches())
+    lines = _mark(simulated, max(20, int(width * _CHARACTERS_PER_IN)))
+    band = _LINE_IN * len(lines) + 0.06 if simulated else 0.0
+    box = Bbox.from_extents(0.0, -band, width, height)
+    mark = None
+    if simulated:
+        place = (0.06 / width, -0.02 / height)
+        mark = figure.text(*place, "\n".join(lines), ha="left", va="top", fontsize=7.0, color=MARK, style="italic")
+        mark.set_in_layout(False)
+    paths = stem.with_name(f"{stem.name}.png"), stem.with_name(f"{stem.name}.pdf")
+    metadata = ({"Software": None}, {"CreationDate": None, "Producer": None, "Creator": None})
+    try:
+        for path, kind, words in zip(paths, ("png", "pdf"), metadata, strict=True):
+            with replacing(path) as temporary:
+                figure.savefig(temporary, dpi=DPI, format=kind, bbox_inches=box, metadata=words)
+            figure.set_layout_engine("none")  # the first file's places serve for the second
+    finally:
+        if mark is not None:
+            mark.remove()
+    return paths
+
+
+def _mark(simulated: Sequence[str], width: int) -> list[str]:
+    """What was simulated, each part once, as many whole parts as there is room for."""
+    parts = list(dict.fromkeys(part for one in simulated for part in one.split("; ")))
+    for count in range(len(parts), 0, -1):
+        rest = "" if count == len(parts) else f"; and {len(parts) - count} more (see run.json)"
+        lines = textwrap.wrap("simulated: " + "; ".join(parts[:count]) + rest, width)
+        if len(lines) <= _LINES:
+            return lines
+    return textwrap.wrap("simulated (see run.json)", width) if parts else []

@@ -1,0 +1,255 @@
+"""Processes of this machine and of a real local Dask cluster."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+joblib = pytest.importorskip("joblib")
+
+from tacbench_cad.errors import CheckFailedError, InputError
+from tacbench_cad.lab.analysis import parallel
+from tacbench_cad.lab.analysis.parallel import workers
+
+
+def square_and_process(number: int) -> tuple[int, int]:
+    return number * number, os.getpid()
+
+
+def refuse(number: int) -> int:
+    if number == 3:
+        raise InputError("number", number, "must not be three")
+    return number
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[str]:
+    """Address of a scheduler with two worker processes."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+    ) as made:
+        yield made.scheduler_address
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parallel, "ANSWER_S", 1.0)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_results_come_in_the_order_of_the_calls(jobs: int) -> None:
+    with workers(jobs) as team:
+        found = list(team.map(square_and_process, range(6)))
+    assert [one for one, _ in found] == [0, 1, 4, 9, 16, 25]
+    assert ({process for _, process in found} == {os.getpid()}) == (jobs == 1)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_error_of_a_call_arrives_as_it_was_raised(jobs: int) -> None:
+    with workers(jobs) as team, pytest.raises(InputError) as caught:
+        list(team.map(refuse, range(6)))
+    assert (caught.value.field, caught.value.value, caught.value.allowed) == ("number", 3, "must not be three")
+
+
+def end_the_process(number: int) -> int:
+    os._exit(3)
+
+
+def test_a_lost_process_is_said_in_one_line() -> None:
+    with workers(2) as team, pytest.raises(CheckFailedError, match=r"^a process was lost; was the memory full\?"):
+        list(team.map(end_the_process, range(4)))
+
+
+def slowly(number: int) -> int:
+    time.sleep(0.2)
+    return number
+
+
+def test_a_lost_scheduler_is_said_in_one_line() -> None:
+    pytest.importorskip("distributed")
+    port = _free_port()
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    module = [sys.executable, "-m"]
+    scheduler = subprocess.Popen(
+        [*module, "distributed.cli.dask_scheduler", "--port", str(port), "--no-dashboard"], **quiet
+    )
+    address = f"tcp://127.0.0.1:{port}"
+    words = [*module, "distributed.cli.dask_worker", address, "--no-nanny", "--nthreads", "2", "--no-dashboard"]
+    worker = subprocess.Popen(words, **quiet)
+    try:
+        with workers(1, address) as team, pytest.raises(CheckFailedError, match=f"^the Dask cluster at {address} was"):
+            for _ in team.map(slowly, range(50)):
+                scheduler.kill()
+    finally:
+        for one in (worker, scheduler):
+            one.kill()
+            one.wait()
+
+
+def test_no_job_is_refused() -> None:
+    with pytest.raises(InputError, match="jobs = 0: must be at least 1"), workers(0):
+        pass
+
+
+def test_a_cluster_does_the_work_in_its_own_processes(cluster: str, tmp_path: Path) -> None:
+    with workers(1, cluster, [tmp_path]) as team:
+        found = list(team.map(square_and_process, range(8)))
+    assert team.jobs == 2
+    assert [one for one, _ in found] == [number * number for number in range(8)]
+    assert os.getpid() not in {process for _, process in found}
+
+
+def test_an_error_on_a_cluster_arrives_as_it_was_raised_and_the_cluster_goes_on(cluster: str) -> None:
+    with workers(1, cluster) as team, pytest.raises(InputError, match="number = 3: must not be three"):
+        list(team.map(refuse, range(6)))
+    with workers(1, cluster) as team:
+        assert list(team.map(refuse, [1, 2])) == [1, 2]
+
+
+def test_a_folder_that_a_worker_does_not_see_is_named(cluster: str, tmp_path: Path) -> None:
+    gone = tmp_path / "elsewhere"
+    with pytest.raises(InputError, match=f"does not see {gone}"), workers(1, cluster, [gone]):
+        pass
+
+
+def _free_port() -> int:
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:{}", "nonsense", "nowhere://127.0.0.1:{}", "tcp://127.0.0.1:x"])
+def test_no_dask_at_the_address(address: str, impatient: None) -> None:
+    pytest.importorskip("distributed")
+    began = time.monotonic()
+    wanted = "no Dask scheduler answers there within 1 s"
+    with pytest.raises(InputError, match=wanted), workers(1, address.format(_free_port())):
+        pass
+    assert time.monotonic() - began < 20.0
+
+
+def test_something_at_the_address_that_never_answers(impatient: None) -> None:
+    pytest.importorskip("distributed")
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        began = time.monotonic()
+        with pytest.raises(InputError, match="no Dask scheduler answers"), workers(1, address):
+            pass
+        assert time.monotonic() - began < 20.0
+
+
+def test_a_scheduler_without_workers(impatient: None) -> None:
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(n_workers=0, processes=True, dashboard_address=None, silence_logs=50) as empty,
+        pytest.raises(InputError, match="no worker after 1 s"),
+        workers(1, empty.scheduler_address),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("rest", "words"),
+    [
+        ("", "has tacbench-cad 0.0.1; install"),
+        ("import sys\nsys.modules['tacbench_cad.lab'] = None\n", "cannot run tacbench-cad"),
+    ],
+)
+def test_a_worker_with_another_tacbench_is_named(tmp_path: Path, rest: str, words: str) -> None:
+    """A worker whose Python finds another tacbench-cad first, with or without our modules."""
+    distributed = pytest.importorskip("distributed")
+    other = tmp_path / "tacbench_cad"
+    other.mkdir()
+    (other / "__init__.py").write_text('__version__ = "0.0.1"\n' + rest)
+    with distributed.LocalCluster(n_workers=0, processes=True, dashboard_address=None, silence_logs=50) as made:
+        command = [sys.executable, "-m", "distributed.cli.dask_worker", made.scheduler_address, "--no-dashboard"]
+        worker = subprocess.Popen(
+            [*command, "--no-nanny", "--local-directory", str(tmp_path)],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(tmp_path)},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            with pytest.raises(InputError, match=words), workers(1, made.scheduler_address):
+                pass
+        finally:
+            worker.kill()
+            worker.wait()
+
+
+@pytest.fixture
+def elsewhere(tmp_path: Path) -> Iterator[str]:
+    """A scheduler whose two worker processes stand in another folder, as those of another machine do."""
+    distributed = pytest.importorskip("distributed")
+    folder = tmp_path / "worker"
+    folder.mkdir()
+    command = [sys.executable, "-m", "distributed.cli.dask_worker", "--no-dashboard", "--no-nanny", "--nthreads", "1"]
+    with distributed.LocalCluster(n_workers=0, processes=True, dashboard_address=None, silence_logs=50) as made:
+        started = [
+            subprocess.Popen(
+                [*command, "--local-directory", str(folder), made.scheduler_address],
+                cwd=folder,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+            for _ in range(2)
+        ]
+        try:
+            with distributed.Client(made.scheduler_address, set_as_default=False) as client:
+                client.wait_for_workers(2, timeout=30)
+            yield made.scheduler_address
+        finally:
+            for one in started:
+                one.kill()
+                one.wait()
+
+
+def test_a_study_is_simulated_and_analysed_on_a_cluster(
+    elsewhere: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Simulation, variance and classification; paths are relative to a folder in which no worker stands."""
+    pytest.importorskip("cv2")
+    pytest.importorskip("sklearn")
+    from dataclasses import replace
+
+    from tacbench_cad.lab.analysis.classify import classify
+    from tacbench_cad.lab.analysis.classify_settings import Settings
+    from tacbench_cad.lab.analysis.collection import Collection
+    from tacbench_cad.lab.analysis.variance import variance_table
+    from tacbench_cad.lab.simulate.blockrun import Options, run_info
+    from tacbench_cad.lab.simulate.study import make, quick_study
+    from tacbench_cad.protocol import PressGrid
+
+    monkeypatch.chdir(tmp_path)
+    study = quick_study()
+    protocol = replace(study.protocol, grid=PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0)), stationary_frames=2)
+    blocks = [replace(one, levels=(2,)) for one in study.blocks if one.printed.texture in ("texture-1", "texture-4")]
+    study = replace(study, blocks=tuple(blocks), protocol=protocol)
+    options = Options()
+    infos = [run_info(study, one, options) for one in study.blocks]
+    seen: list[int] = []
+    with workers(1, elsewhere, [tmp_path]) as team:
+        made = make(infos, Path("runs"), options, 1, seen.append, team)
+    assert [one.name for one in made] == [info.printed.name for info in infos]
+    assert len(seen) == 8 and seen[-1] == sum(one.images for one in made)
+    collection = Collection.open([Path("runs")])
+    assert variance_table(collection, dask=elsewhere).cells == variance_table(collection).cells
+    settings = Settings(rungs=("copy",), components=5)
+    for name in ("far", "near"):
+        (tmp_path / name).mkdir()
+    with workers(1, elsewhere) as team:
+        far = classify(collection, settings, 2, Path("far"), team)
+    with workers(1) as team:
+        near = classify(collection, settings, 2, Path("near"), team)
+    assert [one.as_dict() for one in far.outcomes] == [one.as_dict() for one in near.outcomes]

@@ -1,0 +1,224 @@
+"""The pass over the readings: equal to NumPy's two passes, the same in any number of processes, flat in memory."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from studies import PRINTERS, SHAPE, write_study
+
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.moments import FRAMES, MAP_SIDE, moments, small_map, spread
+from tacbench_cad.lab.analysis.parallel import workers
+from tacbench_cad.lab.analysis.preprocess import Preprocess
+from tacbench_cad.lab.analysis.streaming import Pass, levels_with_most_prints, stream
+from tacbench_cad.lab.presses import Press
+from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.spec import PrintedBlock
+from tacbench_cad.protocol import PressGrid
+
+
+def passed(collection: Collection, jobs: int = 1) -> Pass:
+    with workers(jobs) as team:
+        return stream(collection, Preprocess(), team)
+
+
+def at(collection: Collection, level: int, position: int) -> NDArray[np.int64]:
+    return np.flatnonzero((collection.level == level) & (collection.position == position))
+
+
+def readings(collection: Collection, which: NDArray[np.int64]) -> NDArray[np.float64]:
+    return np.stack([collection.reading(int(i)).astype(np.float64).ravel() for i in which])
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Collection:
+    folder = tmp_path_factory.mktemp("streamed")
+    write_study(folder, levels=(1, 3), copies=3)
+    return Collection.open([folder])
+
+
+@pytest.fixture(scope="module")
+def done(study: Collection) -> Pass:
+    return passed(study)
+
+
+@pytest.mark.parametrize("ddof", [0, 1])
+def test_each_cell_has_the_variance_that_numpy_gives(study: Collection, done: Pass, ddof: int) -> None:
+    assert len(done.places) == 2 * 4
+    for place in done.places:
+        assert len(place.cells) == 4
+        here = at(study, place.level, place.position)
+        for (combination, texture), cell in place.cells.items():
+            mine = here[(study.combination[here] == combination) & (study.texture[here] == texture)]
+            two_pass = readings(study, mine).var(axis=0, ddof=ddof).mean()
+            assert cell.variance(ddof) == pytest.approx(two_pass, rel=1e-9)
+            assert cell.prints == 3 and cell.presses == 6
+
+
+def test_the_nested_sums_of_squares_are_those_of_two_passes(study: Collection, done: Pass) -> None:
+    for place in done.places:
+        here = at(study, place.level, place.position)
+        values = readings(study, here)
+        labels = [(study.texture[i], study.combination[i], study.copy[i], i) for i in here]
+        means = [
+            np.stack([values[[other[:depth] == one[:depth] for other in labels]].mean(axis=0) for one in labels])
+            for depth in range(5)
+        ]
+        direct = [((fine - coarse) ** 2).sum(axis=0).mean() for coarse, fine in pairwise(means)]
+        np.testing.assert_allclose(place.nested.squares, direct, rtol=1e-9)
+        # 2 textures, 2 printers of each, 3 prints of each of these, 2 repeats.
+        assert place.nested.dof.tolist() == [1, 2, 8, 12] and place.nested.groups.tolist() == [2, 4, 12, 24]
+
+
+def test_distances_of_textures_are_those_of_their_means(study: Collection, done: Pass) -> None:
+    place = done.places[5]
+    here = at(study, place.level, place.position)
+    for combination, (names, distances) in place.distances.items():
+        means = [
+            readings(study, here[(study.combination[here] == combination) & (study.texture[here] == one)]).mean(axis=0)
+            for one in names
+        ]
+        assert distances[0, 1] == pytest.approx(((means[0] - means[1]) ** 2).mean(), rel=1e-9)
+        assert distances[0, 0] == 0.0
+
+
+def test_the_floor_is_the_variance_of_the_frames_of_a_sitting(study: Collection, done: Pass) -> None:
+    assert [one.run for one in done.floors] == list(range(12))
+    run = study.runs[7]
+    sittings = [np.stack(run.stationary(when, True)).astype(np.float64) for when in ("start", "end")]
+    assert done.floors[7].dof == 4
+    assert done.floors[7].squares == pytest.approx(sum(2.0 * one.var(axis=0, ddof=1).mean() for one in sittings))
+
+
+def test_maps_are_the_sum_of_the_pixels_variances(study: Collection, done: Pass) -> None:
+    key = ("ender-3_pla-plus", "texture-2")
+    mine = (study.combination == key[0]) & (study.texture == key[1])
+    total = np.zeros(SHAPE)
+    for level in (1, 3):
+        for position in range(1, 5):
+            here = np.flatnonzero(mine & (study.level == level) & (study.position == position))
+            total += readings(study, here).var(axis=0).reshape(SHAPE)
+    picture, count = done.maps[key]
+    assert count == 8
+    np.testing.assert_allclose(picture, total, rtol=1e-9)
+
+
+def test_processes_change_no_digit(study: Collection, done: Pass) -> None:
+    other = passed(study, jobs=2)
+    for ours, theirs in zip(done.places, other.places, strict=True):
+        assert (ours.level, ours.position) == (theirs.level, theirs.position)
+        assert np.array_equal(ours.nested.squares, theirs.nested.squares)
+        for key, cell in ours.cells.items():
+            assert np.array_equal(cell.gram, theirs.cells[key].gram)
+    assert other.readings == done.readings == len(study) + 12 * 6
+
+
+def test_progress_ends_with_all_readings(study: Collection) -> None:
+    seen: list[tuple[int, int]] = []
+    with workers(1) as team:
+        stream(study, Preprocess(), team, lambda done, total: seen.append((done, total)))
+    assert seen[-1] == (len(study) + 12 * 6, len(study) + 12 * 6)
+
+
+def taxels(value: Callable[[PrintedBlock, Press], float]) -> Callable[..., Reading]:
+    def read(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
+        found = 1e-3 * rng.standard_normal((4, 4, 3))
+        found[0, 0, 0] += value(printed, press)
+        return found
+
+    return read
+
+
+def test_any_array_is_taken_and_nan_is_left_out_by_name(tmp_path: Path) -> None:
+    def value(printed: PrintedBlock, press: Press) -> float:
+        return np.nan if (printed.name, press.number) == (name, 3) else 0.0
+
+    name = "texture-1_paper_x1_ender-3_pla-plus_copy02"
+    write_study(tmp_path, image=taxels(value), shape=(4, 4, 3), units="kPa", levels=(2,))
+    found = Collection.open([tmp_path])
+    done = passed(found)
+    assert len(done.left_out) == 1
+    assert f"{name}/sensor_data/reading_3.npy: holds NaN" in done.left_out[0]
+    cells = {place.position: place.cells["ender-3_pla-plus", "texture-1"] for place in done.places}
+    assert [cells[position].presses for position in (1, 2, 3, 4)] == [4, 4, 3, 4]
+    here = np.flatnonzero((found.combination == "ender-3_pla-plus") & (found.texture == "texture-1"))
+    usable = [i for i in here if found.position[i] == 3 and np.isfinite(found.reading(int(i))).all()]
+    assert cells[3].variance() == pytest.approx(readings(found, np.array(usable)).var(axis=0).mean(), rel=1e-9)
+    assert done.maps["ender-3_pla-plus", "texture-1"][0].shape == (4, 4)
+
+
+def test_a_damaged_image_is_left_out_by_name_and_nothing_else(tmp_path: Path) -> None:
+    folders = write_study(tmp_path, textures=(1,))
+    clean = passed(Collection.open([tmp_path]))
+    (folders[1] / "sensor_images" / "image_6.png").write_bytes(b"\x89PNG but no more")
+    damaged = passed(Collection.open([tmp_path]))
+    assert [folders[1].name in one and "image_6.png" in one for one in damaged.left_out] == [True]
+    for before, after in zip(clean.places, damaged.places, strict=True):
+        for key, cell in before.cells.items():
+            hit = before.position == 2 and key[0] == "ender-3_pla-plus"
+            assert after.cells[key].presses == cell.presses - hit
+            assert (after.cells[key].variance() == cell.variance()) != hit
+
+
+def peak(collection: Collection) -> int:
+    collection.level, collection.repeat, collection.position  # noqa: B018 the table of presses is read before
+    tracemalloc.start()
+    try:
+        passed(collection)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_memory_does_not_grow_with_the_number_of_images(tmp_path: Path) -> None:
+    shape = (240, 320)
+
+    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
+        return np.full(shape, press.number % 251, dtype=np.uint8)
+
+    peaks = []
+    for name, side in (("few", 2), ("many", 5)):
+        grid = PressGrid(x_mm=tuple(4.0 + i for i in range(side)), y_mm=tuple(18.0 + i for i in range(side)))
+        write_study(tmp_path / name, image=image, shape=shape, grid=grid, prints=PRINTERS[:1], still=0)
+        peaks.append(peak(Collection.open([tmp_path / name])))
+    # 32 and 200 images of 77 kB: what grows is the records of the sums, about 1 kB for an image.
+    assert peaks[1] - peaks[0] < 0.03 * (200 - 32) * 240 * 320
+
+
+def test_moments_are_those_of_all_readings_at_once() -> None:
+    stack = np.random.default_rng(3).integers(0, 256, (7, 150, 80), dtype=np.uint8)
+    found, flat = moments(list(stack)), stack.reshape(7, -1).astype(np.float64)
+    np.testing.assert_allclose(found.mean, flat.mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(found.squares, 7 * flat.var(axis=0), rtol=1e-9)
+    deviations = flat - flat.mean(axis=0)
+    np.testing.assert_allclose(found.gram, deviations @ deviations.T / flat.shape[1], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [0, 1, FRAMES, 2 * FRAMES + 3])
+def test_frames_are_taken_in_parts(count: int) -> None:
+    frames = 1e6 + np.random.default_rng(count).standard_normal((count, 30))
+    found = spread(iter(frames))
+    assert found.count == count
+    if count:
+        assert found.squares == pytest.approx(count * frames.var(axis=0).mean(), rel=1e-7, abs=1e-12)
+
+
+def test_small_maps_keep_the_mean_and_the_place() -> None:
+    values = np.zeros((2 * MAP_SIDE, 640))
+    values[100:104, 200:210] = 5.0
+    picture = small_map(values.ravel(), values.shape)
+    assert picture.shape == (MAP_SIDE, 320) and picture.mean() == pytest.approx(values.mean())
+    assert set(zip(*np.nonzero(picture), strict=True)) == {(y, x) for y in (50, 51) for x in range(100, 105)}
+    assert small_map(np.arange(5.0), (5,)).tolist() == [[0.0, 1.0, 2.0, 3.0, 4.0]]
+    assert small_map(np.arange(12.0), (2, 2, 3)).tolist() == [[1.0, 4.0], [7.0, 10.0]]
+
+
+def test_levels_with_most_prints() -> None:
+    found = levels_with_most_prints({(1, ("a", "t")): [1, 1], (2, ("a", "t")): [1, 1, 2, 2], (3, ("b", "t")): [1]})
+    assert found == {("a", "t"): (2,), ("b", "t"): (3,)}

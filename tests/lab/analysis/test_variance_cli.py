@@ -1,0 +1,170 @@
+"""``tacbench variance``: what it prints, what it writes, how it ends."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from studies import PRINTERS, SHAPE, write_study
+
+from tacbench_cad.cli import main
+from tacbench_cad.lab.analysis import between, components, registration, variance
+from tacbench_cad.lab.presses import Press
+from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.spec import PrintedBlock
+
+FIGURES = ("variance", "variance_pixels", "variance_positions", "between_textures", "components")
+TABLES = ("variance", "floor_removed", "components", "between_textures", "positions", "permutation")
+#: A combination that the paper has figures of.
+PAPERS = ("bambu-p1p", "pla-minus")
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("printed")
+    write_study(folder, prints=(PRINTERS[0], PAPERS), levels=(1, 2), simulated="simulated TacTip")
+    return folder
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+@pytest.fixture(scope="module")
+def written(study: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Everything that the command writes, and what it prints."""
+    out, screen = tmp_path_factory.mktemp("written") / "results", io.StringIO()
+    with contextlib.redirect_stdout(screen):
+        assert main(["variance", str(study), "-o", str(out), "--register", "--jobs", "1"]) == 0
+    return out, screen.getvalue()
+
+
+def test_everything_is_written_and_printed(written: tuple[Path, str]) -> None:
+    out, shown = written
+    expected = {f"{name}.csv" for name in (*TABLES, "registration")}
+    expected |= {"settings.json"} | {f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf")}
+    assert {one.name for one in out.iterdir()} == expected
+    for name in FIGURES:
+        assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert (out / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+    found = rows(out / "variance.csv")
+    assert tuple(found[0]) == variance.COLUMNS and len(found) == 3 * 2 * 2
+    assert {row["force_level"] for row in found} == {"1", "2", "all"}
+    assert tuple(rows(out / "components.csv")[0]) == components.COLUMNS
+    assert tuple(rows(out / "between_textures.csv")[0]) == between.COLUMNS
+    assert tuple(rows(out / "registration.csv")[0]) == registration.COLUMNS
+    assert len(rows(out / "positions.csv")) == 2 * 2 * 2 * 4
+    for words in (
+        "simulated: sensor: simulated TacTip",
+        "variance, 0.08 N (counts^2; grey, full size, ddof 0)",
+        "variance, mean of all forces",
+        "noise alone",
+        "95 % interval",
+        "floor removed (ddof 1)",
+        "the paper",
+        "2.64",
+        "2.6 counts^2 if it is a variance, 6.76 counts^2 if it is a standard deviation",
+        "reproducibility s.d. (counts)",
+        "permutation test",
+        "registration",
+        "warning: ",
+        "the paper's table has 300",
+    ):
+        assert words in shown, words
+
+
+def test_json_says_the_same_as_the_csv(
+    study: Path, written: tuple[Path, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["variance", str(study), "--json", "--jobs", "1"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["ddof"] == 0 and document["grey"] and document["units"] == "counts^2"
+    assert document["simulated"] == ["sensor: simulated TacTip"] and document["left_out"] == document["files"] == []
+    for ours, theirs in zip(document["variance"], rows(written[0] / "variance.csv"), strict=True):
+        assert {name: str(ours[name]) for name in variance.COLUMNS} == theirs
+
+
+def test_simulated_data_are_marked_below_each_figure(study: Path, tmp_path: Path) -> None:
+    import cv2
+
+    from tacbench_cad.lab.analysis.figures import COLUMN_IN, new_figure, save, styled
+
+    with styled():
+        figure = new_figure(COLUMN_IN, 1.0)
+        plain = save(figure, tmp_path / "plain", ())[0]
+        marked = save(figure, tmp_path / "marked", ("stage: virtual", "sensor: simulated TacTip"))[0]
+    real, simulated = (cv2.imread(str(one)) for one in (plain, marked))
+    assert real.shape[1] == simulated.shape[1] and simulated.shape[0] > real.shape[0]
+    assert (real == 255).all() and (simulated[real.shape[0] :] < 200).any()
+
+
+def test_a_damaged_image_is_named_the_rest_is_computed_and_the_exit_code_is_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folders = write_study(tmp_path / "runs", textures=(1, 2))
+    (folders[2] / "sensor_images" / "image_4.png").write_bytes(b"\x89PNG")
+    assert main(["variance", str(tmp_path / "runs"), "--json", "--jobs", "1"]) == 1
+    captured = capsys.readouterr()
+    assert f"{folders[2].name}/sensor_images/image_4.png: is not a readable PNG image" in captured.err
+    assert "Traceback" not in captured.err and captured.err.count("left out") == 1
+    document = json.loads(captured.out)
+    assert len(document["variance"]) == 2 * 2 * 2 and len(document["left_out"]) == 1
+
+
+def test_any_sensor_is_taken_in_its_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
+        return 1e-4 * rng.standard_normal((4, 4))
+
+    write_study(tmp_path / "runs", image=image, shape=(4, 4), units="kPa", prints=(PAPERS,))
+    out = tmp_path / "results"
+    assert main(["variance", str(tmp_path / "runs"), "-o", str(out), "--jobs", "1"]) == 0
+    shown = capsys.readouterr().out
+    assert "variance, 0.08 N (kPa^2, ddof 0)" in shown
+    assert "2.64" not in shown  # the paper's counts are of another unit
+    assert len(list(out.glob("*.png"))) == len(FIGURES)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--ddof", "2"], "ddof = 2: allowed: 0, 1"),
+        (["--ddof", "x"], "ddof = 'x'"),
+        (["--jobs", "0"], "jobs = 0"),
+        (["--seed", "-1"], "seed = -1"),
+    ],
+)
+def test_bad_options_are_named(study: Path, options: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["variance", str(study), *options]) == 2
+    assert capsys.readouterr().err.startswith(f"error: {said}")
+
+
+def test_no_runs_and_an_unwritable_folder_are_named(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["variance", str(tmp_path)]) == 2
+    assert "has no run folder in it" in capsys.readouterr().err
+    (tmp_path / "file").touch()
+    assert main(["variance", str(study), "-o", str(tmp_path / "file"), "--jobs", "1"]) == 2
+    assert "is not a folder" in capsys.readouterr().err
+
+
+def test_registration_of_single_prints_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_study(tmp_path / "runs", copies=1)
+    assert main(["variance", str(tmp_path / "runs"), "--register", "--jobs", "1"]) == 2
+    captured = capsys.readouterr()
+    assert captured.err.startswith("error: register") and not captured.out
+
+
+def test_figures_are_drawn_for_the_least_there_can_be(tmp_path: Path) -> None:
+    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
+        return np.full(SHAPE, 9, dtype=np.uint8)
+
+    write_study(tmp_path / "runs", image=image, textures=(1,), prints=PRINTERS[:1], copies=1, still=0)
+    assert main(["variance", str(tmp_path / "runs"), "-o", str(tmp_path / "out"), "--jobs", "1"]) == 0
+    assert len(list((tmp_path / "out").glob("*.png"))) == len(FIGURES)

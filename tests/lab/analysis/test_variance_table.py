@@ -1,0 +1,202 @@
+"""The variance table: floors, intervals, pooling, designs that are unbalanced or say nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from studies import PRINTERS, SHAPE, texture_image, write_run, write_study
+from studies import Plan as StudyPlan
+
+from tacbench_cad.block import Block
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.analysis.cells import ALL_LEVELS
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.preprocess import Preprocess
+from tacbench_cad.lab.analysis.variance import VarianceResult, holm, variance_table
+from tacbench_cad.lab.presses import Press
+from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.spec import PrintedBlock
+
+#: True variances of the made-up readings: between prints, between repeats (re-approach), of noise.
+PRINT, APPROACH, NOISE = 4.0, 1.0, 0.25
+PIXELS = (5, 20, 20)
+
+
+def made(printed: PrintedBlock, press: Press | None, rng: np.random.Generator) -> Reading:
+    own = np.random.default_rng(list(printed.name.encode()))
+    found = 50.0 + np.sqrt(PRINT) * own.standard_normal(PIXELS)
+    return found + np.sqrt(APPROACH) * rng.standard_normal(PIXELS) + np.sqrt(NOISE) * rng.standard_normal(PIXELS)
+
+
+def table(folder: Path, **changes: object) -> VarianceResult:
+    options = {name: changes.pop(name) for name in ("ddof", "jobs", "seed", "preprocess") if name in changes}
+    write_study(folder, **changes)  # type: ignore[arg-type]
+    return variance_table(Collection.open([folder]), **options)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> VarianceResult:
+    folder = tmp_path_factory.mktemp("table")
+    return table(folder, image=made, shape=PIXELS, units="kPa", copies=3, levels=(1, 2), still=0)
+
+
+def test_each_row_of_the_table_stands_once_and_pooled_is_the_mean(result: VarianceResult) -> None:
+    keys = [(one.force_level, one.combination, one.texture) for one in result.cells]
+    assert len(keys) == len(set(keys)) == 3 * 2 * 2
+    assert result.force_levels == (1, 2, ALL_LEVELS)
+    for combination in result.collection.combinations:
+        for texture in result.collection.textures:
+            one, two, both = (result.cell(level, combination, texture) for level in (1, 2, ALL_LEVELS))
+            assert one and two and both
+            assert both.variance == pytest.approx((one.variance + two.variance) / 2.0)
+            assert (one.prints, one.presses, both.prints, both.presses) == (3, 24, 3, 48)
+
+
+def test_variances_and_components_are_the_true_ones(result: VarianceResult) -> None:
+    # 8,000 pixels and positions in each cell, but three prints of 2,000: a few per cent.
+    within = APPROACH + NOISE
+    for one in result.removed:
+        assert one.cell.variance == pytest.approx((1 - 1 / 3) * PRINT + (1 - 1 / 6) * within, rel=0.08)
+        assert one.variance == pytest.approx(one.cell.variance * 6.0 / 5.0)
+    rows = {(row["force_level"], row["component"]): row for row in result.components}
+    for level in (1, 2, ALL_LEVELS):
+        assert rows[level, "print"]["variance"] == pytest.approx(PRINT, rel=0.05)
+        assert rows[level, "repeat"]["variance"] == pytest.approx(within, rel=0.05)
+        assert rows[level, "repeat"]["low"] < within < rows[level, "repeat"]["high"]
+        assert rows[level, "print"]["low"] < PRINT < rows[level, "print"]["high"]
+
+
+def test_intervals_hold_their_estimate(result: VarianceResult) -> None:
+    for one in result.removed:
+        cell = one.cell
+        assert cell.low is not None and cell.high is not None and cell.low < cell.variance < cell.high
+        assert one.low is not None and one.high is not None and one.removed is not None
+        assert one.low < one.removed < one.high
+
+
+def test_without_stationary_frames_the_floor_is_an_upper_bound_from_repeats(result: VarianceResult) -> None:
+    for one in result.removed:
+        assert one.floor_from == "repeats (upper bound)"
+        assert one.cell.floor == pytest.approx(APPROACH + NOISE, rel=0.05)
+        assert result.noise_alone(one.cell) == pytest.approx(5.0 / 6.0 * one.cell.floor)
+    assert any("only an upper bound" in line for line in result.warnings)
+
+
+def test_stationary_frames_measure_the_sensor_alone(tmp_path: Path) -> None:
+    found = table(tmp_path, still=6)
+    for one in found.removed:
+        assert one.floor_from == "stationary frames"
+        # Noise of 2 counts, rounded down to whole ones; the picture of a stationary frame is the same each time.
+        assert one.cell.floor == pytest.approx(4.0 + 1.0 / 12.0, rel=0.1)
+        assert one.removed == pytest.approx(one.variance - one.cell.floor)
+    assert not any("upper bound" in line for line in found.warnings)
+
+
+def test_ddof_1_divides_by_one_less(tmp_path: Path) -> None:
+    zero = table(tmp_path)
+    one = variance_table(zero.collection, ddof=1)
+    for a, b in zip(zero.cells, one.cells, strict=True):
+        assert b.variance == pytest.approx(a.variance * 4.0 / 3.0)
+    for key, picture in zero.maps.items():
+        np.testing.assert_allclose(one.maps[key], picture * 4.0 / 3.0)
+        values = zero.positions[1, key]
+        cell = zero.cell(1, *key)
+        assert cell is not None and values.mean() == pytest.approx(cell.variance)
+    with pytest.raises(InputError, match="ddof"):
+        variance_table(zero.collection, ddof=2)
+
+
+def test_colour_keeps_what_grey_averages(tmp_path: Path) -> None:
+    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
+        return rng.integers(100, 120, (*SHAPE, 3), dtype=np.uint8)
+
+    grey = table(tmp_path, image=image, shape=(*SHAPE, 3))
+    colour = variance_table(grey.collection, Preprocess(colour=True))
+    ratio = grey.cells[0].variance / colour.cells[0].variance
+    assert ratio == pytest.approx(0.114**2 + 0.587**2 + 0.299**2, rel=0.1)
+    assert grey.maps["ender-3_pla-plus", "texture-1"].shape == SHAPE
+
+
+def test_one_print_has_a_variance_and_a_warning_but_no_interval(tmp_path: Path) -> None:
+    found = table(tmp_path, copies=1, prints=PRINTERS[:1], textures=(1,))
+    (cell, pooled) = found.cells
+    assert cell.low is None and cell.high is None and cell.prints == 1 and pooled.force_level == ALL_LEVELS
+    assert not found.tests
+    text = " ".join(found.warnings)
+    assert "nothing of how prints differ" in text and "one printer-filament only" in text and "one texture only" in text
+
+
+def test_a_study_in_which_nothing_was_pressed_twice_is_refused(tmp_path: Path) -> None:
+    write_study(tmp_path, copies=1)
+    collection = Collection.open([tmp_path])
+    with pytest.raises(InputError, match="no place was pressed more than once"):
+        variance_table(collection.chosen(collection.repeat == 1))
+
+
+def test_constant_readings_have_no_variance_and_say_so(tmp_path: Path) -> None:
+    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
+        return np.full(SHAPE, 7, dtype=np.uint8)
+
+    found = table(tmp_path, image=image)
+    assert {one.variance for one in found.cells} == {0.0} and {one.floor for one in found.cells} == {0.0}
+    assert any("check that the sensor was alive" in line for line in found.warnings)
+
+
+def test_levels_with_different_prints_are_not_pooled_into_an_interval(tmp_path: Path) -> None:
+    printer, filament = PRINTERS[0]
+    for copy, levels in ((1, (1, 2)), (2, (2,)), (3, (2,))):
+        printed = PrintedBlock(block=Block.of(1), printer=printer, filament=filament, copy=copy)
+        write_run(tmp_path / str(copy), printed, StudyPlan(levels=levels))
+    found = variance_table(Collection.open([tmp_path]))
+    one, two, both = found.cells
+    assert (one.prints, two.prints, both.prints) == (1, 3, 3)
+    assert one.low is None and two.low is not None and both.low is None
+    assert both.variance == pytest.approx((one.variance + two.variance) / 2.0)
+    assert any("different numbers of prints (1, 3)" in line for line in found.warnings)
+    # Maps and positions of the level with three prints only.
+    assert found.passed.maps["ender-3_pla-plus", "texture-1"][1] == 4
+
+
+def test_a_printer_that_varies_more_is_found_by_the_test(tmp_path: Path) -> None:
+    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
+        spread = 8.0 if printed.printer == "ender-3" else 1.0
+        own = np.random.default_rng(list(printed.name.encode()))
+        return 50.0 + spread * own.standard_normal(PIXELS) + 0.1 * rng.standard_normal(PIXELS)
+
+    found = table(tmp_path, image=image, shape=PIXELS, units="kPa", copies=4, textures=(1, 2, 3), still=0)
+    levels = {one.force_level: one for one in found.tests}
+    assert set(levels) == {1, ALL_LEVELS}
+    outcome = levels[1].outcome
+    assert levels[1].first == "ender-3_pla-plus" and outcome.prints == (12, 12)
+    assert outcome.ratio == pytest.approx(64.0, rel=0.1) and outcome.p <= 0.002
+
+
+def test_holm_adjusts_as_published() -> None:
+    assert holm([]) == []
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.9, 0.8]) == [1.0, 1.0]
+
+
+def test_jobs_and_order_of_folders_change_no_digit(tmp_path: Path) -> None:
+    write_study(tmp_path)
+    folders = sorted(one for one in tmp_path.iterdir() if one.is_dir())
+    one = variance_table(Collection.open(folders))
+    two = variance_table(Collection.open(folders[::-1]), jobs=2)
+    assert one.cells == two.cells and one.removed == two.removed
+
+
+def test_a_press_that_is_missing_is_allowed_for(tmp_path: Path) -> None:
+    folders = write_study(tmp_path, image=texture_image, copies=3)
+    whole = variance_table(Collection.open([tmp_path]))
+    (folders[0] / "sensor_images" / "image_2.png").unlink()
+    found = variance_table(Collection.open([tmp_path]))
+    assert len(found.left_out) == 1 and "image_2.png" in found.left_out[0]
+    assert found.warnings[0].startswith("1 reading could not be used")
+    assert any("presses are missing" in line for line in found.warnings)
+    for before, after in zip(whole.cells, found.cells, strict=True):
+        hit = (after.combination, after.texture) == ("ender-3_pla-plus", "texture-1")
+        assert after.presses == before.presses - hit
+        assert after.variance == pytest.approx(before.variance, rel=0.2 if hit else 1e-12)
+        assert after.low is not None
