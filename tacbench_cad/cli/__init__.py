@@ -13,14 +13,20 @@ from tacbench_cad import __version__
 from tacbench_cad.cli import (
     acquire,
     check,
+    cite,
     classify,
+    compare,
     doctor,
+    grade,
     import_,
     make,
+    report,
     rig,
     runs,
+    score,
     show,
     simulate,
+    split,
     textures,
     variance,
 )
@@ -59,6 +65,7 @@ def tacbench(
       tacbench acquire --virtual --out runs press a block on a simulated rig; with a FILE.toml on yours
       tacbench runs check runs              examine what was recorded
       tacbench simulate --study quick --out study  a whole simulated study
+      tacbench report study -o report.html  what the data say, on one page
       tacbench doctor                       what is installed, and how to repair it
 
     Every command has its own --help. Exit codes: 0 done, 1 a check failed, 2 bad input or something missing,
@@ -66,7 +73,25 @@ def tacbench(
     """
 
 
-for _module in (make, check, textures, show, acquire, simulate, import_, variance, classify, doctor):
+_MODULES = (
+    make,
+    check,
+    textures,
+    show,
+    acquire,
+    simulate,
+    import_,
+    variance,
+    grade,
+    classify,
+    report,
+    cite,
+    split,
+    score,
+    compare,
+    doctor,
+)
+for _module in _MODULES:
     app.command(_module.NAME)(_module.command)
 for _group in (runs, rig):
     app.add_typer(_group.app, name=_group.NAME)

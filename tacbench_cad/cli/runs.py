@@ -118,9 +118,8 @@ def export(
         for folder in found:
             target = None if out is None else out / folder.name
             images += export_tactile_data(folder, target, how, told(folder.name))
-    typer.echo(
-        f"{len(found)} run{'' if len(found) == 1 else 's'}, {images} images of {size} pixels, in {out or 'the run folders'}"
-    )
+    runs = f"{len(found)} run{'' if len(found) == 1 else 's'}"
+    typer.echo(f"{runs}, {images} images of {size} pixels, in {out or 'the run folders'}")
 
 
 def _box(text: str | None) -> tuple[int, int, int, int] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import time
 from collections.abc import Sequence
@@ -43,6 +44,9 @@ def command(
     colour: Annotated[bool, typer.Option("--colour", help="Images in colour; they take three times the room.")] = False,
     seed: Annotated[str, typer.Option(metavar="N", help="Another number gives other prints and other noise.")] = "0",
     jobs: Annotated[str | None, typer.Option(metavar="N", help="Processes. Default: one for each processor.")] = None,
+    dask: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Use a Dask cluster that is there: tcp://10.0.0.5:8786.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """Simulate a study: virtual prints, pressed by a simulated TacTip, in run folders like those of a real rig.
@@ -59,9 +63,10 @@ def command(
       tacbench simulate --study quick --out runs
       tacbench simulate --study paper --out paper-runs --jobs 2
       tacbench simulate --study mine.toml --colour
+      tacbench simulate --study paper --out /shared/runs --dask tcp://10.0.0.5:8786
     """
     from tacbench_cad.lab.simulate.blockrun import Options, run_info
-    from tacbench_cad.lab.simulate.study import estimate, make, require_room, study_of
+    from tacbench_cad.lab.simulate.study import estimate, make, nearest_folder, require_room, study_of
     from tacbench_cad.making.workers import cpu_count
 
     options = Options(colour=colour, seed=whole_of("seed", seed))
@@ -74,14 +79,21 @@ def command(
     if folder is None:
         raise InputError("out", None, "name a folder for the runs")
     infos = [run_info(found.study, one, options) for one in found.study.blocks]
-    count = min(count, len(infos))
-    needed = estimate(infos, folder, options, count)
-    for line in _plan(found.study, infos, needed, colour):
-        note(line)
-    require_room(folder, needed)
-    began = time.monotonic()
-    with _Progress(needed.presses + needed.others, needed.there) as progress:
-        blocks = make(infos, folder, options, count, progress.show)
+    with contextlib.ExitStack() as stack:
+        cluster = None
+        if dask is not None:
+            from tacbench_cad.lab.analysis.parallel import workers
+
+            cluster = stack.enter_context(workers(1, dask, [nearest_folder(folder)]))
+            count = cluster.jobs
+        count = min(count, len(infos))
+        needed = estimate(infos, folder, options, count)
+        for line in _plan(found.study, infos, needed, colour):
+            note(line)
+        require_room(folder, needed)
+        began = time.monotonic()
+        progress = stack.enter_context(_Progress(needed.presses + needed.others, needed.there))
+        blocks = make(infos, folder, options, count, progress.show, cluster)
     seconds = time.monotonic() - began
     if json:
         print_json(_document(folder, infos, blocks, needed, seconds))

@@ -8,7 +8,9 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, wait
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tacbench_cad.block import Block
 from tacbench_cad.errors import InputError
@@ -21,6 +23,9 @@ from tacbench_cad.lab.spec import PlannedBlock, PrintedBlock, Protocol, Study
 from tacbench_cad.lab.study import StudyFile, read_study
 from tacbench_cad.making.workers import Workers
 from tacbench_cad.protocol import PressGrid
+
+if TYPE_CHECKING:
+    from tacbench_cad.lab.analysis.parallel import Team
 
 #: Numbers of the six textures.
 TEXTURES = (1, 2, 3, 4, 5, 6)
@@ -154,13 +159,17 @@ def require_room(out: Path, needed: Estimate) -> None:
     Raises:
         InputError: It has not; the message has the numbers.
     """
-    folder = next((one for one in (out, *out.absolute().parents) if one.is_dir()), Path("/"))
-    free = shutil.disk_usage(folder).free / 1e9
+    free = shutil.disk_usage(nearest_folder(out)).free / 1e9
     need = needed.gb * (1.0 + SPARE)
     if free < need:
         raise InputError(
             "output folder", str(out), f"has {free:.2f} GB free, and the study's images need {need:.2f} GB; make room"
         )
+
+
+def nearest_folder(out: Path) -> Path:
+    """The folder itself, or the nearest one above it that is there."""
+    return next((one for one in (out, *out.absolute().parents) if one.is_dir()), Path("/"))
 
 
 def make(
@@ -169,18 +178,20 @@ def make(
     options: Options,
     jobs: int,
     progress: Callable[[int], None] = lambda images: None,
+    cluster: Team | None = None,
 ) -> list[BlockDone]:
     """Make the runs of a study, or what is missing of them, side by side in processes.
 
-    The processes are ended at once by an interruption or an error; what they had made stays, and the next call goes
-    on at the first missing press of any block.
+    The processes of this machine are ended at once by an interruption or an error; what they had made stays, and the
+    next call goes on at the first missing press of any block. A worker of a cluster first ends its block.
 
     Args:
         infos: The runs.
         out: Their folder.
         options: How they are simulated.
-        jobs: Processes.
-        progress: Told how many images are there, twice a second.
+        jobs: Processes of this machine.
+        progress: Told how many images are there, twice a second; after each block of a cluster.
+        cluster: A cluster that makes the blocks instead; see :func:`tacbench_cad.lab.analysis.parallel.workers`.
 
     Returns:
         What was made of each block, in the order of ``infos``.
@@ -191,6 +202,14 @@ def make(
     """
     folders = [out / info.printed.name for info in infos]
     counts = [images_there(folder) for folder in folders]
+    if cluster is not None:
+        made = []
+        work = partial(make_block, out.absolute(), options=options)
+        for i, block in enumerate(cluster.map(work, infos)):
+            made.append(block)
+            counts[i] = images_there(folders[i])
+            progress(sum(counts))
+        return made
     with Workers(jobs) as workers:
         futures = [workers.submit(make_block, out, info, options) for info in infos]
         counted: set[int] = set()

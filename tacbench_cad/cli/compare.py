@@ -1,0 +1,118 @@
+"""``tacbench compare``: two sensors side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tacbench_cad.cli.common import console, given, note, print_json, table, whole_of
+from tacbench_cad.errors import InputError
+
+if TYPE_CHECKING:
+    from tacbench_cad.lab.analysis.compare import Comparison, Difference
+
+NAME = "compare"
+
+
+def command(
+    a: Annotated[Path, typer.Argument(metavar="A", help="Runs of one sensor, or what classify wrote of them.")],
+    b: Annotated[Path, typer.Argument(metavar="B", help="The same of the other sensor.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="DIR", help="Folder of table, figure, and classifications of runs.")
+    ] = Path("comparison"),
+    estimator: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of those that both were classified with. Default: A's first.")
+    ] = None,
+    trials: Annotated[str, typer.Option(metavar="N", help="Trials, where runs are given.")] = "5",
+    jobs: Annotated[str | None, typer.Option(metavar="N", help="Processes. Default: one for each processor.")] = None,
+    dask: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Use a Dask cluster that is there: tcp://10.0.0.5:8786.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """Two sensors' studies of the same textures side by side, and the smallest difference that the data can show.
+
+    A and B are each a folder that tacbench classify wrote (protocol sound), or a folder of runs, which is then
+    classified with the sound protocol as tacbench classify does without options. For each rung of the ladder: accuracy,
+    recall of each texture, their differences with 95 % intervals over prints, and what difference a study of this size
+    would find in four of five repetitions. Where both sensors pressed the same prints (run folders of one name), prints
+    are compared in pairs.
+
+    Examples:
+      tacbench compare tactip-runs other-runs -o comparison
+      tacbench compare tactip-classification other-classification --json
+    """
+    from tacbench_cad.files import locked
+    from tacbench_cad.lab.analysis.compare import compare, read_side, write_comparison
+    from tacbench_cad.making.workers import cpu_count
+
+    count, wanted = whole_of("trials", trials), given(whole_of, "jobs", jobs)
+    if wanted is not None and wanted < 1:
+        raise InputError("jobs", wanted, "must be at least 1")
+    if a.resolve() == b.resolve():
+        raise InputError("B", str(b), "is A itself; name the other sensor's study")
+    with locked(out):
+        folders = [
+            _classified(side, folder, out, count, wanted or cpu_count(), dask) for side, folder in (("a", a), ("b", b))
+        ]
+        first, used = read_side(folders[0], a.name, estimator)
+        second, _ = read_side(folders[1], b.name, used)
+        found = compare(first, second, used)
+        files = write_comparison(found, out)
+    if json:
+        print_json({**found.as_dict(), "files": [str(one) for one in files]})
+        return
+    _print(found)
+    typer.echo(f"{len(files)} files in {out}")
+
+
+def _classified(side: str, folder: Path, out: Path, trials: int, jobs: int, dask: str | None) -> Path:
+    """The folder of a classification: the folder itself, or one within ``out`` in which its runs are classified."""
+    from tacbench_cad.files import locked
+    from tacbench_cad.lab.analysis.collection import Collection
+    from tacbench_cad.lab.analysis.parallel import workers
+    from tacbench_cad.lab.analysis.report_classification import classify_into
+    from tacbench_cad.lab.analysis.report_sections import SETTINGS_FILE
+
+    if (folder / SETTINGS_FILE).is_file():
+        return folder
+    collection = Collection.open([folder])
+    target = out / f"classification_{side}"
+    note(f"classifying {folder}: {len(collection):,} presses, {trials} trials")
+    with locked(target), workers(jobs, dask) as team:
+        classify_into(collection, target, trials, team, lambda *_: None)
+    return target
+
+
+def _print(found: Comparison) -> None:
+    numbers = ("A", "B", "B less A", "95 % interval", "smallest shown", "prints")
+    shown = table(
+        f"A: {found.a.name} ({found.a.sensor}), B: {found.b.name} ({found.b.sensor}); per cent, {found.estimator}",
+        "rung",
+        "texture",
+        *numbers,
+        "",
+        right=numbers,
+    )
+    for one in found.rows:
+        shown.add_row(one.rung, one.texture, *_cells(one), one.verdict)
+    screen = console()
+    if found.simulated:
+        screen.print("simulated: " + "; ".join(found.simulated), soft_wrap=True)
+    screen.print(shown)
+    for text in found.notes:
+        screen.print(f"note: {text}", soft_wrap=True)
+
+
+def _cells(one: Difference) -> list[str]:
+    none = one.low is None or one.high is None or one.smallest_difference is None
+    return [
+        f"{100.0 * one.accuracy_a:.1f}",
+        f"{100.0 * one.accuracy_b:.1f}",
+        f"{100.0 * one.difference:+.1f}",
+        "none" if none else f"{100.0 * (one.low or 0.0):+.1f} to {100.0 * (one.high or 0.0):+.1f}",
+        "none" if none else f"{100.0 * (one.smallest_difference or 0.0):.1f}",
+        f"{one.prints_a} pairs" if one.paired else f"{one.prints_a}, {one.prints_b}",
+    ]

@@ -1,0 +1,105 @@
+"""``tacbench report``: one page on a study."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tacbench_cad.cli.common import given, note, print_json, whole_of
+from tacbench_cad.errors import InputError
+
+NAME = "report"
+
+#: A stream that is no terminal gets a line every so many seconds.
+PLAIN_EVERY_S = 10.0
+
+
+def command(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(metavar="RUNS...", help="Run folders, or folders that hold some.", show_default=False),
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE.html", help="The page.")] = Path("report.html"),
+    variance: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="What tacbench variance wrote. Default: computed.")
+    ] = None,
+    classify: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="DIR", help="What tacbench classify wrote; may be given twice. Default: computed, sound."),
+    ] = None,
+    no_classify: Annotated[
+        bool, typer.Option("--no-classify", help="Leave classification out; it takes most of the time.")
+    ] = False,
+    jobs: Annotated[str | None, typer.Option(metavar="N", help="Processes. Default: one for each processor.")] = None,
+    dask: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Use a Dask cluster that is there: tcp://10.0.0.5:8786.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """One self-contained page on a study, fit to be sent, printed and quoted.
+
+    What was pressed on what, the print records and what is missing in them, data quality, the variance table with maps
+    and matrices, the classification with its ladder and confusion matrices, and a methods paragraph with every
+    parameter and the citations. report.html needs nothing else; beside it report_files/ has each figure as PNG and PDF
+    and each table as CSV. Finished trials of a classification are kept there too: after an interruption the same
+    command goes on. Simulated data are marked on every figure and table.
+
+    Examples:
+      tacbench report runs -o report.html
+      tacbench report runs -o report.html --no-classify
+      tacbench report runs --variance results --classify classification --classify paper-classification
+    """
+    from tacbench_cad.lab.analysis.report import Options, write_report
+    from tacbench_cad.making.workers import cpu_count
+
+    if no_classify and classify:
+        raise InputError("no-classify", str(classify[0]), "leaves out what --classify gives; give one of the two")
+    wanted = given(whole_of, "jobs", jobs)
+    if wanted is not None and wanted < 1:
+        raise InputError("jobs", wanted, "must be at least 1")
+    options = Options(
+        variance=variance,
+        classifications=tuple(classify or ()),
+        classify=not no_classify,
+        jobs=wanted or cpu_count(),
+        dask=dask,
+    )
+    with _Progress() as progress:
+        files = write_report(runs, out, options, progress.show)
+    if json:
+        print_json({"report": str(files[0]), "files": [str(one) for one in files[1:]]})
+        return
+    size = files[0].stat().st_size / 1e6
+    typer.echo(f"{files[0]} ({size:.1f} MB), {len(files) - 1} files in {files[0].stem}_files")
+
+
+class _Progress:
+    """What is being done, on the standard error: one line on a terminal, else a line every ten seconds."""
+
+    def __init__(self) -> None:
+        self._written = time.monotonic()
+        self._width = 0
+
+    def __enter__(self) -> _Progress:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._width:
+            sys.stderr.write("\r" + " " * self._width + "\r")
+            sys.stderr.flush()
+
+    def show(self, what: str, done: int, total: int) -> None:
+        """So much of it is done."""
+        now = time.monotonic()
+        line = f"{what}: {done:,} of {total:,}" if total else what
+        if sys.stderr.isatty():
+            sys.stderr.write("\r" + line.ljust(self._width))
+            sys.stderr.flush()
+            self._width = max(self._width, len(line))
+        elif now - self._written >= PLAIN_EVERY_S:
+            self._written = now
+            note(line)

@@ -1,0 +1,390 @@
+"""Two sensors' studies of the same textures side by side, with the smallest difference that their data can show.
+
+The unit is the print. For each rung of the ladder and each texture, the share of a print's readings that were told
+right (mean over presses and trials) is one number. Where both sensors pressed the same prints (run folders of one
+name), the difference of each print's two numbers is taken, which leaves out that some prints are easier; else two
+independent samples are compared (Welch 1947). With SE the standard error of the mean difference and its degrees of
+freedom f, the 95 % interval is ``difference +- t(0.975, f) SE``, and
+
+    smallest difference = (t(0.975, f) + t(0.8, f)) SE
+
+is what a study like this one would find, at a level of 5 %, in four of five repetitions. SE is never below what the
+number of presses allows: with h of n presses told right, p = (h + 1) / (n + 2), and each print's share varies by at
+least p (1 - p) / (presses of the print). Two sensors that are both always right are therefore not told to be equal.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.analysis.csvfile import write_csv
+from tacbench_cad.lab.analysis.report_sections import SETTINGS_FILE, read_rows, read_settings
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.float64]
+
+LEVEL, POWER = 0.95, 0.80
+#: ``texture`` of a row over all textures.
+ALL_TEXTURES = "all"
+COLUMNS = (
+    "rung",
+    "texture",
+    "accuracy_a",
+    "accuracy_b",
+    "difference",
+    "low",
+    "high",
+    "smallest_difference",
+    "paired",
+    "prints_a",
+    "prints_b",
+)
+_PREDICTIONS = ("protocol", "estimator", "train_on", "tested_on", "rung", "run", "press", "texture", "predicted")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrintShare:
+    """What of one print was told right.
+
+    Args:
+        right: Readings told right, all trials.
+        readings: Readings that were tested, all trials.
+        presses: Different presses.
+    """
+
+    right: int
+    readings: int
+    presses: int
+
+    @property
+    def value(self) -> float:
+        """The share."""
+        return self.right / self.readings
+
+
+#: By rung and texture, then by print.
+Shares = Mapping[tuple[str, str], Mapping[str, PrintShare]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Side:
+    """One sensor's classification.
+
+    Args:
+        name: What it is called in tables.
+        sensor: Name of the sensor.
+        simulated: What was simulated.
+        textures: The textures.
+        settings: What was asked for.
+        shares: What of each print was told right.
+    """
+
+    name: str
+    sensor: str
+    simulated: tuple[str, ...]
+    textures: tuple[str, ...]
+    settings: Mapping[str, Any]
+    shares: Shares
+
+
+@dataclass(frozen=True, kw_only=True)
+class Difference:
+    """One line of the comparison; shares, B less A.
+
+    Args:
+        rung: Rung of the ladder.
+        texture: Texture, or ``all``.
+        accuracy_a: Mean over A's prints.
+        accuracy_b: Mean over B's prints.
+        difference: B less A: over the shared prints if paired.
+        low: Lower end of its 95 % interval, None for fewer than two prints.
+        high: Upper end.
+        smallest_difference: What the data could show; None for fewer than two prints.
+        paired: Whether both pressed the same prints.
+        prints_a: Prints of A that count.
+        prints_b: Prints of B.
+    """
+
+    rung: str
+    texture: str
+    accuracy_a: float
+    accuracy_b: float
+    difference: float
+    low: float | None
+    high: float | None
+    smallest_difference: float | None
+    paired: bool
+    prints_a: int
+    prints_b: int
+
+    @property
+    def verdict(self) -> str:
+        """Which is better, in a word or two."""
+        if self.low is None or self.high is None:
+            return "too few prints"
+        return "B better" if self.low > 0.0 else "A better" if self.high < 0.0 else "not told apart"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Comparison:
+    """Two sensors side by side.
+
+    Args:
+        a: The first.
+        b: The second.
+        estimator: The estimator that both were classified with.
+        rows: Lines by rung: all textures, then each.
+        notes: What a reader must know.
+    """
+
+    a: Side
+    b: Side
+    estimator: str
+    rows: tuple[Difference, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def simulated(self) -> tuple[str, ...]:
+        """What of either was simulated, each once."""
+        return tuple(dict.fromkeys((*self.a.simulated, *self.b.simulated)))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            "a": {"name": self.a.name, "sensor": self.a.sensor},
+            "b": {"name": self.b.name, "sensor": self.b.sensor},
+            "estimator": self.estimator,
+            "simulated": list(self.simulated),
+            "notes": list(self.notes),
+            "rows": [{**asdict(one), "verdict": one.verdict} for one in self.rows],
+        }
+
+
+def read_side(folder: Path, name: str, estimator: str | None = None) -> tuple[Side, str]:
+    """One sensor's classification from a folder of ``tacbench classify``.
+
+    Args:
+        folder: The folder.
+        name: What it is called.
+        estimator: The estimator to take; None: the first there is.
+
+    Returns:
+        The side and its estimator.
+
+    Raises:
+        InputError: The folder is not what ``tacbench classify --protocol sound`` wrote, or lacks the estimator.
+    """
+    settings = read_settings(folder)
+    if settings.get("analysis") != "classification" or settings.get("protocol") != "sound":
+        raise InputError("classification", str(folder), "must be of tacbench classify --protocol sound")
+    known = [str(one) for one in settings.get("estimators", ())]
+    wanted = estimator or (known[0] if known else "")
+    if wanted not in known:
+        raise InputError("estimator", wanted, f"{folder} has {', '.join(known) or 'none'}")
+    right: dict[tuple[str, str, str], list[bool]] = defaultdict(list)
+    presses: dict[tuple[str, str, str], set[str]] = defaultdict(set)
+    for row in read_rows(folder / "predictions.csv", _PREDICTIONS):
+        if row["estimator"] == wanted:
+            key = (row["rung"], row["texture"], row["run"])
+            right[key].append(row["texture"] == row["predicted"])
+            presses[key].add(row["press"])
+    if not right:
+        raise InputError("predictions", str(folder / "predictions.csv"), f"has no row of the estimator {wanted}")
+    shares: dict[tuple[str, str], dict[str, PrintShare]] = defaultdict(dict)
+    for (rung, texture, run), answers in right.items():
+        count = len(presses[rung, texture, run])
+        shares[rung, texture][run] = PrintShare(right=sum(answers), readings=len(answers), presses=count)
+    try:
+        side = Side(
+            name=name,
+            sensor=str(settings["sensor"]),
+            simulated=tuple(settings["simulated"]),
+            textures=tuple(settings["textures"]),
+            settings=settings,
+            shares=shares,
+        )
+    except (KeyError, TypeError) as error:
+        raise InputError("settings", str(folder / SETTINGS_FILE), f"lacks a value: {error}") from None
+    return side, wanted
+
+
+def compare(a: Side, b: Side, estimator: str) -> Comparison:
+    """Put two sensors side by side.
+
+    Args:
+        a: The first.
+        b: The second.
+        estimator: What both were classified with.
+
+    Raises:
+        InputError: They are of different textures, or share no rung.
+    """
+    if a.textures != b.textures:
+        only = sorted(set(a.textures) ^ set(b.textures))
+        raise InputError(
+            "textures",
+            ", ".join(only),
+            f"only one of {a.name} and {b.name} has it; compare studies of the same textures",
+        )
+    rungs = [rung for rung in dict.fromkeys(rung for rung, _ in a.shares) if any(rung == one for one, _ in b.shares)]
+    if not rungs:
+        raise InputError("rungs", None, f"{a.name} and {b.name} have none in common; classify both with the same rungs")
+    rows = []
+    for rung in rungs:
+        of_a, of_b = ({t: side.shares.get((rung, t), {}) for t in a.textures} for side in (a, b))
+        every_a, every_b = ({run: one for of in side.values() for run, one in of.items()} for side in (of_a, of_b))
+        rows.append(_difference(rung, ALL_TEXTURES, every_a, every_b))
+        rows += [_difference(rung, t, of_a[t], of_b[t]) for t in a.textures if of_a[t] and of_b[t]]
+    return Comparison(a=a, b=b, estimator=estimator, rows=tuple(rows), notes=tuple(_notes(a, b, rows)))
+
+
+def _difference(rung: str, texture: str, a: Mapping[str, PrintShare], b: Mapping[str, PrintShare]) -> Difference:
+    shared = [run for run in a if run in b]
+    paired = len(shared) == len(a) == len(b)
+    x, y = np.array([one.value for one in a.values()]), np.array([one.value for one in b.values()])
+    if paired:
+        y = np.array([b[run].value for run in a])
+        least = (_least(a) + _least(b)) / len(a)
+        error, dof = _paired(y - x)
+    else:
+        least = _least(a) / len(a) + _least(b) / len(b)
+        error, dof = _welch(x, y)
+    difference = float(y.mean() - x.mean())
+    low = high = smallest = None
+    if dof > 0.0:
+        from scipy.stats import t
+
+        error = math.sqrt(max(error, least))
+        reach, power = float(t.ppf(0.5 + LEVEL / 2.0, dof)), float(t.ppf(POWER, dof))
+        low, high = max(-1.0, difference - reach * error), min(1.0, difference + reach * error)
+        smallest = min(1.0, (reach + power) * error)
+    return Difference(
+        rung=rung,
+        texture=texture,
+        accuracy_a=float(x.mean()),
+        accuracy_b=float(y.mean()),
+        difference=difference,
+        low=low,
+        high=high,
+        smallest_difference=smallest,
+        paired=paired,
+        prints_a=len(a),
+        prints_b=len(b),
+    )
+
+
+def _paired(differences: Floats) -> tuple[float, float]:
+    """Squared standard error of the mean difference, and its degrees of freedom."""
+    k = len(differences)
+    return (float(differences.var(ddof=1)) / k, k - 1.0) if k > 1 else (0.0, 0.0)
+
+
+def _welch(x: Floats, y: Floats) -> tuple[float, float]:
+    """The same of two independent samples; no degrees of freedom where one has a single print."""
+    if len(x) < 2 or len(y) < 2:
+        return 0.0, 0.0
+    parts = [float(one.var(ddof=1)) / len(one) for one in (x, y)]
+    total = sum(parts)
+    if total == 0.0:
+        return 0.0, float(min(len(x), len(y)) - 1)
+    return total, total**2 / sum(part**2 / (len(one) - 1) for part, one in zip(parts, (x, y), strict=True))
+
+
+def _least(prints: Mapping[str, PrintShare]) -> float:
+    """Mean over prints of the least variance that a print's share can have with its number of presses."""
+    values = []
+    for one in prints.values():
+        p = (one.value * one.presses + 1.0) / (one.presses + 2.0)
+        values.append(p * (1.0 - p) / one.presses)
+    return float(np.mean(values))
+
+
+def _notes(a: Side, b: Side, rows: Sequence[Difference]) -> list[str]:
+    notes = []
+    if rows[0].paired:
+        notes.append("the runs of both have the same names, so they are taken to be of the same prints, in pairs")
+    else:
+        notes.append(
+            f"the sensors did not press the same prints ({rows[0].prints_a} and {rows[0].prints_b}): that prints "
+            "differ counts against every difference; pressing the same prints with both shows smaller ones"
+        )
+    for key in ("resolution", "components", "augmentation", "folds", "trials", "copies", "seed"):
+        if a.settings.get(key) != b.settings.get(key):
+            notes.append(f"{key}: {a.settings.get(key)} for A, {b.settings.get(key)} for B")
+    if any(one.smallest_difference is None for one in rows):
+        notes.append("where a sensor has a single print of a texture on a rung, no difference can be shown")
+    notes.append(
+        f"{len(rows)} differences are looked at: about one in twenty of those that are not there is shown by chance"
+    )
+    return notes
+
+
+def write_comparison(found: Comparison, folder: Path) -> list[Path]:
+    """Write ``comparison.csv`` and ``comparison`` as PNG and PDF.
+
+    Args:
+        found: The comparison.
+        folder: The folder, which must exist.
+
+    Raises:
+        InputError: A file cannot be written.
+        MissingToolError: matplotlib is not installed.
+    """
+    from tacbench_cad.lab.analysis.figures import save, styled
+
+    rows = [{name: getattr(one, name) for name in COLUMNS} for one in found.rows]
+    paths = [write_csv(folder / "comparison.csv", COLUMNS, rows)]
+    with styled():
+        paths += save(_figure(found), folder / "comparison", found.simulated)
+    return paths
+
+
+def _figure(found: Comparison) -> Figure:
+    """Ladder on the left, differences of recall by texture on the right."""
+    from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure
+
+    rungs = list(dict.fromkeys(one.rung for one in found.rows))
+    textures = found.a.textures
+    figure = new_figure(PAGE_IN, 0.9 + max(2.4, 0.42 * len(rungs) * max(1, len(textures) // 3)))
+    ladder, recall = figure.subplots(1, 2, width_ratios=(1.0, 1.35))
+    whole = {one.rung: one for one in found.rows if one.texture == ALL_TEXTURES}
+    for i, rung in enumerate(rungs):
+        for j, share in enumerate((whole[rung].accuracy_a, whole[rung].accuracy_b)):
+            ladder.plot(i + 0.16 * (j - 0.5), 100.0 * share, "os"[j], color=COLOURS[j], markersize=5.0)
+    ladder.axhline(100.0 / len(textures), color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
+    ladder.annotate("chance", (-0.48, 100.0 / len(textures)), ha="left", va="bottom", fontsize=7.0)
+    ladder.set(xlim=(-0.5, len(rungs) - 0.5), ylim=(0.0, 104.0), ylabel="accuracy (%)", xticks=range(len(rungs)))
+    ladder.set_xticklabels([rung.replace("-", "-\n") for rung in rungs])
+    ladder.set_title("ladder of held-out groups", loc="left")
+    step = 0.8 / len(rungs)
+    labels = [ALL_TEXTURES, *textures]
+    for i, rung in enumerate(rungs):
+        for one in (row for row in found.rows if row.rung == rung):
+            y = labels.index(one.texture) + (i - (len(rungs) - 1) / 2.0) * step
+            colour = COLOURS[(i + 2) % (len(COLOURS) - 1)]
+            if one.low is not None and one.high is not None:
+                recall.plot([100.0 * one.low, 100.0 * one.high], [y, y], color=colour, linewidth=1.0)
+            recall.plot(100.0 * one.difference, y, "o", color=colour, markersize=3.5)
+        recall.plot([], [], "o-", color=COLOURS[(i + 2) % (len(COLOURS) - 1)], markersize=3.5, label=rung)
+    recall.axvline(0.0, color=INK, linewidth=0.8)
+    recall.set(yticks=range(len(labels)), xlabel="recall, B less A (percentage points)")
+    recall.set_yticklabels([label.removeprefix("texture-") for label in labels])
+    recall.set_ylabel("texture")
+    recall.invert_yaxis()
+    recall.set_title("difference with 95 % interval over prints", loc="left")
+    for j, side in enumerate((found.a, found.b)):
+        ladder.plot([], [], "os"[j], color=COLOURS[j], markersize=5.0, label=f"{'AB'[j]}: {side.name}")
+    handles = [*ladder.get_legend_handles_labels()[0], *recall.get_legend_handles_labels()[0]]
+    figure.legend(handles=handles, loc="outside upper left", ncols=4)
+    return figure

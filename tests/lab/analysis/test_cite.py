@@ -1,0 +1,43 @@
+"""What to cite, against CITATION.cff."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tacbench_cad import __version__
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.analysis.cite import PAPER, PROGRAM, citations
+
+CFF = Path(__file__).parents[3] / "CITATION.cff"
+
+
+def test_the_citations_are_those_of_the_cff_file() -> None:
+    text = CFF.read_text(encoding="utf-8")
+    program, paper = text.split("preferred-citation:")
+    assert re.findall(r"^version: (.+)$", program, re.M) == [PROGRAM.version] == [__version__]
+    assert re.findall(r"^title: (.+)$", program, re.M) == [PROGRAM.title]
+    assert re.findall(r"- name: (.+)$", program, re.M) == [family for _, family in PROGRAM.authors]
+    assert re.findall(r'title: "(.+)"$', paper, re.M) == [PAPER.title]
+    given, family = (re.findall(rf"{name}-names: (.+)$", paper, re.M) for name in ("given", "family"))
+    assert list(zip(given, family, strict=True)) == list(PAPER.authors)
+
+
+def test_text_has_all_authors_the_title_and_the_version() -> None:
+    first, second = citations().splitlines()
+    assert first.startswith("D. R. Shepherd, N. Herzig, P. Husbands, A. Philippides, C. Johnson and W. Kimbell. A 3D-")
+    assert second == f"The tacbench-cad authors. tacbench-cad, version {__version__}."
+
+
+def test_bibtex_entries_are_closed_and_have_one_author_field_each() -> None:
+    text = citations("bibtex")
+    assert text.count("@misc{") == text.count("author = {") == 2
+    assert text.count("{") == text.count("}")
+    assert "Shepherd, Dexter R. and Herzig, Nicolas and" in text
+
+
+def test_another_format_is_refused_with_the_nearest() -> None:
+    with pytest.raises(InputError, match="format = 'bibtx': did you mean \"bibtex\""):
+        citations("bibtx")

@@ -1,0 +1,219 @@
+"""``tacbench classify``: files, resuming, an interruption, estimators of one's own, bad input."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from studies import write_study
+
+from tacbench_cad.cli import main
+from tacbench_cad.lab.analysis.classify import COLUMNS, CONFUSION_COLUMNS, PREDICTION_COLUMNS
+from tacbench_cad.lab.analysis.classify_settings import one_thread
+
+Capture = pytest.CaptureFixture[str]
+#: Small enough to be quick.
+QUICK = ("--resolution", "1", "--components", "4", "--jobs", "1", "--trials", "2")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _one_thread() -> Iterator[None]:
+    with one_thread():
+        yield
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("study") / "runs"
+    write_study(folder, levels=(1, 2), still=1, simulated="simulated TacTip")
+    return folder
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_sound_writes_tables_and_figures_that_agree(runs: Path, tmp_path: Path, capsys: Capture) -> None:
+    out = tmp_path / "out"
+    assert main(["classify", str(runs), "-o", str(out), *QUICK]) == 0
+    said = capsys.readouterr().out
+    assert "simulated: sensor: simulated TacTip" in said and "printer-filament" in said and "chance is 50.0" in said
+    table, confusion, predictions = (rows(out / f"{one}.csv") for one in ("classification", "confusion", "predictions"))
+    assert list(table[0]) == list(COLUMNS)
+    assert ",".join(COLUMNS) == "protocol,estimator,train_on,tested_on,rung,accuracy,low,high,trials,images"
+    assert list(confusion[0]) == list(CONFUSION_COLUMNS) and list(predictions[0]) == list(PREDICTION_COLUMNS)
+    assert {row["trial"] for row in predictions} == {"1", "2"}
+    for row in table:
+        key = {name: row[name] for name in ("estimator", "rung")}
+        mine = [
+            one for one in predictions if key.items() <= one.items() and row["tested_on"] in ("all", one["tested_on"])
+        ]
+        right = sum(one["texture"] == one["predicted"] for one in mine)
+        assert float(row["accuracy"]) == pytest.approx(right / len(mine), abs=1e-12)
+        assert int(row["images"]) * 2 == len(mine)
+        cells = [one for one in confusion if {**key, "tested_on": row["tested_on"]}.items() <= one.items()]
+        assert sum(int(one["count"]) for one in cells) == len(mine)
+        assert sum(int(one["count"]) for one in cells if one["texture"] == one["predicted"]) == right
+    for stem in ("ladder", "confusion_forest"):
+        assert (out / f"{stem}.png").read_bytes().startswith(b"\x89PNG")
+        assert (out / f"{stem}.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_finished_trials_are_kept_and_numbers_follow_from_the_seed(runs: Path, tmp_path: Path) -> None:
+    out, other = tmp_path / "out", tmp_path / "other"
+    command = ["classify", str(runs), *QUICK, "--rungs", "press"]
+    assert main([*command, "-o", str(out)]) == 0
+    trials = sorted((out / "trials").iterdir())
+    assert len(trials) == 2
+    first = (out / "predictions.csv").read_bytes()
+    stamps = [one.stat().st_mtime_ns for one in trials]
+    trials[1].write_bytes(trials[1].read_bytes()[:100])
+    assert main([*command, "-o", str(out)]) == 0
+    assert trials[0].stat().st_mtime_ns == stamps[0] and trials[1].stat().st_mtime_ns != stamps[1]
+    assert (out / "predictions.csv").read_bytes() == first
+    assert main([*command, "-o", str(other)]) == 0
+    assert (other / "predictions.csv").read_bytes() == first
+    assert main([*command, "-o", str(out), "--seed", "1"]) == 0
+    assert len(list((out / "trials").iterdir())) == 4 and (out / "predictions.csv").read_bytes() != first
+    assert main([*command, "-o", str(out), "--trials", "3"]) == 0
+    assert len(list((out / "trials").iterdir())) == 5
+
+
+def test_paper_prints_the_papers_figures_and_the_warning(runs: Path, tmp_path: Path, capsys: Capture) -> None:
+    command = ["classify", str(runs), "-o", str(tmp_path), *QUICK, "--protocol", "paper", "--epochs", "20"]
+    assert main(command) == 0
+    said = capsys.readouterr().out
+    assert "63.98" in said and "inflated" in said and "the text says 300" in said
+    assert {row["rung"] for row in rows(tmp_path / "classification.csv")} == {"train", "test", "unseen"}
+    assert {row["augmentation"] for row in rows(tmp_path / "predictions.csv") if row["rung"] == "test"} == {
+        *("none", "noise 5", "+10", "-10")
+    }
+    assert main([*command, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["beside_paper"][0]["paper"] == [100.0, 99.7, 63.98] and document["simulated"]
+    assert (tmp_path / "paper_table.png").is_file()
+    assert (tmp_path / "confusion_network_bambu-p1p_pla-minus.pdf").is_file()
+
+
+OWN = """
+import os, time
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.decomposition import PCA
+from sklearn.pipeline import make_pipeline
+
+pipeline = make_pipeline(PCA(3), LinearDiscriminantAnalysis())
+
+def made():
+    return make_pipeline(PCA(3), LinearDiscriminantAnalysis())
+
+class Slow(LinearDiscriminantAnalysis):
+    def fit(self, X, y):
+        time.sleep(float(os.environ.get("SLOW_S", "0")))
+        return super().fit(X, y)
+
+class Broken(ClassifierMixin, BaseEstimator):
+    def fit(self, X, y):
+        raise RuntimeError("out of luck")
+    def predict(self, X):
+        return [0] * len(X)
+
+class Numbers(Broken):
+    def fit(self, X, y):
+        return self
+
+class NoEstimator:
+    pass
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "own_model.py").write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "own_model", raising=False)
+    return tmp_path
+
+
+def test_an_estimator_of_ones_own_gets_the_readings(runs: Path, own: Path) -> None:
+    command = ["classify", str(runs), "--jobs", "1", "--trials", "1", "--resolution", "1", "--rungs", "copy"]
+    assert main([*command, "-o", "a", "--estimator", "own_model:pipeline"]) == 0
+    assert main([*command, "-o", "b", "--estimator", "own_model:made"]) == 0
+    one, other = (rows(Path(name) / "classification.csv") for name in "ab")
+    assert one[0]["accuracy"] == other[0]["accuracy"] and float(one[0]["accuracy"]) > 0.5
+    assert main([*command, "-o", "a", "--estimator", "own_model:Slow", "--components", "3"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["--estimator", "own_model:Broken"], "RuntimeError: out of luck in trial 1, rung press"),
+        (["--estimator", "own_model:Numbers"], "must be one of the textures"),
+        (["--estimator", "own_model:NoEstimator"], "is no scikit-learn estimator"),
+        (["--estimator", "own_model:Absent"], "own_model has no Absent"),
+        (["--estimator", "forrest"], 'did you mean "forest"'),
+        (["--protocol", "fair"], "protocol = 'fair'"),
+        (["--components", "9999"], "components = 9999: must be from 1 to"),
+        (["--components", "few"], "must be a whole number"),
+        (["--resolution", "2"], "resolution = 2.0"),
+        (["--trials", "0"], "trials = 0"),
+        (["--jobs", "0"], "jobs = 0"),
+        (["--rungs", "finger"], "rungs = 'finger'"),
+        (["--rungs", "copy", "--protocol", "paper"], "are of --protocol sound"),
+        (["--train-on", "x"], "is of --protocol paper"),
+        (["--force-level", "3"], "force-level = 3: the runs have 1, 2"),
+        (["--noise", "-1"], "noise = -1.0"),
+        (["--brightness", "0"], "brightness"),
+        (["--clip"], "clip"),
+        (["--sweep", "speed=1:2"], "sweep = 'speed'"),
+        (["--dask", "tcp://127.0.0.1:9"], "dask"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(
+    runs: Path, own: Path, capsys: Capture, words: list[str], named: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tacbench_cad.lab.analysis.parallel.ANSWER_S", 0.5)
+    base = {"--jobs": "1", "--trials": "1", "--resolution": "0.5"}
+    given = {key: value for key, value in base.items() if key not in words}
+    command = ["classify", str(runs), "-o", "out", *[word for pair in given.items() for word in pair], *words]
+    assert main(command) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len([line for line in said if line.startswith("error:")]) == 1 and named in said[-1]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
+def test_an_interruption_ends_with_130_and_the_same_command_goes_on(runs: Path, own: Path) -> None:
+    command = [sys.executable, "-c", "import sys; from tacbench_cad.cli import main; sys.exit(main())", "classify"]
+    command += [str(runs), "-o", "out", "--estimator", "own_model:Slow", "--rungs", "copy", "--trials", "3"]
+    command += ["--jobs", "1", "--resolution", "0.5"]
+    trials = own / "out" / "trials"
+    process = subprocess.Popen(command, cwd=own, env={**os.environ, "SLOW_S": "1.5"}, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while not list(trials.glob("sound-*.json")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 130 and "interrupted" in said and "Traceback" not in said
+    kept = {one: one.stat().st_mtime_ns for one in trials.glob("sound-*.json")}
+    assert 1 <= len(kept) < 3 and {one.suffix for one in trials.iterdir()} == {".json"}
+    assert not (own / "out" / "classification.csv").exists()
+    assert subprocess.run(command, cwd=own, check=False, capture_output=True).returncode == 0
+    assert all(one.stat().st_mtime_ns == stamp for one, stamp in kept.items())
+    assert len(list(trials.iterdir())) == 3 and (own / "out" / "classification.csv").exists()
+
+
+def test_a_sweep_writes_its_table_and_curve(runs: Path, tmp_path: Path, capsys: Capture) -> None:
+    command = ["classify", str(runs), "-o", str(tmp_path), *QUICK, "--rungs", "copy", "--sweep", "components=2:6:3"]
+    assert main(command) == 0
+    assert "components" in capsys.readouterr().out
+    assert [row["value"] for row in rows(tmp_path / "sweep.csv")] == ["2", "4", "6"]
+    assert (tmp_path / "sweep_components.png").is_file() and (tmp_path / "sweep_components.pdf").is_file()

@@ -1,0 +1,169 @@
+"""Two sensors side by side."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from numpy.typing import NDArray
+from studies import noise_image, write_study
+from typer.testing import CliRunner
+
+pytest.importorskip("scipy")
+pytest.importorskip("sklearn")
+pytest.importorskip("matplotlib")
+threadpoolctl = pytest.importorskip("threadpoolctl")
+
+from tacbench_cad.cli import compare as command
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.analysis.compare import (
+    ALL_TEXTURES,
+    COLUMNS,
+    Difference,
+    PrintShare,
+    Side,
+    compare,
+    read_side,
+)
+
+TEXTURES = ("texture-1", "texture-2")
+PRESSES = 50
+
+
+def side(name: str, right: dict[str, NDArray[np.int64]], start: int = 0) -> Side:
+    """A sensor that told so many of the presses of each print right, by texture; prints are numbered from ``start``."""
+    shares = {
+        ("copy", texture): {
+            f"{texture}_{start + i}": PrintShare(right=int(one), readings=PRESSES, presses=PRESSES)
+            for i, one in enumerate(counts)
+        }
+        for texture, counts in right.items()
+    }
+    return Side(name=name, sensor=name, simulated=(), textures=TEXTURES, settings={}, shares=shares)
+
+
+def both(a: NDArray[np.int64], b: NDArray[np.int64], start: int = 0) -> Difference:
+    """The line of texture 1."""
+    other = np.full(len(a), 25)
+    first = side("a", {"texture-1": a, "texture-2": other})
+    second = side("b", {"texture-1": b, "texture-2": np.full(len(b), 25)}, start)
+    found = compare(first, second, "forest")
+    assert [one.texture for one in found.rows] == [ALL_TEXTURES, *TEXTURES]
+    return found.rows[1]
+
+
+def test_prints_that_both_pressed_are_compared_in_pairs() -> None:
+    a = np.array([10, 20, 30, 40])
+    better = a + np.array([9, 11, 9, 11])
+    line = both(a, better)
+    assert line.paired and (line.prints_a, line.prints_b) == (4, 4)
+    assert line.difference == pytest.approx(0.2)
+    assert line.verdict == "B better" and line.smallest_difference is not None
+    apart = both(a, better, start=100)
+    assert not apart.paired and apart.verdict == "not told apart"
+    assert apart.smallest_difference is not None
+    assert apart.smallest_difference > 2.0 * line.smallest_difference
+
+
+def test_two_sensors_that_are_always_right_are_not_shown_to_be_equal() -> None:
+    line = both(np.full(6, PRESSES), np.full(6, PRESSES))
+    assert line.difference == 0.0 and line.smallest_difference is not None and line.smallest_difference > 0.02
+
+
+def test_a_single_print_shows_no_difference() -> None:
+    line = both(np.array([10]), np.array([50]))
+    assert (line.low, line.high, line.smallest_difference) == (None, None, None)
+    assert line.verdict == "too few prints"
+
+
+@pytest.mark.parametrize("start", [0, 100])
+def test_the_smallest_difference_is_found_four_times_in_five(start: int) -> None:
+    """A difference as large as the typical smallest one is shown in about 80 % of seeded studies, none in 5 %."""
+    rng = np.random.default_rng(7)
+    prints, studies = 12, 250
+
+    def study(difference: float) -> Difference:
+        hard = np.clip(rng.normal(0.6, 0.05, (2, prints)), 0.0, 1.0)
+        if start == 0:
+            hard[1] = hard[0]
+        return both(rng.binomial(PRESSES, hard[0]), rng.binomial(PRESSES, hard[1] + difference), start)
+
+    null = [study(0.0) for _ in range(studies)]
+    smallest = float(np.mean([one.smallest_difference or 1.0 for one in null]))
+    assert sum(one.verdict != "not told apart" for one in null) <= 0.08 * studies
+    shown = sum(study(smallest).verdict == "B better" for _ in range(studies))
+    assert 0.72 * studies <= shown <= 0.92 * studies
+
+
+def test_other_textures_are_refused_by_name() -> None:
+    a = side("a", {"texture-1": np.array([1, 2])})
+    b = Side(name="b", sensor="b", simulated=(), textures=("texture-1", "wave"), settings={}, shares=a.shares)
+    with pytest.raises(InputError, match="textures = 'texture-2, wave': only one of a and b has it"):
+        compare(a, b, "forest")
+
+
+def test_no_common_rung_is_refused() -> None:
+    a = side("a", {"texture-1": np.array([1, 2])})
+    shares = {("force", texture): prints for (_, texture), prints in a.shares.items()}
+    b = Side(name="b", sensor="b", simulated=(), textures=TEXTURES, settings={}, shares=shares)
+    with pytest.raises(InputError, match="have none in common"):
+        compare(a, b, "forest")
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, object]]:
+    """A sensor that sees textures and one that sees noise, on the same prints, through the command."""
+    folder = tmp_path_factory.mktemp("compare")
+    write_study(folder / "seeing", simulated="a formula", copies=3)
+    write_study(folder / "blind", image=noise_image, copies=3)
+    app = typer.Typer()
+    app.command()(command.command)
+    out = folder / "out"
+    words = [str(folder / "seeing"), str(folder / "blind"), "-o", str(out), "--trials", "1", "--jobs", "1", "--json"]
+    with threadpoolctl.threadpool_limits(1):
+        answer = CliRunner().invoke(app, words)
+    assert answer.exit_code == 0, answer.output
+    return folder, json.loads(answer.stdout)
+
+
+def test_the_command_takes_runs_and_tells_a_seeing_sensor_from_a_blind_one(
+    compared: tuple[Path, dict[str, object]],
+) -> None:
+    folder, document = compared
+    assert document["simulated"] == ["sensor: a formula"]
+    with (folder / "out" / "comparison.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert tuple(rows[0]) == COLUMNS
+    of_press = {row["texture"]: row for row in rows if row["rung"] == "press"}
+    assert float(of_press["all"]["accuracy_a"]) > 0.9 > 0.8 > float(of_press["all"]["accuracy_b"])
+    assert float(of_press["all"]["high"]) < 0.0 and of_press["all"]["paired"] == "true"
+    for kind in ("png", "pdf"):
+        assert (folder / "out" / f"comparison.{kind}").stat().st_size > 5000
+
+
+def test_the_command_takes_folders_of_classify(compared: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
+    folder, document = compared
+    app = typer.Typer()
+    app.command()(command.command)
+    sides = [str(folder / "out" / f"classification_{one}") for one in "ab"]
+    again = CliRunner().invoke(app, [*sides, "-o", str(tmp_path), "--json"])
+    assert again.exit_code == 0
+    assert json.loads(again.stdout)["rows"] == document["rows"]
+    plain = CliRunner().invoke(app, [*sides, "-o", str(tmp_path)])
+    assert "A better" in plain.stdout and "simulated: sensor: a formula" in plain.stdout
+
+
+def test_a_folder_without_the_estimator_is_refused(compared: tuple[Path, dict[str, object]]) -> None:
+    with pytest.raises(InputError, match=r"estimator = 'network': .* has forest"):
+        read_side(compared[0] / "out" / "classification_a", "a", "network")
+
+
+def test_a_study_is_not_compared_with_itself(tmp_path: Path) -> None:
+    app = typer.Typer()
+    app.command()(command.command)
+    answer = CliRunner().invoke(app, [str(tmp_path), str(tmp_path)])
+    assert isinstance(answer.exception, InputError) and "is A itself" in str(answer.exception)

@@ -1,0 +1,286 @@
+"""The report: everything on one page, in files beside it, and nothing from elsewhere."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from numpy.typing import NDArray
+from studies import GRID, noise_image, texture_image, write_study
+from typer.testing import CliRunner
+
+pytest.importorskip("cv2")
+pytest.importorskip("sklearn")
+pytest.importorskip("matplotlib")
+threadpoolctl = pytest.importorskip("threadpoolctl")
+
+from tacbench_cad import __version__
+from tacbench_cad.cli import report as command
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.analysis import report_html as html
+from tacbench_cad.lab.analysis.classify import TRIALS
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.methods import design_text
+from tacbench_cad.lab.analysis.report import Options, write_report
+from tacbench_cad.lab.presses import Press
+from tacbench_cad.lab.spec import PrintedBlock
+
+VOID = {"meta", "img", "link", "br", "hr", "input"}
+
+
+class Page(HTMLParser):
+    """What a page holds; refuses one that is not well formed."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.tags: list[tuple[str, dict[str, str]]] = []
+        self.texts: list[str] = []
+        self.feed(text)
+        self.close()
+        assert not self.open, f"never closed: {self.open}"
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, {name: value or "" for name, value in attrs}))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open and self.open[-1] == tag, f"{tag} closes {self.open[-1:]}"
+        self.open.pop()
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] != "style":
+            self.texts.append(data)
+
+    def all(self, tag: str) -> list[dict[str, str]]:
+        return [attributes for one, attributes in self.tags if one == tag]
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.texts).split())
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick() -> Iterator[None]:
+    """One thread, and one trial instead of five."""
+    with threadpoolctl.threadpool_limits(1), pytest.MonkeyPatch.context() as patch:
+        patch.setitem(TRIALS, "sound", 1)
+        yield
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("report") / "runs"
+    write_study(folder, simulated="a <formula> & noise")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def report(runs: Path) -> Path:
+    """A whole report, classification included."""
+    out = runs.parent / "report.html"
+    files = write_report([runs], out)
+    assert files[0] == out and all(one.is_file() for one in files)
+    return out
+
+
+@pytest.fixture(scope="module")
+def page(report: Path) -> Page:
+    return Page(report.read_text(encoding="utf-8"))
+
+
+def test_nothing_on_the_page_comes_from_elsewhere(report: Path, page: Page) -> None:
+    assert not {"script", "link", "iframe", "object", "video", "audio"} & {tag for tag, _ in page.tags}
+    for tag, attributes in page.tags:
+        for name, value in attributes.items():
+            if name in ("href", "src", "srcset", "action", "data", "poster", "background"):
+                assert value.startswith(("#", "data:image/png;base64,")), (tag, name, value[:60])
+    text = re.sub(r'src="data:[^"]*"', "", report.read_text(encoding="utf-8"))
+    assert not re.search(r"https?:|url\(|@import|//", text.replace("</", ""))
+
+
+def test_links_within_the_page_lead_somewhere(page: Page) -> None:
+    anchors = {attributes["id"] for _, attributes in page.tags if "id" in attributes}
+    links = [one["href"][1:] for one in page.all("a")]
+    assert links and set(links) == anchors
+    assert {"design", "prints", "quality", "variance", "maps", "classification", "methods"} == anchors
+
+
+def test_every_picture_is_the_file_beside_the_page_and_has_words(report: Path, page: Page) -> None:
+    files = report.with_name("report_files")
+    there = {path.read_bytes() for path in files.rglob("*.png")}
+    images = page.all("img")
+    assert len(images) >= 7 and len(there) == len(images)
+    for one in images:
+        assert base64.b64decode(one["src"].split(",", 1)[1]) in there
+        assert len(one["alt"]) > 20 and int(one["width"]) > 100
+    for path in files.rglob("*.png"):
+        assert path.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_every_file_that_the_page_names_is_there(report: Path, page: Page) -> None:
+    named = set(re.findall(r"report_files/[\w./-]+\.(?:csv|png|pdf)", page.text))
+    assert len(named) > 20
+    assert all((report.parent / one).is_file() for one in named)
+    written = {str(one.relative_to(report.parent)) for one in report.with_name("report_files").rglob("*.csv")}
+    assert written - named <= {
+        "report_files/classification/predictions.csv",
+        "report_files/findings.csv",
+    }
+
+
+def test_simulated_data_say_so_at_the_top_and_under_every_table(page: Page) -> None:
+    assert "Simulated data, not a real sensor's: sensor: a <formula> & noise." in page.text
+    marks = [one for tag, one in page.tags if tag == "p" and one.get("class") == "mark"]
+    assert len(marks) == len(page.all("table"))
+
+
+def test_it_can_be_read_on_a_small_screen_and_printed(report: Path, page: Page) -> None:
+    assert {"name": "viewport", "content": "width=device-width, initial-scale=1"} in page.all("meta")
+    assert "@media print" in report.read_text(encoding="utf-8")
+    parents: list[dict[str, str]] = []
+    for (tag, attributes), (child, _) in zip(page.tags, page.tags[1:], strict=False):
+        if child in ("table", "img"):
+            assert tag == "div"
+            parents.append(attributes)
+    assert all(one["class"] == "scroll" for one in parents)
+    assert page.all("html")[0]["lang"] == "en"
+
+
+def test_the_page_says_what_a_reader_asks_for(page: Page) -> None:
+    for words in (
+        "64 presses on 8 prints",
+        "2 prints of 2 textures on ender-3 in pla-plus",
+        "Empty fields of the print records",
+        "filament_batch",
+        "64 of 64 planned presses are there",
+        "95 % interval over prints",
+        "protocol sound; chance is 50.0 %",
+        "random forest (largest depth 50)",
+        "ddof = 0",
+        "the study's own grid, 4 positions",
+        f"tacbench-cad, version {__version__}",
+        "@misc{tacbench_cad",
+    ):
+        assert words in page.text, words
+
+
+def test_without_classification_and_with_folders_of_the_commands(runs: Path, report: Path, tmp_path: Path) -> None:
+    files = report.with_name("report_files")
+    app = typer.Typer()
+    app.command()(command.command)
+    out = tmp_path / "again.html"
+    words = [str(runs), "-o", str(out), "--variance", str(files / "variance")]
+    answer = CliRunner().invoke(app, [*words, "--classify", str(files / "classification"), "--json"])
+    assert answer.exit_code == 0, answer.output
+    assert json.loads(answer.stdout)["report"] == str(out)
+    again = Page(out.read_text(encoding="utf-8"))
+    before = Page(report.read_text(encoding="utf-8"))
+    assert again.text == before.text.replace("report_files/", "again_files/")
+    assert not (tmp_path / "again_files" / "classification" / "trials").exists()
+    plain = CliRunner().invoke(app, [*words[:2], str(tmp_path / "short.html"), *words[3:], "--no-classify"])
+    assert "files in short_files" in plain.stdout
+    assert "What the sensor can tell apart" not in (tmp_path / "short.html").read_text(encoding="utf-8")
+
+
+def test_figures_of_an_earlier_report_do_not_come_back(runs: Path, report: Path, tmp_path: Path) -> None:
+    files = report.with_name("report_files")
+    stale = tmp_path / "new_files" / "classification" / "confusion_network.png"
+    stale.parent.mkdir(parents=True)
+    shutil.copy(files / "classification" / "ladder.png", stale)
+    options = Options(variance=files / "variance", classifications=(files / "classification",))
+    written = write_report([runs], tmp_path / "new.html", options)
+    assert not stale.exists() and stale not in written
+    assert len(Page((tmp_path / "new.html").read_text(encoding="utf-8")).all("img")) >= 7
+
+
+def test_folders_of_other_runs_are_refused(runs: Path, report: Path, tmp_path: Path) -> None:
+    files = report.with_name("report_files")
+    write_study(tmp_path / "runs", image=noise_image, copies=3)
+    with pytest.raises(InputError, match=r"variance = .* is not of these runs"):
+        write_report([tmp_path / "runs"], tmp_path / "r.html", Options(variance=files / "variance"))
+    options = Options(variance=None, classifications=(files / "classification",))
+    with pytest.raises(InputError, match=r"classify = .* is not of these runs"):
+        write_report([tmp_path / "runs"], tmp_path / "r.html", options)
+    with pytest.raises(InputError, match=r"settings\.json.*cannot be read"):
+        write_report([runs], tmp_path / "r.html", Options(classifications=(files / "variance", tmp_path)))
+    assert not (tmp_path / "r.html").exists()
+
+
+def test_a_study_that_supports_little_gets_a_page_that_says_why(tmp_path: Path) -> None:
+    """One texture, one copy, one repeat a place: neither a variance nor a classification."""
+
+    def dull(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> NDArray[np.uint8]:
+        return np.full((24, 32), 7, dtype=np.uint8)
+
+    write_study(tmp_path / "runs", textures=[1], copies=1, prints=[("ender-3", "petg")], image=dull, still=0)
+    out = tmp_path / "page.html"
+    write_report([tmp_path / "runs"], out)
+    text = Page(out.read_text(encoding="utf-8")).text
+    assert "These data have no classification: " in text
+    assert "Findings, at most 5 of a run" in text and "dark" in text
+    assert "Simulated" not in text and "simulated data" not in text
+
+
+def test_a_damaged_image_is_named_and_the_rest_is_reported(tmp_path: Path) -> None:
+    folders = write_study(tmp_path / "runs", image=texture_image, grid=GRID)
+    picture = folders[0] / "sensor_images" / "image_3.png"
+    picture.write_bytes(picture.read_bytes()[:40])
+    out = tmp_path / "page.html"
+    write_report([tmp_path / "runs"], out)
+    text = Page(out.read_text(encoding="utf-8")).text
+    assert "image_3.png" in text.split("Data quality")[-1]
+    assert "1 reading could not be used and left out" in text
+    assert "These data have no classification: " in text
+    assert (tmp_path / "page_files" / "variance" / "variance.csv").is_file()
+
+
+def test_a_damaged_record_is_named(runs: Path, tmp_path: Path) -> None:
+    shutil.copytree(runs, tmp_path / "runs")
+    first = sorted((tmp_path / "runs").iterdir())[0]
+    (first / "print.toml").write_text("nozzle = ")
+    out = tmp_path / "page.html"
+    write_report([tmp_path / "runs"], out, Options(classify=False))
+    text = Page(out.read_text(encoding="utf-8")).text
+    assert "Records that cannot be read:" in text and f"{first.name}/print.toml" in text
+
+
+@pytest.mark.parametrize("name", ["report.txt", "report"])
+def test_a_page_must_be_html(runs: Path, tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match=r"must end in \.html"):
+        write_report([runs], tmp_path / name)
+
+
+def test_what_stands_in_a_table_is_escaped() -> None:
+    text = html.table("a < b", ["<h>"], [["<script>alert(1)</script>"], ["&"]], simulated=False)
+    assert "<script>" not in text and "a &lt; b" in text and "<td>&amp;</td>" in text
+
+
+def test_a_figure_must_be_a_png(tmp_path: Path) -> None:
+    path = tmp_path / "f.png"
+    with pytest.raises(InputError, match="cannot be read"):
+        html.figure(path, "words")
+    path.write_bytes(b"<svg>")
+    with pytest.raises(InputError, match="is no PNG file"):
+        html.figure(path, "words")
+
+
+def test_depth_mode_is_said_to_be_another_thing(runs: Path) -> None:
+    from dataclasses import replace
+
+    collection = Collection.open([runs])
+    text = design_text(collection)
+    assert "Target forces were 0.08045 ± 0.00195 N" in text
+    first = collection.runs[0]
+    info = replace(first.info, protocol=replace(first.info.protocol, contact="depth", touch="sensor"))
+    changed = replace(collection, runs=(replace(first, info=info), *collection.runs[1:]))
+    assert "0.35 mm below first touch (found by a change of the sensor)" in design_text(changed)

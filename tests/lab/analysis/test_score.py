@@ -1,0 +1,195 @@
+"""Scoring predictions against a split."""
+
+from __future__ import annotations
+
+import csv
+import json
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+pytest.importorskip("scipy")
+
+from tacbench_cad.cli import score as command
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.analysis.score import COLUMNS, PredictionsError, Share, score, share_of
+from tacbench_cad.lab.analysis.split_files import Split, SplitFold, SplitPress, write_split
+
+Rows = list[dict[str, str]]
+
+
+@pytest.fixture
+def split() -> Split:
+    """Two textures, two prints each, five positions; each copy is held out in turn."""
+    presses = tuple(
+        SplitPress(key=(f"{texture}_copy0{copy}", 1, 1, position), texture=texture, image_sha256=f"{position}")
+        for texture in ("texture-1", "texture-2")
+        for copy in (1, 2)
+        for position in range(1, 6)
+    )
+    copies = [[i for i, one in enumerate(presses) if one.key[0].endswith(str(copy))] for copy in (1, 2)]
+    folds = tuple(SplitFold(name=f"copy {i + 1}", train=tuple(copies[1 - i]), test=tuple(copies[i])) for i in range(2))
+    return Split(rung="copy", seed=0, presses=presses, folds=folds)
+
+
+def right_rows(split: Split) -> Rows:
+    rows = []
+    for fold in split.folds:
+        for i in fold.test:
+            run, level, repeat, position = split.presses[i].key
+            values = (fold.name, run, str(level), str(repeat), str(position), split.presses[i].texture)
+            rows.append(dict(zip(COLUMNS, values, strict=True)))
+    return rows
+
+
+def write_rows(path: Path, rows: Rows) -> Path:
+    with path.open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    return path
+
+
+def test_accuracy_recall_and_confusion_of_known_answers(split: Split, tmp_path: Path) -> None:
+    rows = right_rows(split)
+    for row in rows[:3]:  # three presses of texture-1, copy 1
+        row["predicted"] = "texture-2"
+    found = score(write_rows(tmp_path / "p.csv", rows), split)
+    assert found.confusion.tolist() == [[7, 3], [0, 10]]
+    assert (found.accuracy.right, found.accuracy.presses, found.accuracy.prints) == (17, 20, 4)
+    assert found.recall["texture-1"].value == 0.7 and found.recall["texture-2"].value == 1.0
+    assert found.folds["copy 1"].value == 0.7 and found.folds["copy 2"].value == 1.0
+    assert found.accuracy.low is not None and found.accuracy.high is not None
+    assert 0.0 < found.accuracy.low < 0.85 < found.accuracy.high < 1.0
+
+
+def test_order_and_other_columns_mean_nothing(split: Split, tmp_path: Path) -> None:
+    rows = [{"confidence": "0.5", **row} for row in reversed(right_rows(split))]
+    found = score(write_rows(tmp_path / "p.csv", rows), split)
+    assert found.accuracy.value == 1.0 and found.confusion.trace() == 20
+
+
+def twice(rows: Rows) -> None:
+    rows.append(dict(rows[4]))
+
+
+def lost(rows: Rows) -> None:
+    del rows[2], rows[7]
+
+
+def other_fold(rows: Rows) -> None:
+    rows[0]["fold"] = "copy 2"
+
+
+def no_fold(rows: Rows) -> None:
+    rows[0]["fold"] = "copy 9"
+
+
+def no_press(rows: Rows) -> None:
+    rows[0]["position"] = "77"
+
+
+def no_texture(rows: Rows) -> None:
+    rows[0]["predicted"] = "texture-9"
+
+
+def no_number(rows: Rows) -> None:
+    rows[0]["repeat"] = "one"
+
+
+@pytest.mark.parametrize(
+    ("change", "faults"),
+    [
+        (twice, [("doubled", "line 22: fold copy 1, texture-1_copy01 force level 1 repeat 1 position 5")]),
+        (
+            lost,
+            [
+                ("missing", "fold copy 1, texture-1_copy01 force level 1 repeat 1 position 3: has no prediction"),
+                ("missing", "fold copy 1, texture-2_copy01 force level 1 repeat 1 position 4: has no prediction"),
+            ],
+        ),
+        (other_fold, [("unknown", "this fold does not test it"), ("missing", "position 1: has no prediction")]),
+        (no_fold, [("unknown", "the split has no such fold"), ("missing", "position 1: has no prediction")]),
+        (no_press, [("unknown", "the split has no such press"), ("missing", "position 1: has no prediction")]),
+        (no_texture, [("unknown", "predicted 'texture-9' is no texture of the split (texture-1, texture-2)")]),
+        (no_number, [("unknown", "must be whole numbers"), ("missing", "position 1: has no prediction")]),
+    ],
+)
+def test_every_fault_is_named(
+    split: Split, tmp_path: Path, change: Callable[[Rows], None], faults: list[tuple[str, str]]
+) -> None:
+    rows = right_rows(split)
+    change(rows)
+    with pytest.raises(PredictionsError) as caught:
+        score(write_rows(tmp_path / "p.csv", rows), split)
+    assert [one.kind for one in caught.value.faults] == [kind for kind, _ in faults]
+    for one, (_, words) in zip(caught.value.faults, faults, strict=True):
+        assert words in one.text
+    assert caught.value.exit_code == 1
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+
+
+@pytest.mark.parametrize(("text", "words"), [(None, "cannot be read"), ("a,b\n1,2\n", "has no column fold")])
+def test_a_file_without_predictions_is_refused(split: Split, tmp_path: Path, text: str | None, words: str) -> None:
+    path = tmp_path / "p.csv"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(InputError, match=words):
+        score(path, split)
+
+
+def test_bytes_that_are_no_text_are_refused(split: Split, tmp_path: Path) -> None:
+    path = tmp_path / "p.csv"
+    path.write_bytes(b"fold,run\n\xff\xfe\x00")
+    with pytest.raises(InputError, match="is no CSV file in UTF-8"):
+        score(path, split)
+
+
+def test_prints_count_and_not_presses() -> None:
+    """Prints that are all right or all wrong are as many trials as there are prints."""
+    right = [i < 3 for i in range(6) for _ in range(100)]
+    prints = [i for i in range(6) for _ in range(100)]
+    whole = share_of(right, prints)
+    mixed = share_of([i % 2 == 0 for i in range(600)], prints)
+    assert whole.low is not None and whole.high is not None and mixed.low is not None and mixed.high is not None
+    assert whole.high - whole.low > 0.7 > 0.12 > mixed.high - mixed.low
+
+
+def test_all_right_says_as_much_as_so_many_prints_can_say() -> None:
+    found = share_of([True] * 600, [i // 100 for i in range(600)])
+    assert found.high == 1.0 and found.low == pytest.approx(0.025 ** (1 / 6))
+    assert share_of([True] * 600, [0] * 600) == Share(right=600, presses=600, prints=1, low=None, high=None)
+
+
+@pytest.mark.parametrize(("prints", "mean", "spread"), [(6, 0.7, 8.0), (12, 0.9, 4.0), (12, 0.5, 2.0)])
+def test_intervals_cover_studies_with_prints_that_differ(prints: int, mean: float, spread: float) -> None:
+    """Accuracies of prints are drawn from a beta distribution; 95 % intervals over 400 studies."""
+    rng = np.random.default_rng(5)
+    covered = 0
+    for _ in range(400):
+        accuracy = rng.beta(mean * spread, (1.0 - mean) * spread, prints)
+        found = share_of(rng.random((prints, 50)).ravel() < np.repeat(accuracy, 50), np.repeat(range(prints), 50))
+        assert found.low is not None and found.high is not None
+        covered += found.low <= mean <= found.high
+    assert 0.90 <= covered / 400 <= 1.0
+
+
+def test_the_command_prints_the_score_or_names_every_fault(split: Split, tmp_path: Path) -> None:
+    app = typer.Typer()
+    app.command()(command.command)
+    path = write_split(tmp_path / "split.json", split)
+    rows = right_rows(split)
+    answer = CliRunner().invoke(app, [str(write_rows(tmp_path / "p.csv", rows)), str(path), "--json"])
+    assert answer.exit_code == 0
+    assert json.loads(answer.stdout)["accuracy"]["share"] == 1.0
+    plain = CliRunner().invoke(app, [str(tmp_path / "p.csv"), str(path)])
+    assert "all folds" in plain.stdout and "texture-2 (recall)" in plain.stdout and "chance is 50.0%" in plain.stdout
+    lost(rows)
+    bad = CliRunner().invoke(app, [str(write_rows(tmp_path / "p.csv", rows)), str(path)])
+    assert isinstance(bad.exception, PredictionsError)
+    assert bad.stderr.count("missing: ") == 2

@@ -1,0 +1,223 @@
+"""The sound protocol beside plain scikit-learn, on noise, and on data that are not as they should be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sklearn.decomposition import PCA
+from sklearn.ensemble import RandomForestClassifier
+from sklearn.neural_network import MLPClassifier
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from studies import noise_image, write_study
+
+from tacbench_cad.errors import CheckFailedError, InputError
+from tacbench_cad.lab.analysis.accuracy import interval, sound_scores
+from tacbench_cad.lab.analysis.augment import BLOCK, Augmentation, noise_block, trial_seed
+from tacbench_cad.lab.analysis.classify import classify
+from tacbench_cad.lab.analysis.classify_settings import Settings, one_thread
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.features import Features, read_features
+from tacbench_cad.lab.analysis.foldpca import Products, fold_scores
+from tacbench_cad.lab.analysis.parallel import Team, workers
+from tacbench_cad.lab.analysis.preprocess import Preprocess
+from tacbench_cad.lab.analysis.sound import Task, folds_of, sound_trial
+from tacbench_cad.lab.analysis.splits import RUNGS, PressTable
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _one_thread() -> Iterator[None]:
+    with one_thread():
+        yield
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Collection:
+    folder = tmp_path_factory.mktemp("textured")
+    write_study(folder, textures=(1, 2, 3), levels=(1, 2), still=1)
+    return Collection.open([folder])
+
+
+def plain_rows(features: Features, train: np.ndarray, seed: int) -> np.ndarray:
+    """The augmented training set as one would write it: as it is, with noise, brighter, darker."""
+    count, numbers = features.rows.shape
+    blocks = [noise_block(seed, first, count, min(BLOCK, numbers - first)) for first in range(0, numbers, BLOCK)]
+    noise = 5.0 * np.concatenate(blocks, axis=1).astype(float)
+    rows = features.rows[train].astype(float)
+    return np.concatenate([rows, rows + noise[train], rows + 10, rows - 10])
+
+
+def test_predictions_are_those_of_plain_scikit_learn(study: Collection) -> None:
+    presses = PressTable.of(study)
+    settings = Settings(estimators=("forest", "network"), resolution=1.0, components=12, epochs=15, seed=4)
+    features = read_features(study, Preprocess())
+    outcomes = sound_trial(Task.of(features, presses, settings), 1)
+    seed = trial_seed(4, 1)
+    folds = folds_of(presses, settings, 1).folds
+    assert {fold.rung for fold in folds} == set(RUNGS)
+    pairs = [(fold, name) for fold in folds for name in ("forest", "network")]
+    for outcome, (fold, name) in zip(outcomes, pairs, strict=True):
+        estimator = (
+            RandomForestClassifier(max_depth=50, random_state=seed)
+            if name == "forest"
+            else MLPClassifier((50,), max_iter=15, n_iter_no_change=15, tol=0, random_state=seed)
+        )
+        pipeline = make_pipeline(PCA(12, svd_solver="full"), StandardScaler(), estimator)
+        with pytest.warns() if name == "network" else _nothing():
+            pipeline.fit(plain_rows(features, fold.train, seed), np.tile(presses.texture[fold.train], 4))
+        said = pipeline.predict(features.rows[fold.test].astype(float))
+        assert np.array_equal(np.array(study.textures)[outcome.predicted], said), (fold.rung, fold.held_out, name)
+        assert np.array_equal(outcome.press, fold.test) and outcome.rung == fold.rung
+    accuracies = [one.accuracy for one in sound_scores(outcomes, presses) if one.tested_on == "all"]
+    assert max(accuracies) > 0.9 and min(accuracies) < 1.0
+
+
+class _nothing:  # noqa: N801
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+
+@pytest.mark.parametrize("augmentation", [Augmentation(), Augmentation(noise=None), Augmentation(brightness=(3.0,))])
+@pytest.mark.parametrize("kind", [np.uint8, np.float64])
+def test_components_of_a_fold_are_scikit_learns(augmentation: Augmentation, kind: type) -> None:
+    random = np.random.default_rng(2)
+    base = 120 + random.normal(0, 30, (4, 1200))
+    images = base[random.integers(0, 4, 90)] + random.normal(0, 8, (90, 3)) @ random.normal(0, 1, (3, 1200))
+    rows = np.clip(images + random.normal(0, 3, images.shape), 0, 255).astype(kind)
+    features = Features(rows=rows, shape=(1200,), units="counts")
+    products = Products.of(rows)
+    if augmentation.noise is not None:
+        products = products.with_noise(augmentation.noise, 7)
+    indices = random.permutation(90)
+    folds = [(np.sort(indices[:60]), np.sort(indices[60:])), (np.sort(indices[30:]), np.sort(indices[:30]))]
+    for found, (train, test) in zip(fold_scores(products, augmentation, folds, 8), folds, strict=True):
+        written = augmentation.rows(features, train, 7)
+        pca = PCA(8, svd_solver="full").fit(written)
+        assert np.abs(found.train - pca.transform(written)).max() < 1e-9
+        assert np.abs(found.test - pca.transform(rows[test].astype(float))).max() < 1e-9
+        assert found.variance == pytest.approx(pca.explained_variance_, rel=1e-10)
+
+
+def test_copies_are_the_ones_that_are_named(study: Collection) -> None:
+    features = read_features(study, Preprocess())
+    augmentation = Augmentation()
+    assert augmentation.names == ("none", "noise 5", "+10", "-10")
+    train = np.arange(3, 40)
+    rows = augmentation.rows(features, train, 9)
+    assert np.array_equal(rows, plain_rows(features, train, 9))
+    noise = rows[37:74] - rows[:37]
+    assert abs(noise.mean()) < 0.15 and abs(noise.std() - 5) < 0.15
+
+
+def test_labels_of_noise_are_told_at_chance_on_every_rung(tmp_path: Path) -> None:
+    write_study(tmp_path / "runs", textures=(1, 2, 3), levels=(1, 2), still=1, image=noise_image)
+    found = Collection.open([tmp_path / "runs"])
+    with workers() as team:
+        settings = Settings(resolution=1.0, components=10)
+        result = classify(found, settings, 2, tmp_path, team)
+    whole = [one for one in result.scores if one.tested_on == "all"]
+    assert [one.rung for one in whole] == list(RUNGS)
+    for one in whole:
+        assert one.low is not None and one.high is not None
+        assert one.low <= result.chance <= one.high, (one.estimator, one.rung, one.low, one.high)
+        assert abs(one.accuracy - result.chance) < 0.12
+
+
+@pytest.mark.parametrize("units", [6, 24])
+@pytest.mark.parametrize("mean", [0.6, 0.9])
+def test_intervals_cover_when_presses_of_a_print_go_together(units: int, mean: float) -> None:
+    random = np.random.default_rng(units)
+    inside, studies, size = 0, 500, 40
+    for _ in range(studies):
+        shares = random.beta(6 * mean, 6 * (1 - mean), units)
+        right = random.random((units, size)) < shares[:, None]
+        low, high = interval(right.ravel().astype(float), np.ones(units * size), np.repeat(np.arange(units), size))
+        assert low is not None and high is not None
+        inside += low <= mean <= high
+    assert 0.90 <= inside / studies <= 0.995
+
+
+def test_an_interval_says_nothing_from_one_unit_and_never_leaves_0_to_1() -> None:
+    ones = np.ones(30)
+    assert interval(ones, ones, np.zeros(30)) == (None, None)
+    low, high = interval(ones, ones, np.arange(30) // 5)
+    # Six units, all right: as six trials in a row, whatever the number of presses (0.025 to the power 1/6).
+    assert high == 1.0 and low == pytest.approx(0.5407, abs=1e-4)
+    low, high = interval(0 * ones, ones, np.arange(30) // 5)
+    assert low == 0.0 and high == pytest.approx(1 - 0.5407, abs=1e-4)
+
+
+def run(found: Collection, out: Path, **changes: object) -> None:
+    with workers() as team:
+        classify(found, Settings(**{"resolution": 1.0, "components": 5, **changes}), 1, out, team)  # type: ignore[arg-type]
+
+
+def test_constant_images_are_refused(tmp_path: Path) -> None:
+    write_study(tmp_path / "runs", still=1, image=lambda *_: np.full((24, 32), 7, np.uint8))
+    with pytest.raises(InputError, match="all the same"):
+        run(Collection.open([tmp_path / "runs"]), tmp_path)
+
+
+def test_a_damaged_image_is_named_and_finished_trials_stay(tmp_path: Path) -> None:
+    folders = write_study(tmp_path / "runs", still=1)
+    found = Collection.open([tmp_path / "runs"])
+    run(found, tmp_path, rungs=("copy",))
+    before = sorted((tmp_path / "trials").iterdir())
+    (folders[3] / "sensor_images" / "image_5.png").write_bytes(b"torn")
+    (folders[5] / "sensor_images" / "image_2.png").write_bytes(b"torn")
+    with workers() as team, pytest.raises(CheckFailedError, match=r"sensor_images/image_[25]\.png.*1 more of 64"):
+        classify(found, Settings(resolution=1.0, components=5, rungs=("copy",)), 2, tmp_path, team)
+    assert len(before) == 1 and sorted((tmp_path / "trials").iterdir()) == before
+    run(found, tmp_path, rungs=("copy",))
+
+
+def test_readings_of_other_sensors_are_taken_and_nan_is_named(tmp_path: Path) -> None:
+    def taxels(printed: object, press: object, rng: np.random.Generator) -> np.ndarray:
+        number = int(printed.object_label)  # type: ignore[attr-defined]
+        return rng.normal(number * np.arange(16.0), 1.0).reshape(4, 4)
+
+    write_study(tmp_path / "runs", still=1, image=taxels, shape=(4, 4), units="kPa")
+    found = Collection.open([tmp_path / "runs"])
+    settings = Settings(components=5, augmentation=Augmentation(noise=None, brightness=()), rungs=("copy",))
+    with workers() as team:
+        result = classify(found, settings, 1, tmp_path, team)
+        assert result.scores[0].accuracy > 0.95
+        with pytest.raises(InputError, match="is for images"):
+            classify(found, Settings(protocol="paper"), 1, tmp_path, team)
+
+    def broken(printed: object, press: object, rng: np.random.Generator) -> np.ndarray:
+        values = taxels(printed, press, rng)
+        values[0, 0] = np.nan if press.number == 3 else 0.0  # type: ignore[attr-defined]
+        return values
+
+    write_study(tmp_path / "nan", still=1, image=broken, shape=(4, 4), units="kPa")
+    with workers() as team, pytest.raises(CheckFailedError, match="holds NaN"):
+        classify(Collection.open([tmp_path / "nan"]), settings, 1, tmp_path, team)
+
+
+def test_more_components_than_a_training_set_has_are_refused(study: Collection, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="components = 800: must be from 1 to"):
+        run(study, tmp_path, components=800)
+
+
+def test_one_print_of_each_texture_leaves_two_rungs(study: Collection, tmp_path: Path) -> None:
+    one = study.chosen((study.copy == 1) & (study.combination == study.combinations[0]) & (study.level == 1))
+    with workers() as team:
+        result = classify(one, Settings(resolution=1.0, components=5), 1, tmp_path, team)
+    assert {score.rung for score in result.scores} == {"press", "position"}
+    assert sum("is left out" in note for note in result.notes) == 3
+
+
+def test_a_process_of_its_own_gives_the_same(study: Collection, tmp_path: Path) -> None:
+    settings = Settings(resolution=0.5, components=5, rungs=("copy", "press"))
+
+    def accuracies(jobs: int, out: Path) -> list[float]:
+        with workers(jobs) as team:
+            assert isinstance(team, Team)
+            return [one.accuracy for one in classify(study, settings, 2, out, team).scores]
+
+    assert accuracies(1, tmp_path / "one") == accuracies(2, tmp_path / "two")

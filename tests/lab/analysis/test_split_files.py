@@ -1,0 +1,133 @@
+"""Split files: what stands in them, their hashes, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from studies import write_study
+from typer.testing import CliRunner
+
+from tacbench_cad.cli import split as command
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.split_files import Split, SplitFold, SplitPress, make_splits, read_split, write_split
+from tacbench_cad.lab.runs import schema
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("split") / "runs"
+    write_study(folder, levels=(1, 2), simulated="a formula")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def splits(runs: Path) -> dict[str, Split]:
+    found, notes = make_splits(Collection.open([runs]), seed=3, folds=2)
+    assert not notes
+    return {one.rung: one for one in found}
+
+
+def test_every_rung_has_a_split_and_names_its_presses(splits: dict[str, Split], runs: Path) -> None:
+    assert list(splits) == ["press", "position", "force", "copy", "printer-filament"]
+    copy = splits["copy"]
+    assert [one.name for one in copy.folds] == ["copy 1", "copy 2"]
+    assert len(copy.presses) == 8 * 2 * 2 * 4 and copy.simulated == ("sensor: a formula",)
+    row = (runs / copy.presses[0].key[0] / schema.TARGETS_FILE).read_text().splitlines()[1]
+    assert copy.presses[0].image_sha256 in row
+    for fold in copy.folds:
+        held = {copy.presses[i].key[0][-6:] for i in fold.test}
+        assert held == {fold.name.replace("copy ", "copy0")}
+        assert not held & {copy.presses[i].key[0][-6:] for i in fold.train}
+
+
+def test_a_file_comes_back_equal_and_is_the_same_each_time(splits: dict[str, Split], tmp_path: Path) -> None:
+    for one in splits.values():
+        first, second = write_split(tmp_path / "a.json", one), write_split(tmp_path / "b.json", one)
+        assert first.read_bytes() == second.read_bytes()
+        assert read_split(first) == one
+        document = json.loads(first.read_bytes())
+        assert document["protocol"] == f"tacbench-split/1:{one.rung}:{one.design_sha256[:12]}"
+
+
+def test_another_sensor_on_the_same_prints_has_the_same_protocol_and_other_data(
+    splits: dict[str, Split], tmp_path: Path
+) -> None:
+    from studies import noise_image
+
+    write_study(tmp_path, levels=(1, 2), image=noise_image)
+    others = {one.rung: one for one in make_splits(Collection.open([tmp_path]), seed=3, folds=2)[0]}
+    for rung, one in splits.items():
+        assert others[rung].protocol == one.protocol
+        assert others[rung].data_sha256 != one.data_sha256
+    reseeded = {one.rung: one for one in make_splits(Collection.open([tmp_path]), seed=4, folds=2)[0]}
+    assert reseeded["press"].protocol != splits["press"].protocol
+
+
+def test_a_rung_that_the_data_do_not_support_is_left_out_with_the_reason(tmp_path: Path) -> None:
+    write_study(tmp_path, prints=[("ender-3", "pla-plus")], copies=1)
+    found, notes = make_splits(Collection.open([tmp_path]))
+    assert [one.rung for one in found] == ["press", "position"]
+    assert len(notes) == 3 and all("is left out: " in one for one in notes)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda d: d.update(schema="other"), "is no split file"),
+        (lambda d: d.update(version=2), "has version 2, this program reads 1"),
+        (lambda d: d["folds"][0]["test"].pop(), "is not the hash of what stands in the file"),
+        (lambda d: d["presses"][0].__setitem__(5, "0" * 64), "data_sha256"),
+        (lambda d: d["folds"][0]["test"].append(10**6), "must be whole numbers from 0 to"),
+        (lambda d: d["folds"][0]["test"].append(d["folds"][0]["train"][0]), "is trained on and tested"),
+        (lambda d: d["folds"][0]["train"].append(d["folds"][0]["train"][0]), "stands there twice"),
+        (lambda d: d["folds"][0]["train"].append("1"), "must be whole numbers"),
+        (lambda d: d["folds"].clear(), "there is none"),
+        (lambda d: d["presses"].append(d["presses"][0]), "stands there twice"),
+        (lambda d: d.pop("seed"), "holds a wrong or missing value"),
+    ],
+)
+def test_a_file_that_was_changed_is_refused(
+    splits: dict[str, Split], tmp_path: Path, change: Callable[[dict[str, Any]], object], words: str
+) -> None:
+    path = write_split(tmp_path / "split.json", splits["copy"])
+    document = json.loads(path.read_bytes())
+    change(document)
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError, match=words) as caught:
+        read_split(path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("text", [None, "{", "[]", "3"])
+def test_what_is_no_split_file_is_refused(tmp_path: Path, text: str | None) -> None:
+    path = tmp_path / "split.json"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(InputError, match="split"):
+        read_split(path)
+
+
+def test_a_fold_must_train_and_test() -> None:
+    press = SplitPress(key=("a", 1, 1, 1), texture="texture-1", image_sha256="")
+    with pytest.raises(InputError, match="fold one train: is empty"):
+        Split(rung="copy", seed=0, presses=(press,), folds=(SplitFold(name="one", train=(), test=(0,)),))
+
+
+def test_the_command_writes_the_files_and_says_what_they_are(runs: Path, tmp_path: Path) -> None:
+    import typer
+
+    app = typer.Typer()
+    app.command()(command.command)
+    out = tmp_path / "splits"
+    answer = CliRunner().invoke(app, [str(runs), "-o", str(out), "--rungs", "copy,force", "--json"])
+    assert answer.exit_code == 0, answer.output
+    document = json.loads(answer.stdout)
+    assert sorted(one.name for one in out.glob("*.json")) == ["split_copy.json", "split_force.json"]
+    assert [one["rung"] for one in document["splits"]] == ["force", "copy"]
+    for one in document["splits"]:
+        assert read_split(Path(one["file"])).protocol == one["protocol"]

@@ -1,0 +1,183 @@
+"""The ladder of held-out groups: nothing that is held out trains, and what cannot be held out is named."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.analysis.splits import RUNGS, Fold, PressTable, ladder, units_of, with_copies
+
+
+def table(
+    prints: list[tuple[str, str, int]], levels: tuple[int, ...] = (1, 2), positions: int = 4, repeats: int = 2
+) -> PressTable:
+    """Presses of (texture, combination, copy) prints, each pressed at all levels and positions."""
+    rows = [
+        (run, *one, level, position)
+        for run, one in enumerate(prints)
+        for level, position, _ in itertools.product(levels, range(1, positions + 1), range(repeats))
+    ]
+    run, texture, combination, copy, level, position = zip(*rows, strict=True)
+    return PressTable(
+        run=np.array(run),
+        texture=np.array(texture),
+        combination=np.array(combination),
+        copy=np.array(copy),
+        level=np.array(level),
+        position=np.array(position),
+    )
+
+
+def prints(textures: str = "abc", combinations: str = "XY", copies: int = 2) -> list[tuple[str, str, int]]:
+    return list(itertools.product(textures, combinations, range(1, copies + 1)))
+
+
+def group(presses: PressTable, rung: str) -> np.ndarray:
+    """What a rung must keep whole."""
+    number = np.arange(len(presses.run))
+    return {
+        "press": number,
+        "position": presses.position,
+        "force": presses.level,
+        "copy": presses.run,
+        "printer-filament": presses.combination,
+    }[rung]
+
+
+def test_every_press_is_tested_once_a_rung_and_no_group_is_on_both_sides() -> None:
+    presses = table(prints())
+    found = ladder(presses, seed=3)
+    assert found.rungs == RUNGS and found.notes == ()
+    for rung in RUNGS:
+        tested = np.concatenate([fold.test for fold in found.of(rung)])
+        assert sorted(tested.tolist()) == list(range(len(presses.run)))
+        kept = group(presses, rung)
+        for fold in found.of(rung):
+            assert len(fold.train) + len(fold.test) == len(presses.run)
+            assert not set(kept[fold.train].tolist()) & set(kept[fold.test].tolist())
+    assert [fold.held_out for fold in found.of("copy")] == ["copy 1", "copy 2"]
+    assert [fold.held_out for fold in found.of("force")] == ["force level 1", "force level 2"]
+
+
+def test_presses_are_dealt_out_evenly_over_textures() -> None:
+    presses = table(prints())
+    for fold in ladder(presses, ["press"], seed=0).folds:
+        _, counts = np.unique(presses.texture[fold.test], return_counts=True)
+        assert len(counts) == 3 and counts.max() - counts.min() <= 1
+
+
+def test_the_seed_draws_presses_and_positions_and_nothing_else() -> None:
+    presses = table(prints(), positions=9)
+
+    def tests(seed: int, rung: str) -> list[list[int]]:
+        return [fold.test.tolist() for fold in ladder(presses, [rung], seed=seed).folds]
+
+    for rung in RUNGS:
+        assert tests(1, rung) == tests(1, rung)
+        assert (tests(1, rung) != tests(2, rung)) == (rung in ("press", "position"))
+
+
+@pytest.mark.parametrize(
+    ("presses", "rung", "reason"),
+    [
+        (table(prints(copies=1)), "copy", "no texture has two copies"),
+        (table(prints(combinations="X")), "printer-filament", "one printer-filament combination, X"),
+        (table(prints(), levels=(2,)), "force", "one force level"),
+        (table(prints(), positions=1), "position", "one position"),
+    ],
+)
+def test_a_rung_that_the_data_cannot_support_is_left_out_by_name(presses: PressTable, rung: str, reason: str) -> None:
+    found = ladder(presses, seed=0)
+    assert rung not in found.rungs and set(found.rungs) == set(RUNGS) - {rung}
+    (note,) = found.notes
+    assert rung in note and reason in note
+    with pytest.raises(InputError, match=reason):
+        ladder(presses, [rung], seed=0)
+
+
+def test_a_single_copy_always_trains_and_is_not_tested_for_its_copy() -> None:
+    presses = table([*prints("abc", "X", 3), *prints("abc", "Y", 1)])
+    folds = ladder(presses, ["copy"], seed=0).folds
+    assert [fold.held_out for fold in folds] == ["copy 1", "copy 2", "copy 3"]
+    for fold in folds:
+        assert set(presses.combination[fold.test]) == {"X"}
+        assert "Y" in presses.combination[fold.train]
+
+
+def test_a_texture_that_only_the_held_out_printer_has_is_not_tested_and_named() -> None:
+    presses = table([*prints("ab", "XY"), *prints("c", "Y")])
+    found = ladder(presses, ["printer-filament"], seed=0)
+    by_name = {fold.held_out: fold for fold in found.folds}
+    assert set(presses.texture[by_name["Y"].test]) == {"a", "b"}
+    assert set(presses.texture[by_name["X"].test]) == {"a", "b"}
+    assert any("c is not tested" in note and "Y" in note for note in found.notes)
+
+
+def test_one_texture_one_fold_and_an_unknown_rung_are_refused() -> None:
+    with pytest.raises(InputError, match="two textures"):
+        ladder(table(prints("a")), seed=0)
+    with pytest.raises(InputError, match="at least 2"):
+        ladder(table(prints()), seed=0, folds=1)
+    with pytest.raises(InputError, match='did you mean "copy"'):
+        ladder(table(prints()), ["copi"], seed=0)
+
+
+def test_the_units_of_an_interval_are_what_the_rung_holds_out_or_repeats() -> None:
+    presses = table(prints())
+    sizes = {rung: len(np.unique(units_of(presses, rung))) for rung in RUNGS}
+    assert sizes == {"press": 12, "position": 4, "force": 2, "copy": 12, "printer-filament": 2}
+
+
+def test_fewer_copies_in_training_leave_the_test_set_alone() -> None:
+    presses = table(prints(copies=4))
+    for fold in ladder(presses, ["copy", "printer-filament"], seed=0).folds:
+        less = with_copies(presses, fold, 2, seed=5)
+        assert less is not None and np.array_equal(less.test, fold.test)
+        assert set(less.train.tolist()) < set(fold.train.tolist())
+        pairs = zip(presses.texture[less.train], presses.combination[less.train], strict=True)
+        chosen = {pair: set() for pair in pairs}  # type: ignore[var-annotated]
+        for i in less.train:
+            chosen[presses.texture[i], presses.combination[i]].add(int(presses.copy[i]))
+        assert all(len(copies) == 2 for copies in chosen.values())
+    assert with_copies(presses, ladder(presses, ["copy"], seed=0).folds[0], 4, seed=5) is None
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    there=st.lists(
+        st.tuples(st.sampled_from("abc"), st.sampled_from("XYZ"), st.integers(1, 3)),
+        min_size=2,
+        max_size=14,
+        unique=True,
+    ),
+    levels=st.sampled_from([(1,), (1, 3)]),
+    positions=st.integers(1, 4),
+    seed=st.integers(0, 9),
+)
+def test_any_design_has_sound_folds_or_reasons(
+    there: list[tuple[str, str, int]], levels: tuple[int, ...], positions: int, seed: int
+) -> None:
+    presses = table(there, levels, positions)
+    if len(set(presses.texture)) < 2:
+        with pytest.raises(InputError):
+            ladder(presses, seed=seed)
+        return
+    found = ladder(presses, seed=seed)
+    for rung in RUNGS:
+        assert found.of(rung) or any(f"rung {rung} is left out" in note for note in found.notes)
+        for fold in found.of(rung):
+            _is_sound(presses, fold)
+
+
+def _is_sound(presses: PressTable, fold: Fold) -> None:
+    kept = group(presses, fold.rung)
+    assert len(fold.test) and not set(kept[fold.train].tolist()) & set(kept[fold.test].tolist())
+    assert set(presses.texture[fold.test]) <= set(presses.texture[fold.train])
+    if fold.rung == "copy":
+        pairs = set(zip(presses.texture[fold.train], presses.combination[fold.train], strict=True))
+        assert set(zip(presses.texture[fold.test], presses.combination[fold.test], strict=True)) <= pairs

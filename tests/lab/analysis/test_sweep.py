@@ -1,0 +1,105 @@
+"""Accuracy against one setting."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from studies import write_study
+
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.analysis.classify_settings import Settings, one_thread
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.figures_classify import draw_sweep
+from tacbench_cad.lab.analysis.parallel import workers
+from tacbench_cad.lab.analysis.sweep import COLUMNS, Sweep, SweepResult, run_sweep, write_sweep
+
+SOUND = Settings(resolution=1.0, components=4, rungs=("copy",))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _one_thread() -> Iterator[None]:
+    with one_thread():
+        yield
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Collection:
+    folder = tmp_path_factory.mktemp("textured")
+    write_study(folder, levels=(1, 2), copies=3, still=1)
+    return Collection.open([folder])
+
+
+def swept(study: Collection, out: Path, text: str, settings: Settings = SOUND, trials: int = 2) -> SweepResult:
+    with workers() as team:
+        return run_sweep(study, settings, Sweep.parsed(text), trials, out, team)
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("resolution=0.025:0.475", tuple(round(0.025 + 0.05 * i, 6) for i in range(10))),
+        ("components=5:50:10", tuple(float(one) for one in range(5, 51, 5))),
+        ("copies=1:3", (1.0, 2.0, 3.0)),
+        ("forces=3,1", (1.0, 3.0)),
+    ],
+)
+def test_values_are_a_range_or_a_list(text: str, values: tuple[float, ...]) -> None:
+    assert Sweep.parsed(text).values == values
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["resolution", "resolution=", "resolution=a:b", "resolution=0.4:0.1", "resolution=0:1", "resolution=0.1:nan",
+     "copies=1.5,2", "copies=0,1", "components=1:5:1", "resolution=0.1:0.2:3:4"],
+)  # fmt: skip
+def test_what_cannot_be_read_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="sweep"):
+        Sweep.parsed(text)
+    with pytest.raises(InputError, match='did you mean "resolution"'):
+        Sweep.parsed("resolutoin=0.1:0.2")
+
+
+def test_each_value_has_a_row_with_interval_and_spread(study: Collection, tmp_path: Path) -> None:
+    found = swept(study, tmp_path, "resolution=0.1,0.5,1")
+    path = write_sweep(found, tmp_path)
+    with path.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert tuple(rows[0]) == tuple(COLUMNS)
+    assert [float(row["value"]) for row in rows] == [0.1, 0.5, 1.0]
+    for row in rows:
+        assert row["parameter"] == "resolution" and row["trials"] == "2" and row["spread"]
+        assert float(row["low"]) <= float(row["accuracy"]) <= float(row["high"])
+    again = swept(study, tmp_path, "resolution=0.5,1")
+    assert [one.accuracy for _, one in again.points] == [float(row["accuracy"]) for row in rows[1:]]
+    assert len(list((tmp_path / "trials").iterdir())) == 6
+    png, pdf = draw_sweep(found, tmp_path, ["sensor: none"])
+    assert png.name == "sweep_resolution.png" and pdf.read_bytes().startswith(b"%PDF")
+
+
+def test_copies_and_forces_cut_the_data(study: Collection, tmp_path: Path) -> None:
+    copies = swept(study, tmp_path, "copies=1:2", trials=1)
+    assert [value for value, _ in copies.points] == [1.0, 2.0]
+    assert {one.images for _, one in copies.points} == {len(study)}
+    forces = swept(study, tmp_path, "forces=1,2", trials=1)
+    assert {one.images for _, one in forces.points} == {len(study) // 2}
+    with pytest.raises(InputError, match="no 3 copies of each print in training"):
+        swept(study, tmp_path, "copies=3", trials=1)
+    with pytest.raises(InputError, match="force-level = 3: the runs have 1, 2"):
+        swept(study, tmp_path, "forces=3", trials=1)
+
+
+def test_a_setting_that_the_protocol_does_not_have_is_refused(study: Collection, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="sound protocol"):
+        swept(study, tmp_path, "copies=1", Settings(protocol="paper"))
+    with pytest.raises(InputError, match="needs principal components"):
+        swept(study, tmp_path, "components=2,3", Settings(components=None))
+
+
+def test_the_papers_columns_can_be_swept(study: Collection, tmp_path: Path) -> None:
+    settings = Settings(protocol="paper", resolution=1.0, estimators=("forest",))
+    found = swept(study, tmp_path, "components=2,4", settings, trials=1)
+    rungs = [(value, one.rung) for value, one in found.points]
+    assert rungs == [(value, rung) for value in (2.0, 4.0) for rung in ("train", "test", "unseen")]
