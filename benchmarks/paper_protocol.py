@@ -3,8 +3,8 @@
     python benchmarks/paper_protocol.py [RUNS...] [--cores 2] [--trials 20] [--plain-trials 2]
 
 Three training combinations, random forest and network, 20 trials. Plain: for each trial and combination one PCA of the
-augmented set, one forest and one ``MLPClassifier``; a few trials are run and their time is multiplied. Ours: Gram
-matrices, batched networks, the same forest. Both are child processes on the same cores, one after the other, on the
+augmented set, one forest and one ``MLPClassifier``; a few trials are run and their time is multiplied. Ours: what
+``tacbench classify --protocol paper`` does. Both are child processes on the same cores, one after the other, on the
 same images: those of run folders, or synthetic ones of 256 x 192 pixels with textures, prints, positions and noise.
 Peak memory is the largest resident size of the process plus, for ours, of each of its workers.
 
@@ -151,56 +151,42 @@ def plain(study: Study, trials: int, epochs: int) -> Result:
     return result
 
 
-def networks_of(splits: Any, seeds: list[int], epochs: int) -> tuple[Any, int]:
-    """Train one network a split, together; also the process's peak memory."""
-    from tacbench_cad.lab.analysis.network import NetworkClassifier, fit_together
-
-    networks = [NetworkClassifier(max_iter=epochs, random_state=seed) for seed in seeds]
-    return fit_together(networks, [(rows[0], rows[2]) for rows in splits]), peak_kb()
+def workers_kb() -> int:
+    """The largest resident sizes of this process's children, added up (Linux; 0 elsewhere)."""
+    total = 0
+    for children in Path("/proc/self/task").glob("*/children"):
+        for pid in children.read_text().split():
+            lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+            total += next((int(line.split()[1]) for line in lines if line.startswith("VmHWM")), 0)
+    return total
 
 
 def ours(study: Study, trials: int, epochs: int, cores: int) -> Result:
-    """The same through Gram matrices and batched networks, networks in as many processes as there are cores."""
-    from joblib import Parallel, delayed
-    from sklearn.ensemble import RandomForestClassifier
-    from sklearn.model_selection import train_test_split
-    from threadpoolctl import threadpool_limits
-
-    from tacbench_cad.lab.analysis.augmented_pca import AugmentedPCA
+    """What ``tacbench classify --protocol paper`` does once the images are read."""
+    from tacbench_cad.lab.analysis.classify_settings import Settings
+    from tacbench_cad.lab.analysis.features import Features
+    from tacbench_cad.lab.analysis.paperprotocol import RUNGS, batches, paper_trials
+    from tacbench_cad.lab.analysis.parallel import workers
+    from tacbench_cad.lab.analysis.splits import PressTable
 
     result = Result()
-    for combination in study.selected:
-        chosen = np.flatnonzero(study.combination == combination)
-        unseen = np.flatnonzero(study.combination != combination)
-        with result.timed("Gram matrix"):
-            pca = AugmentedPCA(study.images, chosen)
-        with result.timed("augmenting, PCA"):
-            shares = [one.tolist() for one in np.array_split(np.arange(trials), min(cores, trials))]
-            with threadpool_limits(limits=1):  # a thread a share of the trials waits less than threads in each product
-                drawn = Parallel(n_jobs=cores, backend="threading")(delayed(pca.fits)(one, unseen) for one in shares)
-            found = [one for share in drawn for one in share]
-            del pca, drawn
-        labels = np.tile(study.texture[chosen], 4)
-        splits = [
-            train_test_split(one.augmented.reshape(len(labels), -1), labels, test_size=0.2, random_state=trial)
-            for trial, one in enumerate(found)
-        ]
-        with result.timed("network"):
-            parts = np.array_split(np.arange(trials), min(trials, cores * max(1, round(trials / cores / 8))))
-            trained = Parallel(n_jobs=cores)(
-                delayed(networks_of)([splits[trial] for trial in part], part.tolist(), epochs) for part in parts
-            )
-            networks = [network for part, _ in trained for network in part]
-            result.worker_kb = max(result.worker_kb, *(peak for _, peak in trained))
-        with result.timed("forest"):
-            forests = [
-                RandomForestClassifier(max_depth=50, random_state=trial, n_jobs=cores).fit(rows[0], rows[2])
-                for trial, rows in enumerate(splits)
-            ]
-        with result.timed("predicting"):
-            for one, rows, forest, network in zip(found, splits, forests, networks, strict=True):
-                sets = [(rows[0], rows[2]), (rows[1], rows[3]), (one.others, study.texture[unseen])]
-                result.accuracies.append(scored((forest, network), sets))
+    count = np.arange(len(study.images))
+    names = study.texture.astype(str), study.combination.astype(str)
+    presses = PressTable(run=count, texture=names[0], combination=names[1], copy=count, level=count, position=count)
+    features = Features(rows=study.images, shape=study.images.shape[1:], units="counts")
+    settings = Settings(
+        protocol="paper", estimators=CLASSIFIERS, epochs=epochs, train_on=tuple(map(str, study.selected))
+    )
+    with workers(cores) as team:
+        for combination in settings.train_on:
+            with result.timed("Gram matrix, augmenting, PCA"):
+                parts = list(batches(features, presses, settings, combination, range(trials), cores))
+            with result.timed("forest, network, predicting"):
+                found = [one for part in team.map(paper_trials, parts) for one in part]
+            for outcomes in found:
+                right = {(o.estimator, o.rung): float(np.mean(o.predicted == study.texture[o.press])) for o in outcomes}
+                result.accuracies.append([[right[name, rung] for rung in RUNGS] for name in CLASSIFIERS])
+        result.worker_kb = workers_kb()
     return result
 
 
@@ -213,7 +199,7 @@ def child(part: str, folder: Path, trials: int, epochs: int, cores: int) -> None
     start = time.perf_counter()
     result = plain(study, trials, epochs) if part == "plain" else ours(study, trials, epochs, cores)
     wall = time.perf_counter() - start
-    peak = peak_kb() + cores * result.worker_kb
+    peak = peak_kb() + result.worker_kb
     answer = {"wall": wall, "peak_gb": peak / 1e6, "seconds": result.seconds, "accuracies": result.accuracies}
     print(json.dumps(answer))
 
@@ -238,7 +224,7 @@ def show(study: Study, answers: dict[str, dict[str, Any]], trials: dict[str, int
         print(f"\n{part}: {trials[part]} trials in {answer['wall']:.1f} s; peak memory {answer['peak_gb']:.2f} GB")
         for stage, seconds in answer["seconds"].items():
             each = seconds / trials[part] / len(study.selected)
-            print(f"  {stage:<18}{seconds:>9.1f} s{each:>9.2f} s a trial and combination")
+            print(f"  {stage:<30}{seconds:>9.1f} s{each:>9.2f} s a trial and combination")
     note = f"{trials['plain']} trials, multiplied by {wanted / trials['plain']:g}"
     print(f"\n{wanted} trials: plain {whole['plain']:.0f} s ({note}), ours {whole['ours']:.0f} s", end="")
     faster = whole["plain"] / whole["ours"]

@@ -21,8 +21,8 @@ from typing import Any
 
 from tacbench_cad import __version__
 from tacbench_cad.errors import MissingToolError, TacbenchError
-from tacbench_cad.making.workers import Workers, cpu_count, why_not_importable
 from tacbench_cad.tools import PACKAGES, has_module, install_command, version
+from tacbench_cad.workers import Workers, cpu_count, why_not_importable
 
 #: The wheel whose files must be the ones in place, and the one that overwrites them.
 KERNEL, RIVAL = "cadquery-ocp", "cadquery-ocp-novtk"

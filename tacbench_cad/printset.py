@@ -16,10 +16,10 @@ from tacbench_cad.files import TEMPORARY_PREFIX, locked
 from tacbench_cad.making import manifest
 from tacbench_cad.making.request import Request, plan
 from tacbench_cad.making.sources import LeftOut, Plan, Source
-from tacbench_cad.making.workers import Workers, cpu_count, why_not_importable
 from tacbench_cad.making.writing import Failure, Made, file_name, make_files, make_in_child
 from tacbench_cad.mesh import Mesh
 from tacbench_cad.tools import why_missing
+from tacbench_cad.workers import Workers, cpu_count, why_not_importable
 
 __all__ = ["PREVIEW_NAME", "Failure", "LeftOut", "Plan", "Request", "Result", "build", "plan"]
 

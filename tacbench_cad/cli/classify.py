@@ -131,7 +131,7 @@ def command(
     from tacbench_cad.lab.analysis.sweep import Sweep, at_level, run_sweep, write_sweep
     from tacbench_cad.lab.rig.plugin import is_plugin
     from tacbench_cad.lab.rig.sensor import is_image
-    from tacbench_cad.making.workers import cpu_count
+    from tacbench_cad.workers import cpu_count
 
     if rungs is not None and protocol == "paper":
         raise InputError("rungs", rungs, "are of --protocol sound; the paper's has train, test and unseen")

@@ -67,7 +67,7 @@ def command(
     """
     from tacbench_cad.lab.simulate.blockrun import Options, run_info
     from tacbench_cad.lab.simulate.study import estimate, make, nearest_folder, require_room, study_of
-    from tacbench_cad.making.workers import cpu_count
+    from tacbench_cad.workers import cpu_count
 
     options = Options(colour=colour, seed=whole_of("seed", seed))
     wanted = given(whole_of, "jobs", jobs)

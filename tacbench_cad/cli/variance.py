@@ -60,7 +60,7 @@ def command(
     from tacbench_cad.lab.analysis.registration import register as seats
     from tacbench_cad.lab.analysis.variance import variance_table
     from tacbench_cad.lab.analysis.variance_files import write_all
-    from tacbench_cad.making.workers import cpu_count
+    from tacbench_cad.workers import cpu_count
 
     divisor, number = whole_of("ddof", ddof), whole_of("seed", seed)
     if divisor not in (0, 1):

@@ -101,6 +101,9 @@ def batches(
     Raises:
         InputError: There are more components than the images have directions.
     """
+    from joblib import Parallel, delayed
+    from threadpoolctl import threadpool_limits
+
     from tacbench_cad.lab.analysis.augmented_pca import AugmentedPCA
     from tacbench_cad.lab.analysis.gram import clipped_scores
     from tacbench_cad.lab.analysis.network import TOGETHER
@@ -128,7 +131,14 @@ def batches(
         pca = AugmentedPCA(
             images, chosen, components=settings.components, noise=copies.noise, brightness=copies.brightness
         )
-        found = pca.fits(seeds, unseen)
+        # A thread for each share of the trials waits less than threads within each product.
+        shares = [seeds[first::jobs] for first in range(min(jobs, len(seeds)))]
+        with threadpool_limits(limits=1):
+            drawn = Parallel(n_jobs=jobs, backend="threading")(delayed(pca.fits)(share, unseen) for share in shares)
+        by_seed = {
+            seed: one for share, some in zip(shares, drawn, strict=True) for seed, one in zip(share, some, strict=True)
+        }
+        found = [by_seed[seed] for seed in seeds]
     size = min(TOGETHER, -(-len(trials) // jobs))
     for first in range(0, len(trials), size):
         part = slice(first, first + size)

@@ -21,8 +21,8 @@ from tacbench_cad.lab.runs.pictures import encoded
 from tacbench_cad.lab.simulate.blockrun import BlockDone, Options, Source, make_block, other_images
 from tacbench_cad.lab.spec import PlannedBlock, PrintedBlock, Protocol, Study
 from tacbench_cad.lab.study import StudyFile, read_study
-from tacbench_cad.making.workers import Workers
 from tacbench_cad.protocol import PressGrid
+from tacbench_cad.workers import Workers
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.analysis.parallel import Team

@@ -169,7 +169,7 @@ class Workers:
 
     def _start(self) -> subprocess.Popen[bytes]:
         # The child gets exactly our module path: -P keeps a stray numpy.py of the current folder out of it.
-        code = f"import sys; sys.path[:] = {sys.path!r}; from tacbench_cad.making.workers import serve; serve()"
+        code = f"import sys; sys.path[:] = {sys.path!r}; from tacbench_cad.workers import serve; serve()"
         with self._changed:
             if self._closed:
                 raise EOFError

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tacbench_cad.errors import CheckFailedError, InputError
-from tacbench_cad.making.workers import RefusedError, Workers, why_not_importable
+from tacbench_cad.workers import RefusedError, Workers, why_not_importable
 
 
 def double(value: int) -> int:
