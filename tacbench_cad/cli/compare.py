@@ -46,7 +46,7 @@ def command(
     """
     from tacbench_cad.files import locked
     from tacbench_cad.lab.analysis.compare import compare, read_side, write_comparison
-    from tacbench_cad.making.workers import cpu_count
+    from tacbench_cad.workers import cpu_count
 
     count, wanted = whole_of("trials", trials), given(whole_of, "jobs", jobs)
     if wanted is not None and wanted < 1:

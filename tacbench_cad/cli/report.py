@@ -54,7 +54,7 @@ def command(
       tacbench report runs --variance results --classify classification --classify paper-classification
     """
     from tacbench_cad.lab.analysis.report import Options, write_report
-    from tacbench_cad.making.workers import cpu_count
+    from tacbench_cad.workers import cpu_count
 
     if no_classify and classify:
         raise InputError("no-classify", str(classify[0]), "leaves out what --classify gives; give one of the two")
