@@ -71,11 +71,11 @@ def main() -> int:
     chosen = parser.parse_args()
     seconds: Counter[str] = Counter()
     calls: Counter[str] = Counter()
-    opening = 0.0
+    opening = closing = 0.0
 
     @contextmanager
     def timed_rig(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> Iterator[Rig]:
-        nonlocal opening
+        nonlocal opening, closing
         began = time.perf_counter()
         with open_rig(settings, printed, frame) as rig:
             opening = time.perf_counter() - began
@@ -83,6 +83,8 @@ def main() -> int:
                 name: Timed(getattr(rig, name), name, seconds, calls) for name in ("stage", "gauge", "sensor", "clock")
             }
             yield replace(rig, **timed)
+            began = time.perf_counter()
+        closing = time.perf_counter() - began
 
     with tempfile.TemporaryDirectory() as temporary:
         out = chosen.out or Path(temporary)
@@ -102,6 +104,7 @@ def main() -> int:
     presses = result.presses
     shares = {
         "opening and homing the rig": opening,
+        "closing it": closing,
         "waiting for the stage": seconds["stage"],
         "waiting for the gauge": seconds["gauge"],
         "waiting for the sensor": seconds["sensor"],

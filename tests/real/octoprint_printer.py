@@ -26,6 +26,8 @@ MARLIN2 = {
     "sendBusy": True,
     "rxBuffer": 128,
     "resetLines": ["start", "Marlin 2.1.2"],
+    # Theirs gives as many decimals as Python does; Marlin always gives two.
+    "m114FormatString": "X:{x:.2f} Y:{y:.2f} Z:{z:.2f} E:{e[current]:.2f}",
     "simulated_errors": [],
 }
 
@@ -75,10 +77,16 @@ def main() -> None:
     printer = kind(Settings(values, folder), None, folder, read_timeout=0.2)
 
     def inwards() -> None:
+        # Their printer takes one line off each piece that it is given, and leaves what follows until the next piece
+        # comes; its own host writes line by line. A serial port knows no pieces, so they are made here.
+        line = bytearray()
         with contextlib.suppress(Exception):
             while data := os.read(ours, 64):
-                while data:
-                    data = data[printer.write(data) or len(data) :]
+                for byte in data:
+                    line.append(byte)
+                    if byte == 0x0A:
+                        while line:
+                            del line[: printer.write(bytes(line)) or len(line)]
 
     def outwards() -> None:
         while True:

@@ -15,7 +15,7 @@ import pytest
 
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_stage
-from tacbench_cad.lab.rig.errors import OutOfRangeError
+from tacbench_cad.lab.rig.errors import OutOfRangeError, ProtocolError
 from tacbench_cad.lab.spec import StageSettings
 
 ROOT = Path(__file__).parent.parent.parent
@@ -23,11 +23,14 @@ PYTHON = ROOT / ".venv-octoprint" / "bin" / "python"
 
 pytestmark = [
     pytest.mark.real,
+    pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are needed; Windows has none"),
     pytest.mark.skipif(
         not PYTHON.exists(),
-        reason="OctoPrint is not there: python3 -m venv .venv-octoprint && .venv-octoprint/bin/pip install OctoPrint==1.11.8",
+        reason="OctoPrint is not there: python3 -m venv .venv-octoprint, "
+        "then .venv-octoprint/bin/pip install OctoPrint==1.11.8",
     ),
 ]
+LIMITS = ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0))
 
 
 @contextmanager
@@ -47,18 +50,23 @@ def _printer(*options: str) -> Iterator[str]:
             process.wait(timeout=30)
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are needed; Windows has none")
-@pytest.mark.parametrize("options", [("--marlin2",), ()], ids=["near Marlin 2", "as it comes"])
-def test_the_marlin_driver_moves_octoprints_printer(options: tuple[str, ...]) -> None:
-    with _printer(*options) as port:
-        settings = StageSettings(
-            driver="marlin", port=port, limits_mm=((0.0, 200.0), (0.0, 200.0), (0.0, 100.0)), timeout_s=5.0
-        )
+def test_the_marlin_driver_moves_octoprints_printer() -> None:
+    with _printer("--marlin2") as port:
+        settings = StageSettings(driver="marlin", port=port, limits_mm=LIMITS, timeout_s=5.0)
         with open_stage(settings, Clock()) as stage:
-            assert "marlin" in stage.identity.lower()
+            assert "Marlin 2.1.2" in stage.identity
             for target in ((10.0, 20.0, 30.0), (12.5, 20.0, 30.0), (12.5, 23.25, 7.125)):
                 assert stage.move(target, 100.0) == pytest.approx(target, abs=0.011)
                 assert stage.position() == pytest.approx(target, abs=0.011)
             with pytest.raises(OutOfRangeError):
                 stage.move((-1.0, 0.0, 10.0), 100.0)
             assert stage.position() == pytest.approx((12.5, 23.25, 7.125), abs=0.011)
+            # Its numbers are agreed on anew, which it takes as Marlin does.
+            stage.home()
+            assert stage.position() == (0.0, 0.0, 0.0)
+
+
+def test_a_marlin_1_is_refused_by_its_name() -> None:
+    # As it comes, OctoPrint's printer says that it is "Virtual Marlin 1.0".
+    with _printer() as port, pytest.raises(ProtocolError, match="'Virtual Marlin' is not Marlin 2"):
+        open_stage(StageSettings(driver="marlin", port=port, limits_mm=LIMITS, timeout_s=5.0), Clock())

@@ -13,12 +13,17 @@ target's. Where it does not, ``done`` is all there is: a move is then believed o
 the last one went, and a reset between two moves goes unseen. The identity says which of the two it is. In both cases
 steps are counted, not seen. A reset says nothing; it shows as a missing ``done`` or as counters at 0.
 
+A garbled target may drive an axis against its end. The counters then tell, and the position is unknown until homed;
+but only a ``RESET`` that leaves a closed end stop first, and comes back to it, finds the same zero again. Try that
+before the first run: push the switched-off stage against its ends, home, and look where it stands.
+
 ``stop()`` cannot reach a firmware that is not reading. Moves are sent in pieces of about half a second, and none
 follows after a stop; for an emergency wire a switch to the motors' supply.
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 import time
@@ -45,6 +50,8 @@ ATTEMPT_S = 0.5
 PIECE_S = 0.5
 #: How much a move may take in comparison with its steps' pauses.
 SLOWNESS = 3.0
+#: How often a question is asked, or an order given that nothing came of: either may be garbled, or its answer.
+ATTEMPTS = 3
 
 Steps = tuple[int, int, int]
 
@@ -122,7 +129,7 @@ class ArduinoStage(Closing):
         """
         self._stopping = False
         self._lost = "homing was not finished"
-        self._ask("RESET", self._home_timeout_s)
+        self._reset()
         if self._stopping:
             raise AlarmError(f"{self._name}: homing was stopped on request")
         self._at = self._shown() if self._shows else (0, 0, 0)
@@ -158,10 +165,7 @@ class ArduinoStage(Closing):
         if self._lost:
             raise PositionLostError(f"{self._name}: the position is unknown: {self._lost}; home first")
         if self._shows:
-            at = self._shown()
-            if at != self._at:
-                # One report may be damaged.
-                at = self._shown()
+            at = self._told(self._at)
             if not any(at) and any(self._at):
                 self._lost = "the board was reset (button, power dip or disturbance)"
                 raise PositionLostError(f"{self._name}: counts 0, 0, 0 although it was left elsewhere; home first")
@@ -191,37 +195,83 @@ class ArduinoStage(Closing):
             return
         pause_us = max(1, round(1e6 * seconds / most))
         command = f"MOVE,{steps[0]},{steps[1]},{steps[2]},{pause_us}"
-        try:
-            self._ask(command, self._timeout_s + SLOWNESS * seconds)
-        except NoAnswerError:
-            # The done may have been lost on the way; the counters tell.
-            self._lost = "a move was not acknowledged"
-            if not self._shows or self._shown() != steps:
-                raise
-            self._lost = ""
+        for attempt in range(ATTEMPTS):
+            try:
+                self._ask(command, self._timeout_s + SLOWNESS * seconds)
+                break
+            except NoAnswerError:
+                # The done may have been lost on the way, or the order: the counters tell.
+                self._lost = "a move was not acknowledged"
+                at = self._told(steps) if self._shows else None
+                if at == steps:
+                    break
+                if at != self._at or not any(at) or attempt == ATTEMPTS - 1:
+                    raise
+        self._lost = ""
         if self._shows:
-            at = self._shown()
+            at = self._told(steps)
             if at != steps:
-                at = self._shown()
-            if at != steps:
-                self._lost = "" if any(at) else "the board was reset (button, power dip or disturbance)"
-                self._at = at
+                # Without limits, a garbled target may have driven it against an end of its travel: steps were lost.
+                self._lost = "" if at == self._at else "a move went elsewhere (garbled on its way, or a reset)"
                 kind = NotThereError if any(at) else PositionLostError
                 raise kind(f"{self._name}: counts {at} steps instead of {steps}")
         self._at = steps
 
+    def _told(self, expected: Steps) -> Steps:
+        """The counters; others than expected are believed only when they were told twice: an answer may be damaged.
+
+        Raises:
+            ProtocolError: They are others each time.
+            RigError: Lost or silent.
+        """
+        at = self._shown()
+        for _ in range(ATTEMPTS):
+            if at == expected:
+                return at
+            before, at = at, self._shown()
+            if at == before:
+                return at
+        raise ProtocolError(f"{self._name}: counts other steps each time it is asked, at rest")
+
     def _shown(self) -> Steps:
-        for _ in range(3):
-            for line in self._ask("SHOW", self._timeout_s):
+        silent: NoAnswerError | None = None
+        for _ in range(ATTEMPTS):
+            try:
+                lines = self._ask("SHOW", self._timeout_s)
+            except NoAnswerError as error:
+                silent = error
+                continue
+            for line in lines:
                 found = counters(line)
                 if found is not None:
                     return found
-        raise ProtocolError(f"{self._name}: SHOW no longer tells a position")
+        raise silent or ProtocolError(f"{self._name}: SHOW no longer tells a position")
+
+    def _reset(self) -> None:
+        """Send ``RESET`` until it is understood.
+
+        One that was garbled earns no answer. A ``SHOW`` sent after it tells: while homing, nothing is read, so that
+        it is answered after the ``done`` of ``RESET``; otherwise it is answered at once.
+        """
+        for _ in range(ATTEMPTS if self._shows else 0):
+            try:
+                self._ask("RESET", min(self._timeout_s, self._home_timeout_s))
+                return
+            except NoAnswerError:
+                self._line.write(b"SHOW\n")
+                if not any(counters(line) for line in self._until_done("RESET", self._home_timeout_s)):
+                    with contextlib.suppress(NoAnswerError):
+                        self._until_done("SHOW", self._timeout_s)
+                    return
+        self._ask("RESET", self._home_timeout_s)
 
     def _ask(self, command: str, timeout_s: float) -> list[str]:
         """Send a line; the lines that came until ``done``."""
         self._line.forget()
         self._line.write(command.encode("ascii") + b"\n")
+        return self._until_done(command, timeout_s)
+
+    def _until_done(self, command: str, timeout_s: float) -> list[str]:
         lines: list[str] = []
         until = time.monotonic() + timeout_s
         while (left := until - time.monotonic()) > 0.0:

@@ -45,6 +45,14 @@ POLL_S = 0.03
 STANDING_S = 0.3
 #: How far from the straight line to its target a carriage may be reported.
 ASIDE_MM = 0.05
+#: How often an unexpected position is asked for again.
+REPORTS = 4
+#: How often a line that was refused as unreadable, and nothing done, is sent again at most.
+RESENDS = 5
+#: How often homing is begun anew, where the order to home was not taken.
+HOMINGS = 4
+#: Number of the error by which GRBL says that homing is not enabled.
+NO_HOMING = 5
 
 
 class GrblStage(Closing):
@@ -104,7 +112,7 @@ class GrblStage(Closing):
         """Find the end stops, z first and upwards (GRBL's own order); afterwards the position is known.
 
         Works from every state: a reset comes first. An ``ok`` alone is not believed: ``Home`` must have been
-        reported, or the carriage must stand at the ends of its travel.
+        reported, or the carriage must stand at the ends of its travel. An order that was garbled is given again.
 
         Raises:
             AlarmError: An end stop was not found, or homing was stopped.
@@ -112,15 +120,25 @@ class GrblStage(Closing):
             RigError: Lost, silent or reset.
         """
         self._stopping, self._homing = False, True
+        seen: bool | None = None
         try:
-            self._link.reset()
-            self._link.lost = "homing was not finished"
-            if not self._stopping:
-                seen = self._wait_for_homing()
+            for _ in range(HOMINGS):
+                self._link.reset()
+                self._link.lost = "homing was not finished"
+                if not self._stopping:
+                    seen = self._wait_for_homing()
+                if self._stopping or seen is not None:
+                    break
         finally:
             self._homing = False
         if self._stopping:
             raise AlarmError(f"{self._link.name}: homing was stopped on request")
+        if seen is None:
+            raise ProtocolError(f"{self._link.name}: does not understand the order to home; look at the cable")
+        # The answer to the last question may be on its way; it must not be taken for that to the next one.
+        for _ in range(20):
+            if self._link.next(0.05) is None:
+                break
         at = self._at_rest()
         if not seen and not self._at_ends(at):
             raise PositionLostError(f"{self._link.name}: said ok to homing, but has not homed; home first")
@@ -164,14 +182,15 @@ class GrblStage(Closing):
             raise PositionLostError(f"{self._link.name}: the position is unknown: {self._link.lost}; home first")
         if self._stopping or self._line.torn:
             self._leave_hold()
-        report = self._link.status()
-        self._link.not_locked(report)
-        at = self._machine(report)
+        at = self._reported()
         if self._last is not None and not self._there(at, self._last):
-            # One report may be damaged; a second one is asked for.
-            report = self._link.status()
-            self._link.not_locked(report)
-            at = self._machine(report)
+            # A report may be damaged: another place is believed when it was reported twice.
+            for _ in range(REPORTS):
+                before, at = at, self._reported()
+                if at == before:
+                    break
+            else:
+                raise ProtocolError(f"{self._link.name}: reports another place each time it is asked")
         # What a reset leaves behind, should its banner have been lost on the way.
         if at == (0.0, 0.0, 0.0) and self._last is not None and math.dist(at, self._last) > ASIDE_MM:
             raise self._link.reset_noticed("reports 0, 0, 0 although it was left elsewhere")
@@ -186,6 +205,11 @@ class GrblStage(Closing):
     def close(self) -> None:
         """Let go of the port. Never raises; a second call does nothing."""
         self._line.close()
+
+    def _reported(self) -> Point:
+        report = self._link.status()
+        self._link.not_locked(report)
+        return self._machine(report)
 
     def _machine(self, report: Status) -> Point:
         at = self._link.machine(report)
@@ -218,7 +242,7 @@ class GrblStage(Closing):
         line.write(command.encode("ascii") + b"\n")
         begun = heard = progress = time.monotonic()
         give_up = begun + self._timeout_s + 2.0 * self._duration_s(start, target, speed_mm_s)
-        closest, aside, accepted = math.dist(start, target), 0, False
+        closest, aside, accepted, refusals = math.dist(start, target), 0, False, 0
         standing: tuple[Point, float] | None = None
         ask_at = begun
         while True:
@@ -233,6 +257,12 @@ class GrblStage(Closing):
             if now - heard > self._timeout_s:
                 raise self._link.silence()
             if isinstance(got, str):
+                if replies.is_unreadable(got) and refusals < RESENDS:
+                    # A disturbance may last: a longer pause each time.
+                    time.sleep(0.01 * 2.0**refusals)
+                    line.write(command.encode("ascii") + b"\n")
+                    accepted, refusals = False, refusals + 1
+                    continue
                 self._link.refused(got, command)
                 accepted = accepted or got == "ok"
             if not isinstance(got, Status) or (at := self._link.machine(got)) is None:
@@ -263,9 +293,12 @@ class GrblStage(Closing):
                 why = "ended" if accepted else "did not take the move and stands"
                 raise NotThereError(f"{name}: {why} at {_text(at)} instead of {_text(target)}")
 
-    def _wait_for_homing(self) -> bool:
-        """Send ``$H`` and wait for its end; whether ``Home`` was reported."""
-        seen = False
+    def _wait_for_homing(self) -> bool | None:
+        """Send ``$H`` and wait for its end; whether ``Home`` was reported, or None if the order was not taken.
+
+        An ``ok`` may be that of a piece of a garbled line: without ``Home`` two reports must follow it.
+        """
+        seen, acknowledged, standing = False, False, 0
         self._line.write(b"$H\n")
         self._clock.sleep(0.05)
         until = time.monotonic() + self._home_timeout_s
@@ -274,13 +307,21 @@ class GrblStage(Closing):
             # The answers come late, but one of them tells that it was homing indeed.
             if now >= ask_at:
                 self._line.write(ASK)
-                ask_at = now + 0.5
+                ask_at = now + (POLL_S if acknowledged else 0.5)
             got = self._link.next(max(ask_at - now, 0.0))
             if got == "ok":
-                return seen
-            if isinstance(got, Status):
+                if seen:
+                    return True
+                acknowledged, standing, ask_at = True, 0, now
+            elif isinstance(got, Status):
                 seen = seen or got.state == "Home"
+                # It answers at once only if it is not homing; the first answer may be from before the order.
+                standing += got.state in ("Idle", "Alarm")
+                if standing >= 2:
+                    return seen if got.state == "Idle" and (seen or acknowledged) else None
             elif got is not None:
+                if replies.error(got) not in (None, NO_HOMING):
+                    return None
                 self._link.refused(got, "$H")
         raise NoAnswerError(f"{self._link.name}: homing did not end within {self._home_timeout_s:g} s")
 

@@ -22,11 +22,13 @@ ANSWER_S = 0.3
 #: Pause before the next report is asked for, while none had the work offset.
 OFFSET_S = 0.01
 #: Longest wait for the banner after Ctrl-X; half a second was seen.
-RESET_S = 3.0
+RESET_S = 1.5
 #: Longest wait for the first answer: the reset that opening a port causes, and a boot loader.
 GREETING_S = 8.0
 #: Pause before a question without an answer is asked again, while opening.
 ATTEMPT_S = 1.0
+#: Silence after the answer, while opening, until nothing more is on its way.
+SETTLE_S = 0.15
 #: Pause after a banner before the next question: more lines may follow it.
 BANNER_S = 0.1
 HOLD, RESET, ASK = b"!", b"\x18", b"?"
@@ -77,7 +79,7 @@ class GrblLink:
             next_attempt = time.monotonic() + ATTEMPT_S
             # After the answer, what else is on its way is taken too.
             while (left := next_attempt - time.monotonic()) > 0.0:
-                line = self.line.read_line(min(left, 0.15) if version else left)
+                line = self.line.read_line(min(left, SETTLE_S) if version else left)
                 if line is None:
                     break
                 if replies.is_banner(line):
@@ -175,7 +177,7 @@ class GrblLink:
             NoAnswerError: No banner came.
             DeviceLostError: The port is gone.
         """
-        for _ in range(2):
+        for _ in range(4):
             self.line.forget()
             self.line.write(RESET)
             until = time.monotonic() + RESET_S

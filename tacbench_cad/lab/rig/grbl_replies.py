@@ -110,6 +110,12 @@ def error(line: str) -> int | None:
     return int(found[2]) if found and found[1] == "error" else None
 
 
+def is_unreadable(line: str) -> bool:
+    """Whether a line refuses a command for its text, so that nothing was done: it may be sent again."""
+    number = error(line)
+    return number is not None and number not in (9, 15)
+
+
 def version(line: str) -> str | None:
     """What stands in the ``[VER:...]`` line: ``1.1h.20190825``; None if the line is another."""
     if line.startswith("[VER:") and line.endswith("]"):

@@ -175,7 +175,7 @@ class MarlinStage(Closing):
         """
         if self._link.lost:
             raise PositionLostError(f"{self._link.name}: the position is unknown: {self._link.lost}; home first")
-        if self._link.stopping or self._line.torn:
+        if self._link.stopping or self._line.torn or self._link.unsure:
             self._link.resume()
             self._prepare()
             self._link.command("M400", limit_s=4.0 * self._timeout_s)
@@ -196,10 +196,10 @@ class MarlinStage(Closing):
         self._line.close()
 
     def _prepare(self) -> None:
-        """Modes that a reset forgets: mm, absolute, busy every 2 s, no reports unasked; and what the axes can do."""
+        """Modes that a reset forgets: mm, absolute, no reports unasked; and what the axes can do."""
         self._known("G90")
         # Not every build knows these; where they are missing there is nothing to switch.
-        for command in ("G21", "M113 S2", "M154 S0", "M155 S0"):
+        for command in ("G21", "M154 S0", "M155 S0"):
             self._link.command(command)
         found = dict(
             one
@@ -212,7 +212,7 @@ class MarlinStage(Closing):
     def _known(self, command: str, limit_s: float | None = None) -> list[str]:
         """Send a command that the firmware must know."""
         lines = self._link.command(command, limit_s=limit_s)
-        if any(replies.is_unknown(line) for line in lines):
+        if any(replies.unknown(line) is not None for line in lines):
             raise ProtocolError(f"{self._link.name}: does not know {command}; it said {lines[-1]!r}")
         return lines
 

@@ -21,16 +21,30 @@ BAUDS = (250000, 115200)
 GREETING_S = 12.0
 #: Pause before a question without an answer is asked again, while opening.
 ATTEMPT_S = 1.5
+#: Silence after the answer, while opening, until nothing more is on its way.
+SETTLE_S = 0.15
 #: Silence after the start-up text before the next question.
 BANNER_S = 0.3
 #: Silence after which a line is taken for lost. Marlin says that it is busy every 2 s.
 QUIET_S = 3.0
 #: Silence that follows ``M410``; a command sent within the first second of it would run twice.
 AFTER_STOP_S = 1.5
-#: How often one line is sent again at most.
-RESENDS = 4
-#: Number of the line before the first one. A reset counts from 0 again, and so betrays itself.
-FIRST = 1000
+#: How often one line is sent again at most, and the longest pause before it is: a disturbance may last some seconds.
+RESENDS = 10
+RESEND_PAUSE_S = 0.2
+#: How often new line numbers are asked for at most.
+RENUMBERINGS = 5
+#: Line numbers begin beyond a multiple of this. A reset counts from 0 again, and so betrays itself; and no number is
+#: used twice, since a line whose number was accepted before is passed over without an answer.
+NUMBERS = 1000
+
+
+class _OutOfStepError(Exception):
+    """The firmware counts its lines otherwise: this is the one that it expects."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
 
 
 class MarlinLink:
@@ -46,6 +60,7 @@ class MarlinLink:
         lost: Why nobody knows where the carriage is; empty while that is known.
         firmware: ``Marlin 2.1.2.7``; empty before :meth:`greet`.
         stopping: Motion was stopped on request since the last :meth:`resume`.
+        unsure: The last command was given up, so that it may have been obeyed, or may still be.
     """
 
     def __init__(self, line: Line, timeout_s: float) -> None:
@@ -56,8 +71,9 @@ class MarlinLink:
         self.stopping = False
         self._timeout_s = timeout_s
         self._stopped_at = 0.0
-        self._number = FIRST
+        self._number = 0
         self._previous = b""
+        self._given_up = 0
 
     def greet(self, bauds: tuple[int, ...]) -> None:
         """Wait for an answer that proves Marlin 2. Resets are no surprise here.
@@ -84,7 +100,7 @@ class MarlinLink:
             self.line.write(b"\nM115\n")
             next_attempt = time.monotonic() + ATTEMPT_S
             while (left := next_attempt - time.monotonic()) > 0.0:
-                line = self.line.read_line(min(left, 0.15) if self.firmware else left)
+                line = self.line.read_line(min(left, SETTLE_S) if self.firmware else left)
                 if line is None:
                     break
                 if replies.is_banner(line):
@@ -97,14 +113,35 @@ class MarlinLink:
             raise ProtocolError(f"{self.name}: {self.firmware!r} is not Marlin 2")
         self.renumber()
 
+    @property
+    def unsure(self) -> bool:
+        """Whether the last command was given up."""
+        return self._given_up > 0
+
     def renumber(self) -> None:
         """Agree on the line numbers anew.
 
+        A garbled ``M110`` is refused by the old numbers, or taken for an unknown command and acknowledged. So a first
+        line by the new numbers must prove that they hold.
+
         Raises:
-            RigError: Silent, lost, reset, halted.
+            RigError: Silent, lost, reset, halted, or garbled time and again.
         """
-        self._number, self._previous = FIRST - 1, b""
-        self.command(f"M110 N{FIRST}")
+        for _ in range(RENUMBERINGS):
+            first = (self._number // NUMBERS + 1) * NUMBERS
+            self._number, self._previous, self._given_up = first - 1, b"", 0
+            self._exchange(f"M110 N{first}")
+            try:
+                # Useful besides: it makes the firmware say every 2 s that it is busy.
+                self._exchange("M113 S2")
+            except _OutOfStepError:
+                # The acknowledgement that follows a refusal must not be taken for that of the next line.
+                quiet_by = time.monotonic() + 1.0
+                while time.monotonic() < quiet_by and self._take(self.line.read_line(0.1)) is not None:
+                    pass
+            else:
+                return
+        raise ProtocolError(f"{self.name}: does not take new line numbers; look at the cable")
 
     def stop(self) -> None:
         """Send ``M410``. Made for signal handlers; never raises."""
@@ -154,8 +191,28 @@ class MarlinLink:
             NotThereError: It was stopped on request.
             NoAnswerError, ProtocolError, PositionLostError, AlarmError, DeviceLostError: As their names say.
         """
+        try:
+            return self._exchange(text, within_s=within_s, limit_s=limit_s, wanted=wanted)
+        except _OutOfStepError as found:
+            raise self._reset_noticed(f"counts its lines from {found.number} instead of {self._number}") from None
+
+    def _exchange(
+        self,
+        text: str,
+        *,
+        within_s: float = 0.0,
+        limit_s: float | None = None,
+        wanted: Callable[[str], bool] | None = None,
+    ) -> list[str]:
+        """See :meth:`command`.
+
+        Raises:
+            _OutOfStepError: The firmware expects a line that was never sent, or long ago.
+        """
         self._old_lines()
         self._number += 1
+        # Until it is acknowledged.
+        self._given_up += 1
         own = replies.framed(self._number, text)
         self.line.write(own)
         quiet = min(self._timeout_s, QUIET_S) + within_s
@@ -179,32 +236,62 @@ class MarlinLink:
                 continue
             quiet_until = now + quiet
             number = replies.resend(line)
-            if number is not None:
-                resends, foreign = resends + 1, foreign + 1
-                again = self._again(number, own, resends)
+            if number is not None or self._is_garbled(replies.unknown(line), text):
+                # Where the line before is asked for, it will not be acknowledged either.
+                resends, foreign = resends + 1, 1 if number is not None and number < self._number else foreign + 1
+                if resends > RESENDS:
+                    raise ProtocolError(f"{self.name}: {text} was garbled {resends} times; look at the cable")
+                again = [own]
+                if number is not None and not text.startswith("M110"):
+                    again = self._again(number, text, own)
+                    own = again[-1]
             elif replies.is_ok(line):
                 if foreign:
+                    if again:
+                        self._pause(resends)
                     for one in again:
                         self.line.write(one)
                     foreign += len(again[1:]) - 1
                     again = []
                 elif has_come:
-                    self._previous = own
+                    self._previous, self._given_up = own, 0
                     return lines
             elif not replies.is_busy(line):
                 has_come = has_come or (wanted is not None and wanted(line))
                 lines.append(line)
         raise NoAnswerError(f"{self.name}: no answer to {text} within {time.monotonic() - begun:.1f} s")
 
-    def _again(self, number: int, own: bytes, resends: int) -> list[bytes]:
-        """What to send after a refusal."""
-        if resends > RESENDS:
-            raise ProtocolError(f"{self.name}: line {number} was garbled {resends} times; look at the cable")
+    def _again(self, number: int, text: str, own: bytes) -> list[bytes]:
+        """What to send when the firmware asks for a line: this one, or the one before and this one.
+
+        Lines that were given up are never sent again, since their moves are no longer wanted: the command gets the
+        number that the firmware expects.
+        """
         if number == self._number:
             return [own]
-        if number == self._number - 1 and self._previous:
+        if self._given_up == 1 and number == self._number - 1 and self._previous:
             return [self._previous, own]
-        raise self._reset_noticed(f"counts its lines from {number} instead of {self._number}")
+        if self._number - self._given_up <= number < self._number:
+            self._given_up -= self._number - number - 1
+            self._number = number
+            return [replies.framed(number, text)]
+        raise _OutOfStepError(number)
+
+    def _is_garbled(self, unknown: str | None, text: str) -> bool:
+        """Whether an unknown command is what a disturbance made of a line.
+
+        A line whose ``N`` was garbled counts as one without a number and checksum: it is not understood, and
+        acknowledged.
+        """
+        if unknown is None or text.startswith(unknown):
+            return False
+        return unknown.encode("ascii", "replace") not in self._previous
+
+    def _pause(self, resends: int) -> None:
+        """Wait before a line is sent again, longer each time, but not when it is the first."""
+        until = time.monotonic() + min(0.02 * 2.0 ** (resends - 2), RESEND_PAUSE_S) if resends > 1 else 0.0
+        while not self.stopping and (left := until - time.monotonic()) > 0.0:
+            time.sleep(min(left, 0.05))
 
     def _old_lines(self) -> None:
         """Pass over what came unasked, unless it tells of a reset or a halt."""

@@ -21,6 +21,7 @@ _POSITION = re.compile(
 )
 _RESEND = re.compile(r"(?:Resend:|rs) ?N?(\d{1,9})", re.A)
 _THREE = re.compile(r"(?:echo:)? *(M\d{2,3}) X(\d{1,6}\.\d+) Y(\d{1,6}\.\d+) Z(\d{1,6}\.\d+)(?: .*)?", re.A)
+_UNKNOWN = re.compile(r'(?:echo:)? *Unknown command: *"(.*)"', re.A)
 _FIRMWARE = re.compile(r"FIRMWARE_NAME:(\S+)(?: (\S+))?.*", re.A)
 _BANNER = re.compile(r"start|(?:echo:)? ?Marlin \S+|.*Last Updated:.*|echo: ?Compiled:.*", re.A)
 
@@ -81,9 +82,10 @@ def is_halted(line: str) -> bool:
     return "halted" in line or "kill()" in line
 
 
-def is_unknown(line: str) -> bool:
-    """Whether a command was not known; its ``ok`` comes all the same."""
-    return "Unknown command" in line
+def unknown(line: str) -> str | None:
+    """The command that the firmware says it does not know (its ``ok`` comes all the same); None of another line."""
+    found = _UNKNOWN.fullmatch(line)
+    return found[1] if found else None
 
 
 def firmware(line: str) -> str | None:

@@ -15,6 +15,8 @@ from tacbench_cad.lab.spec import GaugeSettings, HolderRim, Protocol, SensorSett
 from tacbench_cad.lab.study import StudyFile, read_study
 from tacbench_cad.tables import Table
 
+#: Begins the keys of a second sensor, which stand in place of those of the first.
+TAXELS = "# Taxels instead:"
 #: Not defaults but examples of what has none.
 EXAMPLES = ("port", "device", "calibration", "key_mm", "baud")
 
@@ -27,7 +29,7 @@ def read(folder: Path, text: str) -> StudyFile:
 
 def with_defaults(text: str) -> str:
     """The text with every commented default in force, except those that are only examples."""
-    return re.sub(rf"(?m)^# (?!(?:{'|'.join(EXAMPLES)}) =)([a-z_]+ = )", r"\1", text)
+    return re.sub(rf"(?m)^# (?!(?:{'|'.join(EXAMPLES)}) =)([a-z_]+ = )", r"\1", text.partition(TAXELS)[0])
 
 
 def without_study(text: str) -> str:
@@ -71,12 +73,14 @@ def test_every_key_is_explained(kind: type) -> None:
             assert re.search(rf"(?m)^(?:# )?{one.name} = ", TEMPLATE), one.name
 
 
-def test_the_camera_driver_knows_the_keys_of_the_sensor() -> None:
+def test_the_sensors_drivers_know_the_keys_that_are_shown() -> None:
     from tacbench_cad.lab.rig.camera import CameraOptions
+    from tacbench_cad.lab.rig.taxels import TaxelOptions
 
-    text = re.sub(r"(?m)^# (?=[a-z_]+ = )", "", TEMPLATE.partition("[sensor]")[2])
-    values = Table(tomllib.loads(text)).values
-    CameraOptions.of({key: value for key, value in values.items() if key not in ("driver", "device")})
+    both = TEMPLATE.partition("[sensor]")[2].split(TAXELS)
+    for text, options in zip(both, (CameraOptions, TaxelOptions), strict=True):
+        values = Table(tomllib.loads(re.sub(r"(?m)^# (?=[a-z_]+ = )", "", f"# {text}"))).values
+        options.of({key: value for key, value in values.items() if key not in ("driver", "device")})
 
 
 def test_it_never_overwrites(tmp_path: Path) -> None:

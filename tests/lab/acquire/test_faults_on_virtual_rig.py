@@ -138,7 +138,7 @@ ALL = {
     "dropped bytes": Fault(kind="drop", chance=0.05, seconds=30.0),
     "doubled bytes": Fault(kind="double", chance=0.05, seconds=30.0),
     "garbled bytes": Fault(kind="garble", chance=0.05, seconds=30.0),
-    "garbled orders": Fault(kind="garble", chance=0.01, seconds=30.0, direction="in"),
+    "garbled orders": Fault(kind="garble", chance=0.05, seconds=30.0, direction="in"),
     "short silence": Fault(kind="silence", direction="both", seconds=20.0),
     "reset": Fault(kind="reset"),
     "slipping motor": Fault(kind="slip", mm=0.3),

@@ -17,6 +17,7 @@ from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.simulate.contact import contact_for
 from tacbench_cad.lab.spec import GaugeSettings, RigSettings, SensorSettings, StageSettings, WorkFrame
+from tacbench_cad.protocol import PressGrid
 
 ORIGIN = (30.0, 10.0, -5.0)
 RIG = RigSettings(
@@ -28,7 +29,13 @@ RIG = RigSettings(
 
 def test_simulated_devices_follow_a_stage_of_ones_own(tmp_path: Path) -> None:
     protocol = small_protocol(
-        forces_n=(0.5,), bands_n=(0.02,), repeats=1, stationary_frames=1, clearance_mm=0.5, settle_s=0.0
+        grid=PressGrid(x_mm=(4.0,), y_mm=(18.0,)),
+        forces_n=(0.5,),
+        bands_n=(0.02,),
+        repeats=1,
+        stationary_frames=1,
+        clearance_mm=0.5,
+        settle_s=0.0,
     )
     study = study_of(protocol, 4)
     acquire(

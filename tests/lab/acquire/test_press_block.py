@@ -297,7 +297,7 @@ def one_random_fault(seed: int, folder: Path) -> None:
     require_whole(folder, protocol)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_the_invariants_under_random_faults(seed: int, tmp_path: Path) -> None:
     one_random_fault(seed, tmp_path / "run")
 

@@ -32,7 +32,9 @@ class Peer:
         self._far, near = pty.openpty()
         tty.setraw(near)
         self.port = os.ttyname(near)
-        self._near = near
+        # Held open, so that a driver may close and open the port again; closed once, by whoever unplugs first.
+        self._ends: tuple[int, ...] = (near, self._far)
+        self._lock = threading.Lock()
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
@@ -41,13 +43,21 @@ class Peer:
         """Send something unasked."""
         os.write(self._far, data)
 
+    def wait_for(self, line: bytes, within_s: float = 5.0) -> None:
+        """Until a line has been read here, which the thread does in its own time."""
+        until = time.monotonic() + within_s
+        while line not in self.lines:
+            assert time.monotonic() < until, f"{line!r} was not sent"
+            time.sleep(0.005)
+
     def unplug(self) -> None:
         """The device is gone."""
-        self._over.set()
-        self._thread.join()
-        os.close(self._near)
-        os.close(self._far)
-        self._near = self._far = -1
+        with self._lock:
+            ends, self._ends = self._ends, ()
+            self._over.set()
+            self._thread.join()
+            for end in ends:
+                os.close(end)
 
     def _serve(self) -> None:
         line = bytearray()
@@ -80,5 +90,4 @@ class Peer:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._far >= 0:
-            self.unplug()
+        self.unplug()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import pytest
 
@@ -21,6 +21,7 @@ from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, NotThere
 from tacbench_cad.lab.spec import Point
 
 THERE: Point = (2.0, 4.0, -1.0)
+TIMEOUT_S = 0.3
 
 
 class Script:
@@ -54,7 +55,7 @@ class Script:
             yield from self.pauses
 
 
-def opened(peer: Peer, *, timeout_s: float = 0.3, speed: float = 1.0) -> ArduinoStage:
+def opened(peer: Peer, *, timeout_s: float = TIMEOUT_S, speed: float = 1.0) -> ArduinoStage:
     clock = Clock(speed=speed)
     return ArduinoStage(peer.port, steps_per_mm=[100, -200.0, 400], clock=clock, timeout_s=timeout_s)
 
@@ -111,12 +112,96 @@ def test_a_done_without_motion_is_no_arrival() -> None:
         assert stage.position() == THERE
 
 
+def test_a_garbled_target_makes_the_position_unknown() -> None:
+    script = Script()
+    with script.peer() as peer, opened(peer) as stage:
+        stage.home()
+        obey = script.answer
+        peer.answer = lambda got: obey(got.replace(b"MOVE,2", b"MOVE,22"))
+        with pytest.raises(NotThereError, match="instead of"):
+            stage.move(THERE, 20.0)
+        peer.answer = obey
+        with pytest.raises(PositionLostError, match="went elsewhere"):
+            stage.move(THERE, 20.0)
+        stage.home()
+        assert stage.move(THERE, 20.0) == THERE
+
+
+@pytest.mark.parametrize("order", [b"RESET", b"MOVE", b"SHOW"])
+def test_a_garbled_order_is_given_again(order: bytes) -> None:
+    script = Script()
+    with script.peer() as peer, opened(peer) as stage:
+        stage.home()
+        stage.move(THERE, 20.0)
+        obey, garbled = script.answer, 0
+
+        def once(got: bytes) -> Iterable[bytes | float]:
+            nonlocal garbled
+            if not got.startswith(order) or garbled:
+                return obey(got)
+            garbled += 1
+            return []
+
+        peer.answer = once
+        stage.move((3.0, 4.0, -1.0), 20.0)
+        stage.home()
+        assert stage.position() == (0.0, 0.0, 0.0)
+        assert garbled == 1
+
+
+def test_a_long_homing_is_not_begun_twice() -> None:
+    script = Script()
+    orders: list[bytes] = []
+    with script.peer() as peer, opened(peer) as stage:
+        obey = script.answer
+
+        def slow(got: bytes) -> Iterator[bytes | float]:
+            orders.append(got)
+            if got == b"RESET":
+                yield 2.5 * TIMEOUT_S
+            yield from obey(got)
+
+        peer.answer = slow
+        stage.home()
+        assert stage.move(THERE, 20.0) == THERE
+    assert orders.count(b"RESET") == 1
+
+
+@pytest.mark.parametrize("damaged", [b"1,2,3", b"201,-800,-400"])
+def test_one_damaged_position_is_not_believed(damaged: bytes) -> None:
+    script = Script()
+    with script.peer() as peer, opened(peer) as stage:
+        stage.home()
+        stage.move(THERE, 20.0)
+        obey, shows = script.answer, 0
+
+        def answer(got: bytes) -> Iterable[bytes | float]:
+            nonlocal shows
+            shows += got == b"SHOW"
+            return [damaged + b"\ndone\n"] if got == b"SHOW" and shows == 1 else obey(got)
+
+        peer.answer = answer
+        assert stage.position() == THERE
+        assert shows >= 2
+
+
+def test_a_position_that_is_another_each_time_is_refused() -> None:
+    script = Script()
+    with script.peer() as peer, opened(peer) as stage:
+        stage.home()
+        stage.move(THERE, 20.0)
+        others = iter(range(100))
+        peer.answer = lambda got: [b"7,8,%d\ndone\n" % next(others)]
+        with pytest.raises(ProtocolError, match="each time"):
+            stage.position()
+
+
 def test_a_lost_done_does_not_hide_an_arrival_where_show_tells() -> None:
     script = Script()
     with script.peer() as peer, opened(peer) as stage:
         stage.home()
         script.pauses = [b"d\xefne\n"]
-        assert stage.move(THERE, 20.0) == THERE
+        assert stage.move(THERE, 200.0) == THERE
 
 
 def test_a_lost_done_without_show_is_a_lost_position() -> None:
@@ -125,7 +210,7 @@ def test_a_lost_done_without_show_is_a_lost_position() -> None:
         stage.home()
         script.pauses = []
         with pytest.raises(NoAnswerError, match="no done to MOVE"):
-            stage.move(THERE, 20.0)
+            stage.move(THERE, 200.0)
         with pytest.raises(PositionLostError):
             stage.position()
 
@@ -148,13 +233,13 @@ def test_a_hung_firmware_is_bounded() -> None:
         stage.home()
         script.mute = True
         with pytest.raises(NoAnswerError):
-            stage.move(THERE, 20.0)
+            stage.move(THERE, 200.0)
 
 
 def test_opening_waits_for_the_boot_loader() -> None:
     script = Script()
     script.mute = True
-    timer = threading.Timer(1.2, lambda: setattr(script, "mute", False))
+    timer = threading.Timer(0.7, lambda: setattr(script, "mute", False))
     with script.peer() as peer:
         timer.start()
         with opened(peer) as stage:

@@ -42,12 +42,13 @@ def test_open_stage_homes_and_moves() -> None:
             assert rig.true_position() == pytest.approx(CENTER, abs=0.02)
 
 
-@pytest.mark.parametrize("seed", (0, 4, 6))
+#: Unplugged. The other drivers have the other faults; all have all of them as long.
+@pytest.mark.parametrize("seed", (6,))
 def test_faults_end_in_names_and_moves_where_they_say(seed: int) -> None:
     survive("arduino", opener, CENTER, seed)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(7, 147))
+@pytest.mark.parametrize("seed", range(147))
 def test_many_faults(seed: int) -> None:
     survive("arduino", opener, CENTER, seed)

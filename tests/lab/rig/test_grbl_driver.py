@@ -36,7 +36,7 @@ TIMEOUT_S = 0.4
 
 @pytest.fixture(autouse=True)
 def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, seconds in (("RESET_S", 0.4), ("GREETING_S", 3.0), ("ATTEMPT_S", 0.3)):
+    for name, seconds in (("RESET_S", 0.2), ("GREETING_S", 3.0), ("ATTEMPT_S", 0.3), ("SETTLE_S", 0.02)):
         monkeypatch.setattr(grbl_link, name, seconds)
     monkeypatch.setattr(grbl, "STANDING_S", 0.15)
 
@@ -195,6 +195,55 @@ def test_trait_06_refusals_have_names(code: int, kind: type[Exception]) -> None:
         script.on_move = lambda target: [b"error:%d\r\n" % code]
         with pytest.raises(kind, match=f"error:{code}"):
             stage.move(THERE, 20.0)
+
+
+def test_a_garbled_move_is_sent_again() -> None:
+    script = ScriptedGrbl()
+    refused = 0
+
+    def once(target: Point) -> Iterator[bytes]:
+        nonlocal refused
+        refused += 1
+        if refused > 2:
+            script.at = target
+            return iter([b"ok\r\n"])
+        return iter([b"error:1\r\n"])
+
+    with opened(script) as stage:
+        script.on_move = once
+        assert stage.move(THERE, 20.0) == THERE
+        assert refused == 3
+
+
+@pytest.mark.parametrize("answer", [b"error:3\r\n", b"error:9\r\n", b"ok\r\n", b""])
+def test_a_garbled_order_to_home_is_given_again(answer: bytes) -> None:
+    script = ScriptedGrbl()
+    orders = 0
+
+    def on_home() -> Iterator[bytes]:
+        nonlocal orders
+        orders += 1
+        if orders == 1:
+            script.state = "Alarm"
+            return iter([answer] if answer else [])
+        script.state, script.at = "Idle", (-1.0, -1.0, -1.0)
+        return iter([b"<Home|MPos:-1.000,-1.000,-1.000|FS:0,0>\r\nok\r\n"])
+
+    script.on_home = on_home
+    with opened(script) as stage:
+        assert orders == 2
+        assert stage.position() == (-1.0, -1.0, -1.0)
+
+
+def test_a_position_that_is_another_each_time_is_refused() -> None:
+    script = ScriptedGrbl()
+    with opened(script) as stage:
+        places = iter(range(100))
+        script.on_status = lambda: [f"<Idle|MPos:{next(places)}.000,5.000,-1.000|FS:0,0>\r\n".encode()]
+        with pytest.raises(ProtocolError, match="each time"):
+            stage.position()
+        script.on_status = None
+        assert stage.position() == (-1.0, -1.0, -1.0)
 
 
 def test_trait_07_no_banner_is_waited_for() -> None:

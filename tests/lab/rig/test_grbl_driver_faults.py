@@ -35,7 +35,7 @@ def opener(port: str) -> GrblStage:
     return GrblStage(port, clock=Clock(speed=SPEED), timeout_s=0.5, home_timeout_s=5.0)
 
 
-@pytest.mark.parametrize("tcp", [False, True])
+@pytest.mark.parametrize("tcp", [pytest.param(False, marks=pytest.mark.long), True])
 def test_open_stage_homes_moves_and_keeps_its_limits(tcp: bool) -> None:
     with launch("grbl", speed=SPEED, tcp=tcp) as rig:
         settings = StageSettings(driver="virtual-grbl", port=rig.port, limits_mm=LIMITS, options={"speed": SPEED})
@@ -57,6 +57,7 @@ def test_steps_of_a_micrometre_arrive() -> None:
         assert heights == pytest.approx([-30.0 - 0.001 * step for step in range(1, 9)], abs=0.001)
 
 
+@pytest.mark.long
 def test_a_taught_place_is_the_same_after_the_power_was_off() -> None:
     places = []
     for seed in (1, 2):
@@ -78,6 +79,7 @@ def test_a_stop_in_motion_keeps_the_position() -> None:
         assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.002)
 
 
+@pytest.mark.long
 def test_the_reset_button_between_moves_is_noticed() -> None:
     with launch("grbl", speed=SPEED, settings={20: 0, 22: 0}) as rig, opener(rig.port) as stage:
         with pytest.raises(PositionLostError, match="opening the port"):
@@ -87,13 +89,14 @@ def test_the_reset_button_between_moves_is_noticed() -> None:
             stage.move(CENTER, 20.0)
 
 
-@pytest.mark.parametrize(("kind", "seed"), [*(("grbl", seed) for seed in range(7)), ("grblhal", 4)])
+#: Dropped bytes, doubled bytes; grblHAL's reset. The other drivers have the other faults; all have all of them as long.
+@pytest.mark.parametrize(("kind", "seed"), [("grbl", 0), ("grbl", 1), ("grblhal", 4)])
 def test_faults_end_in_names_and_moves_where_they_say(kind: str, seed: int) -> None:
     survive(kind, opener, CENTER, seed)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(7, 147))
+@pytest.mark.parametrize("seed", range(147))
 @pytest.mark.parametrize("kind", ["grbl", "grblhal"])
 def test_many_faults(kind: str, seed: int) -> None:
     survive(kind, opener, CENTER, seed)

@@ -205,9 +205,15 @@ def test_grbl_replies_take_anything(text: str) -> None:
 def test_marlin_replies_take_anything(text: str) -> None:
     place = marlin_replies.place(text)
     assert place is None or all(math.isfinite(value) for value in place.planned_mm)
-    for parse in (marlin_replies.resend, marlin_replies.firmware, marlin_replies.per_axis, marlin_replies.is_ok):
+    for parse in (
+        marlin_replies.resend,
+        marlin_replies.firmware,
+        marlin_replies.per_axis,
+        marlin_replies.is_ok,
+        marlin_replies.unknown,
+    ):
         parse(text)
-    for tell in (marlin_replies.is_busy, marlin_replies.is_banner, marlin_replies.is_halted, marlin_replies.is_unknown):
+    for tell in (marlin_replies.is_busy, marlin_replies.is_banner, marlin_replies.is_halted):
         assert tell(text) in (True, False)
 
 
@@ -263,6 +269,7 @@ def test_known_lines() -> None:
     assert marlin_replies.resend("Resend: 12") == 12 and marlin_replies.resend("rs N3") == 3
     assert marlin_replies.per_axis(" M203 X300.00 Y300.00 Z5.00 E25.00") == ("M203", (300.0, 300.0, 5.0))
     assert marlin_replies.per_axis("echo:  M92 X80.00 Y80.00 Z400.00") == ("M92", (80.0, 80.0, 400.0))
+    assert marlin_replies.unknown('echo:Unknown command: "M9 S1"') == "M9 S1" and marlin_replies.unknown("ok") is None
     assert not marlin_replies.is_banner("FIRMWARE_NAME:Marlin 2.1.2.7 (x) SOURCE_CODE_URL:y")
     assert marlin_replies.framed(3, "T0") == b"N3 T0*57\n"
     assert arduino.counters("x: 10 y: -20 z: 30") == (10, -20, 30)

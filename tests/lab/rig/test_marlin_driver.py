@@ -42,7 +42,7 @@ def opened(script: ScriptedMarlin, *, home: bool = True) -> Iterator[MarlinStage
 
 @pytest.fixture(autouse=True)
 def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, seconds in (("GREETING_S", 1.5), ("ATTEMPT_S", 0.3)):
+    for name, seconds in (("GREETING_S", 1.0), ("ATTEMPT_S", 0.3), ("SETTLE_S", 0.02), ("RESEND_PAUSE_S", 0.02)):
         monkeypatch.setattr(marlin_link, name, seconds)
 
 
@@ -162,6 +162,83 @@ def test_trait_16_lines_that_are_always_garbled_end_in_an_error() -> None:
         script.on[b"G1"] = never
         with pytest.raises(ProtocolError, match="garbled"):
             stage.move(THERE, 20.0)
+
+
+GARBLED = {
+    "refused": lambda script: script.refusal("checksum mismatch"),
+    "taken for an unknown command": lambda script: b'echo:Unknown command: "?1000 M110 N1000*97"\nok\n',
+    "taken for a command that says nothing": lambda script: b"ok\n",
+}
+
+
+@pytest.mark.parametrize("how", GARBLED)
+def test_garbled_new_line_numbers_are_agreed_on_all_the_same(how: str) -> None:
+    script = ScriptedMarlin()
+    left = 2
+    with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
+        stage.home()
+        obey = script.answer
+
+        def disturbed(got: bytes) -> Iterator[bytes | float]:
+            nonlocal left
+            if b"M110" not in got or not left:
+                return obey(got)
+            left -= 1
+            return iter([GARBLED[how](script)])
+
+        peer.answer = disturbed
+        stage.home()
+        assert left == 0
+        assert stage.move(THERE, 20.0) == THERE
+
+
+def test_line_numbers_that_are_never_taken_end_in_an_error() -> None:
+    script = ScriptedMarlin()
+    with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
+        stage.home()
+        obey = script.answer
+        peer.answer = lambda got: iter([b"ok\n"]) if b"M110" in got else obey(got)
+        with pytest.raises(ProtocolError, match="new line numbers"):
+            stage.home()
+        with pytest.raises(PositionLostError):
+            stage.position()
+        peer.answer = obey
+        stage.home()
+        assert stage.move(THERE, 20.0) == THERE
+
+
+def test_a_line_whose_number_was_garbled_is_sent_again() -> None:
+    script = ScriptedMarlin()
+    left = 1
+    with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
+        stage.home()
+        obey = script.answer
+
+        def disturbed(got: bytes) -> Iterator[bytes | float]:
+            nonlocal left
+            if b"G1" not in got or not left:
+                return obey(got)
+            left -= 1
+            return iter([b'echo:Unknown command: "x' + got[1:] + b'"\nok\n'])
+
+        peer.answer = disturbed
+        assert stage.move(THERE, 20.0) == THERE
+        assert sum(one.startswith(b"G1") for one in script.accepted) == 1
+
+
+def test_a_move_that_was_given_up_is_not_made_later() -> None:
+    script = ScriptedMarlin()
+    with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
+        stage.home()
+        stage.move(THERE, 20.0)
+        obey = script.answer
+        peer.answer = lambda got: iter([script.refusal("checksum mismatch")]) if b"Z1.0" in got else obey(got)
+        with pytest.raises(ProtocolError, match="garbled"):
+            stage.move((10.0, 20.0, 1.0), 20.0)
+        peer.answer = obey
+        assert stage.position() == THERE
+        assert stage.move((10.0, 20.0, 30.0), 20.0) == (10.0, 20.0, 30.0)
+        assert not any(b"Z1.0" in one for one in script.accepted)
 
 
 def test_trait_17_a_stop_ends_the_move_and_nothing_is_sent_in_the_silence_after_it() -> None:
@@ -315,7 +392,7 @@ def test_stop_works_from_a_signal_handler_in_the_middle_of_a_move() -> None:
                 stage.move(THERE, 20.0)
         finally:
             signal.signal(signal.SIGALRM, before)
-        assert b"M410" in peer.lines
+        peer.wait_for(b"M410")
 
 
 def test_another_firmware_is_refused() -> None:

@@ -34,7 +34,7 @@ def opener(port: str) -> MarlinStage:
     return MarlinStage(port, clock=Clock(speed=SPEED), baud=250000, timeout_s=0.3, home_timeout_s=5.0)
 
 
-@pytest.mark.parametrize("emergency_parser", [False, True])
+@pytest.mark.parametrize("emergency_parser", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_open_stage_homes_moves_and_stops(emergency_parser: bool) -> None:
     with launch("marlin", speed=SPEED, emergency_parser=emergency_parser) as rig:
         settings = StageSettings(driver="virtual-marlin", port=rig.port, limits_mm=LIMITS)
@@ -50,12 +50,13 @@ def test_open_stage_homes_moves_and_stops(emergency_parser: bool) -> None:
             assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.01)
 
 
-@pytest.mark.parametrize("seed", (2, 3, 4, 5, 6))
+#: Garbled bytes, silence, an alarm. The other drivers have the other faults; all have all of them as long.
+@pytest.mark.parametrize("seed", (2, 3, 5))
 def test_faults_end_in_names_and_moves_where_they_say(seed: int) -> None:
     survive("marlin", opener, CENTER, seed)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(7, 147))
+@pytest.mark.parametrize("seed", range(147))
 def test_many_faults(seed: int) -> None:
     survive("marlin", opener, CENTER, seed)

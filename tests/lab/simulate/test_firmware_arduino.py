@@ -46,6 +46,14 @@ def test_it_runs_into_its_frame() -> None:
     assert -3.0 < host.true[0] < -1.0
 
 
+def test_reset_finds_the_same_zero_after_a_run_into_the_frame() -> None:
+    host = homed("arduino")
+    host.ask(b"MOVE,-4000,-8000,0,10\n", 5.0)
+    assert host.true[1] < -1.0
+    assert host.ask(b"RESET\nSHOW\n", 60.0) == b"done\n0,0,0\ndone\n"
+    assert near(host.true, (0.0, 0.0, 0.0), 0.01)
+
+
 def test_zero_centre_and_calib() -> None:
     host = homed("arduino")
     host.ask(b"MOVE,400,400,-400,10\n", 5.0)

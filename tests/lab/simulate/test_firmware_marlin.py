@@ -53,7 +53,23 @@ def test_m114_r_is_a_compile_option() -> None:
         assert where(host).startswith(b"X:100.00")
 
 
+def test_steps_and_speeds_are_told_in_marlins_layout() -> None:
+    host = Host("marlin")
+    assert host.ask(b"M92\n") == b"  M92 X80.00 Y80.00 Z400.00 E500.00\nok\n"
+    assert host.ask(b"M203\n") == b"  M203 X100.00 Y100.00 Z10.00 E25.00\nok\n"
+
+
 # 15: end stops
+
+
+@pytest.mark.parametrize(
+    ("order", "axes"), [(b"G28 X Y\n", "xy"), (b"G28XZ\n", "xz"), (b"G28 Z0\n", "z"), (b"G28\n", "xyz")]
+)
+def test_the_named_axes_are_homed(order: bytes, axes: str) -> None:
+    host = Host("marlin")
+    host.ask(order + b"M400\n", 60.0)
+    ends = {"x": 0.0, "y": 0.0, "z": 100.0}
+    assert {name for name, at in zip("xyz", host.true, strict=True) if abs(at - ends[name]) <= STEP} == set(axes)
 
 
 def test_soft_end_stops_clamp_silently() -> None:

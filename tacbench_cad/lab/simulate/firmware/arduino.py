@@ -3,8 +3,9 @@
 Known: 921600 baud; lines of ASCII ended by a line feed; ``RESET``, ``CALIB``, ``ZERO``, ``MOVE,x,y,z,step``,
 ``CENTRE`` and ``SHOW``; a reply ends with a line that holds ``done``; units are motor steps. Our reading of the rest:
 x, y, z are steps from the zero, ``step`` is the pause between two steps in microseconds, ``SHOW`` gives the three
-counters, ``CALIB`` is ``RESET`` and then ``CENTRE``. As in a plain sketch, it reads nothing while it moves, checks
-nothing, takes a missing number for 0, passes over what it does not know, and cannot be stopped but by its reset.
+counters, ``RESET`` leaves a closed end stop before it looks for it, ``CALIB`` is ``RESET`` and then ``CENTRE``. As in a
+plain sketch, it reads nothing while it moves, checks nothing, takes a missing number for 0, passes over what it does
+not know, and cannot be stopped but by its reset.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ _LINE_SIGNS = 200
 _PEAK_MM_S = 40.0
 _HOME_MM_S = 20.0
 _ACCELERATION_MM_S2 = 400.0
+#: Way off a closed end stop before homing: more than an axis can go behind it.
+_BACK_OFF_MM = 5.0
 _MOST_STEPS = 2**31 - 1
 
 
@@ -106,9 +109,11 @@ class Arduino(Firmware):
         for i in (2, 0, 1):
             axis = self.carriage.axes[i]
             self._homing = i
-            if i not in self.carriage.pressed(self.now_s):
+            # Off the end stop first: a carriage that was driven past it would else have its zero there.
+            away = [-_BACK_OFF_MM] if i in self.carriage.pressed(self.now_s) else []
+            for by_mm in (*away, 1.5 * axis.travel_mm):
                 target = list(self.carriage.counted(self.now_s))
-                target[i] += 1.5 * axis.travel_mm * axis.home
+                target[i] += by_mm * axis.home
                 self.carriage.go((target[0], target[1], target[2]), _HOME_MM_S, _ACCELERATION_MM_S2, self.now_s)
                 yield self._at_rest
         self._homing = None

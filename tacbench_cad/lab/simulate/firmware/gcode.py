@@ -16,10 +16,13 @@ class Word:
     value: float | None
 
 
-def words(line: str) -> list[Word] | None:
+def words(line: str, *, flags: bool = False) -> list[Word] | None:
     """The words of a line without blanks, upper case; None where a word does not begin with a letter.
 
-    A word whose number is missing or wrong ends the list: what follows cannot be read.
+    Args:
+        line: The line.
+        flags: Letters may stand alone, as in Marlin's ``G28 X Y``, and what is no number is passed over. Otherwise a
+            word whose number is missing or wrong ends the list: what follows cannot be read.
     """
     found = []
     at = 0
@@ -27,9 +30,14 @@ def words(line: str) -> list[Word] | None:
         if not "A" <= line[at] <= "Z":
             return None
         number = _NUMBER.match(line, at + 1)
-        if number is None:
-            found.append(Word(line[at], None))
+        if number is not None:
+            found.append(Word(line[at], float(number.group())))
+            at = number.end()
+            continue
+        found.append(Word(line[at], None))
+        if not flags:
             break
-        found.append(Word(line[at], float(number.group())))
-        at = number.end()
+        at += 1
+        while at < len(line) and not "A" <= line[at] <= "Z":
+            at += 1
     return found

@@ -7,6 +7,8 @@ do, since a sensor must not be homed into a block.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from tacbench_cad.lab.simulate.firmware.base import Program
 from tacbench_cad.lab.simulate.firmware.gcode import words
 from tacbench_cad.lab.simulate.firmware.marlin_core import VERSION, MarlinCore
@@ -19,15 +21,21 @@ _PEAK: Point = (100.0, 100.0, 10.0)
 _ACCELERATION: Point = (500.0, 500.0, 100.0)
 _HOME: Point = (50.0, 50.0, 8.0)
 _BUMP_MM = 5.0
+#: Of the extruder, which is not there: Marlin's own defaults.
+_EXTRUDER_STEPS_PER_MM = 500.0
+_EXTRUDER_MM_S = 25.0
 #: Commands that are accepted and change nothing here.
-_IGNORED = ("G17", "G94", "M17", "M18", "M84", "M82", "M83", "M104", "M106", "M107", "M140", "M155", "M220", "M420")
+_IGNORED = (
+    *("G17", "G94", "M17", "M18", "M82", "M83", "M84", "M104", "M106", "M107"),
+    *("M113", "M140", "M155", "M220", "M420"),
+)
 
 
 class Marlin(MarlinCore):
     """Marlin 2.1.2.7: the arguments are those of :class:`MarlinCore`."""
 
     def _do(self, line: str) -> Program:
-        found = words(line.upper().replace(" ", "")) or []
+        found = words(line.upper().replace(" ", ""), flags=True) or []
         if not found or found[0].letter not in "GM" or found[0].value is None:
             self._unknown(line)
             return
@@ -50,6 +58,10 @@ class Marlin(MarlinCore):
             yield from self._where("R" in values)
         elif name == "M115":
             self._identify()
+        elif name == "M92" and not values:
+            self._axes_as("M92", [axis.steps_per_mm for axis in self.carriage.axes], _EXTRUDER_STEPS_PER_MM)
+        elif name == "M203" and not values:
+            self._axes_as("M203", _PEAK, _EXTRUDER_MM_S)
         elif name == "M119":
             self._end_stops()
         elif name == "M154":
@@ -156,6 +168,11 @@ class Marlin(MarlinCore):
             "Cap:SERIAL_XON_XOFF:0\nCap:BINARY_FILE_TRANSFER:0\nCap:EEPROM:0\nCap:AUTOREPORT_POS:1\n"
             f"Cap:EMERGENCY_PARSER:{int(self.emergency_parser)}\nCap:HOST_ACTION_COMMANDS:0\n"
         )
+
+    def _axes_as(self, name: str, axes: Sequence[float], extruder: float) -> None:
+        """A setting with a number for each axis, in the layout of Marlin 2.1 (2.0 puts ``echo:`` in front)."""
+        x, y, z = axes
+        self._send(f"  {name} X{x:.2f} Y{y:.2f} Z{z:.2f} E{extruder:.2f}\n")
 
     def _end_stops(self) -> None:
         pressed = self.carriage.pressed(self.now_s)

@@ -1,0 +1,95 @@
+"""Folders that cannot be written: exit code 2, one line, and what was recorded before stays as it is."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from lab.acquire.rigs import FakeRig, printed, rig_settings, small_protocol, study_of
+
+from tacbench_cad.cli import main
+from tacbench_cad.errors import InputError
+from tacbench_cad.lab.acquire.person import Typing
+from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.session import acquire
+from tacbench_cad.lab.rig.errors import NoAnswerError
+from tacbench_cad.lab.rig.gauge import Force
+from tacbench_cad.lab.runs.reading import Run
+
+pytestmark = pytest.mark.skipif(
+    not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere, and Windows has other rights"
+)
+
+
+class ThreePresses(Silent):
+    """The gauge fails after the third press."""
+
+    def pressed(self, done: int, force: Force | None, in_band: bool | None, reading: Path) -> None:
+        if done == 3:
+            raise NoAnswerError("gauge: sends nothing")
+
+
+def sitting(out: Path, progress: Silent) -> None:
+    study = study_of(small_protocol(repeats=1, stationary_frames=1), 1)
+    rig = FakeRig()
+    acquire(
+        study,
+        rig_settings(),
+        out,
+        person=Typing(lambda _: "t1 paper x1 01", lambda _: None),
+        progress=progress,
+        durable=False,
+        opener=rig.opener,
+    )
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(one.relative_to(folder)): one.read_bytes() for one in sorted(folder.rglob("*")) if one.is_file()}
+
+
+@pytest.fixture
+def begun(tmp_path: Path) -> Path:
+    """An output folder with a run that was cut short after three presses."""
+    with pytest.raises(NoAnswerError):
+        sitting(tmp_path, ThreePresses())
+    return tmp_path
+
+
+@contextmanager
+def read_only(folder: Path) -> Iterator[None]:
+    folder.chmod(0o500)
+    try:
+        yield
+    finally:
+        folder.chmod(0o700)
+
+
+def test_an_output_folder_that_cannot_be_written(begun: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = contents(begun)
+    with read_only(begun):
+        for out in (begun, begun / "inner"):
+            assert main(["acquire", "--virtual", "--out", str(out)]) == 2
+            said, error = capsys.readouterr()
+            assert said == ""
+            assert error.count("\n") == 1 and error.startswith("error: ")
+            assert "not writable" in error and str(begun) in error
+        assert contents(begun) == before
+
+
+@pytest.mark.parametrize("inner", ["", "sensor_images"])
+def test_a_run_that_can_no_longer_be_written_goes_on_once_it_can(begun: Path, inner: str) -> None:
+    run = begun / printed().name
+    before = contents(run)
+    assert len(Run.open(run).rows) == 3
+    with read_only(run / inner), pytest.raises(InputError, match="not writable") as caught:
+        sitting(begun, Silent())
+    assert caught.value.exit_code == 2
+    assert "\n" not in str(caught.value)
+    after = contents(run)
+    # Tables may have grown; nothing that stood in them, and no image, is another.
+    assert all(after[name].startswith(content) for name, content in before.items())
+    sitting(begun, Silent())
+    assert [row.number for row in Run.open(run).rows] == list(range(1, 9))
