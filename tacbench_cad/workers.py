@@ -1,4 +1,4 @@
-"""Child processes that run the slow CAD work.
+"""Child processes that run slow work: CAD, and the blocks of a simulated study.
 
 The Open CASCADE kernel keeps Python's lock while it computes and takes seconds to import, so parts are built side by
 side in processes of their own, and the command itself never loads it. A child can be ended at any time, in the middle

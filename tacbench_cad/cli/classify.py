@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tacbench_cad.cli.common import console, given, note, number_of, print_json, table, whole_of, words_of
+from tacbench_cad.cli.common import console, given, number_of, print_json, table, whole_of, words_of
+from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,9 +18,6 @@ if TYPE_CHECKING:
     from tacbench_cad.lab.analysis.sweep import SweepResult
 
 NAME = "classify"
-
-#: A stream that is no terminal gets a line every so many seconds.
-PLAIN_EVERY_S = 10.0
 
 
 def command(
@@ -162,7 +158,7 @@ def command(
     )
     processes = cpu_count() if jobs is None else whole_of("jobs", jobs)
     count = TRIALS[protocol] if count is None else count
-    with locked(out), workers(processes, dask) as team, _Progress() as progress:
+    with locked(out), workers(processes, dask) as team, ProgressLine() as progress:
         if wanted is not None:
             swept = run_sweep(collection, settings, wanted, count, out, team, progress.show)
             paths = [write_sweep(swept, out), *draw_sweep(swept, out, collection.simulated)]
@@ -191,34 +187,6 @@ def _augmentation(noise: str | None, brightness: str | None, image: bool) -> Any
         words = () if brightness == "none" else words_of(brightness) or ()
         levels = tuple(number_of("brightness", word) for word in words)
     return Augmentation(noise=sigma, brightness=levels)
-
-
-class _Progress:
-    """Readings and trials on the standard error: one line on a terminal, else a line every ten seconds."""
-
-    def __init__(self) -> None:
-        self._written = time.monotonic()
-        self._width = 0
-
-    def __enter__(self) -> _Progress:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._width:
-            sys.stderr.write("\r" + " " * self._width + "\r")
-            sys.stderr.flush()
-
-    def show(self, what: str, done: int, total: int) -> None:
-        """So many are done."""
-        now = time.monotonic()
-        line = f"{what}: {done:,} of {total:,}"
-        if sys.stderr.isatty():
-            sys.stderr.write("\r" + line.ljust(self._width))
-            sys.stderr.flush()
-            self._width = max(self._width, len(line))
-        elif now - self._written >= PLAIN_EVERY_S:
-            self._written = now
-            note(line)
 
 
 def _percent(value: float | None) -> str:

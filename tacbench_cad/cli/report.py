@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import sys
-import time
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from tacbench_cad.cli.common import given, note, print_json, whole_of
+from tacbench_cad.cli.common import given, print_json, whole_of
+from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.errors import InputError
 
 NAME = "report"
-
-#: A stream that is no terminal gets a line every so many seconds.
-PLAIN_EVERY_S = 10.0
 
 
 def command(
@@ -68,38 +64,10 @@ def command(
         jobs=wanted or cpu_count(),
         dask=dask,
     )
-    with _Progress() as progress:
+    with ProgressLine() as progress:
         files = write_report(runs, out, options, progress.show)
     if json:
         print_json({"report": str(files[0]), "files": [str(one) for one in files[1:]]})
         return
     size = files[0].stat().st_size / 1e6
     typer.echo(f"{files[0]} ({size:.1f} MB), {len(files) - 1} files in {files[0].stem}_files")
-
-
-class _Progress:
-    """What is being done, on the standard error: one line on a terminal, else a line every ten seconds."""
-
-    def __init__(self) -> None:
-        self._written = time.monotonic()
-        self._width = 0
-
-    def __enter__(self) -> _Progress:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._width:
-            sys.stderr.write("\r" + " " * self._width + "\r")
-            sys.stderr.flush()
-
-    def show(self, what: str, done: int, total: int) -> None:
-        """So much of it is done."""
-        now = time.monotonic()
-        line = f"{what}: {done:,} of {total:,}" if total else what
-        if sys.stderr.isatty():
-            sys.stderr.write("\r" + line.ljust(self._width))
-            sys.stderr.flush()
-            self._width = max(self._width, len(line))
-        elif now - self._written >= PLAIN_EVERY_S:
-            self._written = now
-            note(line)

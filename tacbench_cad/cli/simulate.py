@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tacbench_cad.cli.common import console, given, note, print_json, table, whole_of
+from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.errors import InputError
 
 if TYPE_CHECKING:
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 NAME = "simulate"
 
-#: A stream that is no terminal gets a line every so many seconds.
-PLAIN_EVERY_S = 10.0
 #: What the time went to, in the words of the result.
 SHARES = {
     "encode": "PNG encoding",
@@ -92,7 +90,7 @@ def command(
             note(line)
         require_room(folder, needed)
         began = time.monotonic()
-        progress = stack.enter_context(_Progress(needed.presses + needed.others, needed.there))
+        progress = _Images(stack.enter_context(ProgressLine()), needed.presses + needed.others, needed.there)
         blocks = make(infos, folder, options, count, progress.show, cluster)
     seconds = time.monotonic() - began
     if json:
@@ -130,38 +128,24 @@ def _minutes(minutes: float) -> str:
     return f"{minutes:.1f} minutes" if minutes >= 2.0 else f"{60.0 * minutes:.0f} s"
 
 
-class _Progress:
-    """Images made and time left on the standard error: one line on a terminal, else a line every ten seconds."""
+class _Images:
+    """How many images there are and how long the others will take.
 
-    def __init__(self, total: int, there: int) -> None:
-        self._total, self._before = total, there
+    Args:
+        line: Where it is written.
+        total: Images in all.
+        there: How many there were at the start.
+    """
+
+    def __init__(self, line: ProgressLine, total: int, there: int) -> None:
+        self._line, self._total, self._before = line, total, there
         self._began = time.monotonic()
-        self._written = self._began
-        self._width = 0
-
-    def __enter__(self) -> _Progress:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._width:
-            sys.stderr.write("\r" + " " * self._width + "\r")
-            sys.stderr.flush()
 
     def show(self, images: int) -> None:
         """So many images are there."""
-        now = time.monotonic()
-        over = sys.stderr.isatty()
-        if images <= self._before or (not over and now - self._written < PLAIN_EVERY_S):
-            return
-        self._written = now
-        left = (now - self._began) / (images - self._before) * (self._total - images)
-        line = f"{images:,} of {self._total:,} images, {_minutes(left / 60.0)} left"
-        if over:
-            sys.stderr.write("\r" + line.ljust(self._width))
-            sys.stderr.flush()
-            self._width = max(self._width, len(line))
-        else:
-            note(line)
+        if images > self._before:
+            left = (time.monotonic() - self._began) / (images - self._before) * (self._total - images)
+            self._line.say(f"{images:,} of {self._total:,} images, {_minutes(left / 60.0)} left")
 
 
 def _shares(blocks: Sequence[BlockDone]) -> dict[str, float]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tacbench_cad.cli.common import console, given, note, print_json, table, whole_of
+from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.errors import InputError
 
 if TYPE_CHECKING:
@@ -75,13 +75,23 @@ def command(
     if out is not None:
         with locked(out):  # a folder that cannot be written is refused before the work, not after it
             pass
-    with _Progress() as progress:
+    with ProgressLine() as progress:
         seatings: tuple[Seating, ...] = ()
+
+        def readings(done: int, total: int) -> None:
+            progress.show("readings", done, total)
+
         if register:
             progress.say("registering")
             seatings = seats(collection, preprocess, ddof=divisor, jobs=count, dask=dask)
         result = variance_table(
-            collection, preprocess, ddof=divisor, jobs=count, dask=dask, seed=number, progress=progress.show
+            collection,
+            preprocess,
+            ddof=divisor,
+            jobs=count,
+            dask=dask,
+            seed=number,
+            progress=readings,
         )
     files = [] if out is None else write_all(result, out, seatings)
     if json:
@@ -94,33 +104,6 @@ def command(
         note(f"error: left out: {line}")
     if result.left_out:
         raise typer.Exit(1)
-
-
-class _Progress:
-    """Readings passed so far, on one line of the standard error if that is a terminal."""
-
-    def __init__(self) -> None:
-        self._width = 0
-
-    def __enter__(self) -> _Progress:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.say("")
-        if self._width:
-            sys.stderr.write("\r")
-            sys.stderr.flush()
-
-    def show(self, done: int, total: int) -> None:
-        """So many readings of all are done."""
-        self.say(f"{done:,} of {total:,} readings")
-
-    def say(self, line: str) -> None:
-        """Put this in place of the line before."""
-        if sys.stderr.isatty():
-            sys.stderr.write("\r" + line.ljust(self._width))
-            sys.stderr.flush()
-            self._width = max(self._width, len(line))
 
 
 def _print(result: VarianceResult, seatings: Sequence[Seating]) -> None:
