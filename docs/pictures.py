@@ -5,6 +5,8 @@ Each picture is drawn from a part that is built here, so that the docs cannot sh
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from pathlib import Path
 
 from housing.coupon import Coupon
@@ -12,6 +14,7 @@ from housing.holder import Holder
 from housing.jig import Jig
 from tacbench_cad.block import Block
 from tacbench_cad.block_part import block_part
+from tacbench_cad.cli import main
 from tacbench_cad.files import replacing
 from tacbench_cad.lab.simulate.figures import simulated_images
 from tacbench_cad.pictures import catalogue_picture, preview_sheet, texture_picture
@@ -21,7 +24,7 @@ HERE = Path(__file__).parent
 IMAGES = HERE / "images"
 
 
-def main() -> None:
+def draw() -> None:
     """Write all pictures into ``docs/images``."""
     IMAGES.mkdir(exist_ok=True)
     blocks = [Block.of(number) for number in range(1, 7)]
@@ -44,7 +47,23 @@ def main() -> None:
     preview_sheet([("hex", block_part(Block.of(own.texture, table=own.block)).mesh[0])], IMAGES / "hex.png")
     with replacing(IMAGES / "simulated.png") as path:
         simulated_images().savefig(path, dpi=200, metadata={"Software": None})
+    analysis()
+
+
+def analysis() -> None:
+    """Draw the figures of the analysis from a simulated study, by the commands that the page names."""
+    with tempfile.TemporaryDirectory() as name:
+        study, results = f"{name}/study", Path(name) / "results"
+        for argv in (
+            ["simulate", "--study", "quick", "--out", study],
+            ["variance", study, "-o", str(results)],
+            ["classify", study, "-o", str(results), "--trials", "1"],
+        ):
+            if code := main(argv):
+                raise SystemExit(code)
+        for figure in ("variance", "between_textures", "ladder"):
+            shutil.copyfile(results / f"{figure}.png", IMAGES / f"{figure.removesuffix('_textures')}.png")
 
 
 if __name__ == "__main__":
-    main()
+    draw()

@@ -71,10 +71,10 @@ def command(
 def _classified(side: str, folder: Path, out: Path, trials: int, jobs: int, dask: str | None) -> Path:
     """The folder of a classification: the folder itself, or one within ``out`` in which its runs are classified."""
     from tacbench_cad.files import locked
+    from tacbench_cad.lab.analysis.classify import SETTINGS_FILE
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.lab.analysis.parallel import workers
     from tacbench_cad.lab.analysis.report_classification import classify_into
-    from tacbench_cad.lab.analysis.report_sections import SETTINGS_FILE
 
     if (folder / SETTINGS_FILE).is_file():
         return folder

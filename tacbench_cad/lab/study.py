@@ -7,9 +7,9 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
-from tacbench_cad.block import Block
 from tacbench_cad.errors import InputError
 from tacbench_cad.lab import names
+from tacbench_cad.lab.layout import block_of_word, read_layout
 from tacbench_cad.lab.spec import (
     GaugeSettings,
     HolderRim,
@@ -24,7 +24,6 @@ from tacbench_cad.lab.spec import (
 from tacbench_cad.presets import PRESETS
 from tacbench_cad.protocol import PressGrid
 from tacbench_cad.tables import Table, read_toml
-from tacbench_cad.textures import read_texture
 
 T = TypeVar("T")
 
@@ -122,17 +121,20 @@ def _study_file(document: Table, folder: Path) -> StudyFile:
     if ("block" in document) == ("study" in document):
         raise InputError("[block], [study]", None, "exactly one of these tables is needed")
     one = document.table("block" if "block" in document else "study")
+    layouts = one.only("layouts").texts("layouts") if "layouts" in one and "study" in document else ()
+    plates = tuple(printed for word in layouts for printed in read_layout(folder / word))
     preset = one.text("preset", "paper", PRESETS)
-    scale = one.number("scale", 1.0, 0.01, 100.0)
+    scale = _common_scale(plates) if plates else one.number("scale", 1.0, 0.01, 100.0)
     table = document.table("protocol", required=False)
     grid, spacing = _grid(table, scale)
     protocol = _protocol(table, grid)
     levels = tuple(range(1, protocol.levels + 1))
-    blocks = (
-        (PlannedBlock(printed=_one_block(one, preset, scale, folder), levels=levels),)
-        if "block" in document
-        else _many_blocks(one, preset, scale, folder, levels)
-    )
+    if plates:
+        blocks = tuple(PlannedBlock(printed=printed, levels=levels) for printed in plates)
+    elif "block" in document:
+        blocks = (PlannedBlock(printed=_one_block(one, preset, scale, folder), levels=levels),)
+    else:
+        blocks = _many_blocks(one, preset, scale, folder, levels)
     holder = document.table("holder", required=False).only("rim_mm", "gap_mm")
     rim = _made("[holder] ", HolderRim, {key: holder.number(key) for key in holder.values})
     study = Study(blocks=blocks, protocol=protocol, holder=rim, grid_spacing=spacing)
@@ -150,11 +152,12 @@ def _study_file(document: Table, folder: Path) -> StudyFile:
     return StudyFile(study=study, rig=rig, out=folder / out if out is not None else None)
 
 
-def _texture_block(word: str, preset: str, scale: float, key_mm: float | None, folder: Path) -> Block:
-    if word.endswith(".toml"):
-        found = read_texture(folder / word)
-        return Block.of(found.texture, preset, scale=scale, key_mm=key_mm, table=found.block)
-    return Block.of(word, preset, scale=scale, key_mm=key_mm)
+def _common_scale(plates: tuple[PrintedBlock, ...]) -> float:
+    """The one scale of all blocks: the press grid has it, too."""
+    scales = sorted({printed.block.scale for printed in plates})
+    if len(scales) > 1:
+        raise InputError("[study] layouts", scales, "hold blocks of several scales; a study has one")
+    return scales[0]
 
 
 def _one_block(table: Table, preset: str, scale: float, folder: Path) -> PrintedBlock:
@@ -162,7 +165,7 @@ def _one_block(table: Table, preset: str, scale: float, folder: Path) -> Printed
     texture = table.values.get("texture")
     word = str(texture) if type(texture) is int else table.text("texture")
     return PrintedBlock(
-        block=_texture_block(word, preset, scale, table.number("key_mm", None), folder),
+        block=block_of_word(word, preset, scale, table.number("key_mm", None), folder),
         printer=names.own_name("printer", table.text("printer")),
         filament=names.own_name("filament", table.text("filament")),
         copy=table.whole("copy", 1, 1, 999),
@@ -175,7 +178,7 @@ def _many_blocks(
     table.only("textures", "prints", "preset", "scale", "key_mm")
     words = table.texts("textures", tuple("123456"))
     key = table.number("key_mm", None)
-    blocks = [_texture_block(word, preset, scale, key, folder) for word in words]
+    blocks = [block_of_word(word, preset, scale, key, folder) for word in words]
     planned = []
     for one in table.tables("prints"):
         one.only("printer", "filament", "copies", "force_levels")

@@ -30,7 +30,7 @@ from tacbench_cad.lab.analysis.splits import UNITS, PressTable
 TRIALS = {"sound": 5, "paper": published.TRIALS}
 TRIALS_FOLDER = "trials"
 #: What was asked for, beside the tables.
-SETTINGS_FILE = "settings.json"
+SETTINGS_FILE = "classification_settings.json"
 COLUMNS = ["protocol", "estimator", "train_on", "tested_on", "rung", "accuracy", "low", "high", "trials", "images"]
 CONFUSION_COLUMNS = ["protocol", "estimator", "train_on", "tested_on", "rung", "texture", "predicted", "count", "share"]
 PREDICTION_COLUMNS = (
@@ -257,7 +257,7 @@ def _paper_counts(presses: PressTable, settings: Settings) -> list[str]:
 
 
 def write_tables(result: Result, out: Path) -> list[Path]:
-    """Write ``classification.csv``, ``confusion.csv``, ``predictions.csv`` and ``settings.json``.
+    """Write ``classification.csv``, ``confusion.csv``, ``predictions.csv`` and ``classification_settings.json``.
 
     Training rows of the paper's protocol are in the first two, not in the predictions.
     """
@@ -273,7 +273,7 @@ def write_tables(result: Result, out: Path) -> list[Path]:
 
 
 def settings_of(result: Result) -> dict[str, Any]:
-    """What was asked for and of which data, for ``settings.json``: reports and comparisons name it."""
+    """What was asked for and of which data, for ``classification_settings.json``: reports and comparisons name it."""
     collection = result.collection
     return {
         "analysis": "classification",

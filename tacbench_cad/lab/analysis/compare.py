@@ -26,8 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.errors import InputError
+from tacbench_cad.lab.analysis.classify import SETTINGS_FILE
 from tacbench_cad.lab.analysis.csvfile import write_csv
-from tacbench_cad.lab.analysis.report_sections import SETTINGS_FILE, read_rows, read_settings
+from tacbench_cad.lab.analysis.report_sections import read_rows, read_settings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -185,7 +186,7 @@ def read_side(folder: Path, name: str, estimator: str | None = None) -> tuple[Si
     Raises:
         InputError: The folder is not what ``tacbench classify --protocol sound`` wrote, or lacks the estimator.
     """
-    settings = read_settings(folder)
+    settings = read_settings(folder / SETTINGS_FILE)
     if settings.get("analysis") != "classification" or settings.get("protocol") != "sound":
         raise InputError("classification", str(folder), "must be of tacbench classify --protocol sound")
     known = [str(one) for one in settings.get("estimators", ())]

@@ -19,8 +19,10 @@ from tacbench_cad.lab.analysis import report_classification as classification
 from tacbench_cad.lab.analysis import report_html as html
 from tacbench_cad.lab.analysis import report_sections as sections
 from tacbench_cad.lab.analysis import report_variance as variance
+from tacbench_cad.lab.analysis.classify import SETTINGS_FILE as CLASSIFY_SETTINGS
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
+from tacbench_cad.lab.analysis.variance_files import SETTINGS_FILE as VARIANCE_SETTINGS
 from tacbench_cad.lab.runs.checking import RunReport, check_run
 
 #: Called with what is being done, how much of it is done, and how much there is (0: nobody knows).
@@ -81,9 +83,9 @@ def write_report(
     collection = Collection.open(runs)
     # Folders that are not of these runs are refused before anything is computed.
     if wanted.variance is not None:
-        sections.require_same("variance", wanted.variance, collection)
+        sections.require_same("variance", wanted.variance / VARIANCE_SETTINGS, collection)
     for folder in wanted.classifications:
-        sections.require_same("classify", folder, collection)
+        sections.require_same("classify", folder / CLASSIFY_SETTINGS, collection)
     files = out.with_name(f"{out.stem}_files")
     study = sections.Study(collection=collection, files=files)
     with locked(files):
@@ -161,7 +163,7 @@ def _classifications(
     for i, source in enumerate(options.classifications, start=1):
         name = "classification" if len(options.classifications) == 1 else f"classification_{i}"
         copy_files(source, study.files / name)
-        settings = sections.read_settings(study.files / name)
+        settings = sections.read_settings(study.files / name / CLASSIFY_SETTINGS)
         found.append(classification.Classification(folder=study.files / name, settings=settings))
     if found:
         return found, ""

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 from tacbench_cad.errors import CheckFailedError, InputError
 from tacbench_cad.files import locked
 from tacbench_cad.lab.analysis import report_html as html
+from tacbench_cad.lab.analysis.classify import SETTINGS_FILE
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.report_sections import SETTINGS_FILE, Study, figure, read_rows, read_settings, value
+from tacbench_cad.lab.analysis.report_sections import Study, figure, read_rows, read_settings, value
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.analysis.report import Progress
@@ -56,7 +57,7 @@ def computed(study: Study, jobs: int, dask: str | None, progress: Progress) -> C
     folder = study.files / "classification"
     with locked(folder), workers(jobs, dask) as team:
         classify_into(study.collection, folder, TRIALS["sound"], team, progress)
-    return Classification(folder=folder, settings=read_settings(folder))
+    return Classification(folder=folder, settings=read_settings(folder / SETTINGS_FILE))
 
 
 def classify_into(collection: Collection, folder: Path, trials: int, team: Any, progress: Progress) -> None:
@@ -152,7 +153,7 @@ def methods_text(one: Classification) -> str:
     """How a classification was computed: a paragraph.
 
     Raises:
-        InputError: ``settings.json`` lacks something.
+        InputError: the settings' file lacks something.
     """
     try:
         return _methods(one.settings)

@@ -22,8 +22,6 @@ from tacbench_cad.lab.runs.printrecord import FIELDS, PrintRecord
 
 #: Findings of a run that the page shows; all of them stand in the CSV file.
 MOST_FINDINGS = 5
-#: What an analysis was asked for, beside its tables.
-SETTINGS_FILE = "settings.json"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,13 +169,12 @@ def quality_section(study: Study, reports: Sequence[RunReport]) -> Iterator[str]
     yield html.paragraph(f"All runs: {study.file('data_quality.csv')}", "files")
 
 
-def read_settings(folder: Path) -> dict[str, Any]:
-    """What an analysis was asked for, from its folder.
+def read_settings(path: Path) -> dict[str, Any]:
+    """What an analysis was asked for, from the file that it left beside its tables.
 
     Raises:
         InputError: The file is missing or damaged.
     """
-    path = folder / SETTINGS_FILE
     try:
         found = json.loads(path.read_bytes())
     except OSError as error:
@@ -189,15 +186,17 @@ def read_settings(folder: Path) -> dict[str, Any]:
     return found
 
 
-def require_same(option: str, folder: Path, collection: Collection) -> Mapping[str, Any]:
+def require_same(option: str, path: Path, collection: Collection) -> Mapping[str, Any]:
     """What an analysis was asked for, if its folder is of these presses.
 
     Raises:
         InputError: It is of others, or its files are damaged.
     """
-    settings = read_settings(folder)
+    settings = read_settings(path)
     if settings.get("data") != data_key(collection):
-        raise InputError(option, str(folder), "is not of these runs, all of their presses; run the analysis on them")
+        raise InputError(
+            option, str(path.parent), "is not of these runs, all of their presses; run the analysis on them"
+        )
     return settings
 
 

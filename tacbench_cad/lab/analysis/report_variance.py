@@ -13,7 +13,8 @@ from tacbench_cad.lab.analysis import report_html as html
 from tacbench_cad.lab.analysis.cells import ALL_LEVELS, Cell
 from tacbench_cad.lab.analysis.preprocess import Preprocess
 from tacbench_cad.lab.analysis.published import ROW_NAMES, VARIANCE
-from tacbench_cad.lab.analysis.report_sections import SETTINGS_FILE, Study, figure, read_rows, read_settings, value
+from tacbench_cad.lab.analysis.report_sections import Study, figure, read_rows, read_settings, value
+from tacbench_cad.lab.analysis.variance_files import SETTINGS_FILE
 
 
 def variance_section(study: Study, folder: Path) -> Iterator[str]:
@@ -28,13 +29,13 @@ def variance_section(study: Study, folder: Path) -> Iterator[str]:
     collection = study.collection
     cells = read_cells(folder)
     origin = floor_origins(folder, cells)
-    left_out = [str(one) for one in read_settings(folder).get("left_out", ())]
+    left_out = [str(one) for one in read_settings(folder / SETTINGS_FILE).get("left_out", ())]
     warnings = variance_warnings(collection, cells, origin, left_out)
     unit = f"{collection.units}²" if collection.units.isalnum() else f"({collection.units})²"
     if warnings:
         yield html.heading(3, "To know before reading it")
         yield html.bullets(warnings)
-    noise = _noise_alone(folder, cells, int(read_settings(folder).get("ddof", 0)))
+    noise = _noise_alone(folder, cells, int(read_settings(folder / SETTINGS_FILE).get("ddof", 0)))
     single = list(dict.fromkeys(one.force_level for one in cells if one.force_level != ALL_LEVELS))
     for level in single if len(single) == 1 else [ALL_LEVELS, *single]:
         yield _variance_table(study, [one for one in cells if one.force_level == level], noise, level, unit)
@@ -51,7 +52,7 @@ def methods_text(study: Study, folder: Path) -> tuple[str, Preprocess, int]:
     Raises:
         InputError: The folder does not say, or its files are damaged.
     """
-    settings = read_settings(folder)
+    settings = read_settings(folder / SETTINGS_FILE)
     cells = read_cells(folder)
     words = sorted({text for text in floor_origins(folder, cells).values() if text})
     try:

@@ -19,7 +19,7 @@ from tacbench_cad.lab.analysis.registration import Seating
 from tacbench_cad.lab.analysis.variance import COLUMNS, VarianceResult
 
 #: What was asked for, beside the tables.
-SETTINGS_FILE = "settings.json"
+SETTINGS_FILE = "variance_settings.json"
 #: Heads of ``floor_removed.csv``: everything in it is for ddof 1.
 REMOVED_COLUMNS = (
     "printer",
@@ -116,7 +116,7 @@ def test_rows(result: VarianceResult) -> Iterator[dict[str, Any]]:
 
 
 def settings(result: VarianceResult, registered: bool) -> dict[str, Any]:
-    """What was asked for, for ``settings.json``: a report's methods paragraph names it."""
+    """What was asked for, for ``variance_settings.json``: a report's methods paragraph names it."""
     return {
         "analysis": "variance",
         "version": __version__,

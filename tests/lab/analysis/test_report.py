@@ -211,7 +211,7 @@ def test_folders_of_other_runs_are_refused(runs: Path, report: Path, tmp_path: P
     options = Options(variance=None, classifications=(files / "classification",))
     with pytest.raises(InputError, match=r"classify = .* is not of these runs"):
         write_report([tmp_path / "runs"], tmp_path / "r.html", options)
-    with pytest.raises(InputError, match=r"settings\.json.*cannot be read"):
+    with pytest.raises(InputError, match=r"classification_settings\.json.*cannot be read"):
         write_report([runs], tmp_path / "r.html", Options(classifications=(files / "variance", tmp_path)))
     assert not (tmp_path / "r.html").exists()
 

@@ -48,7 +48,7 @@ def written(study: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path
 def test_everything_is_written_and_printed(written: tuple[Path, str]) -> None:
     out, shown = written
     expected = {f"{name}.csv" for name in (*TABLES, "registration")}
-    expected |= {"settings.json"} | {f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf")}
+    expected |= {"variance_settings.json"} | {f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf")}
     assert {one.name for one in out.iterdir()} == expected
     for name in FIGURES:
         assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
