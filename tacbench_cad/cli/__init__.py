@@ -17,6 +17,7 @@ from tacbench_cad.cli import (
     classify,
     compare,
     doctor,
+    export,
     grade,
     import_,
     make,
@@ -62,6 +63,7 @@ def tacbench(
       tacbench check stl_out/*.stl          examine files, also such as were made elsewhere
       tacbench textures                     what there is, and what a nozzle can print of it
       tacbench show 4 --press               a picture of a texture and the press positions
+      tacbench export --to mjcf --out sim   the textures for simulators, with contact that keeps the relief
       tacbench acquire --virtual --out runs press a block on a simulated rig; with a FILE.toml on yours
       tacbench runs check runs              examine what was recorded
       tacbench simulate --study quick --out study  a whole simulated study
@@ -78,6 +80,7 @@ _MODULES = (
     check,
     textures,
     show,
+    export,
     acquire,
     simulate,
     import_,

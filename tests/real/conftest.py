@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 from outsiders import Run, Written, part_named, program
+from resting import Exported
 
+from tacbench_cad.assets.folder import export
+from tacbench_cad.block import Block
 from tacbench_cad.export import FORMATS
 
 
@@ -36,3 +39,15 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Written:
         return path
 
     return write
+
+
+@pytest.fixture(scope="session")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Exported:
+    """Exports a texture to a target, once a session, and gives the texture's folder."""
+    out = tmp_path_factory.mktemp("assets")
+
+    @cache
+    def folder(texture: str, target: str) -> Path:
+        return export([Block.of(texture)], [target], out / target)[0].folder
+
+    return folder

@@ -1,0 +1,63 @@
+"""PyBullet: rays meet the formula, and a small ball dropped into a valley rests where the formula lets it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from resting import BALL_MM, NEAR_MM, Exported, centre_height_mm, places_mm, settled_mm, valley_mm
+from triangles import NO_PYBULLET, STEP_S, drop
+
+from tacbench_cad.assets.asset import Asset
+from tacbench_cad.block import Block
+
+pybullet = pytest.importorskip("pybullet", reason=NO_PYBULLET)
+pytestmark = pytest.mark.real
+
+
+@pytest.fixture
+def world() -> Iterator[int]:
+    client = pybullet.connect(pybullet.DIRECT)
+    pybullet.setPhysicsEngineParameter(enableFileCaching=0, physicsClientId=client)
+    pybullet.setTimeStep(STEP_S, physicsClientId=client)
+    pybullet.setGravity(0, 0, -9.81, physicsClientId=client)
+    yield client
+    pybullet.disconnect(client)
+
+
+def load(number: str, exported: Exported, world: int) -> int:
+    path = exported(number, "urdf") / f"texture-{number}.urdf"
+    return int(pybullet.loadURDF(str(path), physicsClientId=world))
+
+
+@pytest.mark.parametrize("number", "123456")
+def test_heights(number: str, exported: Exported, world: int) -> None:
+    block = Block.of(number)
+    body = load(number, exported, world)
+    places = places_mm(block)
+    hits = [
+        pybullet.rayTest([x / 1e3, y / 1e3, 0.02], [x / 1e3, y / 1e3, -0.02], physicsClientId=world)[0]
+        for x, y in places
+    ]
+    assert all(hit[0] == body for hit in hits), "a ray missed the block"
+    error = np.abs(np.array([hit[3][2] * 1e3 for hit in hits]) - block.height_at(*places.T))
+    assert error.max() <= Asset(block).mesh_certificate.vertical_mm + 1e-5
+
+
+@pytest.mark.parametrize("number", "123456")
+def test_contact_of_a_ball(number: str, exported: Exported, world: int) -> None:
+    block = Block.of(number)
+    load(number, exported, world)
+    x, y, z = valley_mm(block)
+    found = drop(pybullet, world, (x + 0.05, y + 0.03, z + 0.3), BALL_MM)
+    assert found[2] == pytest.approx(z, abs=NEAR_MM)
+    assert found[2] == pytest.approx(centre_height_mm(block, found[0], found[1]), abs=NEAR_MM)
+
+
+@pytest.mark.parametrize("number", "24")
+def test_contact_of_a_larger_ball(number: str, exported: Exported, world: int) -> None:
+    block = Block.of(number)
+    load(number, exported, world)
+    x, y, z = settled_mm(block, *valley_mm(block)[:2], 1.0)
+    assert drop(pybullet, world, (x, y, z + 0.2), 1.0)[2] == pytest.approx(z, abs=NEAR_MM)

@@ -1,0 +1,76 @@
+"""Taxim: read line by line as its loader does, the file fills its height map with the formula's heights.
+
+Taxim has no package, and its calibration is no part of this project: what stands here is what its loader and its
+height map do with a file (pixels of 0.0295 mm, 480 x 640 of them, points below 0.2 mm left out), in our own words.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from resting import BALL_MM, NEAR_MM, Exported, valley_mm
+
+from tacbench_cad.block import Block
+
+pytestmark = pytest.mark.real
+
+ROWS, COLUMNS, PIXEL_MM, LEAST_MM = 480, 640, 0.0295, 0.2
+
+
+def points_of(path: Path) -> np.ndarray:
+    """The points (n, 3) in mm: their count ends the fourth line, they begin with the eleventh."""
+    lines = path.read_text(encoding="ascii").splitlines()
+    count = int(lines[3].split(" ")[-1])
+    assert lines[0] == "ply" and lines[9] == "end_header" and len(lines) == 10 + count
+    return np.loadtxt(lines[10 : 10 + count])
+
+
+def map_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The height map in mm, rows along y, and the place (x, y) in mm of the lower corner of its first pixel."""
+    centre = points[:, :2].mean(axis=0)
+    columns = ((points[:, 0] - centre[0]) / PIXEL_MM + COLUMNS // 2).astype(int)
+    rows = ((points[:, 1] - centre[1]) / PIXEL_MM + ROWS // 2).astype(int)
+    on = (columns > 0) & (columns < COLUMNS) & (rows > 0) & (rows < ROWS) & (points[:, 2] > LEAST_MM)
+    heights = np.zeros((ROWS, COLUMNS))
+    heights[rows[on], columns[on]] = points[on, 2]
+    return heights, centre - PIXEL_MM * np.array([COLUMNS // 2, ROWS // 2])
+
+
+@pytest.mark.parametrize("number", "24")
+def test_heights(number: str, exported: Exported) -> None:
+    block = Block.of(number)
+    points = points_of(exported(number, "taxim") / f"texture-{number}.ply")
+    x, y, z = points.T
+    steepest = block.surface.bound(1, 0) + block.surface.bound(0, 1)
+    assert np.abs(z - block.height_at(x, y)).max() <= 5e-6 * (1.0 + steepest) + 1e-12
+    for values, side in ((x, block.size_mm[0]), (y, block.size_mm[1])):
+        lines = np.unique(values)
+        assert (lines[0], lines[-1]) == pytest.approx((0.0, side)) and np.diff(lines).max() <= PIXEL_MM
+    heights, corner = map_of(points)
+    assert heights[1:, 1:].min() > LEAST_MM, "a hole in the height map"
+    mid = [corner[k] + PIXEL_MM * (np.arange(1, count) + 0.5) for k, count in enumerate((COLUMNS, ROWS))]
+    above = block.datum_mm + block.surface.grid(*mid).T
+    assert np.abs(heights[1:, 1:] - above).max() <= steepest * PIXEL_MM
+    assert np.abs(heights[1:, 1:] - above).mean() < 0.1 * block.relief_mm
+
+
+@pytest.mark.parametrize("number", "24")
+def test_contact_of_a_ball(number: str, exported: Exported) -> None:
+    """A ball that touches the height map in its lowest place near a valley is where the formula lets it be."""
+    block = Block.of(number)
+    heights, corner = map_of(points_of(exported(number, "taxim") / f"texture-{number}.ply"))
+    x, y, z = valley_mm(block, margin_mm=9.0)
+    reach = math.floor(BALL_MM / PIXEL_MM)
+    away = PIXEL_MM * np.arange(-reach, reach + 1)
+    cap = BALL_MM**2 - away[:, None] ** 2 - away[None, :] ** 2
+    cap = np.where(cap >= 0.0, np.sqrt(np.maximum(cap, 0.0)), -np.inf)
+    column, row = (int((place - low) / PIXEL_MM) for place, low in zip((x, y), corner, strict=True))
+    centres = [
+        (heights[i - reach : i + reach + 1, j - reach : j + reach + 1] + cap).max()
+        for i in range(row - 4, row + 5)
+        for j in range(column - 4, column + 5)
+    ]
+    assert min(centres) == pytest.approx(z, abs=NEAR_MM)

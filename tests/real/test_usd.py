@@ -1,0 +1,78 @@
+"""OpenUSD: the stage as usd-core reads it has the formula's heights, metres, z up and unsubdivided triangles.
+
+usd-core has no contact of its own; the ball is dropped in PyBullet on the triangles that usd-core hands out.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from resting import NEAR_MM, Exported, places_mm, valley_mm
+from triangles import heights_mm, rest_on_triangles
+
+from tacbench_cad.assets.asset import Asset
+from tacbench_cad.block import Block
+
+pytest.importorskip("pxr", reason="usd-core is not installed: pip install usd-core")
+trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed: pip install trimesh")
+from pxr import Usd, UsdGeom, UsdPhysics, UsdValidation
+
+pytestmark = pytest.mark.real
+
+
+def mesh_of(number: str, exported: Exported) -> tuple[Any, np.ndarray, np.ndarray]:
+    """The mesh prim, its points in mm with z up, and its triangles."""
+    stage = Usd.Stage.Open(str(exported(number, "usd") / f"texture-{number}.usda"))
+    assert UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z
+    to_mm = 1e3 * UsdGeom.GetStageMetersPerUnit(stage)
+    (prim,) = [one for one in stage.Traverse() if one.IsA(UsdGeom.Mesh)]
+    assert prim.GetPath().HasPrefix(stage.GetDefaultPrim().GetPath())
+    mesh = UsdGeom.Mesh(prim)
+    points = np.array(mesh.GetPointsAttr().Get(), dtype=np.float64)
+    assert set(mesh.GetFaceVertexCountsAttr().Get()) == {3}
+    # the prim goes out of use with its stage, which is handed back for that reason
+    return (stage, prim), points * to_mm, np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("number", "123456")
+def test_heights(number: str, exported: Exported) -> None:
+    block = Block.of(number)
+    (_, prim), points, triangles = mesh_of(number, exported)
+    solid = trimesh.Trimesh(points, triangles, process=False)
+    assert solid.is_watertight and solid.is_winding_consistent
+    assert solid.bounds[1][2] == pytest.approx(block.height_mm, abs=1e-5)
+    extent = np.array(UsdGeom.Mesh(prim).GetExtentAttr().Get()) * 1e3
+    np.testing.assert_allclose(extent, solid.bounds, atol=1e-5)
+    places = places_mm(block)
+    top = heights_mm(points, triangles, places)
+    assert np.abs(top - block.height_at(*places.T)).max() <= Asset(block).mesh_certificate.vertical_mm + 1e-4
+
+
+@pytest.mark.parametrize("number", "24")
+def test_contact_of_a_ball(number: str, exported: Exported) -> None:
+    block = Block.of(number)
+    (_, prim), points, triangles = mesh_of(number, exported)
+    assert UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr().Get() == UsdGeom.Tokens.none
+    assert prim.HasAPI(UsdPhysics.CollisionAPI)
+    assert UsdPhysics.MeshCollisionAPI(prim).GetApproximationAttr().Get() == UsdPhysics.Tokens.none
+    x, y, z = valley_mm(block)
+    found = rest_on_triangles(points, triangles, (x + 0.05, y + 0.03, z + 0.3))
+    assert found[2] == pytest.approx(z, abs=NEAR_MM)
+
+
+def test_the_physics_material_is_bound(exported: Exported) -> None:
+    (stage, prim), _, _ = mesh_of("2", exported)
+    (target,) = prim.GetRelationship("material:binding:physics").GetTargets()
+    material = UsdPhysics.MaterialAPI(stage.GetPrimAtPath(target))
+    assert material.GetStaticFrictionAttr().Get() == pytest.approx(0.5)
+
+
+def test_the_validators_of_openusd_find_nothing(exported: Exported) -> None:
+    (stage, _), _, _ = mesh_of("2", exported)
+    registry = UsdValidation.ValidationRegistry()
+    validators = registry.GetOrLoadAllValidators()
+    assert validators
+    errors = UsdValidation.ValidationContext(validators).Validate(stage)
+    assert [f"{one.GetName()}: {one.GetMessage()}" for one in errors] == []
