@@ -26,7 +26,7 @@ docs: $(VENV)/.user
 	$(BIN)/python docs/pictures.py
 
 bench: $(VENV)/.bench
-	set -e; for script in startup stl_speed make_time mesh_triangles solid tactip press_loop run_folders simulate_study; do $(BIN)/python benchmarks/$$script.py; done
+	set -e; for script in startup stl_speed make_time mesh_triangles solid tactip press_loop run_folders simulate_study paper_protocol contact_in_engines; do $(BIN)/python benchmarks/$$script.py; done
 
 clean:
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

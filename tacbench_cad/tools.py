@@ -42,6 +42,7 @@ PACKAGES: tuple[Package, ...] = (
     ),
     Package(distribution="pymeshlab", module="pymeshlab", extra="cad", use="--verify full and tacbench check"),
     Package(distribution="matplotlib", module="matplotlib", extra="plot", use="preview.png and tacbench show"),
+    Package(distribution="k3d", module="k3d", extra="view", use="the 3-D page of tacbench view"),
     Package(distribution="pyserial", module="serial", extra="lab", use="stages and gauges on a serial port"),
     Package(distribution="opencv-python-headless", module="cv2", extra="lab", use="cameras and images of a data run"),
     Package(distribution="scikit-learn", module="sklearn", extra="analysis", use="classifiers and their scores"),
@@ -85,3 +86,9 @@ def why_missing(*modules: str) -> str | None:
         return None
     names = ", ".join(package.distribution for package in missing)
     return f"needs {names}, not installed: {install_command(missing[0].extra)}"
+
+
+def why_not_imported(error: ModuleNotFoundError) -> str | None:
+    """Why an import failed, and what helps, if it was of one of :data:`PACKAGES`; else None."""
+    module = (error.name or "").split(".")[0]
+    return why_missing(module) if any(package.module == module for package in PACKAGES) else None

@@ -32,7 +32,8 @@ from tacbench_cad.cli import (
     variance,
 )
 from tacbench_cad.cli.common import one_line, with_default_values
-from tacbench_cad.errors import TacbenchError
+from tacbench_cad.errors import MissingToolError, TacbenchError
+from tacbench_cad.tools import why_not_imported
 
 app = typer.Typer(
     name="tacbench",
@@ -119,6 +120,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         return error.exit_code
     except KeyboardInterrupt:
         outcome = 130
+    except ModuleNotFoundError as error:
+        reason = why_not_imported(error)
+        if reason is None:
+            raise
+        print(f"error: {reason}", file=sys.stderr)
+        return MissingToolError.exit_code
     except Exception as error:
         # Typer's own errors come from click, or from a copy of it inside Typer: known by what they can do.
         message = getattr(error, "format_message", None)
