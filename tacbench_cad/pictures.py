@@ -33,17 +33,17 @@ Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 #: Colours that people with any colour vision tell apart (after Okabe and Ito).
-_ORANGE, _BLUE, _GREEN, _INK = "#d55e00", "#0072b2", "#009e73", "#222222"
-_FORCE_COLOURS = (_GREEN, _ORANGE, _BLUE)
+ORANGE, BLUE, GREEN, INK = "#d55e00", "#0072b2", "#009e73", "#222222"
+_FORCE_COLOURS = (GREEN, ORANGE, BLUE)
 _STYLE = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
     "axes.linewidth": 0.7,
-    "axes.edgecolor": _INK,
+    "axes.edgecolor": INK,
     "axes.titlesize": 9.0,
     "xtick.direction": "out",
 }
-_DPI = 150
+DPI = 150
 #: A hollow in the underside that is shallower than this is an engraving, in mm.
 _ENGRAVED_MM = 1.0
 
@@ -59,7 +59,7 @@ def preview_sheet(items: Sequence[tuple[str, Mesh]], path: Path) -> None:
         MissingToolError: matplotlib is not installed.
         InputError: The file cannot be written.
     """
-    with _style():
+    with styled():
         _draw_sheet(items, path)
 
 
@@ -71,15 +71,15 @@ def _draw_sheet(items: Sequence[tuple[str, Mesh]], path: Path) -> None:
     band, gap, dpi = 18 * lines + 10, 22, 100
     total = (columns * (width + gap) + gap, rows * (height + band + gap) + gap)
     sheet = np.full((total[1], total[0], 3), 255, dtype=np.uint8)
-    figure = _figure((total[0] / dpi, total[1] / dpi), dpi)
+    figure = new_figure((total[0] / dpi, total[1] / dpi), dpi)
     for i, (caption, mesh) in enumerate(items):
         left, top = gap + (i % columns) * (width + gap), gap + (i // columns) * (height + band + gap)
         sheet[top : top + height, left : left + width] = _both_sides(mesh, width, height)
         x, y = (left + width / 2) / total[0], 1.0 - (top + height + 8) / total[1]
         size = 9.0 if columns <= 4 else 7.5
-        figure.text(x, y, caption, ha="center", va="top", fontsize=size, color=_INK, linespacing=1.35)
+        figure.text(x, y, caption, ha="center", va="top", fontsize=size, color=INK, linespacing=1.35)
     figure.figimage(sheet, 0, 0, origin="upper")
-    _save(figure, path, dpi)
+    save_picture(figure, path, dpi)
 
 
 def texture_picture(block: Block, path: Path, press: bool = False) -> None:
@@ -94,9 +94,9 @@ def texture_picture(block: Block, path: Path, press: bool = False) -> None:
         MissingToolError: matplotlib is not installed.
         InputError: The file cannot be written, or the press grid leaves the block.
     """
-    with _style():
+    with styled():
         figure = _press_figure(block) if press else _cuts_figure(block)
-        _save(figure, path, _DPI)
+        save_picture(figure, path, DPI)
 
 
 def catalogue_picture(blocks: Sequence[Block], path: Path) -> None:
@@ -119,7 +119,7 @@ def catalogue_picture(blocks: Sequence[Block], path: Path) -> None:
 
 
 @contextlib.contextmanager
-def _style() -> Iterator[None]:
+def styled() -> Iterator[None]:
     """Draw in our own style, whatever the user's settings say.
 
     Raises:
@@ -164,7 +164,7 @@ def _fine_mesh(block: Block) -> Mesh:
     return mesh_block(block)[0]
 
 
-def _figure(inches: tuple[float, float], dpi: int) -> Figure:
+def new_figure(inches: tuple[float, float], dpi: int) -> Figure:
     """A figure of its own, which no window knows of."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -174,7 +174,12 @@ def _figure(inches: tuple[float, float], dpi: int) -> Figure:
     return figure
 
 
-def _save(figure: Figure, path: Path, dpi: int) -> None:
+def save_picture(figure: Figure, path: Path, dpi: int = DPI) -> None:
+    """Write a figure as a PNG, whole or not at all, without a date.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=dpi, format="png", metadata={"Software": None})
 
@@ -238,7 +243,7 @@ def _map(axes: Axes, block: Block, lightness: float) -> Any:
     colours[..., 3] = np.isfinite(z)
     shown = np.clip(colours, 0.0, 1.0).transpose(1, 0, 2)
     axes.imshow(shown, origin="lower", extent=(0.0, x[-1], 0.0, y[-1]), interpolation="antialiased")
-    axes.plot(*_outline(block).T, color=_INK, linewidth=1.0)
+    axes.plot(*_outline(block).T, color=INK, linewidth=1.0)
     axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
     _scale_bar(axes, block.size_mm)
     return scale
@@ -254,20 +259,20 @@ def _scale_bar(axes: Axes, size_mm: tuple[float, float]) -> None:
     card = (max(length, 5.0 * step) + 2.0 * step, 3.6 * step)
     axes.add_patch(Rectangle((step, step), *card, facecolor="white", edgecolor="none", alpha=0.85, zorder=3.0))
     left, middle = step + (card[0] - length) / 2.0, step + card[0] / 2.0
-    axes.plot([left, left + length], [1.8 * step] * 2, color=_INK, linewidth=2.5, solid_capstyle="butt", zorder=4.0)
-    axes.text(middle, 3.2 * step, f"{length:g} mm", ha="center", va="center", fontsize=8.0, color=_INK, zorder=4.0)
+    axes.plot([left, left + length], [1.8 * step] * 2, color=INK, linewidth=2.5, solid_capstyle="butt", zorder=4.0)
+    axes.text(middle, 3.2 * step, f"{length:g} mm", ha="center", va="center", fontsize=8.0, color=INK, zorder=4.0)
     axes.set(xlim=(0.0, x_side), ylim=(0.0, y_side))
 
 
 def _cuts_figure(block: Block) -> Figure:
     """Map on the left; on the right the block itself and the cuts along x and along y through a crest."""
     cut_x, cut_y = _crest(block)
-    figure = _figure((9.6, 6.3), _DPI)
+    figure = new_figure((9.6, 6.3), DPI)
     title = f"{_title(block)}:  z = {_equation(block, 100)}"
-    figure.text(0.02, 0.975, title, ha="left", va="top", fontsize=11.0, color=_INK)
+    figure.text(0.02, 0.975, title, ha="left", va="top", fontsize=11.0, color=INK)
     axes = figure.add_axes((0.06, 0.085, 0.40, 0.82), anchor="SW")
     scale = _map(axes, block, 0.0)
-    axes.axhline(cut_y, color=_ORANGE, linewidth=1.6, linestyle="--")
+    axes.axhline(cut_y, color=ORANGE, linewidth=1.6, linestyle="--")
     axes.axvline(cut_x, color="white", linewidth=1.6, linestyle=(0, (1, 1)))
     axes.apply_aspect()
     box = axes.get_position()
@@ -276,16 +281,14 @@ def _cuts_figure(block: Block) -> Figure:
     left = box.x1 + 0.125
     _portrait(figure, block, (left, 0.53, 0.985 - left, 0.40))
     x, y = (np.linspace(0.0, side, 4001) for side in block.size_mm)
-    _cut_panel(figure, block, (left, 0.335, 0.985 - left, 0.155), "x", x, cut_y, _ORANGE, "dashed")
-    _cut_panel(figure, block, (left, 0.085, 0.985 - left, 0.155), "y", y, cut_x, _BLUE, "dotted")
+    _cut_panel(figure, block, (left, 0.335, 0.985 - left, 0.155), "x", x, cut_y, ORANGE, "dashed")
+    _cut_panel(figure, block, (left, 0.085, 0.985 - left, 0.155), "y", y, cut_x, BLUE, "dotted")
     return figure
 
 
 def _portrait(figure: Figure, block: Block, place: tuple[float, float, float, float]) -> None:
     """The block itself, rendered at the figure's own resolution."""
-    width, height = (
-        round(share * side * _DPI) for share, side in zip(place[2:], figure.get_size_inches(), strict=True)
-    )
+    width, height = (round(share * side * DPI) for share, side in zip(place[2:], figure.get_size_inches(), strict=True))
     axes = figure.add_axes(place)
     axes.imshow(render(_fine_mesh(block), width, height), interpolation="none", aspect="auto")
     axes.set_axis_off()
@@ -309,7 +312,7 @@ def _cut_panel(
     panel = figure.add_axes(place)
     panel.fill_between(along, 0.0, heights, color=colour, alpha=0.18, linewidth=0.0)
     panel.plot(along, heights, color=colour, linewidth=1.1)
-    panel.axhline(block.height_mm, color=_INK, linewidth=0.6, linestyle=":")
+    panel.axhline(block.height_mm, color=INK, linewidth=0.6, linestyle=":")
     panel.set(xlim=(0.0, max(block.size_mm)), ylim=(0.0, 1.1 * block.height_mm))
     panel.set(xlabel=f"{axis} (mm)", ylabel="z (mm)")
     other = "y" if axis == "x" else "x"
@@ -339,24 +342,24 @@ def _press_figure(block: Block) -> Figure:
     across = 4.6
     down = across * float((high[1] - low[1]) / (high[0] - low[0]))
     inches = (across + 2.6, down + 1.0)
-    figure = _figure(inches, _DPI)
+    figure = new_figure(inches, DPI)
     axes = figure.add_axes((0.55 / inches[0], 0.5 / inches[1], across / inches[0], down / inches[1]))
     _map(axes, block, 0.6)
     handles = []
     for radius, colour, force in zip(radii, _FORCE_COLOURS, FORCES_N, strict=True):
         axes.add_patch(Circle(positions[len(positions) // 2], radius, fill=False, edgecolor=colour, linewidth=1.8))
         handles.append(Line2D([], [], color=colour, linewidth=1.8, label=f"{force:.2f} N: {radius:.1f} mm"))
-    dashes: dict[str, Any] = {"color": _BLUE, "linewidth": 0.8, "linestyle": (0, (4, 3))}
+    dashes: dict[str, Any] = {"color": BLUE, "linewidth": 0.8, "linestyle": (0, (4, 3))}
     for corner in positions[[0, 4, 20, 24]]:
         axes.add_patch(Circle(corner, radii[-1], fill=False, **dashes))
     handles.append(Line2D([], [], label=f"{FORCES_N[-1]:.2f} N at the corners", **dashes))
-    marks: dict[str, Any] = {"linestyle": "", "marker": "+", "markersize": 5.5, "markeredgewidth": 1.1, "color": _INK}
+    marks: dict[str, Any] = {"linestyle": "", "marker": "+", "markersize": 5.5, "markeredgewidth": 1.1, "color": INK}
     axes.plot(*positions.T, **marks)
     handles.append(Line2D([], [], label="position", **marks))
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     x, y = press.x_mm, press.y_mm
     title = f"{_title(block)}: 5 x 5 positions, x {x[0]:g} to {x[-1]:g} mm, y {y[0]:g} to {y[-1]:g} mm"
-    figure.text(0.02, 1.0 - 0.16 / inches[1], title, ha="left", va="top", fontsize=11.0, color=_INK)
+    figure.text(0.02, 1.0 - 0.16 / inches[1], title, ha="left", va="top", fontsize=11.0, color=INK)
     axes.legend(
         handles=handles,
         loc="upper left",

@@ -30,6 +30,7 @@ from tacbench_cad.cli import (
     split,
     textures,
     variance,
+    view,
 )
 from tacbench_cad.cli.common import one_line, with_default_values
 from tacbench_cad.errors import MissingToolError, TacbenchError
@@ -64,6 +65,7 @@ def tacbench(
       tacbench check stl_out/*.stl          examine files, also such as were made elsewhere
       tacbench textures                     what there is, and what a nozzle can print of it
       tacbench show 4 --press               a picture of a texture and the press positions
+      tacbench view -o view.html            the print set in 3-D, in a browser
       tacbench export --to mjcf --out sim   the textures for simulators, with contact that keeps the relief
       tacbench acquire --virtual --out runs press a block on a simulated rig; with a FILE.toml on yours
       tacbench runs check runs              examine what was recorded
@@ -81,6 +83,7 @@ _MODULES = (
     check,
     textures,
     show,
+    view,
     export,
     acquire,
     simulate,

@@ -38,7 +38,10 @@ def modules_after(*argv: str) -> set[str]:
         ("doctor", "--help"),
         ("textures",),
         ("textures", "--preset", "released", "--json"),
-        *((command, "--help") for command in ("acquire", "simulate", "import")),
+        *(
+            (command, "--help")
+            for command in ("acquire", "simulate", "import", "view", "export", "variance", "classify", "report")
+        ),
         *((group, command, "--help") for group, command in (("runs", "check"), ("rig", "probe"), ("rig", "align"))),
     ],
     ids=" ".join,

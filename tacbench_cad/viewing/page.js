@@ -1,0 +1,417 @@
+"use strict";
+// Draws the parts through k3d, and adds what it has not: the formula's deviation by pixel, filled cuts, sizes.
+(() => {
+  const byId = (id) => document.getElementById(id);
+  const told = JSON.parse(byId("description").textContent);
+  const things = told.things;
+  const blocks = things.filter((one) => one.kind === "block");
+  const state = { view: "", block: 0, colour: "part", cut: "", at: 0.5, flip: false, apart: 0.55, sizes: true, press: false, spin: false, look: "corner" };
+  const DOWN = ["#0b4f8a", "#4f93c4", "#a9cce3"], UP = ["#f6c9a0", "#e2894a", "#a8430b"], ZERO = "#f4f4f2";
+  const DEVIATIONS = [...DOWN, ZERO, ...UP];
+  const HEIGHTS = ["#2b1d5b", "#2f5d8c", "#2f8f86", "#7cc04f", "#f6e65a"];
+  const FORCES = ["#007a5a", "#c04f00", "#0b5a8a"];
+  const COMPLAINT = "This browser cannot draw the parts (it needs WebGL 2). The sizes stand beside.";
+  let K3D = null, world = null, spinning = 0;
+
+  function bytes(id) {
+    const text = atob(byId(id).textContent);
+    const out = new Uint8Array(text.length);
+    for (let i = 0; i < text.length; i += 1) out[i] = text.charCodeAt(i);
+    byId(id).textContent = "";
+    return out;
+  }
+
+  const inflated = (id) => new Response(new Blob([bytes(id)]).stream().pipeThrough(new DecompressionStream("deflate")));
+
+  // Undoes what the writer did to a mesh: bytes by rank, and differences down each column, as 32-bit integers.
+  function restored(packed, start, [vertices, triangles]) {
+    const count = 3 * (vertices + triangles), numbers = new Int32Array(3 * vertices), corners = new Uint32Array(3 * triangles);
+    let at = start;
+    for (const [into, rows] of [[numbers, vertices], [corners, triangles]]) {
+      for (let column = 0; column < 3; column += 1) {
+        let value = 0;
+        for (let row = 0; row < rows; row += 1, at += 1) {
+          value = (value + (packed[at] | (packed[at + count] << 8) | (packed[at + 2 * count] << 16) | (packed[at + 3 * count] << 24))) | 0;
+          into[3 * row + column] = value;
+        }
+      }
+    }
+    return {
+      vertices: { data: new Float32Array(numbers.buffer), shape: [vertices, 3] },
+      indices: { data: corners, shape: [triangles, 3] },
+    };
+  }
+  async function fill() {
+    const packed = new Uint8Array(await inflated("meshes").arrayBuffer());
+    let start = 0;
+    for (const one of things) {
+      const tables = restored(packed, start, one.counts), json = world.ObjectsListJson[one.id];
+      await K3D.reload(Object.assign(json, tables), tables);
+      start += 12 * (one.counts[0] + one.counts[1]);
+    }
+  }
+
+  async function library() {
+    const source = await inflated("library").text();
+    // The library asks for an AMD loader; one module needs no more of it than this.
+    return await new Promise((resolve) => {
+      const define = (name, needs, make) => resolve(make());
+      define.amd = true;
+      new Function("define", source)(define);
+    });
+  }
+
+  // ---- points and matrices (by columns) ----
+  const place = (m, p) => [0, 1, 2].map((i) => m[i] * p[0] + m[4 + i] * p[1] + m[8 + i] * p[2] + m[12 + i]);
+  const turn = (m, p) => [0, 1, 2].map((i) => m[i] * p[0] + m[4 + i] * p[1] + m[8 + i] * p[2]);
+  const ONE = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
+  const lifted = (m, dz) => m.map((value, i) => (i === 14 ? value + dz : value));
+  const corners = (low, high) => Array.from({ length: 8 }, (_, i) => [0, 1, 2].map((k) => ((i >> k) & 1 ? high : low)[k]));
+  function boxOf(points) {
+    const of = (choose) => [0, 1, 2].map((i) => choose(...points.map((p) => p[i])));
+    return { low: of(Math.min), high: of(Math.max) };
+  }
+  function project(p) {
+    const camera = world.camera, size = byId("canvas").getBoundingClientRect();
+    const seen = place(camera.matrixWorldInverse.elements, p), m = camera.projectionMatrix.elements;
+    const [x, y, , w] = [0, 1, 2, 3].map((i) => m[i] * seen[0] + m[4 + i] * seen[1] + m[8 + i] * seen[2] + m[12 + i]);
+    return [(x / w / 2 + 0.5) * size.width, (0.5 - y / w / 2) * size.height];
+  }
+
+  // ---- what is visible, and where ----
+  const theBlock = () => blocks[state.block];
+  function shown() {
+    const block = theBlock();
+    if (state.view === "texture" || state.view === "block") return [block];
+    const set = block && block.set !== null ? block.set : 0;
+    if (state.view !== "assembly") return things.filter((one) => one.kind === state.view && (one.set === null || one.set === set)).slice(0, 1);
+    // The other pockets of a tray are filled too, each with the first block that has its place there.
+    const slots = new Map(block ? [[block.slot, block]] : []);
+    for (const one of blocks) if (one.set === set && !slots.has(one.slot)) slots.set(one.slot, one);
+    const laid = new Set(slots.values());
+    return things.filter((one) => laid.has(one) || (one.kind !== "block" && one.set === set));
+  }
+  function lift(one) {
+    if (state.view !== "assembly" || one.kind === "holder") return 0;
+    const block = theBlock(), tall = block ? block.high[2] : 8;
+    return state.apart * (one.kind === "block" ? tall + 4 : 2.2 * tall + 8);
+  }
+  const matrixOf = (one) => lifted(one.matrix, lift(one));
+  // The frame that sizes and cuts are told in: the block's where a block is seen, else the holder's.
+  function frame() {
+    const block = shown().includes(theBlock()) ? theBlock() : null;
+    return block ? matrixOf(block) : ONE;
+  }
+  const back = (m, p) => { const q = [p[0] - m[12], p[1] - m[13], p[2] - m[14]]; return [0, 1, 2].map((i) => m[4 * i] * q[0] + m[4 * i + 1] * q[1] + m[4 * i + 2] * q[2]); };
+  const pointsOf = (one) => corners(one.low, one.high).map((p) => place(matrixOf(one), p));
+  const boxIn = (m) => boxOf(shown().flatMap(pointsOf).map((p) => back(m, p)));
+
+  // ---- colours by pixel ----
+  const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
+  const real = (value) => { const text = String(Number(value)); return /[.e]/.test(text) ? text : `${text}.0`; };
+  const ramp = (name, colours) => `vec3 ${name}(float t) { t = clamp(t, 0.0, 1.0) * ${real(colours.length - 1)};
+    vec3 c = vec3(${rgb(colours[0]).map(real)});
+    ${colours.slice(1).map((one, i) => `c = mix(c, vec3(${rgb(one).map(real)}), clamp(t - ${real(i)}, 0.0, 1.0));`).join("\n")}
+    return c; }`;
+  const shared = { tbMode: { value: 0 }, tbOnly: { value: 0 } };
+  const MODES = { part: 0, height: 1, deviation: 2 };
+
+  function dress(one) {
+    const formula = one.formula;
+    const wave = ([a, f, g, p]) => `wave(${[a, f, g, p].map(real)}, q, z, slope);`;
+    const top = formula ? `
+      vec3 up = cross(dFdx(tbPlace), dFdy(tbPlace));
+      if (tbOnly == ${one.id} && abs(up.z) > 1e-4 * length(up) && tbPlace.z > ${real(formula.range[0] - 0.5)} && gl_FrontFacing && facesUp()) {
+        if (tbMode == 1) gl_FragColor.rgb = heights((tbPlace.z - ${real(formula.range[0])}) / ${real(formula.range[1] - formula.range[0])}) * light;
+        if (tbMode == 2) { vec2 q = tbPlace.xy; float z = ${real(formula.datum)}; vec2 slope = vec2(0.0);
+          ${formula.waves.map(wave).join("\n")}
+          gl_FragColor.rgb = deviations(0.5 + 0.5 * (tbPlace.z - z) / sqrt(1.0 + dot(slope, slope)) / ${real(formula.scale)}); }
+      }` : "";
+    const head = `varying vec3 tbPlace; uniform int tbMode; uniform int tbOnly;
+      ${ramp("heights", HEIGHTS)} ${ramp("deviations", DEVIATIONS)}
+      void wave(float a, float f, float g, float p, vec2 q, inout float z, inout vec2 slope) {
+        float t = f * q.x + g * q.y + p; t = 6.283185307179586 * (t - floor(t + 0.5));
+        z += a * sin(t); slope += 6.283185307179586 * a * cos(t) * vec2(f, g); }
+      // The corner of the screen's triangle decides on which side "up" lies: a block's top is a height field.
+      bool facesUp() { vec3 n = normalize(cross(dFdx(vViewPosition), dFdy(vViewPosition)));
+        vec3 u = normalize((viewMatrix * vec4(0.0, 0.0, 1.0, 0.0)).xyz); if (dot(n, vViewPosition) < 0.0) n = -n; return dot(n, u) > 1e-4; }`;
+    const cut = rgb(one.colour).map((c) => real(0.78 * c));
+    const tail = `
+      float light = clamp(0.45 + 0.75 * dot(gl_FragColor.rgb, vec3(0.3333)), 0.6, 1.06);
+      if (tbMode > 0) gl_FragColor.rgb = vec3(0.80, 0.81, 0.82) * light;
+      ${top}
+      // The inside of a closed part is seen only through a cut: painted flat, it is the cut's own face.
+      if (!gl_FrontFacing) { float stripe = mod(gl_FragCoord.x + gl_FragCoord.y, 9.0);
+        gl_FragColor.rgb = vec3(${cut}) * (stripe < 1.6 ? 0.62 : 1.0);
+        #ifdef USE_LOGARITHMIC_DEPTH_BUFFER
+        gl_FragDepth = max(0.0, gl_FragDepth - 2e-4);  // a part that lies on another does not flicker with it
+        #endif
+      }`;
+    K3D.getObjectById(one.id).traverse((part) => {
+      if (!part.isMesh) return;
+      const material = part.material;
+      material.onBeforeCompile = (shader) => {
+        Object.assign(shader.uniforms, shared);
+        shader.vertexShader = "varying vec3 tbPlace;\n" + shader.vertexShader.replace("#include <begin_vertex>", "#include <begin_vertex>\n tbPlace = position;");
+        shader.fragmentShader = shader.fragmentShader.replace("void main() {", `${head}\nvoid main() {`).replace("#include <dithering_fragment>", `${tail}\n#include <dithering_fragment>`);
+      };
+      material.customProgramCacheKey = () => `tacbench-${one.id}`;
+      material.needsUpdate = true;
+    });
+  }
+
+  // ---- what the state means for the picture ----
+  function apply() {
+    const seen = new Set(shown());
+    shared.tbMode.value = MODES[state.colour];
+    shared.tbOnly.value = theBlock() ? theBlock().id : 0;  // the scale is this block's own
+    for (const one of things) {
+      for (const [id, visible] of [[one.id, seen.has(one)], [one.press && one.press.id, seen.has(one) && state.press]]) {
+        const object = id ? K3D.getObjectById(id) : null;
+        if (!object) continue;
+        object.visible = visible;
+        object.position.z = one.matrix[14] + lift(one);
+        object.updateMatrix();
+        object.updateMatrixWorld(true);
+      }
+    }
+    section();
+    paint();
+    drawPanel();
+  }
+  // k3d finishes a picture after it has returned, so two begun at once mix: one a frame.
+  let painting = 0;
+  function paint() {
+    cancelAnimationFrame(painting);
+    painting = requestAnimationFrame(() => K3D.render());
+  }
+  function section() {
+    const axis = "xyz".indexOf(state.cut), row = byId("cut-row");
+    row.hidden = !state.cut;
+    const planes = K3D.parameters.clippingPlanes;
+    planes.length = 0;
+    if (!state.cut) return;
+    const m = frame(), box = boxIn(m), at = box.low[axis] + state.at * (box.high[axis] - box.low[axis]);
+    const way = [0, 0, 0];
+    // The cut's face looks towards the corner that the picture begins from.
+    way[axis] = (axis < 2) === state.flip ? -1 : 1;
+    const normal = turn(m, way), through = [0, 0, 0];
+    through[axis] = at;
+    const p = place(m, through);
+    planes.push([...normal, -(normal[0] * p[0] + normal[1] * p[1] + normal[2] * p[2])]);
+    byId("cut-value").textContent = `${state.cut} = ${at.toFixed(2)} mm`;
+  }
+
+  // ---- camera ----
+  const LOOKS = { corner: [-0.62, -1.1, 0.85], front: [0, -1, 0.001], right: [1, 0, 0.001], top: [0, -0.001, 1], below: [0, -0.001, -1] };
+  function look(name) {
+    state.look = name;
+    const box = boxOf(shown().flatMap(pointsOf)), middle = [0, 1, 2].map((i) => (box.low[i] + box.high[i]) / 2);
+    const radius = Math.hypot(...[0, 1, 2].map((i) => box.high[i] - box.low[i])) / 2;
+    const size = byId("canvas").getBoundingClientRect(), half = (world.camera.fov * Math.PI) / 360;
+    const narrow = Math.min(half, Math.atan(Math.tan(half) * (size.width / size.height)));
+    const far = (radius * 1.1) / Math.sin(narrow), long = Math.hypot(...LOOKS[name]);
+    const eye = LOOKS[name].map((one, i) => middle[i] + (one / long) * far);
+    K3D.setCamera([...eye, ...middle, 0, 0, 1]);
+    paint();
+  }
+  function spin() {
+    cancelAnimationFrame(spinning);
+    if (!state.spin) return;
+    const [ex, ey, ez, tx, ty, tz] = world.camera.position.toArray().concat(world.controls.target.toArray());
+    const a = 0.012, dx = ex - tx, dy = ey - ty;
+    K3D.setCamera([tx + dx * Math.cos(a) - dy * Math.sin(a), ty + dx * Math.sin(a) + dy * Math.cos(a), ez, tx, ty, tz, 0, 0, 1]);
+    spinning = requestAnimationFrame(spin);
+  }
+
+  // ---- sizes and contacts, drawn over the picture ----
+  function draw() {
+    const sheet = byId("over"), size = sheet.getBoundingClientRect(), dense = window.devicePixelRatio || 1;
+    sheet.width = Math.round(size.width * dense);
+    sheet.height = Math.round(size.height * dense);
+    const pen = sheet.getContext("2d");
+    pen.scale(dense, dense);
+    pen.font = "600 13px system-ui, 'DejaVu Sans', sans-serif";
+    if (state.press) contacts(pen);
+    if (state.sizes) sizes(pen, size);
+  }
+  function label(pen, text, [x, y], colour, size) {
+    const wide = pen.measureText(text).width + 8;
+    if (size) { x = Math.min(Math.max(x, wide / 2 + 2), size.width - wide / 2 - 2); y = Math.min(Math.max(y, 12), size.height - 12); }
+    pen.fillStyle = "#ffffffdd";
+    pen.fillRect(x - wide / 2, y - 9, wide, 18);
+    pen.fillStyle = colour;
+    pen.textAlign = "center";
+    pen.textBaseline = "middle";
+    pen.fillText(text, x, y);
+  }
+  function sizes(pen, size) {
+    const m = frame(), box = boxIn(m), gap = 0.05 * Math.max(...[0, 1, 2].map((i) => box.high[i] - box.low[i]));
+    const eye = back(m, world.camera.position.toArray());
+    const near = [0, 1, 2].map((i) => (eye[i] < (box.low[i] + box.high[i]) / 2 ? -1 : 1));
+    const end = (i, side, out = 0) => (side < 0 ? box.low[i] - out : box.high[i] + out);
+    const z = end(2, near[2] < 0 ? 1 : -1);
+    const upright = Math.abs(eye[0] - end(0, near[0])) > Math.abs(eye[1] - end(1, near[1])) ? [end(0, near[0]), end(1, -near[1], gap)] : [end(0, -near[0], gap), end(1, near[1])];
+    const lines = [
+      [[box.low[0], end(1, near[1], gap), z], [box.high[0], end(1, near[1], gap), z]],
+      [[end(0, near[0], gap), box.low[1], z], [end(0, near[0], gap), box.high[1], z]],
+      [[...upright, box.low[2]], [...upright, box.high[2]]],
+    ];
+    lines.forEach(([from, to], axis) => {
+      if (axis === 2 && state.view === "assembly" && state.apart > 0) return;  // how far apart is no size of anything
+      const [a, b] = [from, to].map((p) => project(place(m, p)));
+      const long = Math.hypot(b[0] - a[0], b[1] - a[1]);
+      if (long < 14) return;
+      const along = [(b[0] - a[0]) / long, (b[1] - a[1]) / long];
+      pen.strokeStyle = "#1c2126";
+      pen.lineWidth = 1.2;
+      pen.beginPath();
+      pen.moveTo(...a);
+      pen.lineTo(...b);
+      for (const [tip, way] of [[a, 1], [b, -1]]) {
+        for (const side of [1, -1]) {
+          pen.moveTo(...tip);
+          pen.lineTo(tip[0] + way * 9 * along[0] - side * 3.5 * along[1], tip[1] + way * 9 * along[1] + side * 3.5 * along[0]);
+        }
+      }
+      pen.stroke();
+      const text = `${"xyz"[axis]} ${Number((box.high[axis] - box.low[axis]).toFixed(3))} mm`;
+      label(pen, text, [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2], "#1c2126", size);
+    });
+  }
+  function contacts(pen) {
+    const block = theBlock();
+    if (!block || !block.press || !shown().includes(block)) return;
+    const m = matrixOf(block), at = block.press.positions, middle = at[(at.length - 1) / 2];
+    block.press.contacts.forEach(([, radius], i) => {
+      pen.strokeStyle = FORCES[i];
+      pen.lineWidth = 2;
+      pen.beginPath();
+      for (let k = 0; k <= 96; k += 1) {
+        const a = (2 * Math.PI * k) / 96;
+        const p = project(place(m, [middle[0] + radius * Math.cos(a), middle[1] + radius * Math.sin(a), block.high[2]]));
+        if (k) pen.lineTo(...p); else pen.moveTo(...p);
+      }
+      pen.stroke();
+    });
+    const centre = project(place(m, middle));
+    for (const i of [0, 4, 20, 24]) {
+      const p = project(place(m, at[i])), away = Math.hypot(p[0] - centre[0], p[1] - centre[1]) || 1;
+      label(pen, String(i + 1), [p[0] + (14 * (p[0] - centre[0])) / away, p[1] + (14 * (p[1] - centre[1])) / away], "#1c2126");
+    }
+  }
+
+  // ---- the panel ----
+  function element(tag, text, into) {
+    const made = document.createElement(tag);
+    if (text !== undefined) made.textContent = text;
+    if (into) into.append(made);
+    return made;
+  }
+  function drawPanel() {
+    const seen = shown(), block = seen.includes(theBlock()) ? theBlock() : undefined;
+    for (const button of byId("views").children) button.setAttribute("aria-pressed", button.value === state.view);
+    byId("apart-row").hidden = state.view !== "assembly";
+    byId("texture-row").hidden = blocks.length < 2 || !["texture", "block", "assembly"].includes(state.view);
+    byId("press-label").hidden = !(block && block.press);
+    for (const id of ["colour", "cut", "apart"]) byId(id).value = state[id];
+    for (const id of ["sizes", "press", "spin"]) byId(id).checked = state[id];
+    byId("texture").value = state.block;
+    byId("cut-at").value = state.at;
+    byId("flip").hidden = !state.cut;
+    drawScale(block);
+    const legend = byId("legend");
+    legend.replaceChildren();
+    const pressed = block && block.press ? block : null;
+    if (state.press && pressed) {
+      element("p", `${pressed.press.positions.length} positions, numbered row by row from low y; contact on a flat plate at the middle one:`, legend);
+      pressed.press.contacts.forEach(([force, radius], i) => {
+        const line = element("p", undefined, legend), mark = element("i", undefined, line);
+        mark.style.borderColor = FORCES[i];
+        line.append(`${force.toFixed(2)} N: radius ${radius.toFixed(1)} mm`);
+      });
+    }
+    const facts = byId("facts");
+    facts.replaceChildren();
+    for (const one of seen.filter((thing) => thing.kind !== "block" || thing === block)) {
+      const head = element("h2", undefined, facts), mark = element("i", undefined, head);
+      mark.style.background = one.colour;
+      head.append(one.name);
+      const list = element("dl", undefined, facts);
+      for (const [name, value] of one.facts) { element("dt", name, list); element("dd", value, list); }
+    }
+  }
+  function drawScale(block) {
+    const scale = byId("scale"), mode = block ? state.colour : "part";
+    scale.hidden = mode === "part";
+    if (scale.hidden) return;
+    const deviating = mode === "deviation", formula = block.formula, bound = 1000 * formula.scale;
+    scale.querySelector("figcaption").textContent = deviating ? "distance of the mesh from the formula (µm)" : "height z (mm)";
+    scale.querySelector(".bar").style.background = `linear-gradient(to right, ${(deviating ? DEVIATIONS : HEIGHTS).join(", ")})`;
+    const ends = deviating ? [-bound, bound] : formula.range, ticks = scale.querySelector(".ticks");
+    ticks.replaceChildren();
+    for (let i = 0; i <= 4; i += 1) {
+      const value = ends[0] + ((ends[1] - ends[0]) * i) / 4;
+      element("span", (deviating && value > 1e-9 ? "+" : "") + (Math.abs(value) < 1e-9 ? "0" : Number(value.toPrecision(3))), ticks);
+    }
+  }
+  function change(changes, newLook) {
+    Object.assign(state, changes);
+    apply();
+    if (newLook) look(newLook);
+  }
+  function goTo(view) {
+    const texture = view === "texture";
+    change({ view, colour: texture ? "height" : state.colour === "height" ? "part" : state.colour }, texture ? "top" : "corner");
+  }
+  function fillPanel() {
+    const has = (kind) => things.some((one) => one.kind === kind);
+    const views = [["texture", has("block")], ["block", has("block")], ["holder", has("holder")], ["jig", has("jig")], ["coupon", has("coupon")]].filter((one) => one[1]).map((one) => one[0]);
+    if (new Set(things.filter((one) => one.set !== null).map((one) => one.kind)).size > 1) views.push("assembly");
+    for (const view of views) {
+      const button = element("button", view[0].toUpperCase() + view.slice(1), byId("views"));
+      button.value = view;
+      button.onclick = () => goTo(view);
+    }
+    blocks.forEach((one, i) => { element("option", one.name, byId("texture")).value = i; });
+    for (const name of Object.keys(LOOKS)) element("button", name, byId("looks")).onclick = () => look(name);
+    byId("texture").onchange = (event) => change({ block: Number(event.target.value) });
+    byId("colour").onchange = (event) => change({ colour: event.target.value });
+    byId("cut").onchange = (event) => change({ cut: event.target.value });
+    byId("flip").onclick = () => change({ flip: !state.flip });
+    byId("cut-at").oninput = (event) => change({ at: Number(event.target.value) });
+    byId("apart").oninput = (event) => change({ apart: Number(event.target.value) });
+    for (const id of ["sizes", "press"]) byId(id).onchange = (event) => change({ [id]: event.target.checked });
+    byId("spin").onchange = (event) => { state.spin = event.target.checked; spin(); };
+    byId("version").textContent = told.version;
+    byId("left-out").textContent = told.left_out.map((one) => `left out: ${one.what}: ${one.reason}`).join("; ");
+    state.view = views.includes("assembly") ? "assembly" : views.includes("block") ? "block" : views[0];
+  }
+
+  async function start() {
+    fillPanel();
+    drawPanel();
+    try {
+      if (!document.createElement("canvas").getContext("webgl2")) throw new Error("no WebGL 2");
+      const lib = await library();
+      K3D = await lib.CreateK3DAndLoadBinarySnapshot(bytes("objects"), byId("canvas"));
+      world = K3D.getWorld();
+      await fill();
+    } catch (error) {
+      byId("wait").textContent = COMPLAINT;
+      document.body.dataset.failed = String(error);
+      throw error;
+    }
+    things.forEach(dress);
+    K3D.on(K3D.events.RENDERED, draw);
+    change({}, "corner");
+    new ResizeObserver(() => { K3D.resizeHelper(); look(state.look); }).observe(byId("stage"));
+    requestAnimationFrame(() => requestAnimationFrame(() => {
+      byId("wait").remove();
+      document.body.dataset.ready = Math.round(performance.now());
+    }));
+    // For scripts and tests: the same switches as the panel's, and where a point of the world is on the page.
+    window.tacbench = { state, things, change, goTo, look, project, matrixOf, K3D };
+  }
+  start();
+})();
