@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 #: A command, with its group's name where it has one, and what follows.
-_COMMAND = re.compile(r"^tacbench ((?:runs|rig) [\w-]+|\w+)(.*)$", re.MULTILINE)
+_COMMAND = re.compile(r"^tacbench ((?:runs|rig) [\w-]+|[\w-]+)(.*)$", re.MULTILINE)
 
 
 def blocks(page: Path, language: str) -> list[str]:

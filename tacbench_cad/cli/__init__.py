@@ -21,12 +21,14 @@ from tacbench_cad.cli import (
     grade,
     import_,
     make,
+    plate,
     report,
     rig,
     runs,
     score,
     show,
     simulate,
+    slice_check,
     split,
     textures,
     variance,
@@ -62,6 +64,7 @@ def tacbench(
     Examples:
       tacbench make                         the six blocks, holder and jig, in stl_out/
       tacbench make --texture 4 --scale 2   one block at twice the size, with its fixtures
+      tacbench plate --printer ender-3 --copies 6 --out plates   arranged on a printer's bed
       tacbench check stl_out/*.stl          examine files, also such as were made elsewhere
       tacbench textures                     what there is, and what a nozzle can print of it
       tacbench show 4 --press               a picture of a texture and the press positions
@@ -80,6 +83,8 @@ def tacbench(
 
 _MODULES = (
     make,
+    plate,
+    slice_check,
     check,
     textures,
     show,

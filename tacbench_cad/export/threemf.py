@@ -14,6 +14,7 @@ import io
 import json
 import uuid
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -87,21 +88,50 @@ def write_3mf(part: Part, path: Path) -> None:
         MissingToolError: lib3mf is not there.
         OSError: The file cannot be written.
     """
+    _write([(part, None)], part.title, metadata(part), path)
+
+
+def write_plate(placed: Sequence[tuple[Part, tuple[float, float]]], name: str, path: Path) -> None:
+    """Write several parts, each at its place on a bed, as one 3MF. The same part twice is one object.
+
+    Args:
+        placed: Parts and where their lower corner lies, in mm.
+        name: The plate's name.
+        path: The file; see :func:`tacbench_cad.files.replacing`.
+
+    Raises:
+        MissingToolError: lib3mf is not there.
+        OSError: The file cannot be written.
+    """
+    places = [[part.name, *place] for part, place in placed]
+    entries = {"version": __version__, "name": name, "kind": "plate", "parts": json.dumps(places)}
+    _write(placed, f"{name}, {len(placed)} parts", entries, path)
+
+
+def _write(
+    placed: Sequence[tuple[Part, tuple[float, float] | None]], title: str, entries: dict[str, str], path: Path
+) -> None:
+    """Write a model of parts, each at a place or where it is."""
     wrapper, module = _lib3mf()
-    mesh, _ = part.mesh
-    entries = metadata(part)
     identity = uuid.uuid5(uuid.NAMESPACE_URL, f"{NAMESPACE}:{json.dumps(entries, sort_keys=True)}")
     model = wrapper.CreateModel()
     model.SetUnit(module.ModelUnit.MilliMeter)
-    thing = model.AddMeshObject()
-    thing.SetName(part.name)
-    thing.SetUUID(str(uuid.uuid5(identity, "object")))
-    _set_geometry(wrapper, module, thing, mesh)
-    item = model.AddBuildItem(thing, wrapper.GetIdentityTransform())
-    item.SetUUID(str(uuid.uuid5(identity, "item")))
+    things: dict[str, Any] = {}
+    meshes: list[Mesh] = []
+    for i, (part, place) in enumerate(placed):
+        if part.name not in things:
+            meshes.append(part.mesh[0])
+            thing = things[part.name] = model.AddMeshObject()
+            thing.SetName(part.name)
+            thing.SetUUID(str(uuid.uuid5(identity, f"object{len(things) - 1 or ''}")))
+            _set_geometry(wrapper, module, thing, meshes[-1])
+        transform = wrapper.GetIdentityTransform()
+        if place is not None:
+            transform = wrapper.GetTranslationTransform(*place, 0.0)
+        model.AddBuildItem(things[part.name], transform).SetUUID(str(uuid.uuid5(identity, f"item{i or ''}")))
     model.SetBuildUUID(str(uuid.uuid5(identity, "build")))
     group = model.GetMetaDataGroup()
-    group.AddMetaData("", "Title", part.title, "xs:string", True)
+    group.AddMetaData("", "Title", title, "xs:string", True)
     group.AddMetaData("", "Application", f"tacbench-cad {__version__}", "xs:string", True)
     for name, text in entries.items():
         group.AddMetaData(NAMESPACE, name, text, "xs:string", True)
@@ -109,7 +139,7 @@ def write_3mf(part: Part, path: Path) -> None:
     writer.SetStrictModeActive(True)
     writer.SetDecimalPrecision(1)  # its vertices are replaced, so they may be short
     # Not WriteToFile: where the disk is full, that ends the whole process.
-    path.write_bytes(_repacked(bytes(writer.WriteToBuffer()), mesh.vertices))
+    path.write_bytes(_repacked(bytes(writer.WriteToBuffer()), [mesh.vertices for mesh in meshes]))
 
 
 def _set_geometry(wrapper: Any, module: Any, thing: Any, mesh: Mesh) -> None:
@@ -128,13 +158,16 @@ def _set_geometry(wrapper: Any, module: Any, thing: Any, mesh: Mesh) -> None:
     )
 
 
-def _repacked(container: bytes, vertices: Floats) -> bytes:
-    """The container with the exact vertices in its model, packed with fixed dates and order."""
+def _repacked(container: bytes, vertices: Sequence[Floats]) -> bytes:
+    """The container with the exact vertices of its objects in its model, packed with fixed dates and order."""
     with zipfile.ZipFile(io.BytesIO(container)) as packed:
         entries = {name: packed.read(name) for name in sorted(packed.namelist())}
-    before, _, rest = entries[_MODEL].partition(b"<vertices>")
-    _, _, after = rest.partition(b"</vertices>")
-    entries[_MODEL] = before + b"<vertices>\n" + _vertex_lines(vertices) + b"\n</vertices>" + after
+    pieces, rest = [], entries[_MODEL]
+    for each in vertices:
+        before, _, rest = rest.partition(b"<vertices>")
+        _, _, rest = rest.partition(b"</vertices>")
+        pieces += [before, b"<vertices>\n", _vertex_lines(each), b"\n</vertices>"]
+    entries[_MODEL] = b"".join([*pieces, rest])
     result = io.BytesIO()
     with zipfile.ZipFile(result, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as packed:
         for name, content in entries.items():

@@ -42,7 +42,8 @@ if size:
                               - (b - a)[:, [2, 0, 1]] * (c - a)[:, [1, 2, 0]]) ** 2).sum(1) ** 0.5).sum() / 2)
 # Linux hands a parent's peak on to what it starts in getrusage; its own counter begins anew.
 status = pathlib.Path("/proc/self/status")
-own = [line.split()[1] for line in status.read_text().splitlines() if line.startswith("VmHWM")] if status.exists() else []
+lines = status.read_text().splitlines() if status.exists() else []
+own = [line.split()[1] for line in lines if line.startswith("VmHWM")]
 report["gigabytes"] = (int(own[0]) if own else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1e6
 print(json.dumps(report))
 """

@@ -39,6 +39,8 @@ filament = "pla-minus"
 #     { printer = "bambu-p1p", filament = "pla-minus", copies = 6 },
 #     { printer = "form-3", filament = "grey-v4", copies = [1, 2], force_levels = [1, 2, 3] },
 # ]
+# In place of all of these, `layouts = ["plates/bambu-p1p_pla-plus_plate01.csv"]` takes the blocks of plates, by the
+# files that `tacbench plate` wrote.
 
 [holder]
 # How far the holder's top lies below the block's highest point: the sensor touches the rim beyond the block.

@@ -1,0 +1,193 @@
+"""``tacbench slice-check``: what a slicer's G-code will make of a texture, before it is printed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tacbench_cad.cli.common import console, given, key_of, note, number_of, print_json, table
+from tacbench_cad.errors import InputError, MissingToolError
+
+if TYPE_CHECKING:
+    from tacbench_cad.block import Block
+    from tacbench_cad.printing.compare import AsSliced, Extrema
+    from tacbench_cad.printing.surface import Frame
+
+NAME = "slice-check"
+
+
+def command(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE.gcode...", help="G-code of one block each.", show_default=False)
+    ],
+    texture: Annotated[
+        str, typer.Option(metavar="T", help="What the block is: 1 to 6 or a TOML file.", show_default=False)
+    ],
+    preset: Annotated[str, typer.Option(metavar="paper|released", help="Geometry of the block.")] = "paper",
+    scale: Annotated[str, typer.Option(metavar="S", help="Scale of the block.")] = "1",
+    key: Annotated[
+        str | None, typer.Option(metavar="MM", help="Leg of the block's key, as in make; alone: the default one.")
+    ] = None,
+    frame: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y[,DEG]",
+            help="Lower left corner of the block on the bed in mm, and its turn by 90, 180 or 270 degrees. "
+            "Default: from the outer walls of the low layers.",
+        ),
+    ] = None,
+    filament: Annotated[
+        str | None, typer.Option(metavar="MM", help="Diameter of the filament. Default: the file's, or 1.75.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE.png", help="Picture. Default: FILE_as-sliced.png in this folder."),
+    ] = None,
+    no_picture: Annotated[bool, typer.Option("--no-picture", help="Draw nothing.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """Read a slicer's G-code and compare the top that it will print with the texture's formula.
+
+    Beads are as wide as their extrusion says; purge lines, skirt, brim and supports are left out. PrusaSlicer, Cura,
+    Bambu Studio and OrcaSlicer are understood. The height error (rms) counts where the slope is below 1, with that of
+    the ideal staircase of the same layers beside it; on steeper walls the error sideways counts. A peak is lost, and a
+    valley filled, where it is off by more than one layer. The outermost 0.5 mm of the block are left out.
+
+    Several files are shown side by side: so compare layer heights, nozzles or wall generators.
+
+    Examples:
+      tacbench slice-check texture-2.gcode --texture 2
+      tacbench slice-check fine.gcode coarse.gcode --texture 4 --no-picture
+      tacbench slice-check plate.gcode --texture 4 --frame 88.35,85
+      tacbench slice-check turned.gcode --texture hex.toml --frame 20,30,90 --json
+    """
+    from tacbench_cad.printing.compare import compare
+    from tacbench_cad.printing.gcode import read_gcode
+
+    block = _block(texture, preset, number_of("scale", scale), given(key_of, "key", key))
+    place = None if frame is None else _frame(frame)
+    diameter = given(number_of, "filament", filament)
+    pictures = _pictures(files, out, no_picture)
+    found = [compare(read_gcode(path, diameter), block, place) for path in files]
+    if json:
+        print_json({"files": [one.as_dict() for one in found]})
+    else:
+        _print(found)
+    for one in found:
+        for warning in one.warnings:
+            note(f"warning: {one.sliced.path.name}: {warning}")
+    for one, path in zip(found, pictures, strict=False):
+        _draw(one, path, asked=out is not None)
+
+
+def _block(texture: str, preset: str, scale: float, key_mm: float | None) -> Block:
+    from dataclasses import replace
+
+    from tacbench_cad.making.choice import described
+
+    blocks = described((texture,), preset, scale)
+    if len(blocks) != 1:
+        raise InputError("texture", texture, "name one texture: 1 to 6 or a TOML file")
+    return replace(blocks[0], key_mm=key_mm)
+
+
+def _frame(text: str) -> Frame:
+    from tacbench_cad.printing.surface import Frame
+
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (2, 3):
+        raise InputError("frame", text, "must be X,Y or X,Y,DEGREES, numbers with commas between them")
+    degrees = numbers[2] if len(numbers) == 3 else 0.0
+    if degrees not in (0.0, 90.0, 180.0, 270.0):
+        raise InputError("frame", text, "a block is turned by 0, 90, 180 or 270 degrees")
+    return Frame(x_mm=numbers[0], y_mm=numbers[1], quarters=int(degrees) // 90)
+
+
+def _pictures(files: list[Path], out: Path | None, no_picture: bool) -> list[Path]:
+    """Where the pictures go, in the order of the files; none where none are wanted."""
+    if out is not None and no_picture:
+        raise InputError("out", str(out), "goes not together with --no-picture")
+    if no_picture:
+        return []
+    if out is not None:
+        if len(files) > 1:
+            raise InputError("out", str(out), f"names one picture, and there are {len(files)} files; leave it out")
+        if out.suffix.lower() != ".png":
+            raise InputError("out", str(out), "must end in .png")
+        return [out]
+    paths = [Path(f"{path.stem}_as-sliced.png") for path in files]
+    for path in paths:
+        if paths.count(path) > 1:
+            raise InputError("out", str(path), "two files have one name and would share this picture; --no-picture?")
+    return paths
+
+
+def _draw(found: AsSliced, path: Path, *, asked: bool) -> None:
+    from tacbench_cad.printing.picture import as_sliced_picture
+
+    try:
+        as_sliced_picture(found, path)
+    except MissingToolError as error:
+        if asked:
+            raise
+        note(f"no picture: {error}")
+    else:
+        note(f"wrote {path}")
+
+
+def _print(found: list[AsSliced]) -> None:
+    names = [one.sliced.path.name for one in found]
+    block = found[0].block
+    shown = table(f"{block.name} as sliced (lengths in µm unless said otherwise)", "", *names, right=names)
+    for head, read in _ROWS:
+        shown.add_row(head, *(read(one) for one in found))
+    console().print(shown)
+
+
+def _um(mm: float | None) -> str:
+    return "-" if mm is None else f"{1000.0 * mm:.0f}"
+
+
+def _place(one: AsSliced) -> str:
+    frame = one.frame
+    turned = f", turned {90 * frame.quarters} degrees" if frame.quarters else ""
+    return f"{frame.x_mm:.2f}, {frame.y_mm:.2f}{turned} ({frame.source})"
+
+
+def _signed(mm: float) -> str:
+    return f"{round(1000.0 * mm):+d}"
+
+
+def _extrema(extrema: Extrema, above: float) -> str:
+    """How many are missed, and the errors of all in the mean and of the worst: above 0 where too much is printed."""
+    if extrema.count == 0:
+        return "none"
+    mean, worst = (_signed(above * one) for one in (extrema.mean_mm, extrema.worst_mm))
+    return f"{extrema.missed} of {extrema.count}; error {mean} mean, {worst} worst"
+
+
+def _share(one: AsSliced) -> str:
+    steep = one.sideways
+    return "-" if steep is None else f"{100.0 * steep.missing_share:.1f} %"
+
+
+_ROWS = (
+    ("slicer", lambda one: one.sliced.dialect),
+    ("layers", lambda one: f"{len(one.sliced.layer_tops_mm)} of {one.sliced.layer_mm:.4g} mm"),
+    ("corner on the bed (mm)", _place),
+    ("top with slope below 1", lambda one: f"{100.0 * one.flat_share:.0f} %"),
+    ("  height error, rms", lambda one: _um(one.rms_mm)),
+    ("  of the ideal staircase", lambda one: _um(one.ideal_rms_mm)),
+    ("  misplaced by 0.1 mm", lambda one: _um(one.misplaced_rms_mm)),
+    ("  height error, mean", lambda one: "-" if one.mean_mm is None else _signed(one.mean_mm)),
+    ("steep walls: sideways error, rms", lambda one: _um(one.sideways and one.sideways.rms_mm)),
+    ("  of the ideal staircase", lambda one: _um(one.sideways and one.sideways.ideal_rms_mm)),
+    ("  no such height nearby", _share),
+    ("peaks lost", lambda one: _extrema(one.peaks, -1.0)),
+    ("valleys filled", lambda one: _extrema(one.valleys, 1.0)),
+)

@@ -1,0 +1,123 @@
+"""The files of plates: a 3MF that was read back, a layout, and a print record to fill in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from tacbench_cad.block_part import block_part
+from tacbench_cad.errors import CheckFailedError, InputError, MissingToolError
+from tacbench_cad.export import threemf
+from tacbench_cad.files import locked, replacing
+from tacbench_cad.lab.runs.printrecord import template
+from tacbench_cad.lab.spec import PrintedBlock
+from tacbench_cad.part import Part
+from tacbench_cad.printing.plates import Plate, write_layout
+from tacbench_cad.textures import read_texture
+
+#: A corner may come back this far from where it was put, by single precision, in mm.
+_PLACE_MM = 1e-4
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlateFiles:
+    """Where a plate's files are.
+
+    Args:
+        model: The 3MF.
+        layout: The CSV that ``tacbench acquire`` reads.
+        record: The print record to fill in.
+        picture: Where the layout's picture goes.
+    """
+
+    model: Path
+    layout: Path
+    record: Path
+    picture: Path
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """What :func:`write_plates` writes."""
+        return (self.model, self.layout, self.record)
+
+
+def write_plates(
+    plates: Sequence[Plate], filament: str, out: Path, texture_files: Sequence[Path] = ()
+) -> list[PlateFiles]:
+    """Write each plate's 3MF, layout and record. A record that is there already stays: somebody may have filled it in.
+
+    Args:
+        plates: The plates.
+        filament: What they are printed of.
+        out: The folder; it is made if it is not there.
+        texture_files: Users' texture files; copies of them lie beside the layouts, which name them.
+
+    Raises:
+        MissingToolError: lib3mf is not there.
+        InputError: The folder cannot be written, another process writes to it, or two texture files have one name.
+        CheckFailedError: A 3MF does not come back as it was meant.
+    """
+    if (reason := threemf.why_missing()) is not None:
+        raise MissingToolError(f"3MF: {reason}")
+    names = {read_texture(path).texture.name: path.name for path in texture_files}
+    if len(set(names.values())) < len(texture_files):
+        raise InputError("texture", [path.name for path in texture_files], "two files have one name; rename one")
+    written = []
+    with locked(out):
+        for path in texture_files:
+            content = path.read_bytes()
+            with replacing(out / path.name) as temporary:
+                temporary.write_bytes(content)
+        for plate in plates:
+            printer, _, number = plate.name.rpartition("_")
+            stem = f"{printer}_{filament}_{number}"
+            files = PlateFiles(
+                model=out / f"{stem}.3mf",
+                layout=out / f"{stem}.csv",
+                record=out / f"{stem}_print.toml",
+                picture=out / f"{stem}.png",
+            )
+            _write_model(plate, stem, files.model)
+            write_layout(plate, filament, files.layout, names)
+            if not files.record.exists():
+                with replacing(files.record) as temporary:
+                    temporary.write_text(_record(plate, filament, files), encoding="utf-8")
+            written.append(files)
+    return written
+
+
+def _write_model(plate: Plate, name: str, path: Path) -> None:
+    placed: list[tuple[Part, tuple[float, float]]] = [
+        (block_part(one.block), (one.x_mm, one.y_mm)) for one in plate.blocks
+    ]
+    with replacing(path) as temporary:
+        threemf.write_plate(placed, name, temporary)
+        _require_as_meant(placed, temporary)
+
+
+def _require_as_meant(placed: Sequence[tuple[Part, tuple[float, float]]], path: Path) -> None:
+    """Read the file back: every part's vertices lie where they belong, and all triangles are there."""
+    found, _ = threemf.read_3mf(path)
+    wanted = [np.add(part.mesh[0].vertices, (*place, 0.0)) for part, place in placed]
+    triangles = sum(len(part.mesh[0].triangles) for part, _ in placed)
+    vertices = np.concatenate(wanted)
+    if found.vertices.shape != vertices.shape or len(found.triangles) != triangles:
+        raise CheckFailedError(f"{path.name}: the plate came back with other triangles than it was written with")
+    if float(np.abs(found.vertices - vertices).max()) > _PLACE_MM:
+        raise CheckFailedError(f"{path.name}: a block came back at another place than it was put")
+
+
+def _record(plate: Plate, filament: str, files: PlateFiles) -> str:
+    """The form of a print record, for all blocks of a plate at once."""
+    first = plate.blocks[0].block
+    printed = PrintedBlock(block=replace(first, copy=None), printer=plate.printer.name, filament=filament)
+    _, _, form = template(printed).partition("\n")
+    head = (
+        f"# Record of plate {plate.number} on {plate.printer.name}: {len(plate.blocks)} blocks, "
+        f"places and labels in {files.layout.name}.\n"
+        "# Copy it into each block's run folder as print.toml, with the block's own scores and photos.\n"
+    )
+    return head + form

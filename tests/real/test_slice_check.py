@@ -1,0 +1,124 @@
+"""The as-sliced check on G-code of real slicers: PrusaSlicer and CuraEngine."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from outsiders import Run, Written, program
+
+from tacbench_cad.block import Block
+from tacbench_cad.printing.compare import AsSliced, compare
+from tacbench_cad.printing.gcode import read_gcode
+
+pytestmark = pytest.mark.real
+
+#: Where Debian's package ``cura`` puts the definitions of printers and extruders.
+CURA_DEFINITIONS = Path("/usr/share/cura/resources")
+#: Height error and that of the ideal staircase for texture 2 by layer height, in mm.
+EXPECTED = {0.1: (0.027, 0.029), 0.15: (0.039, 0.0435), 0.2: (0.052, 0.0575)}
+HEIGHTS = [pytest.param(one, marks=() if one == 0.2 else pytest.mark.long) for one in EXPECTED]
+
+
+@pytest.fixture
+def cura_engine(monkeypatch: pytest.MonkeyPatch) -> Run:
+    run = program("CuraEngine", "cura-engine")
+    if not (CURA_DEFINITIONS / "definitions" / "creality_ender3.def.json").is_file():
+        pytest.skip("CuraEngine's definitions are not installed: apt-get install cura")
+    folders = [str(CURA_DEFINITIONS / name) for name in ("definitions", "extruders")]
+    monkeypatch.setenv("CURA_ENGINE_SEARCH_PATH", os.pathsep.join(folders))
+    return run
+
+
+def by_prusa(run: Run, model: Path, target: Path, layer_mm: float, *options: str) -> Path:
+    run(
+        [
+            *("--export-gcode", "--layer-height", f"{layer_mm}", "--first-layer-height", f"{layer_mm}"),
+            *("--nozzle-diameter", "0.4", "--filament-diameter", "1.75", "--skirts", "2", "--brim-width", "3"),
+            *("--fill-density", "20%", *options, "--output", target, model),
+        ]
+    )
+    return target
+
+
+def by_cura(run: Run, model: Path, target: Path, layer_mm: float, options: Sequence[str] = ()) -> Path:
+    settings = (
+        f"layer_height={layer_mm}",
+        f"layer_height_0={layer_mm}",
+        "machine_end_gcode=",  # its words in braces are for Cura's window to fill in
+        "adhesion_type=skirt",
+        "infill_sparse_density=20",
+        *options,
+    )
+    definition = CURA_DEFINITIONS / "definitions" / "creality_ender3.def.json"
+    words = [word for one in settings for word in ("-s", one)]
+    own = ("roofing_layer_count=0", "material_diameter=1.75", *settings[4:])
+    extruder = [word for one in own for word in ("-s", one)]
+    run(["slice", "-j", definition, *words, "-e0", *extruder, "-o", target, "-l", model])
+    return target
+
+
+def checked(path: Path, texture: int = 2) -> AsSliced:
+    return compare(read_gcode(path), Block.of(texture), pitch_mm=0.1)
+
+
+def require_like_expected(found: AsSliced, layer_mm: float) -> None:
+    rms, ideal = EXPECTED[layer_mm]
+    assert found.sliced.layer_mm == pytest.approx(layer_mm)
+    assert found.rms_mm == pytest.approx(rms, abs=0.004)
+    assert found.ideal_rms_mm == pytest.approx(ideal, abs=0.001)
+    assert found.misplaced_rms_mm is not None and found.misplaced_rms_mm > 0.055
+    assert found.sideways is not None and found.sideways.missing_share < 0.01
+    assert (found.peaks.count, found.peaks.missed) == (9, 0)
+    assert (found.valleys.count, found.valleys.missed) == (9, 0)
+    assert found.sliced.unknown == ()
+    whole = any("whole number of layers" in one for one in found.warnings)
+    assert whole == (layer_mm == 0.15)
+
+
+@pytest.mark.parametrize("layer_mm", HEIGHTS)
+def test_prusaslicer(prusa_slicer: Run, written: Written, tmp_path: Path, layer_mm: float) -> None:
+    found = checked(by_prusa(prusa_slicer, written("paper-2", "stl"), tmp_path / "a.gcode", layer_mm))
+    assert found.sliced.dialect == "PrusaSlicer" and not found.sliced.filament_assumed
+    assert set(found.sliced.left_out) == {"Skirt/Brim"}
+    assert float(found.sliced.beads.width_mm.max()) < 1.0
+    require_like_expected(found, layer_mm)
+
+
+def test_prusaslicer_relative_turned_and_on_supports(prusa_slicer: Run, written: Written, tmp_path: Path) -> None:
+    """M83 with G92 at each layer, classic walls, a raft, turned by 90 degrees, elsewhere on the bed."""
+    options = ("--use-relative-e-distances", "--layer-gcode", "G92 E0", "--perimeter-generator", "classic")
+    place = ("--rotate", "90", "--center", "60,70", "--raft-layers", "2")
+    found = checked(by_prusa(prusa_slicer, written("paper-2", "stl"), tmp_path / "a.gcode", 0.2, *options, *place))
+    assert found.frame.quarters == 1
+    assert (found.frame.x_mm, found.frame.y_mm) == pytest.approx((60.0 - 15.0, 70.0 - 11.65), abs=0.02)
+    assert found.sliced.floor_mm > 0.3
+    assert any(name.startswith("Support material") for name in found.sliced.left_out)
+    require_like_expected(found, 0.2)
+
+
+@pytest.mark.long
+def test_prusaslicer_loses_the_ripples_of_texture_4(prusa_slicer: Run, written: Written, tmp_path: Path) -> None:
+    found = checked(by_prusa(prusa_slicer, written("paper-4", "stl"), tmp_path / "a.gcode", 0.1), 4)
+    assert found.peaks.missed > 100 and found.valleys.missed > 100
+    assert found.rms_mm is not None and found.ideal_rms_mm is not None
+    assert found.rms_mm > 1.5 * found.ideal_rms_mm
+    assert found.sideways is not None and found.sideways.rms_mm < 0.2
+
+
+@pytest.mark.parametrize("layer_mm", HEIGHTS)
+def test_curaengine(cura_engine: Run, written: Written, tmp_path: Path, layer_mm: float) -> None:
+    found = checked(by_cura(cura_engine, written("paper-2", "stl"), tmp_path / "a.gcode", layer_mm))
+    assert found.sliced.dialect == "Cura" and found.sliced.filament_assumed
+    assert found.sliced.left_out.keys() == {"before the first feature", "SKIRT"}
+    require_like_expected(found, layer_mm)
+
+
+@pytest.mark.long
+def test_curaengine_relative_with_a_raft(cura_engine: Run, written: Written, tmp_path: Path) -> None:
+    options = ("relative_extrusion=true", "adhesion_type=raft")
+    found = checked(by_cura(cura_engine, written("paper-2", "stl"), tmp_path / "a.gcode", 0.2, options))
+    assert found.sliced.floor_mm > 0.3
+    assert found.rms_mm == pytest.approx(EXPECTED[0.2][0], abs=0.01)
