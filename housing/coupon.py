@@ -21,10 +21,11 @@ from housing.fits import (
     require_nozzle,
     require_walls,
 )
-from housing.fixture import Fixture, mm, report
+from housing.fixture import Fixture
 from housing.lettering import COUNTER_MM, HEIGHT_MM, width_mm, word
 from housing.marks import DEPTH_MM, Groove, merged
 from housing.shapes import Rectangle, box, one_solid, wrapped
+from tacbench_cad.naming import mm, report
 from tacbench_cad.part import Kind
 
 if TYPE_CHECKING:

@@ -113,14 +113,3 @@ def tidied(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return type(value)(tidied(one) for one in value)
     return value
-
-
-def report(title: str, lines: Mapping[str, str]) -> str:
-    """A dimension report: the title, then one aligned line for each entry."""
-    width = max(len(name) for name in lines)
-    return "\n".join([title, *(f"  {name:<{width}}  {value}" for name, value in lines.items())])
-
-
-def mm(*values: float) -> str:
-    """Lengths for people: ``45.6 x 52.3 x 7.47 mm``."""
-    return " x ".join(f"{value:.6g}" for value in values) + " mm"

@@ -23,13 +23,13 @@ from housing.fits import (
     require_nozzle,
     require_walls,
 )
-from housing.fixture import Fixture, mm, report
+from housing.fixture import Fixture
 from housing.layout import RELEASED, SCREW_HOLE_MM, Layout, PushOut, fitted
 from housing.placement import Placement, block_stem, turned_size_mm
 from housing.shapes import Bore, Rectangle, box, one_solid, prism, wrapped
 from tacbench_cad.block import Block
 from tacbench_cad.errors import InputError, nearest
-from tacbench_cad.naming import decimal
+from tacbench_cad.naming import decimal, mm, report
 from tacbench_cad.part import Kind
 
 if TYPE_CHECKING:

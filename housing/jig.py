@@ -26,7 +26,7 @@ from housing.fits import (
     require_nozzle,
     require_walls,
 )
-from housing.fixture import Fixture, mm, report, tidied
+from housing.fixture import Fixture, tidied
 from housing.holder import Holder
 from housing.lettering import COUNTER_MM
 from housing.marks import (
@@ -44,7 +44,7 @@ from housing.marks import (
 from housing.seat import AIR_MM, LIP_MM, ROOF_MM, Seat
 from housing.shapes import Bore, box, one_solid, prism, wrapped
 from tacbench_cad.errors import InputError, nearest
-from tacbench_cad.naming import decimal
+from tacbench_cad.naming import decimal, mm, report
 from tacbench_cad.part import Kind
 from tacbench_cad.protocol import PER_SIDE, PressGrid
 

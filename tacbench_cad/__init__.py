@@ -1,3 +1,51 @@
-"""Printable tactile texture blocks from formulas, with their fixtures, press protocol and checks."""
+"""Printable tactile texture blocks from formulas, with their fixtures, press protocol and checks.
+
+A texture is a formula, and everything else is derived from it with a stated error: the printed surface, the STEP
+file, the press positions, the simulated sensor and the labels of the classifier. Lengths are in millimetres and forces
+in newtons.
+
+From a texture to a part, which builds its mesh and its solid when they are asked for:
+
+>>> from tacbench_cad.block import Block
+>>> from tacbench_cad.block_part import block_part
+>>> block = Block.of(2, scale=1.5, key_mm=3.0)
+>>> print(block.name, block.size_mm, f"relief {block.relief_mm:.3f} mm")
+texture-2_paper_x1.5_key3 (34.95, 45.0) relief 6.000 mm
+>>> mesh, body = block_part(block).mesh
+>>> body.certificate.distance_mm < 0.01  # proved for every point of the surface
+True
+
+``print(block)`` is its dimension report; a holder and a jig print theirs. A texture of your own is a name and a sum of
+waves ``A sin(f u + g v + phase)``:
+
+>>> from tacbench_cad.textures import Texture
+>>> from tacbench_cad.waves import Wave, WaveSum
+>>> diagonal = Texture(name="diagonal", equation="sin(u + v)", waves=WaveSum((Wave(amplitude=1.0, f=1.0, g=1.0),)))
+>>> Block.of(diagonal, height_mm=5.0).base_mm
+3.0
+
+What the commands do, in Python:
+
+* ``tacbench make``: :func:`tacbench_cad.printset.build` with a :class:`tacbench_cad.printset.Request`
+* ``tacbench check``: :func:`tacbench_cad.verify.verify` for a part of ours, :mod:`tacbench_cad.identify` for any file
+* ``tacbench export``: :mod:`tacbench_cad.assets`, one module a simulator
+* ``tacbench show`` and ``view``: :mod:`tacbench_cad.pictures`, :mod:`tacbench_cad.viewing.page`
+* ``tacbench acquire``, ``simulate``, ``variance``, ``classify`` ...: :mod:`tacbench_cad.lab`, without CAD packages
+
+Where to look:
+
+* :mod:`tacbench_cad.waves`, :mod:`tacbench_cad.textures`: formulas: values, derivatives, bounds, extremes; the
+  catalogue of six and textures from TOML files
+* :mod:`tacbench_cad.block`: a texture at a size in mm: the one mapping from the formula to the part
+* :mod:`tacbench_cad.protocol`: where and how hard the sensor presses
+* :mod:`tacbench_cad.part`, :mod:`tacbench_cad.block_part`: everything printable, with what its files must satisfy
+* :mod:`tacbench_cad.cq`, :mod:`tacbench_cad.b3d`: blocks in CadQuery and in build123d
+* :mod:`housing.holder`, :mod:`housing.jig`, :mod:`housing.coupon`: the printed fixtures; :mod:`housing.b3d`: holder and
+  jig as build123d parts with joints, and the whole set put together
+* :mod:`tacbench_cad.export`: the file formats
+* :mod:`tacbench_cad.errors`: what can be raised; every message says field, value and what is allowed
+
+Importing this package imports nothing else. Whole scripts are in the folder ``examples`` of the source.
+"""
 
 __version__ = "0.1.0"

@@ -8,6 +8,8 @@
             TextureBlock(4, key_mm=3)
         Cylinder(3, 30, mode=Mode.SUBTRACT)
 
+Holder and jig as parts with joints are in :mod:`housing.b3d`.
+
 Importing this module imports build123d.
 """
 
@@ -15,18 +17,31 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from build123d import Align, BasePartObject, BuildPart, Face, Location, Mode, RotationLike, Solid
+from build123d import (
+    Align,
+    BasePartObject,
+    BuildPart,
+    Color,
+    Face,
+    Location,
+    Mode,
+    RigidJoint,
+    RotationLike,
+    Solid,
+)
 
 from tacbench_cad import brep
 from tacbench_cad.block import Block
 from tacbench_cad.errors import InputError
+from tacbench_cad.part import COLOURS
 from tacbench_cad.textures import Texture
 
 
 class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not typed for mypy
     """Part Object: Texture Block
 
-    A block whose top is a texture, within a proved distance of its formula. ``.block`` is its specification.
+    A block whose top is a texture, within a proved distance of its formula. ``.block`` is its specification, its
+    label is the block's name. The joint ``underside`` is the block frame: the lower corner of the underside, z up.
 
     Args:
         texture: A texture, the number or name of one of the six, or a whole :class:`~tacbench_cad.block.Block`; with
@@ -89,7 +104,10 @@ class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not ty
             shares = {Align.NONE: 0.0, Align.MIN: 0.0, Align.CENTER: 0.5, Align.MAX: 1.0}
             sides = (*self.block.size_mm, self.block.height_mm)
             made.move(Location(tuple(-shares[one] * side for one, side in zip(each, sides, strict=True))))
+        frame = made.location
         super().__init__(part=made, rotation=rotation, align=None, mode=mode)
+        self.color = Color(COLOURS["block"])
+        RigidJoint("underside", self, self.rotation * frame)
 
 
 def texture_face(block: Block, tolerance_mm: float = brep.TOLERANCE_MM) -> Face:

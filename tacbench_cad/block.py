@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from tacbench_cad.errors import InputError, nearest
 from tacbench_cad.extremes import Extremes, HalfPlane
 from tacbench_cad.label import LABEL_DEPTH_MM, Engraving, engrave
-from tacbench_cad.naming import decimal
+from tacbench_cad.naming import decimal, mm, report
 from tacbench_cad.presets import PRESETS, VALUES, grid_of_same_step, with_table
 from tacbench_cad.sampling import SampleGrid, Tolerance, highest_sample
 from tacbench_cad.textures import BlockTable, Texture
@@ -327,3 +327,36 @@ class Block:
         if self.copy is not None:
             parts.append(f"copy{self.copy:02d}")
         return "_".join(parts)
+
+    @property
+    def title(self) -> str:
+        """One line for people: texture, preset and sides."""
+        x, y = self.size_mm
+        return f"{self.texture.name}, preset {self.preset}, {x:g} x {y:g} x {self.height_mm:g} mm"
+
+    def __str__(self) -> str:
+        """A dimension report."""
+        (u0, u1), (v0, v1) = self.domain
+        shortest = [f"{2.0 * math.pi / k:.4g} mm" if k else "none" for k in self.surface.highest_frequency]
+        lines = {
+            "name": self.name,
+            "z": self.texture.equation,
+            "size": mm(*self.size_mm, self.height_mm),
+            "relief": f"{mm(self.relief_mm)} from the lowest valley to the highest point",
+            "base": f"{mm(self.base_mm)} below the lowest valley",
+            "volume": f"{self.volume_mm3(self.datum_mm):.6g} mm^3",
+            "mm per unit": ", ".join(f"{one:.6g}" for one in self.mm_per_unit) + " of u, v, z",
+            "domain": f"u {u0:.6g} to {u1:.6g}, v {v0:.6g} to {v1:.6g}",
+            "finest wave": f"{shortest[0]} along x, {shortest[1]} along y",
+            "mesh": self._sampling_in_words,
+            "key": mm(self.key_mm) + " at the corner (x, 0)" if self.key_mm is not None else "none",
+            "label": " ".join(self.label_words) if self.label else "none",
+        }
+        return report(self.title, lines)
+
+    @property
+    def _sampling_in_words(self) -> str:
+        if isinstance(self.sampling, Tolerance):
+            return f"within {mm(self.sampling.mm)} of the formula"
+        coarse = "; too coarse for the finest wave, so it draws another shape" if self.grid_aliases else ""
+        return f"joins {self.sampling.nx} x {self.sampling.ny} samples{coarse}"

@@ -53,7 +53,7 @@ def block_part(block: Block, *, step_tolerance_mm: float = 0.001) -> Part:
     return Part(
         name=block.name,
         kind="block",
-        title=f"{block.texture.name}, preset {block.preset}, {x:g} x {y:g} x {block.height_mm:g} mm",
+        title=block.title,
         size_mm=(x, y, block.height_mm),
         genus=0,
         make_mesh=make_mesh,

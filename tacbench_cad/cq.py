@@ -19,6 +19,7 @@ import cadquery as cq
 
 from tacbench_cad import brep
 from tacbench_cad.block import Block
+from tacbench_cad.part import COLOURS
 
 
 def solid(block: Block, tolerance_mm: float = brep.TOLERANCE_MM) -> cq.Solid:
@@ -31,7 +32,23 @@ def solid(block: Block, tolerance_mm: float = brep.TOLERANCE_MM) -> cq.Solid:
     Raises:
         InputError: There is no solid of this block; the message says why.
     """
-    return cq.Solid(brep.solid_block(block, tolerance_mm)[0])
+    made = cq.Solid(brep.solid_block(block, tolerance_mm)[0])
+    made.label = block.name
+    return made
+
+
+def assembly(block: Block, tolerance_mm: float = brep.TOLERANCE_MM) -> cq.Assembly:
+    """The block with its name and colour, to be added to an assembly: CadQuery keeps colours there alone.
+
+    Args:
+        block: The block, in the block frame.
+        tolerance_mm: Greatest vertical distance from the formula, in mm.
+
+    Raises:
+        InputError: There is no solid of this block; the message says why.
+    """
+    colour = (COLOURS["block"] >> shift & 0xFF for shift in (16, 8, 0))
+    return cq.Assembly(solid(block, tolerance_mm), name=block.name, color=cq.Color(*(one / 255.0 for one in colour)))
 
 
 def texture_block(

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 Kind = Literal["block", "holder", "jig", "coupon"]
 
+#: Colour of each kind of part where several are shown together, as 0xRRGGBB: told apart with any colour vision.
+COLOURS: dict[Kind, int] = {"block": 0xE3B778, "holder": 0x8FA3B5, "jig": 0x7FB3A2, "coupon": 0xB9A7C9}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Body:

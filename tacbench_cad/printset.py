@@ -14,6 +14,7 @@ from tacbench_cad.block import Block
 from tacbench_cad.errors import InputError, MissingToolError, TacbenchError
 from tacbench_cad.files import TEMPORARY_PREFIX, locked
 from tacbench_cad.making import manifest
+from tacbench_cad.making.assembly import make_assembly
 from tacbench_cad.making.request import Request, plan
 from tacbench_cad.making.sources import LeftOut, Plan, Source
 from tacbench_cad.making.writing import Failure, Made, file_name, make_files, make_in_child
@@ -118,7 +119,12 @@ def _with_kernel(request: Request, wanted: Plan, workers: Workers) -> Plan:
     if reason is None:
         return wanted
     message = f"the CAD kernel does not load ({reason}); tacbench doctor shows the repair"
-    asked = "step" in (request.formats or ()) or set(request.parts or ()) - {"blocks"} or request.jig is not None
+    asked = (
+        "step" in (request.formats or ())
+        or set(request.parts or ()) - {"blocks"}
+        or request.jig is not None
+        or request.assembly
+    )
     if asked:
         raise MissingToolError(message)
     return wanted.without_kernel(message)
@@ -148,6 +154,9 @@ class _Making:
         """Make the files, the picture sheet and the manifest."""
         try:
             slow, shared = self._start_slow(), self._share_light()
+            together = [
+                self._workers.submit(make_assembly, one, self._out, first_child=True) for one in self._wanted.assemblies
+            ]
             for source in self._wanted.sources:
                 if not source.part.mesh_needs_cad and (source not in shared or shared[source].cancel()):
                     self._take(make_files(source.part, source.mesh_formats, self._out, self._full))
@@ -157,6 +166,8 @@ class _Making:
             self._finish(with_meshes, _slow_formats)
             self._preview()  # while the children are still at the solids
             self._finish({job: sources for job, sources in slow.items() if job not in with_meshes}, _slow_formats)
+            for job in together:
+                self._take(job.result())
             if self._result.failures:
                 self._preview()
         finally:

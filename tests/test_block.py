@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.block import LEAST_BASE_MM, Block
+from tacbench_cad.block_part import block_part
 from tacbench_cad.errors import InputError
 from tacbench_cad.label import LABEL_DEPTH_MM
 from tacbench_cad.naming import decimal
@@ -224,3 +225,31 @@ def test_names_say_what_is_not_default(options: dict[str, object], name: str) ->
 def test_decimals_are_the_shortest_exact_ones(value: float, text: str) -> None:
     assert decimal(value) == text
     assert float(decimal(value)) == value
+
+
+def test_printed_it_is_a_dimension_report() -> None:
+    block = Block.of(2, scale=1.5, key_mm=3.0, copy=7)
+    title, *lines = str(block).splitlines()
+    assert title == block_part(block).title == "texture-2, preset paper, 34.95 x 45 x 10.5 mm"
+    said = {line[:15].strip(): line[15:] for line in lines}
+    assert said == {
+        "name": block.name,
+        "z": "sin u + sin(v + pi/2)",
+        "size": "34.95 x 45 x 10.5 mm",
+        "relief": "6 mm from the lowest valley to the highest point",
+        "base": "4.5 mm below the lowest valley",
+        "volume": f"{block.volume_mm3(block.datum_mm):.6g} mm^3",
+        "mm per unit": "1.80624, 2.24444, 1.5 of u, v, z",
+        "domain": "u 0 to 19.3496, v 0 to 20.0496",
+        "finest wave": "11.35 mm along x, 14.1 mm along y",
+        "mesh": "within 0.01 mm of the formula",
+        "key": "3 mm at the corner (x, 0)",
+        "label": "T2 PAPER X1.5 07",
+    }
+
+
+def test_the_report_says_what_is_not_there_and_what_is_too_coarse() -> None:
+    text = str(Block.of(6, "released"))
+    assert "joins 294 x 301 samples; too coarse for the finest wave" in text
+    assert "  key          none\n  label        none" in text
+    assert "mm along x, none along y" in text

@@ -99,3 +99,13 @@ def test_the_geometry_is_that_of_brep() -> None:
     ours, theirs = (next(faces(shape)) for shape in (plugin.solid(BLOCK).wrapped, brep.solid_block(BLOCK)[0]))
     assert BRep_Tool.Surface_s(ours) == BRep_Tool.Surface_s(theirs)
     assert ours.TShape() != theirs.TShape()
+
+
+def test_label_name_and_colour() -> None:
+    assert plugin.solid(BLOCK).label == BLOCK.name
+    made = plugin.assembly(BLOCK)
+    whole = cq.Assembly().add(made, loc=cq.Location((1, 2, 3)))
+    assert made.name == BLOCK.name
+    assert made.color is not None
+    assert made.color.toTuple()[:3] == pytest.approx((0xE3 / 255, 0xB7 / 255, 0x78 / 255), abs=1e-6)
+    assert whole.toCompound().BoundingBox().xmin == pytest.approx(1.0, abs=1e-3)

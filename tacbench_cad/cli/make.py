@@ -53,6 +53,12 @@ def command(
         str | None,
         typer.Option(metavar="N", rich_help_panel=_WHAT, help="N files of each block, numbered in the label."),
     ] = None,
+    assembly: Annotated[
+        bool,
+        typer.Option(
+            "--assembly", rich_help_panel=_WHAT, help="Also holder, first blocks and jig put together, as 3MF and STEP."
+        ),
+    ] = False,
     label: Annotated[
         bool, typer.Option("--label", rich_help_panel=_WHAT, help="Engrave texture, preset and scale in the underside.")
     ] = False,
@@ -127,6 +133,7 @@ def command(
       tacbench make --texture hex.toml --size 40,40 --grid 189x201
       tacbench make --copies 6 --formats 3mf --parts blocks --out study
       tacbench make --parts coupon --formats stl     (find the fit first)
+      tacbench make --key --slots 6 --assembly       (and the six blocks in a tray, with the jig on it)
     """
     from tacbench_cad.printset import Request, build
 
@@ -151,6 +158,7 @@ def command(
         nozzle_mm=given(number_of, "nozzle", nozzle),
         jig=None if jig is None else one_of("jig", jig, ("default", "all")),
         step_tolerance_mm=given(number_of, "step tolerance", step_tolerance),
+        assembly=assembly,
     )
     with _Bar() as bar:
         result = build(request, bar.show)

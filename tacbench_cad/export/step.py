@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tacbench_cad import __version__
 from tacbench_cad.errors import CheckFailedError, MissingToolError
 from tacbench_cad.files import not_empty
-from tacbench_cad.part import Part
+from tacbench_cad.mesh import Floats
+from tacbench_cad.part import COLOURS, Part
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
@@ -68,12 +70,12 @@ def _quiet() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _settings(name: str) -> Iterator[None]:
+def _settings(name: str, assembly: bool) -> Iterator[None]:
     """The kernel's global STEP settings as this file needs them, and afterwards as they were."""
     from OCP.Interface import Interface_Static
 
     texts = {"write.step.schema": SCHEMA, "write.step.unit": "MM", "write.step.product.name": name}
-    numbers = {"write.surfacecurve.mode": 1, "write.precision.mode": 0, "write.step.assembly": 0}
+    numbers = {"write.surfacecurve.mode": 1, "write.precision.mode": 0, "write.step.assembly": int(assembly)}
     old_texts = {key: Interface_Static.CVal_s(key) for key in texts}
     old_numbers = {key: Interface_Static.IVal_s(key) for key in numbers}
     try:
@@ -118,32 +120,138 @@ def write_shape(shape: TopoDS_Shape, name: str, title: str, path: Path) -> None:
     Raises:
         OSError: The file could not be written.
     """
-    from OCP.IFSelect import IFSelect_ReturnStatus
-    from OCP.Quantity import Quantity_Color, Quantity_TypeOfColor
-    from OCP.STEPCAFControl import STEPCAFControl_Writer
-    from OCP.STEPControl import STEPControl_Controller, STEPControl_StepModelType
+    document, shapes, colours = _document()
+    _named(shapes.AddShape(shape, False), name, COLOUR, colours)
+    _write_document(document, name, title, path, assembly=False)
+
+
+def write_assembly(placed: Sequence[tuple[Part, Floats]], name: str, title: str, path: Path) -> None:
+    """Write solids, each at its place, as one STEP with a product for each and one for the whole.
+
+    A part that stands in it twice is one product that is used twice.
+
+    Args:
+        placed: Parts, and the homogeneous matrix from each one's frame to the assembly's, shape (4, 4), in mm.
+        name: The assembly's name, ASCII.
+        title: The header's description, ASCII.
+        path: The file.
+
+    Raises:
+        InputError: A part has no solid.
+        MissingToolError: There is no kernel.
+        OSError: The file could not be written.
+    """
+    require_kernel()
+    from OCP.gp import gp_Trsf
     from OCP.TCollection import TCollection_ExtendedString
     from OCP.TDataStd import TDataStd_Name
+    from OCP.TopLoc import TopLoc_Location
+
+    document, shapes, colours = _document()
+    whole = shapes.NewShape()
+    TDataStd_Name.Set_s(whole, TCollection_ExtendedString(name))
+    labels: dict[str, Any] = {}
+    for part, matrix in placed:
+        own = part.solid[0].Location()
+        if part.name not in labels:
+            # Without a place of its own: the kernel makes a nameless product of a shape that has one.
+            labels[part.name] = shapes.AddShape(part.solid[0].Located(TopLoc_Location()), False)
+            code = COLOURS[part.kind]
+            red, green, blue = ((code >> shift & 0xFF) / 255.0 for shift in (16, 8, 0))
+            _named(labels[part.name], part.name, (red, green, blue), colours)
+        place = gp_Trsf()
+        place.SetValues(*matrix[:3].ravel().tolist())
+        used = shapes.AddComponent(whole, labels[part.name], TopLoc_Location(place) * own)
+        TDataStd_Name.Set_s(used, TCollection_ExtendedString(part.name))
+    shapes.UpdateAssemblies()
+    _write_document(document, name, title, path, assembly=True)
+    path.write_bytes(_styles_in_order(path.read_bytes()))
+
+
+def _styles_in_order(text: bytes) -> bytes:
+    """The file with the colours of its products in the order of the products.
+
+    The kernel writes them last, in an order that differs from run to run. Each colour's entities are found from its
+    head through their references, and numbered anew.
+    """
+    begin = text.index(b"#", text.rindex(b";", 0, text.index(b"= MECHANICAL_DESIGN_GEOMETRIC")))
+    end = text.index(b"ENDSEC;", begin)
+    bodies = {
+        int(n): b" ".join(body.split()) for n, body in re.findall(rb"#(\d+) = (.*?);", text[begin:end], re.DOTALL)
+    }
+    heads = [n for n, body in bodies.items() if body.startswith(b"MECHANICAL_DESIGN_GEOMETRIC")]
+    order: dict[int, int] = {}
+
+    def visit(number: int) -> None:
+        if number in bodies and number not in order:
+            order[number] = min(bodies) + len(order)
+            for one in re.findall(rb"#(\d+)", bodies[number]):
+                visit(int(one))
+
+    for head in sorted(heads, key=lambda n: int(bodies[n].rpartition(b"#")[2].rstrip(b")"))):
+        visit(head)
+    lines = [
+        b"#%d = %s;\n" % (order[n], re.sub(rb"#(\d+)", lambda m: b"#%d" % order.get(int(m[1]), int(m[1])), bodies[n]))
+        for n in order
+    ]
+    return text[:begin] + b"".join(lines) + text[end:]
+
+
+def _document() -> tuple[Any, Any, Any]:
+    """A new document of the kernel, its shapes and its colours."""
+    from OCP.TCollection import TCollection_ExtendedString
     from OCP.TDocStd import TDocStd_Document
     from OCP.XCAFApp import XCAFApp_Application
-    from OCP.XCAFDoc import XCAFDoc_ColorType, XCAFDoc_DocumentTool
+    from OCP.XCAFDoc import XCAFDoc_DocumentTool
 
     document = TDocStd_Document(TCollection_ExtendedString("XmlOcaf"))
     XCAFApp_Application.GetApplication_s().InitDocument(document)
-    label = XCAFDoc_DocumentTool.ShapeTool_s(document.Main()).AddShape(shape, False)
+    main = document.Main()
+    return document, XCAFDoc_DocumentTool.ShapeTool_s(main), XCAFDoc_DocumentTool.ColorTool_s(main)
+
+
+def _named(label: Any, name: str, colour: tuple[float, float, float], colours: Any) -> None:
+    from OCP.Quantity import Quantity_Color, Quantity_TypeOfColor
+    from OCP.TCollection import TCollection_ExtendedString
+    from OCP.TDataStd import TDataStd_Name
+    from OCP.XCAFDoc import XCAFDoc_ColorType
+
     TDataStd_Name.Set_s(label, TCollection_ExtendedString(name))
-    colour = Quantity_Color(*COLOUR, Quantity_TypeOfColor.Quantity_TOC_sRGB)
-    XCAFDoc_DocumentTool.ColorTool_s(document.Main()).SetColor(label, colour, XCAFDoc_ColorType.XCAFDoc_ColorGen)
+    shown = Quantity_Color(*colour, Quantity_TypeOfColor.Quantity_TOC_sRGB)
+    colours.SetColor(label, shown, XCAFDoc_ColorType.XCAFDoc_ColorGen)
+
+
+def _write_document(document: Any, name: str, title: str, path: Path, *, assembly: bool) -> None:
+    from OCP.IFSelect import IFSelect_ReturnStatus
+    from OCP.STEPCAFControl import STEPCAFControl_Writer
+    from OCP.STEPControl import STEPControl_Controller, STEPControl_StepModelType
+
     STEPControl_Controller.Init_s()
-    with _quiet(), _settings(name):
+    with _quiet(), _settings(name, assembly):
         writer = STEPCAFControl_Writer()
         writer.SetNameMode(True)
         writer.SetColorMode(True)
         writer.Transfer(document, STEPControl_StepModelType.STEPControl_AsIs)
+        if assembly:
+            _number_uses(writer)
         _set_header(writer, name, title)
         status = writer.Write(str(path))
     if status != IFSelect_ReturnStatus.IFSelect_RetDone or not path.is_file():
         raise OSError(f"the kernel could not write the STEP file ({status})")
+
+
+def _number_uses(writer: object) -> None:
+    """Number the uses of parts from 1: the kernel goes on counting from the last file of the same process."""
+    from OCP.StepRepr import StepRepr_NextAssemblyUsageOccurrence
+    from OCP.TCollection import TCollection_HAsciiString as Text
+
+    model = writer.ChangeWriter().Model()  # type: ignore[attr-defined]
+    number = 0
+    for i in range(1, model.NbEntities() + 1):
+        entity = model.Value(i)
+        if isinstance(entity, StepRepr_NextAssemblyUsageOccurrence):
+            number += 1
+            entity.SetId(Text(str(number)))
 
 
 def _set_header(writer: object, name: str, title: str) -> None:

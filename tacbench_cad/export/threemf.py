@@ -91,20 +91,21 @@ def write_3mf(part: Part, path: Path) -> None:
     _write([(part, None)], part.title, metadata(part), path)
 
 
-def write_plate(placed: Sequence[tuple[Part, tuple[float, float]]], name: str, path: Path) -> None:
+def write_plate(placed: Sequence[tuple[Part, tuple[float, float]]], name: str, path: Path, kind: str = "plate") -> None:
     """Write several parts, each at its place on a bed, as one 3MF. The same part twice is one object.
 
     Args:
         placed: Parts and where their lower corner lies, in mm.
         name: The plate's name.
         path: The file; see :func:`tacbench_cad.files.replacing`.
+        kind: What the file says that it is: ``plate`` or ``assembly``.
 
     Raises:
         MissingToolError: lib3mf is not there.
         OSError: The file cannot be written.
     """
     places = [[part.name, *place] for part, place in placed]
-    entries = {"version": __version__, "name": name, "kind": "plate", "parts": json.dumps(places)}
+    entries = {"version": __version__, "name": name, "kind": kind, "parts": json.dumps(places)}
     _write(placed, f"{name}, {len(placed)} parts", entries, path)
 
 

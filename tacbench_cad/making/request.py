@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from housing.coupon import Coupon
     from housing.holder import Holder
     from housing.jig import Jig
+    from tacbench_cad.making.assembly import Assembly
 
 #: What ``--parts`` may name.
 PARTS = ("blocks", "holder", "jig", "coupon")
@@ -53,6 +54,7 @@ class Request:
         nozzle_mm: Nozzle width that the fixtures must be printable with.
         jig: ``"default"``, or ``"all"`` for a jig with 25 holes.
         step_tolerance_mm: How close the solids stay to the formula.
+        assembly: Also write holder, blocks and jig put together.
     """
 
     textures: tuple[str, ...] = ("all",)
@@ -75,6 +77,7 @@ class Request:
     nozzle_mm: float | None = None
     jig: str | None = None
     step_tolerance_mm: float | None = None
+    assembly: bool = False
 
 
 def plan(request: Request) -> Plan:
@@ -97,7 +100,44 @@ def plan(request: Request) -> Plan:
     for maker in _fixtures(request, parts, blocks, left_out):
         sources.append(Source(maker, None, formats))
     _require_distinct(sources)
-    return Plan(sources=tuple(sources), left_out=tuple(left_out))
+    assemblies = _assemblies(request, formats, sources, left_out) if request.assembly else ()
+    return Plan(sources=tuple(sources), left_out=tuple(left_out), assemblies=assemblies)
+
+
+def _assemblies(
+    request: Request, formats: Sequence[str], sources: Sequence[Source], left_out: list[LeftOut]
+) -> tuple[Assembly, ...]:
+    """A holder each, with the first blocks of its geometry in its slots and its jig on it."""
+    from tacbench_cad.making.assembly import ASSEMBLY_FORMATS, Assembly
+
+    if reason := why_missing(*FIXTURE_MODULES):
+        raise MissingToolError(f"assembly: {reason}")
+    wanted = tuple(name for name in formats if name in ASSEMBLY_FORMATS)
+    if not wanted:
+        raise InputError("formats", ",".join(formats), f"--assembly needs one of {', '.join(ASSEMBLY_FORMATS)}")
+    from housing.holder import Holder
+    from housing.jig import Jig
+
+    makers = [one.maker for one in sources]
+    made: list[Assembly] = []
+    for holder in (one for one in makers if isinstance(one, Holder)):
+        blocks = [one for one in makers if isinstance(one, Block) and len(_geometries([holder.block, one])) == 1]
+        one = Assembly(
+            holder=holder,
+            blocks=tuple(blocks[: holder.slots]),
+            jig=next((one for one in makers if isinstance(one, Jig) and one.holder == holder), None),
+            step_tolerance_mm=request.step_tolerance_mm,
+            formats=wanted,
+        )
+        without = [block.texture.name for block in one.blocks if block.grid_aliases]
+        if without and "step" in wanted:
+            left_out.append(LeftOut(what=f"{one.name}.step", reason=f"there is no solid of {', '.join(without)}"))
+            one = replace(one, formats=tuple(name for name in wanted if name != "step"))
+        if one.blocks and one.formats:
+            made.append(one)
+    if not made:
+        raise InputError("assembly", None, "needs a holder and a block that goes into it among the parts made")
+    return tuple(made)
 
 
 def _chosen(option: str, given: Sequence[str], allowed: Iterable[str]) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from housing.coupon import Coupon
     from housing.holder import Holder
     from housing.jig import Jig
+    from tacbench_cad.making.assembly import Assembly
     from tacbench_cad.part import Part
 
 #: Modules without which there are no fixtures.
@@ -85,11 +86,12 @@ class Plan:
 
     sources: tuple[Source, ...]
     left_out: tuple[LeftOut, ...] = field(default=())
+    assemblies: tuple[Assembly, ...] = field(default=())
 
     @property
     def file_count(self) -> int:
         """How many files it means."""
-        return sum(len(source.formats) for source in self.sources)
+        return sum(len(one.formats) for one in self.sources) + sum(len(one.formats) for one in self.assemblies)
 
     @property
     def needs_kernel(self) -> tuple[str, ...]:

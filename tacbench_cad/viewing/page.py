@@ -22,11 +22,10 @@ from tacbench_cad import __version__
 from tacbench_cad.errors import InputError, MissingToolError
 from tacbench_cad.files import replacing
 from tacbench_cad.mesh import Mesh
+from tacbench_cad.part import COLOURS
 from tacbench_cad.tools import why_missing
 from tacbench_cad.viewing.scene import Formula, Scene, Thing
 
-#: Colours of the parts, as 0xRRGGBB: told apart with any colour vision.
-COLOURS = {"block": 0xE3B778, "holder": 0x8FA3B5, "jig": 0x7FB3A2, "coupon": 0xB9A7C9}
 #: Colour and radius (mm) of the balls on the press positions.
 _PRESS_COLOUR, _PRESS_MM = 0x1B1B1B, 0.22
 #: Fonts for formulas in k3d's own labels, which the page has none of: the browser would look for their files.

@@ -1,0 +1,32 @@
+"""A texture from scratch, as checked STL and STEP files in the folder ``waffle``.
+
+The formula is ``sin u sin v + 0.2 sin 4u``. A product of two sines is the sum of two oblique waves:
+``sin u sin v = cos(u - v)/2 - cos(u + v)/2``. One unit is 1.2 mm along x and y, and 1 mm in height.
+"""
+
+from math import pi
+from pathlib import Path
+
+from tacbench_cad.block import Block
+from tacbench_cad.block_part import block_part
+from tacbench_cad.making.writing import make_files
+from tacbench_cad.textures import Texture
+from tacbench_cad.waves import Wave, WaveSum
+
+waves = WaveSum(
+    (
+        Wave(amplitude=0.5, f=1.0, g=-1.0, phase=pi / 2),
+        Wave(amplitude=-0.5, f=1.0, g=1.0, phase=pi / 2),
+        Wave(amplitude=0.2, f=4.0, g=0.0),
+    )
+)
+waffle = Texture(name="waffle", equation="sin u sin v + 0.2 sin 4u", waves=waves)
+block = Block.of(waffle, size_mm=(30.0, 30.0), mm_per_unit=(1.2, 1.2, 1.0))
+part = block_part(block)
+
+out = Path("waffle")
+out.mkdir(exist_ok=True)
+made = make_files(part, ("stl", "step"), out, full=False)
+result = part.solid[0]
+
+print(block)

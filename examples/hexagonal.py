@@ -1,0 +1,21 @@
+"""Hexagonal bumps from three oblique waves at 120 degrees, as a build123d part.
+
+With the same mm per unit along x and y the hexagons are regular; the distance between neighbours is
+``4 pi / sqrt(3)`` units.
+"""
+
+from math import cos, pi, radians, sin
+
+from tacbench_cad.b3d import TextureBlock
+from tacbench_cad.block import Block
+from tacbench_cad.textures import Texture
+from tacbench_cad.waves import Wave, WaveSum
+
+MM_PER_UNIT = 0.8
+
+directions = [radians(angle) for angle in (0, 120, 240)]
+waves = WaveSum(tuple(Wave(amplitude=0.3, f=cos(a), g=sin(a), phase=pi / 2) for a in directions))
+bumps = Texture(name="hexagonal", equation="0.3 sum cos(u cos a + v sin a), a = 0, 120, 240 degrees", waves=waves)
+
+block = Block.of(bumps, size_mm=(30.0, 30.0), height_mm=5.0, mm_per_unit=(MM_PER_UNIT, MM_PER_UNIT, 1.0))
+result = TextureBlock(block)

@@ -1,0 +1,31 @@
+"""A calibration staircase of frequencies, in CadQuery: what is the smallest sine that a sensor can feel?
+
+Eight strips of ``sin u`` side by side on one plate. From one to the next the wavelength is divided by sqrt(2), from
+8 mm to 0.7 mm, and the amplitude with it, so that every strip has the same slope: they differ in size alone. The
+crests of all strips lie at the same height.
+"""
+
+from math import pi, sqrt
+
+import cadquery as cq
+
+from tacbench_cad.block import Block
+from tacbench_cad.cq import solid
+
+STRIP_MM = (40.0, 8.0)
+HEIGHT_MM = 4.0
+GAP_MM = 1.0
+PLATE_MM = 1.6
+WAVELENGTHS_MM = [8.0 / sqrt(2.0) ** step for step in range(8)]
+AMPLITUDE_SHARE = 0.06  # amplitude for each mm of wavelength
+
+strips = [
+    Block.of(1, size_mm=STRIP_MM, height_mm=HEIGHT_MM, mm_per_unit=(length / (2 * pi), 1.0, AMPLITUDE_SHARE * length))
+    for length in WAVELENGTHS_MM
+]
+pitch = STRIP_MM[1] + GAP_MM
+
+result = cq.Workplane().box(STRIP_MM[0] + 2 * GAP_MM, len(strips) * pitch + GAP_MM, PLATE_MM, centered=False)
+for step, strip in enumerate(strips):
+    at = cq.Vector(GAP_MM, GAP_MM + step * pitch, PLATE_MM / 2)
+    result = result.union(cq.Workplane(solid(strip).moved(cq.Location(at))))

@@ -1,0 +1,94 @@
+"""build123d parts of holder, block and jig: labels, colours, and joints that put each where it belongs."""
+
+from __future__ import annotations
+
+import build123d as bd
+import numpy as np
+import pytest
+
+from housing.b3d import HolderPart, JigPart, assembled
+from housing.holder import Holder
+from housing.jig import Jig
+from tacbench_cad.b3d import TextureBlock
+from tacbench_cad.block import Block
+from tacbench_cad.errors import InputError
+from tacbench_cad.part import COLOURS
+
+BLOCK = Block.of(1, key_mm=3.0)
+#: Two slots, and blocks that lie turned by a quarter.
+TRAY = Holder(block=BLOCK, slots=2, quarter_turns=1)
+JIG = Jig(holder=TRAY)
+MIDDLE = (bd.Align.CENTER, bd.Align.CENTER, bd.Align.MIN)
+
+
+def box(shape: bd.Shape) -> tuple[float, ...]:
+    found = shape.bounding_box()
+    return (*found.min, *found.max)
+
+
+def box_of_slot(holder: Holder, slot: int) -> tuple[float, ...]:
+    """Where the placement says that a block's corners are."""
+    place = holder.block_placements()[slot]
+    (x, y), (_, _, z) = holder.block.size_mm, place.origin_mm
+    corners = place.to_holder(np.array([[0.0, 0.0], [x, y]]))
+    return (*corners.min(axis=0), z, *corners.max(axis=0), z + holder.block.height_mm)
+
+
+@pytest.mark.parametrize("align", [None, MIDDLE])
+@pytest.mark.parametrize("rotation", [(0, 0, 0), (20, 30, 40)])
+def test_a_block_goes_into_its_slot_however_it_was_placed(align: object, rotation: tuple[float, ...]) -> None:
+    holder = HolderPart(TRAY)
+    for slot in (0, 1):
+        block = bd.Pos(100, 50, -7) * TextureBlock(BLOCK, rotation=rotation, align=align)
+        holder.joints[f"slot {slot + 1}"].connect_to(block.joints["underside"])
+        assert box(block) == pytest.approx(box_of_slot(TRAY, slot), abs=1e-3)
+        # The keyed corner lies at the holder's filled one.
+        corner = TRAY.block_placements()[slot].to_holder([[23.3 - 1.0, 1.0]])[0]
+        assert not block.is_inside(bd.Vector(*corner, 3.0))
+
+
+def test_the_joint_is_the_block_frame() -> None:
+    block = TextureBlock(BLOCK, rotation=(0, 0, 90), align=bd.Align.CENTER)
+    assert tuple(block.joints["underside"].location.position) == pytest.approx((15.0, -11.65, -3.5))
+    assert tuple(block.joints["underside"].location.orientation) == pytest.approx((0.0, 0.0, 90.0))
+
+
+@pytest.mark.parametrize(("align", "rotation"), [(None, (0, 0, 0)), (MIDDLE, (0, 0, 0)), (MIDDLE, (0, 10, 90))])
+def test_the_jig_sits_on_a_holder_that_lies_anywhere(align: object, rotation: tuple[float, ...]) -> None:
+    holder = bd.Pos(5, 6, 7) * HolderPart(TRAY, rotation=rotation, align=align)
+    seated = JigPart(JIG, rotation=(180, 0, 0), align=bd.Align.MAX)
+    holder.joints["jig"].connect_to(seated.joints["holder"])
+    # Back in the holder frame it lies as the jig itself says.
+    back = holder.joints["jig"].location.inverse() * seated
+    assert box(back) == pytest.approx(box(bd.Solid(JIG.solid_in_use())), abs=1e-5)
+    assert box(holder.joints["jig"].location.inverse() * holder) == pytest.approx((0, 0, 0, *TRAY.size_mm), abs=1e-5)
+
+
+def test_the_set_put_together() -> None:
+    blocks = [BLOCK, Block.of(5, key_mm=3.0)]
+    made = assembled(TRAY, blocks, JIG)
+    assert made.label == f"assembly_{TRAY.stem}"
+    names = [TRAY.name, *(block.name for block in blocks), JIG.name]
+    assert [child.label for child in made.children] == names
+    for child, kind in zip(made.children, ("holder", "block", "block", "jig"), strict=True):
+        assert child.color is not None
+        assert tuple(child.color)[:3] == pytest.approx(tuple(bd.Color(COLOURS[kind]))[:3])
+        assert child.is_valid
+    assert box(made.children[2]) == pytest.approx(box_of_slot(TRAY, 1), abs=1e-3)
+    assert box(made)[2::3] == pytest.approx((0.0, JIG.seat.roof_mm[1]), abs=1e-4)
+    common = made.children[0] & made.children[1]
+    assert common is None or sum(solid.volume for solid in common.solids()) < 1e-6
+
+
+def test_an_own_block_in_every_slot_and_no_jig() -> None:
+    made = assembled(TRAY)
+    assert [child.label for child in made.children] == [TRAY.name, BLOCK.name, BLOCK.name]
+
+
+def test_what_does_not_go_together_is_refused() -> None:
+    with pytest.raises(InputError, match="2 slots"):
+        assembled(TRAY, [BLOCK] * 3)
+    with pytest.raises(InputError, match="does not go into"):
+        assembled(TRAY, [Block.of(1)])
+    with pytest.raises(InputError, match="is not made for"):
+        assembled(TRAY, [], Jig(holder=Holder(block=BLOCK)))

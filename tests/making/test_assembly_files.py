@@ -1,0 +1,147 @@
+"""``make --assembly``: one STEP and one 3MF of holder, blocks and jig where they are used."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("build123d")
+pytest.importorskip("lib3mf")
+
+import build123d as bd
+
+from housing.b3d import assembled
+from housing.holder import Holder
+from housing.jig import Jig
+from tacbench_cad.block import Block
+from tacbench_cad.cli import main
+from tacbench_cad.errors import InputError
+from tacbench_cad.export import threemf
+from tacbench_cad.making.assembly import Assembly, make_assembly
+from tacbench_cad.making.writing import Failure
+from tacbench_cad.part import COLOURS
+from tacbench_cad.printset import Request, plan
+
+HOLDER = Holder(block=Block.of(1, key_mm=3.0), slots=2, quarter_turns=1)
+BLOCKS = (Block.of(1, key_mm=3.0), Block.of(5, key_mm=3.0))
+JIG = Jig(holder=HOLDER)
+SET = Assembly(holder=HOLDER, blocks=BLOCKS, jig=JIG, step_tolerance_mm=None, formats=("3mf", "step"))
+#: The least that has several colours.
+SMALL = Assembly(
+    holder=Holder(block=Block.of(1)), blocks=(Block.of(1),), jig=None, step_tolerance_mm=None, formats=("3mf", "step")
+)
+NAMES = [HOLDER.name, *(block.name for block in BLOCKS), JIG.name]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("assembly")
+    rows = make_assembly(SET, out)
+    assert not any(isinstance(row, Failure) for row in rows), rows
+    (out / "rows.json").write_text(json.dumps(rows))
+    return out
+
+
+@lru_cache
+def boxes() -> list[tuple[float, ...]]:
+    """Where build123d's joints put each part."""
+    found = [child.bounding_box() for child in assembled(HOLDER, BLOCKS, JIG).children]
+    return [(*one.min, *one.max) for one in found]
+
+
+def test_the_rows_say_what_is_in_the_files(folder: Path) -> None:
+    for row, ending in zip(json.loads((folder / "rows.json").read_text()), ("3mf", "step"), strict=True):
+        assert row["file"] == f"assembly_{HOLDER.stem}.{ending}" and (folder / row["file"]).is_file()
+        assert row["kind"] == "assembly" and all(check["ok"] for check in row["checks"])
+        assert [one["name"] for one in row["spec"]["parts"]] == NAMES
+        assert row["size_mm"] == pytest.approx([*JIG.seat.outer.size_mm, JIG.seat.roof_mm[1]], abs=1e-4)
+        assert row["volume_mm3"] == pytest.approx(row["closed_form_volume_mm3"], rel=1e-4)
+
+
+def test_the_step_has_each_part_by_name_and_colour_where_the_joints_put_it(folder: Path) -> None:
+    whole = bd.import_step(str(folder / f"{SET.name}.step"))
+    assert whole.label == SET.name
+    assert [child.label for child in whole.children] == NAMES
+    for child, box, kind in zip(whole.children, boxes(), ("holder", "block", "block", "jig"), strict=True):
+        found = child.bounding_box()
+        assert (*found.min, *found.max) == pytest.approx(box, abs=2e-3)
+        assert tuple(child.color)[:3] == pytest.approx(tuple(bd.Color(COLOURS[kind]))[:3], abs=1e-2)
+
+
+def test_the_3mf_has_each_part_where_the_joints_put_it(folder: Path) -> None:
+    mesh, entries = threemf.read_3mf(folder / f"{SET.name}.3mf")
+    assert entries["kind"] == "assembly" and entries["name"] == SET.name
+    first = 0
+    for (part, _), box in zip(SET.placed(), boxes(), strict=True):
+        points = mesh.vertices[first : first + len(part.mesh[0].vertices)]
+        assert (*points.min(axis=0), *points.max(axis=0)) == pytest.approx(box, abs=2e-3)
+        first += len(points)
+    assert first == len(mesh.vertices)
+
+
+def test_the_same_assembly_gives_the_same_bytes(tmp_path: Path) -> None:
+    """Also after another one in the same process: the kernel counts on."""
+    files = []
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        make_assembly(SMALL, tmp_path / name)
+        files.append([path.read_bytes() for path in sorted((tmp_path / name).iterdir())])
+    assert len(files[0]) == 2 and files[0] == files[1]
+
+
+def test_a_part_in_the_wrong_place_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from tacbench_cad.export import step
+
+    def shifted(placed: list[tuple[object, np.ndarray]], *rest: object) -> None:
+        moved = [(part, matrix + np.eye(4, k=3) * 0.01 * (i == 1)) for i, (part, matrix) in enumerate(placed)]
+        write(moved, *rest)  # type: ignore[arg-type]
+
+    write = step.write_assembly
+    monkeypatch.setattr(step, "write_assembly", shifted)
+    (made,) = make_assembly(replace(SMALL, formats=("step",)), tmp_path)
+    assert isinstance(made, Failure)
+    assert any(fault.startswith(f"{SMALL.blocks[0].name}: place: 1.0e-02 mm") for fault in made.faults)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_the_option_means() -> None:
+    (one,) = plan(Request(assembly=True, slots=2)).assemblies
+    assert [block.texture.number for block in one.blocks] == [1, 2]
+    assert one.jig is not None and one.formats == ("3mf", "step")
+    assert plan(Request()).assemblies == ()
+    counted = plan(Request(textures=("1",), assembly=True))
+    assert counted.file_count == 3 * 3 + 2
+    (alone,) = plan(Request(textures=("1",), parts=("blocks", "holder"), assembly=True)).assemblies
+    assert alone.jig is None
+
+
+def test_a_block_without_a_solid_leaves_the_3mf() -> None:
+    wanted = plan(Request(textures=("4",), preset="released", assembly=True))
+    assert wanted.assemblies[0].formats == ("3mf",)
+    assert any(one.what.startswith("assembly") and "texture-4" in one.reason for one in wanted.left_out)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"formats": ("stl",)}, "formats = 'stl': --assembly needs one of 3mf, step"),
+        ({"parts": ("blocks",)}, "assembly: needs a holder and a block"),
+        ({"parts": ("holder", "jig")}, "assembly: needs a holder and a block"),
+    ],
+)
+def test_an_assembly_of_too_little_is_refused(changes: dict[str, tuple[str, ...]], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        plan(replace(Request(textures=("1",), assembly=True), **changes))
+
+
+def test_the_command_writes_it_and_the_manifest_lists_it(tmp_path: Path) -> None:
+    argv = ["make", "--texture", "1", "--parts", "blocks,holder", "--formats", "3mf", "--assembly"]
+    assert main([*argv, "--out", str(tmp_path)]) == 0
+    files = {row["file"] for row in json.loads((tmp_path / "manifest.json").read_text())["files"]}
+    assert files == {"texture-1_paper_x1.3mf", "holder_paper_x1.3mf", "assembly_paper_x1.3mf"}
+    assert files <= {path.name for path in tmp_path.iterdir()}

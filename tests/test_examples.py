@@ -1,0 +1,99 @@
+"""Each example runs in a process of its own and makes one valid solid, with the volume that its formula gives."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import subprocess
+import sys
+from math import sin
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("OCP")
+
+from tacbench_cad.block import Block
+
+ROOT = Path(__file__).parent.parent
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+
+#: Volume of each example's result in closed form, in its own names, and what else must be true of it. The one for CQGI
+#: hosts is run as they do.
+EXPECTED: dict[str, dict[str, str]] = {
+    "custom_texture": {
+        "volume": "block.volume_mm3(block.solid_datum_mm)",
+        "is the product": f"abs(waves(0.7, 1.9) - {sin(0.7) * sin(1.9) + 0.2 * sin(2.8)!r}) < 1e-12",
+        "files are put in place": "all((out / row['file']).is_file() and all(c['ok'] for c in row['checks']) "
+        "for row in made) and len(made) == 2",
+    },
+    "hexagonal": {
+        "volume": "block.volume_mm3(block.solid_datum_mm)",
+        "bumps repeat along the hexagons": "abs(waves(0.4, 0.9) - waves(0.4, 0.9 + 4 * pi / 3 ** 0.5)) < 1e-9",
+    },
+    "own_housing": {
+        # Over the block the window only has the roof to cut: the space above the block is open already.
+        "volume": "(width * depth - sum(pi * bore.diameter_mm**2 / 4 for bore in holder.screws)) "
+        "* (GUIDE_MM + holder.rim_height_mm) - pocket.area_mm2 * (holder.rim_height_mm + 0.3) "
+        "- (x1 - x0 + PAD_MM[0] + room) * (y1 - y0 + PAD_MM[1] + room) * (GUIDE_MM - 0.3)",
+        "clears the block": "not (guide & Pos(*place.origin_mm) * Box(*block.size_mm, block.height_mm, align=low))",
+        "rests on the rim": "abs(guide.bounding_box().min.Z - rim) < 1e-6",
+    },
+    "staircase": {
+        "volume": "result.solids().size() * (STRIP_MM[0] + 2 * GAP_MM) * (len(strips) * pitch + GAP_MM) * PLATE_MM "
+        "+ sum(one.volume_mm3(one.solid_datum_mm) - one.footprint_mm2 * PLATE_MM / 2 for one in strips)",
+        "ends at 0.7 mm": "abs(WAVELENGTHS_MM[-1] - 0.7071067811865476) < 1e-9",
+        "shows whole waves": "all(one.size_mm[0] / length >= 5 for one, length in zip(strips, WAVELENGTHS_MM))",
+    },
+    "texture_on_part": {
+        "volume": "wedge.volume - (x + 2 * FREE_MM) * (y + 2 * FREE_MM) * depth_mm "
+        "+ block.volume_mm3(block.solid_datum_mm) - block.footprint_mm2 * (block.height_mm - depth_mm)",
+        "crests are flush": "abs(max(v.Z for v in [on_face.to_local_coords(p) for p in result.vertices()])) < 1e-6",
+    },
+    "tray_of_scales": {
+        "volume": "plate.volume + sum(b.volume_mm3(b.solid_datum_mm) - b.footprint_mm2 * PLATE_MM / 2 for b in blocks)",
+        "nine": "[b.scale for b in blocks] == [0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4]",
+    },
+}
+
+
+def run(path: Path, cwd: Path, ask: dict[str, str], **host: dict[str, Any]) -> dict[str, Any]:
+    """What an example answers from a child process."""
+    command = [sys.executable, str(ROOT / "tests" / "run_example.py"), str(path), json.dumps({"ask": ask, **host})]
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    answer: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return answer
+
+
+@pytest.mark.parametrize("path", [one for one in EXAMPLES if one.stem in EXPECTED], ids=lambda path: path.stem)
+def test_an_example_makes_one_valid_solid(path: Path, tmp_path: Path) -> None:
+    answer = run(path, tmp_path, EXPECTED[path.stem])
+    assert answer["faults"] == []
+    values = answer["values"]
+    assert answer["volume"] == pytest.approx(values.pop("volume"), rel=2e-6)
+    assert values == dict.fromkeys(values, True)
+
+
+def test_cqgi_parameters_change_the_block(tmp_path: Path) -> None:
+    """The constants, and nothing else, are parameters; a host's values reach the block, and a bad one is named."""
+    parameters = {"texture": 1.0, "scale": 1.5, "height_mm": 6.0, "key_mm": 0.0, "label": True}
+    path = ROOT / "examples" / "cqgi_block.py"
+    answer = run(path, tmp_path, {"name": "block.name"}, parameters=parameters, refused={"texture": 2.7})
+    assert answer["refused"] == "InputError: texture = 2.7: must be a whole number from 1 to 6"
+    assert answer["parameters"] == list(parameters)
+    assert answer["faults"] == []
+    block = Block.of(1, scale=1.5, height_mm=6.0, label=True)
+    assert answer["values"]["name"] == block.name
+    assert answer["shown"] == [block.name]
+    assert answer["volume"] == pytest.approx(block.volume_mm3(block.solid_datum_mm), rel=2e-6)
+
+
+def test_every_example_says_what_it_makes_and_is_listed() -> None:
+    assert {path.stem for path in EXAMPLES} == {*EXPECTED, "cqgi_block"}
+    readme = (ROOT / "examples" / "README.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"\]\((\w+\.py)\)", readme)) == {path.name for path in EXAMPLES}
+    for path in EXAMPLES:
+        assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
