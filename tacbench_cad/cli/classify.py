@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tacbench_cad.cli.common import console, given, number_of, print_json, table, whole_of, words_of
+from tacbench_cad.cli.common import console, given, jobs_of, number_of, print_json, table, whole_of, words_of
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.errors import InputError
 
@@ -127,7 +127,6 @@ def command(
     from tacbench_cad.lab.analysis.sweep import Sweep, at_level, run_sweep, write_sweep
     from tacbench_cad.lab.rig.plugin import is_plugin
     from tacbench_cad.lab.rig.sensor import is_image
-    from tacbench_cad.workers import cpu_count
 
     if rungs is not None and protocol == "paper":
         raise InputError("rungs", rungs, "are of --protocol sound; the paper's has train, test and unseen")
@@ -156,7 +155,7 @@ def command(
         depth=whole_of("depth", depth),
         train_on=words_of(train_on) or (),
     )
-    processes = cpu_count() if jobs is None else whole_of("jobs", jobs)
+    processes = jobs_of(jobs)
     count = TRIALS[protocol] if count is None else count
     with locked(out), workers(processes, dask) as team, ProgressLine() as progress:
         if wanted is not None:

@@ -138,6 +138,20 @@ def sampling_of(tolerance: str | None, grid: str | None) -> Tolerance | SampleGr
     return SampleGrid(nx=int(counts[1]), ny=int(counts[2]))
 
 
+def jobs_of(text: str | None) -> int:
+    """How many processes ``--jobs`` asks for: one for each processor where it was not given.
+
+    Raises:
+        InputError: It is no whole number, or below 1.
+    """
+    from tacbench_cad.workers import cpu_count
+
+    count = cpu_count() if text is None else whole_of("jobs", text)
+    if count < 1:
+        raise InputError("jobs", count, "must be 1 or more")
+    return count
+
+
 def key_of(option: str, text: str) -> float:
     """What ``--key`` asks for, in mm.
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tacbench_cad.cli.common import console, given, note, print_json, table, whole_of
+from tacbench_cad.cli.common import console, jobs_of, note, print_json, table, whole_of
 from tacbench_cad.errors import InputError
 
 if TYPE_CHECKING:
@@ -46,17 +46,12 @@ def command(
     """
     from tacbench_cad.files import locked
     from tacbench_cad.lab.analysis.compare import compare, read_side, write_comparison
-    from tacbench_cad.workers import cpu_count
 
-    count, wanted = whole_of("trials", trials), given(whole_of, "jobs", jobs)
-    if wanted is not None and wanted < 1:
-        raise InputError("jobs", wanted, "must be at least 1")
+    count, processes = whole_of("trials", trials), jobs_of(jobs)
     if a.resolve() == b.resolve():
         raise InputError("B", str(b), "is A itself; name the other sensor's study")
     with locked(out):
-        folders = [
-            _classified(side, folder, out, count, wanted or cpu_count(), dask) for side, folder in (("a", a), ("b", b))
-        ]
+        folders = [_classified(side, folder, out, count, processes, dask) for side, folder in (("a", a), ("b", b))]
         first, used = read_side(folders[0], a.name, estimator)
         second, _ = read_side(folders[1], b.name, used)
         found = compare(first, second, used)

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tacbench_cad.cli.common import console, print_json, table, whole_of
-from tacbench_cad.errors import InputError
+from tacbench_cad.cli.common import console, jobs_of, print_json, table, whole_of
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.analysis.grade import Compared, Grade
@@ -45,9 +44,7 @@ def command(
     from tacbench_cad.lab.analysis.variance import variance_table
 
     level = force_level if force_level == "all" else whole_of("force-level", force_level)
-    workers = whole_of("jobs", jobs)
-    if workers < 1:
-        raise InputError("jobs", workers, "must be at least 1")
+    workers = jobs_of(jobs)
     collection = Collection.open(runs)
     result = variance_table(collection, Preprocess(), ddof=0, jobs=workers)
     context = Context.of(

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from tacbench_cad.cli.common import given, print_json, whole_of
+from tacbench_cad.cli.common import jobs_of, print_json
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.errors import InputError
 
@@ -50,18 +50,15 @@ def command(
       tacbench report runs --variance results --classify classification --classify paper-classification
     """
     from tacbench_cad.lab.analysis.report import Options, write_report
-    from tacbench_cad.workers import cpu_count
 
     if no_classify and classify:
         raise InputError("no-classify", str(classify[0]), "leaves out what --classify gives; give one of the two")
-    wanted = given(whole_of, "jobs", jobs)
-    if wanted is not None and wanted < 1:
-        raise InputError("jobs", wanted, "must be at least 1")
+    processes = jobs_of(jobs)
     options = Options(
         variance=variance,
         classifications=tuple(classify or ()),
         classify=not no_classify,
-        jobs=wanted or cpu_count(),
+        jobs=processes,
         dask=dask,
     )
     with ProgressLine() as progress:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tacbench_cad.cli.common import console, given, note, print_json, table, whole_of
+from tacbench_cad.cli.common import console, jobs_of, note, print_json, table, whole_of
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.errors import InputError
 
@@ -65,13 +65,9 @@ def command(
     """
     from tacbench_cad.lab.simulate.blockrun import Options, run_info
     from tacbench_cad.lab.simulate.study import estimate, make, nearest_folder, require_room, study_of
-    from tacbench_cad.workers import cpu_count
 
     options = Options(colour=colour, seed=whole_of("seed", seed))
-    wanted = given(whole_of, "jobs", jobs)
-    if wanted is not None and wanted < 1:
-        raise InputError("jobs", wanted, "must be 1 or more")
-    count = wanted or cpu_count()
+    count = jobs_of(jobs)
     found = study_of(study)
     folder = out or found.out
     if folder is None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tacbench_cad.cli.common import console, given, note, print_json, table, whole_of
+from tacbench_cad.cli.common import console, jobs_of, note, print_json, table, whole_of
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.errors import InputError
 
@@ -60,18 +60,14 @@ def command(
     from tacbench_cad.lab.analysis.registration import register as seats
     from tacbench_cad.lab.analysis.variance import variance_table
     from tacbench_cad.lab.analysis.variance_files import write_all
-    from tacbench_cad.workers import cpu_count
 
     divisor, number = whole_of("ddof", ddof), whole_of("seed", seed)
     if divisor not in (0, 1):
         raise InputError("ddof", divisor, "allowed: 0, 1")
     if number < 0:
         raise InputError("seed", number, "must be 0 or more")
-    wanted = given(whole_of, "jobs", jobs)
-    if wanted is not None and wanted < 1:
-        raise InputError("jobs", wanted, "must be 1 or more")
+    count = jobs_of(jobs)
     collection, preprocess = Collection.open(runs), Preprocess(colour=colour)
-    count = wanted or cpu_count()
     if out is not None:
         with locked(out):  # a folder that cannot be written is refused before the work, not after it
             pass
