@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.errors import MissingToolError
 from tacbench_cad.files import replacing
 from tacbench_cad.mesh import Mesh
+from tacbench_cad.plotting import only_style
 from tacbench_cad.protocol import FORCES_N, PressGrid, contact_radius_mm
 from tacbench_cad.render import BELOW, render
 from tacbench_cad.sampling import Tolerance
@@ -125,11 +125,7 @@ def styled() -> Iterator[None]:
     Raises:
         MissingToolError: matplotlib is not installed.
     """
-    try:
-        import matplotlib
-    except ImportError:
-        raise MissingToolError('pictures need matplotlib: pip install "tacbench-cad[plot]"') from None
-    with matplotlib.rc_context({**matplotlib.rcParamsDefault, "backend": matplotlib.rcParams["backend"], **_STYLE}):
+    with only_style("pictures", _STYLE):
         yield
 
 

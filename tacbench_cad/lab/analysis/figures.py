@@ -12,8 +12,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tacbench_cad.errors import MissingToolError
 from tacbench_cad.files import replacing
+from tacbench_cad.plotting import only_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -68,11 +68,8 @@ def styled() -> Iterator[None]:
     Raises:
         MissingToolError: matplotlib is not installed.
     """
-    try:
+    with only_style("figures", _STYLE):
         import matplotlib
-    except ImportError:
-        raise MissingToolError('figures need matplotlib: pip install "tacbench-cad[plot]"') from None
-    with matplotlib.rc_context({**matplotlib.rcParamsDefault, "backend": matplotlib.rcParams["backend"], **_STYLE}):
         from cycler import cycler
 
         matplotlib.rcParams["axes.prop_cycle"] = cycler(color=list(COLOURS))
