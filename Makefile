@@ -22,19 +22,23 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-docs: $(VENV)/.user
-	$(BIN)/python docs/pictures.py
+# The manual: every cell of every page is run, and a warning is an error. The first page's picture, which is the README's too, is the sheet of the print set.
+docs: $(VENV)/.docs
+	$(BIN)/tacbench make --formats stl --out docs/_build/print-set
+	cp docs/_build/print-set/preview.png docs/images/preview.png
+	$(BIN)/sphinx-build -E -W --keep-going -n -j auto docs docs/_build/html
 
 bench: $(VENV)/.bench
-	set -e; for script in startup stl_speed make_time mesh_triangles solid tactip press_loop run_folders simulate_study paper_protocol contact_in_engines; do $(BIN)/python benchmarks/$$script.py; done
+	set -e; for script in startup stl_speed make_time mesh_triangles solid tactip press_loop run_folders simulate_study paper_protocol contact_in_engines slice_check; do $(BIN)/python benchmarks/$$script.py; done
 
 clean:
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(VENV)/.user: EXTRA := all
 $(VENV)/.dev: EXTRA := dev
+$(VENV)/.docs: EXTRA := docs
 $(VENV)/.bench: EXTRA := bench
-$(VENV)/.user $(VENV)/.dev $(VENV)/.bench: pyproject.toml constraints.txt | system-libraries $(BIN)/python
+$(VENV)/.user $(VENV)/.dev $(VENV)/.docs $(VENV)/.bench: pyproject.toml constraints.txt | system-libraries $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[$(EXTRA)]'
 	$(BIN)/tacbench doctor --repair || echo "going on with what works; see the lines above"
 	touch $@

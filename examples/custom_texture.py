@@ -10,16 +10,10 @@ from pathlib import Path
 from tacbench_cad.block import Block
 from tacbench_cad.block_part import block_part
 from tacbench_cad.making.writing import make_files
-from tacbench_cad.textures import Texture
-from tacbench_cad.waves import Wave, WaveSum
+from tacbench_cad.textures import Texture, plane_waves
 
-waves = WaveSum(
-    (
-        Wave(amplitude=0.5, f=1.0, g=-1.0, phase=pi / 2),
-        Wave(amplitude=-0.5, f=1.0, g=1.0, phase=pi / 2),
-        Wave(amplitude=0.2, f=4.0, g=0.0),
-    )
-)
+# amplitude, f, g and phase of each wave A sin(f u + g v + phase)
+waves = plane_waves((0.5, 1.0, -1.0, pi / 2), (-0.5, 1.0, 1.0, pi / 2), (0.2, 4.0, 0.0))
 waffle = Texture(name="waffle", equation="sin u sin v + 0.2 sin 4u", waves=waves)
 block = Block.of(waffle, size_mm=(30.0, 30.0), mm_per_unit=(1.2, 1.2, 1.0))
 part = block_part(block)

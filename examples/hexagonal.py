@@ -8,14 +8,14 @@ from math import cos, pi, radians, sin
 
 from tacbench_cad.b3d import TextureBlock
 from tacbench_cad.block import Block
-from tacbench_cad.textures import Texture
-from tacbench_cad.waves import Wave, WaveSum
+from tacbench_cad.textures import Texture, plane_waves
 
 MM_PER_UNIT = 0.8
 
 directions = [radians(angle) for angle in (0, 120, 240)]
-waves = WaveSum(tuple(Wave(amplitude=0.3, f=cos(a), g=sin(a), phase=pi / 2) for a in directions))
-bumps = Texture(name="hexagonal", equation="0.3 sum cos(u cos a + v sin a), a = 0, 120, 240 degrees", waves=waves)
+waves = plane_waves(*[(0.3, cos(a), sin(a), pi / 2) for a in directions])
+text = "0.3 sum cos(u cos a + v sin a), a = 0, 120, 240 degrees"
+bumps = Texture(name="hexagonal", waves=waves, equation=text)
 
 block = Block.of(bumps, size_mm=(30.0, 30.0), height_mm=5.0, mm_per_unit=(MM_PER_UNIT, MM_PER_UNIT, 1.0))
 result = TextureBlock(block)

@@ -1,5 +1,7 @@
 """build123d: holder and jig as parts with joints, and the whole set put together.
 
+With a specification ``one``::
+
     from housing.b3d import HolderPart, JigPart
     from tacbench_cad.b3d import TextureBlock
 
@@ -64,7 +66,7 @@ class _FixturePart(BasePartObject):  # type: ignore[misc]  # build123d is not ty
 
 
 class HolderPart(_FixturePart):
-    """Part Object: Holder
+    """Part Object: Holder.
 
     A holder in its own frame. ``.holder`` is its specification. Joints: ``slot 1``, ``slot 2`` ... take the joint
     ``underside`` of a :class:`~tacbench_cad.b3d.TextureBlock`, in the middle of its clearance; ``jig`` takes the joint
@@ -93,7 +95,7 @@ class HolderPart(_FixturePart):
 
 
 class JigPart(_FixturePart):
-    """Part Object: Jig
+    """Part Object: Jig.
 
     A jig as it is used: in the holder frame, seated. ``.jig`` is its specification. The joint ``holder`` is the
     holder frame.

@@ -76,6 +76,7 @@ _MARKERS = {
     ),
     "all": _Marker(hole_mm=0.6, lead_in_mm=0.8, positions=tuple(range(_LAST + 1))),
 }
+#: Which positions a jig marks, by name.
 MARKS: tuple[str, ...] = tuple(_MARKERS)
 
 

@@ -42,7 +42,7 @@ class Seat:
 
     @property
     def rest_mm(self) -> float:
-        """z of the plane on which it rests: the holder's rim."""
+        """Height z of the plane on which it rests, the holder's rim, in mm."""
         return self.holder.size_mm[2]
 
     @property
@@ -52,7 +52,7 @@ class Seat:
 
     @property
     def roof_mm(self) -> tuple[float, float]:
-        """z of the plate's lower and upper face over the blocks."""
+        """Heights z of the plate's lower and upper face over the blocks, in mm."""
         ceiling = self.rest_mm + self.recess_depth_mm
         return (ceiling, ceiling + ROOF_MM)
 
@@ -63,7 +63,7 @@ class Seat:
 
     @property
     def bottom_mm(self) -> float:
-        """z of the lips' lower ends."""
+        """Height z of the lips' lower ends, in mm."""
         return self.rest_mm - self.lip_depth_mm
 
     @property

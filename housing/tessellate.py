@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tacbench_cad.errors import CheckFailedError, InputError
 from tacbench_cad.mesh import Mesh
+from tacbench_cad.triangulation import triangulate
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
@@ -42,49 +43,26 @@ def tessellate(shape: TopoDS_Shape, deflection_mm: float = DEFLECTION_MM) -> Mes
     """
     if not (np.isfinite(deflection_mm) and deflection_mm > 0.0):
         raise InputError("deflection", deflection_mm, "must be a positive number of mm")
-    nodes, triangles = _faces(shape, deflection_mm)
+    _require_simple(shape)
+    nodes, triangles = triangulate(shape, deflection_mm, ANGLE_RAD)
     vertices, triangles = _weld(nodes, triangles)
     _require_closed(vertices, triangles)
     return Mesh(vertices=vertices, triangles=triangles)
 
 
-def _faces(shape: TopoDS_Shape, deflection_mm: float) -> tuple[Floats, Indices]:
-    """Nodes and triangles of all faces, each face with nodes of its own."""
-    from OCP.BRep import BRep_Tool
+def _require_simple(shape: TopoDS_Shape) -> None:
     from OCP.BRepAdaptor import BRepAdaptor_Surface
-    from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
-    from OCP.BRepMesh import BRepMesh_IncrementalMesh
     from OCP.GeomAbs import GeomAbs_SurfaceType as Kind
-    from OCP.TopAbs import TopAbs_Orientation, TopAbs_ShapeEnum
+    from OCP.TopAbs import TopAbs_ShapeEnum
     from OCP.TopExp import TopExp_Explorer
-    from OCP.TopLoc import TopLoc_Location
     from OCP.TopoDS import TopoDS
 
-    # A copy without the meshes of earlier calls: the kernel keeps one on the shape and would hand it out again.
-    own = BRepBuilderAPI_Copy(shape, True, False).Shape()
-    BRepMesh_IncrementalMesh(own, deflection_mm, False, ANGLE_RAD, False)
-    nodes: list[tuple[float, float, float]] = []
-    triangles: list[tuple[int, int, int]] = []
-    explorer = TopExp_Explorer(own, TopAbs_ShapeEnum.TopAbs_FACE)
+    explorer = TopExp_Explorer(shape, TopAbs_ShapeEnum.TopAbs_FACE)
     while explorer.More():
-        face = TopoDS.Face_s(explorer.Current())
+        kind = BRepAdaptor_Surface(TopoDS.Face_s(explorer.Current())).GetType()
         explorer.Next()
-        kind = BRepAdaptor_Surface(face).GetType()
         if kind not in (Kind.GeomAbs_Plane, Kind.GeomAbs_Cylinder, Kind.GeomAbs_Cone):
             raise InputError("shape", None, "only planes, cylinders and cones are meshed here")
-        place = TopLoc_Location()
-        mesh = BRep_Tool.Triangulation_s(face, place)
-        if mesh is None:
-            raise CheckFailedError("the CAD kernel left a face of the fixture without a mesh")
-        first, move = len(nodes), place.Transformation()
-        for i in range(1, mesh.NbNodes() + 1):
-            point = mesh.Node(i).Transformed(move)
-            nodes.append((point.X(), point.Y(), point.Z()))
-        reverse = face.Orientation() == TopAbs_Orientation.TopAbs_REVERSED
-        for i in range(1, mesh.NbTriangles() + 1):
-            a, b, c = (first + k - 1 for k in mesh.Triangle(i).Get())
-            triangles.append((a, c, b) if reverse else (a, b, c))
-    return np.array(nodes, dtype=np.float64).reshape(-1, 3), np.array(triangles, dtype=np.int32).reshape(-1, 3)
 
 
 def _weld(nodes: Floats, triangles: Indices) -> tuple[Floats, Indices]:

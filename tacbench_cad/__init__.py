@@ -18,11 +18,18 @@ True
 ``print(block)`` is its dimension report; a holder and a jig print theirs. A texture of your own is a name and a sum of
 waves ``A sin(f u + g v + phase)``:
 
->>> from tacbench_cad.textures import Texture
->>> from tacbench_cad.waves import Wave, WaveSum
->>> diagonal = Texture(name="diagonal", equation="sin(u + v)", waves=WaveSum((Wave(amplitude=1.0, f=1.0, g=1.0),)))
->>> Block.of(diagonal, height_mm=5.0).base_mm
-3.0
+>>> from tacbench_cad.textures import Texture, plane_waves
+>>> weave = Texture(name="weave", waves=plane_waves((0.7, 1.0, 0.5), (0.7, 1.0, -0.5)))
+>>> weave.equation
+'0.7 sin(u + 0.5v) + 0.7 sin(u - 0.5v)'
+>>> Block.of(weave, scale=2.0).size_mm
+(46.6, 60.0)
+
+From there to files that can be printed, each read back and checked against the formula::
+
+    from tacbench_cad.printset import Request, build
+
+    print(build(Request(textures=(weave,), parts=("blocks",))))
 
 What the commands do, in Python:
 
@@ -30,6 +37,7 @@ What the commands do, in Python:
 * ``tacbench check``: :func:`tacbench_cad.verify.verify` for a part of ours, :mod:`tacbench_cad.identify` for any file
 * ``tacbench export``: :mod:`tacbench_cad.assets`, one module a simulator
 * ``tacbench show`` and ``view``: :mod:`tacbench_cad.pictures`, :mod:`tacbench_cad.viewing.page`
+* ``tacbench plate`` and ``slice-check``: :mod:`tacbench_cad.printing`
 * ``tacbench acquire``, ``simulate``, ``variance``, ``classify`` ...: :mod:`tacbench_cad.lab`, without CAD packages
 
 Where to look:
@@ -39,7 +47,8 @@ Where to look:
 * :mod:`tacbench_cad.block`: a texture at a size in mm: the one mapping from the formula to the part
 * :mod:`tacbench_cad.protocol`: where and how hard the sensor presses
 * :mod:`tacbench_cad.part`, :mod:`tacbench_cad.block_part`: everything printable, with what its files must satisfy
-* :mod:`tacbench_cad.cq`, :mod:`tacbench_cad.b3d`: blocks in CadQuery and in build123d
+* :mod:`tacbench_cad.cq`, :mod:`tacbench_cad.b3d`: blocks in CadQuery and in build123d; :mod:`tacbench_cad.snapshot`:
+  a picture of any of their objects, without a window
 * :mod:`housing.holder`, :mod:`housing.jig`, :mod:`housing.coupon`: the printed fixtures; :mod:`housing.b3d`: holder and
   jig as build123d parts with joints, and the whole set put together
 * :mod:`tacbench_cad.export`: the file formats

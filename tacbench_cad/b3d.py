@@ -1,5 +1,7 @@
 """build123d: texture blocks as parts.
 
+A plate with four blocks and a hole::
+
     from build123d import BuildPart, GridLocations, Mode, Cylinder
     from tacbench_cad.b3d import TextureBlock
 
@@ -38,7 +40,7 @@ from tacbench_cad.textures import Texture
 
 
 class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not typed for mypy
-    """Part Object: Texture Block
+    """Part Object: Texture Block.
 
     A block whose top is a texture, within a proved distance of its formula. ``.block`` is its specification, its
     label is the block's name. The joint ``underside`` is the block frame: the lower corner of the underside, z up.

@@ -220,19 +220,19 @@ class Block:
 
     @property
     def formula_datum_mm(self) -> float:
-        """z at which the formula's zero lies when the formula's highest point lies at :attr:`height_mm`."""
+        """Height z of the formula's zero when the formula's highest point lies at :attr:`height_mm`, in mm."""
         return self.height_mm - self.extremes.high
 
     @cached_property
     def datum_mm(self) -> float:
-        """z at which the formula's zero lies in the mesh: on a sample grid its highest vertex is at the height."""
+        """Height z of the formula's zero in the mesh, in mm: on a sample grid its highest vertex is at the height."""
         if isinstance(self.sampling, Tolerance):
             return self.formula_datum_mm
         return self.height_mm - highest_sample(self.surface, self.samples_mm, self.keep)
 
     @property
     def solid_datum_mm(self) -> float:
-        """z of the formula's zero in the solid: the grid's for ``released`` on its grid, else the formula's."""
+        """Height z of the formula's zero in the solid, in mm: the grid's for ``released``, else the formula's."""
         return self.datum_mm if self.preset == "released" else self.formula_datum_mm
 
     @property
@@ -268,7 +268,15 @@ class Block:
         return f * x / (self.sampling.nx - 1) > math.pi or g * y / (self.sampling.ny - 1) > math.pi
 
     def height_at(self, x: ArrayLike, y: ArrayLike) -> Floats:
-        """The formula's z in mm at (x, y) in mm, with the mesh's datum."""
+        """The formula's height above the underside, with the mesh's datum.
+
+        Args:
+            x: Places along x in mm, from 0 at the block's corner.
+            y: Places along y in mm; must broadcast with ``x``.
+
+        Returns:
+            z in mm, of the broadcast shape.
+        """
         return self.datum_mm + self.surface(x, y)
 
     @cached_property

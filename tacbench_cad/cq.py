@@ -1,5 +1,7 @@
 """CadQuery: texture blocks in a chain.
 
+Two blocks side by side::
+
     import cadquery as cq
     from tacbench_cad.block import Block
     from tacbench_cad.cq import texture_block

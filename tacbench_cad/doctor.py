@@ -55,7 +55,12 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
-    """Everything that was found."""
+    """Everything that was found.
+
+    Args:
+        packages: A row for each package: its name, version and extra.
+        findings: What was tried, and whether it works.
+    """
 
     packages: tuple[dict[str, Any], ...]
     findings: tuple[Finding, ...]

@@ -66,6 +66,11 @@ def nearest(word: str, allowed: Iterable[str]) -> str:
 def one_of(field: str, word: str, allowed: Iterable[str]) -> str:
     """The word, if it is allowed.
 
+    Args:
+        field: What it stands for, for the message.
+        word: What was given.
+        allowed: What may be given.
+
     Raises:
         InputError: It is not; the message names the nearest one.
     """

@@ -42,7 +42,13 @@ class Extremes:
 
 @dataclass(frozen=True)
 class HalfPlane:
-    """The points with ``a u + b v <= c``."""
+    """The points with ``a u + b v <= c``.
+
+    Args:
+        a: Coefficient of u.
+        b: Coefficient of v.
+        c: The bound.
+    """
 
     a: float
     b: float
@@ -74,13 +80,17 @@ def clipped_rectangle(
 class Function1D(Protocol):
     """A function of one variable with derivatives."""
 
-    def __call__(self, t: ArrayLike, order: int = 0) -> Floats: ...
+    def __call__(self, t: ArrayLike, order: int = 0) -> Floats:
+        """Values of the derivative of an order at some places; the shape is that of ``t``."""
+        ...
 
 
 class Function2D(Protocol):
     """A function of two variables with partial derivatives."""
 
-    def __call__(self, u: ArrayLike, v: ArrayLike, order: tuple[int, int] = (0, 0)) -> Floats: ...
+    def __call__(self, u: ArrayLike, v: ArrayLike, order: tuple[int, int] = (0, 0)) -> Floats:
+        """Values of a partial derivative at some places; the shape is that of ``u`` and ``v`` together."""
+        ...
 
 
 def search_interval(function: Function1D, second: float, low: float, high: float, error: float) -> Extremes:

@@ -1,6 +1,6 @@
 """Our own glyphs: straight strokes on a small square grid, so that labels need no font of the system.
 
-A glyph is six units high; its strokes are polylines between grid points, drawn with a pen of :data:`STROKE_MM`. One
+A glyph is six units high; its strokes are polylines between grid points, drawn with a pen of 0.8 mm. One
 unit is ``(height - pen) / 6``, so the pen keeps its width at every height. Strokes run along an axis or at 45
 degrees only; bars that lie above each other are three units apart, which leaves ``height / 2 - 1.2`` mm between them:
 0.4 mm, a nozzle's width, from a height of 3.2 mm up, and 0.3 mm at the least height of 3 mm.

@@ -2,12 +2,16 @@
 
 The origin may lie anywhere and the block may be turned by quarter turns. A file of ours says what it is (see
 :mod:`tacbench_cad.checks.claim`) and is held to it; another is compared with all that is known, and the nearest named.
+In a plate or an assembly, a 3MF of several objects or a STEP of several parts, each body is examined so by itself.
 """
 
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,6 +28,11 @@ from tacbench_cad.mesh import Mesh
 from tacbench_cad.naming import decimal
 from tacbench_cad.sampling import Tolerance
 from tacbench_cad.textures import Texture
+
+if TYPE_CHECKING:
+    from OCP.TopoDS import TopoDS_Shape
+
+    from tacbench_cad.checks.solidcheck import Measured
 
 #: A residual above this share of the relief's own spread means that no texture was found, not that one is wrong.
 UNLIKE = 0.5
@@ -66,33 +75,75 @@ def examine(
         return Report(path=path, checks=(Check(name="file", ok=False, detail=str(error).removeprefix(f"{path}: ")),))
 
 
-def _with_claim(wanted: Wanted, path: Path, metadata: dict[str, str] | None) -> Wanted:
-    return Wanted(texture=wanted.texture, preset=wanted.preset, scale=wanted.scale, claim=claimed_name(path, metadata))
+@dataclass(frozen=True, kw_only=True)
+class _Body:
+    """One of the bodies in a file.
+
+    Args:
+        name: What the file calls it; empty where it has no name for it.
+        checks: What has nothing to do with textures.
+        look: Its shape; None where it is not one body after all.
+    """
+
+    name: str
+    checks: list[Check]
+    look: Look | None
+
+    @property
+    def is_block(self) -> bool:
+        """Whether it has a relief over its top."""
+        return self.look is not None and self.look.is_block
+
+    def examine(self, wanted: Wanted) -> tuple[list[Check], float | None]:
+        """All its checks, and how far it is from its formula."""
+        if self.look is None:
+            return self.checks, None
+        found, deviation = _identity(self.look, wanted)
+        return [*self.checks, *found], deviation
+
+
+def _examine_bodies(bodies: Sequence[_Body], wanted: Wanted, claim: str | None) -> tuple[list[Check], float | None]:
+    """The checks of a file's bodies, where there are several each under its name, and the largest deviation.
+
+    Of several bodies the blocks are held to what is asked; the others may be fixtures.
+    """
+    if len(bodies) == 1:
+        return bodies[0].examine(replace(wanted, claim=claim))
+    blocks = sum(body.is_block for body in bodies)
+    detail = f"{len(bodies)}, {blocks} of them with a relief; each is examined by itself"
+    checks = [Check(name="bodies", ok=wanted.is_open or blocks > 0, detail=detail)]
+    deviations = []
+    for number, body in enumerate(bodies, start=1):
+        # A file of ours calls each body by its part's name; what follows after a blank says where it is.
+        own = body.name.partition(" ")[0] if claim is not None else None
+        found, deviation = body.examine(replace(wanted, claim=own) if body.is_block else Wanted(claim=own))
+        checks += [replace(check, name=f"{body.name or f'body {number}'}: {check.name}") for check in found]
+        deviations += [] if deviation is None else [deviation]
+    return checks, max(deviations, default=None)
 
 
 def _examine_mesh(path: Path, wanted: Wanted, full: bool | None) -> Report:
     metadata: dict[str, str] | None = None
     if format_of(path).name == "3mf":
-        from tacbench_cad.export.threemf import read_3mf
+        from tacbench_cad.export.threemf import read_parts
 
-        mesh, metadata = read_3mf(path)
+        parts, metadata = read_parts(path)
+        mesh = Mesh.joined([one for _, one in parts])
     else:
         mesh = meshcheck.read_mesh(path)
+        parts = [("", mesh)]
     checks = _mesh_soundness(mesh)
+    bodies = [_mesh_body(name, one) for name, one in parts]
+    found, deviation = _examine_bodies(bodies, wanted, claimed_name(path, metadata))
+    return Report.of_mesh(path, mesh, [*checks, *found, *_full(mesh, full)], deviation)
+
+
+def _mesh_body(name: str, mesh: Mesh) -> _Body:
     pieces = meshcheck.bodies(mesh)
-    deviation = None
     if pieces == 1:
-        found, deviation = _identity(look_at_mesh(mesh), _with_claim(wanted, path, metadata))
-        checks += found
-    else:
-        checks.append(_several(pieces))
-    checks += _full(mesh, full)
-    return Report.of_mesh(path, mesh, checks, deviation)
-
-
-def _several(pieces: int) -> Check:
-    detail = f"{pieces} separate bodies, a plate or an assembly; check the file of each"
-    return Check(name="bodies", ok=False, detail=detail)
+        return _Body(name=name, checks=[], look=look_at_mesh(mesh))
+    detail = f"{pieces} separate bodies, and nothing that says what each is; check the file of each"
+    return _Body(name=name, checks=[Check(name="bodies", ok=False, detail=detail)], look=None)
 
 
 def _mesh_soundness(mesh: Mesh) -> list[Check]:
@@ -112,8 +163,9 @@ def _mesh_soundness(mesh: Mesh) -> list[Check]:
     inside_out = "" if volume > 0.0 else "inside out: all triangles face inwards; "
     checks.append(Check(name="volume", ok=volume > 0.0, detail=f"{inside_out}{volume:.6g} mm^3"))
     solidity = meshcheck.solidity(mesh)
-    holes = f", {solidity.genus} through holes" if solidity.status == "NoError" else ": not manifold"
     ok = solidity.status == "NoError"
+    # The genus is one less for every further body.
+    holes = f", {solidity.genus + meshcheck.bodies(mesh) - 1} through holes" if ok else ": not manifold"
     checks.append(Check(name="manifold", ok=ok, detail=f"manifold3d: {solidity.status}{holes}"))
     return checks
 
@@ -129,29 +181,36 @@ def _full(mesh: Mesh, full: bool | None) -> list[Check]:
 
 def _examine_solid(path: Path, wanted: Wanted) -> Report:
     from tacbench_cad.checks import solidcheck
-    from tacbench_cad.export.step import read_step
+    from tacbench_cad.export.step import read_parts, read_step
 
     shape = read_step(path)
-    checks = [Check(name="file", ok=True, detail="read by the kernel"), *solidcheck.solid_checks(shape)]
-    measured = solidcheck.measure(shape)
-    solids = solidcheck.count(shape, "SOLID")
-    volume = measured.volume_mm3
-    holes = f", {solidcheck.genus(shape)} through holes" if solids == 1 else ""
-    detail = f"{volume:.6g} mm^3{holes}" + ("" if volume > 0.0 else ": inside out or empty")
-    checks.append(Check(name="volume", ok=volume > 0.0, detail=detail))
-    deviation = None
-    if solids == 1:
-        look = look_at_solid(shape, measured.low_mm, measured.high_mm)
-        found, deviation = _identity(look, _with_claim(wanted, path, None))
-        checks += found
-    elif solids > 1:
-        checks.append(_several(solids))
+    parts = read_parts(path) if solidcheck.count(shape, "SOLID") > 1 else [("", shape)]
+    measured = [solidcheck.measure(one) for _, one in parts]
+    bodies = [_solid_body(name, one, own) for (name, one), own in zip(parts, measured, strict=True)]
+    found, deviation = _examine_bodies(bodies, wanted, claimed_name(path))
+    low, high = np.min([own.low_mm for own in measured], axis=0), np.max([own.high_mm for own in measured], axis=0)
+    whole = solidcheck.Measured(volume_mm3=sum(own.volume_mm3 for own in measured), low_mm=low, high_mm=high)
     return Report(
         path=path,
-        checks=tuple(checks),
+        checks=(Check(name="file", ok=True, detail="read by the kernel"), *found),
         deviation_mm=deviation,
-        volume_mm3=volume,
-        size_mm=measured.size_mm,
+        volume_mm3=whole.volume_mm3,
+        size_mm=whole.size_mm,
+    )
+
+
+def _solid_body(name: str, shape: TopoDS_Shape, measured: Measured) -> _Body:
+    from tacbench_cad.checks import solidcheck
+
+    single = solidcheck.count(shape, "SOLID") == 1
+    volume = measured.volume_mm3
+    holes = f", {solidcheck.genus(shape)} through holes" if single else ""
+    detail = f"{volume:.6g} mm^3{holes}" + ("" if volume > 0.0 else ": inside out or empty")
+    checks = [*solidcheck.solid_checks(shape), Check(name="volume", ok=volume > 0.0, detail=detail)]
+    return _Body(
+        name=name,
+        checks=checks,
+        look=look_at_solid(shape, measured.low_mm, measured.high_mm) if single else None,
     )
 
 

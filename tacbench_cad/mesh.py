@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,21 @@ class Mesh:
 
     vertices: Floats
     triangles: Indices
+
+    @classmethod
+    def joined(cls, meshes: Sequence[Mesh]) -> Mesh:
+        """Some meshes as one, the vertices and the triangles of each after those of the one before."""
+        ends = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])[:-1].tolist()
+        triangles = [mesh.triangles + np.int32(end) for mesh, end in zip(meshes, ends, strict=True)]
+        return cls(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(triangles))
+
+    def moved(self, matrix: Floats) -> Mesh:
+        """The mesh at another place. Its coordinates need not be float32 values any more.
+
+        Args:
+            matrix: Homogeneous, shape (4, 4), in mm.
+        """
+        return Mesh(self.vertices @ matrix[:3, :3].T + matrix[:3, 3], self.triangles)
 
     @property
     def corners(self) -> Floats:

@@ -2,20 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-import numpy as np
+from collections.abc import Mapping, Sequence
 
 
 def decimal(value: float) -> str:
     """The shortest decimals that give the number back exactly, without an exponent: ``0.5``, ``1``, ``0.00001``."""
+    import numpy as np
+
     return np.format_float_positional(value, trim="-")
 
 
-def report(title: str, lines: Mapping[str, str]) -> str:
-    """A dimension report: the title, then one aligned line for each entry."""
-    width = max(len(name) for name in lines)
-    return "\n".join([title, *(f"  {name:<{width}}  {value}" for name, value in lines.items())])
+def counted(number: int, what: str) -> str:
+    """How many of something: ``1 run``, ``2,400 presses``.
+
+    Args:
+        number: How many.
+        what: One of them, regular in the plural.
+    """
+    ending = "" if number == 1 else "es" if what.endswith("s") else "s"
+    return f"{number:,} {what}{ending}"
+
+
+def report(title: str, lines: Mapping[str, str] | Sequence[tuple[str, str]]) -> str:
+    """A dimension report: the title, then one aligned line for each entry.
+
+    Args:
+        title: First line.
+        lines: Names and what is said of them.
+    """
+    pairs = list(lines.items()) if isinstance(lines, Mapping) else lines
+    width = max((len(name) for name, _ in pairs), default=0)
+    return "\n".join([title, *(f"  {name:<{width}}  {value}" for name, value in pairs)])
 
 
 def mm(*values: float) -> str:

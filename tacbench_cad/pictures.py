@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.files import replacing
 from tacbench_cad.mesh import Mesh
+from tacbench_cad.part import COLOURS, Part
 from tacbench_cad.plotting import only_style
 from tacbench_cad.protocol import FORCES_N, PressGrid, contact_radius_mm
 from tacbench_cad.render import BELOW, render
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from tacbench_cad.block import Block
+    from tacbench_cad.making.assembly import Assembly
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -43,9 +46,23 @@ _STYLE = {
     "axes.titlesize": 9.0,
     "xtick.direction": "out",
 }
+#: Dots per inch of a picture.
 DPI = 150
 #: A hollow in the underside that is shallower than this is an engraving, in mm.
 _ENGRAVED_MM = 1.0
+
+
+class _Tile(NamedTuple):
+    """A place on a sheet: width and height in pixels, and the size of its caption's letters."""
+
+    width: int
+    height: int
+    font: float
+
+
+#: For the picture of a single part, for the catalogue, for sheets of up to 16 parts, and for longer ones.
+_LARGE, _CATALOGUE = _Tile(1080, 620, 15.0), _Tile(420, 320, 12.0)
+_MIDDLE, _SMALL = _Tile(420, 320, 10.0), _Tile(300, 230, 7.5)
 
 
 def preview_sheet(items: Sequence[tuple[str, Mesh]], path: Path) -> None:
@@ -59,25 +76,71 @@ def preview_sheet(items: Sequence[tuple[str, Mesh]], path: Path) -> None:
         MissingToolError: matplotlib is not installed.
         InputError: The file cannot be written.
     """
+    tile = _MIDDLE if _columns(len(items)) <= 4 else _SMALL
     with styled():
-        _draw_sheet(items, path)
+        _draw_sheet([(caption, partial(_both_sides, mesh)) for caption, mesh in items], path, tile)
 
 
-def _draw_sheet(items: Sequence[tuple[str, Mesh]], path: Path) -> None:
+def part_picture(part: Part, path: Path) -> None:
+    """Draw one part, large, with its title and its size; where its underside is engraved, that side as well.
+
+    Args:
+        part: The part.
+        path: The PNG file.
+
+    Raises:
+        MissingToolError: matplotlib is not installed, or a fixture's CAD kernel.
+        InputError: The file cannot be written.
+    """
+    mesh = part.mesh[0] if part.block is None else _fine_mesh(part.block)
+    with styled():
+        _draw_sheet([(f"{part.title}\n{part.name}", partial(_both_sides, mesh))], path, _LARGE)
+
+
+def assembly_picture(assembly: Assembly, path: Path, apart_mm: float = 0.0) -> None:
+    """Draw holder, blocks and jig where they are used, each kind of part in its own colour.
+
+    Args:
+        assembly: What goes together.
+        path: The PNG file.
+        apart_mm: How far the blocks are lifted off the holder, and the jig off the blocks, in mm.
+
+    Raises:
+        MissingToolError: matplotlib or the CAD kernel is not installed.
+        InputError: The file cannot be written.
+    """
+    meshes, colours = [], []
+    for part, matrix in assembly.placed():
+        mesh = part.mesh[0] if part.block is None else _fine_mesh(part.block)
+        lift = np.eye(4)
+        lift[2, 3] = apart_mm * ("holder", "block", "jig").index(part.kind)
+        meshes.append(mesh.moved(lift @ matrix))
+        colour = np.array([COLOURS[part.kind] >> shift & 0xFF for shift in (16, 8, 0)])
+        colours.append(np.tile((colour / 255.0) ** 2.2, (len(mesh.triangles), 1)))
+    whole = Mesh.joined(meshes)
+
+    def draw(width: int, height: int) -> Image:
+        return render(whole, width, height, materials=np.concatenate(colours))
+
+    with styled():
+        _draw_sheet([(f"{assembly.title}\n{assembly.name}", draw)], path, _LARGE)
+
+
+def _draw_sheet(items: Sequence[tuple[str, Callable[[int, int], Image]]], path: Path, tile: _Tile) -> None:
+    """A sheet of pictures with captions, each picture drawn at the width and height of a tile in pixels."""
     columns = _columns(len(items))
     rows = max(1, math.ceil(len(items) / columns))
-    width, height = (420, 320) if columns <= 4 else (300, 230)
+    width, height, font = tile
     lines = max((caption.count("\n") + 1 for caption, _ in items), default=1)
-    band, gap, dpi = 18 * lines + 10, 22, 100
+    band, gap, dpi = round(max(18.0, 1.9 * font)) * lines + 10, 22, 100
     total = (columns * (width + gap) + gap, rows * (height + band + gap) + gap)
     sheet = np.full((total[1], total[0], 3), 255, dtype=np.uint8)
     figure = new_figure((total[0] / dpi, total[1] / dpi), dpi)
-    for i, (caption, mesh) in enumerate(items):
+    for i, (caption, draw) in enumerate(items):
         left, top = gap + (i % columns) * (width + gap), gap + (i // columns) * (height + band + gap)
-        sheet[top : top + height, left : left + width] = _both_sides(mesh, width, height)
+        sheet[top : top + height, left : left + width] = draw(width, height)
         x, y = (left + width / 2) / total[0], 1.0 - (top + height + 8) / total[1]
-        size = 9.0 if columns <= 4 else 7.5
-        figure.text(x, y, caption, ha="center", va="top", fontsize=size, color=INK, linespacing=1.35)
+        figure.text(x, y, caption, ha="center", va="top", fontsize=font, color=INK, linespacing=1.35)
     figure.figimage(sheet, 0, 0, origin="upper")
     save_picture(figure, path, dpi)
 
@@ -114,8 +177,10 @@ def catalogue_picture(blocks: Sequence[Block], path: Path) -> None:
     for block in blocks:
         x, y = block.size_mm
         size = f"{x:g} x {y:g} x {block.height_mm:g} mm, relief {block.relief_mm:.2f} mm"
-        items.append((f"{_title(block)}\n{_equation(block, 48)}\n{size}", _fine_mesh(block)))
-    preview_sheet(items, path)
+        draw = partial(_both_sides, _fine_mesh(block))
+        items.append((f"{_title(block)}\n{_equation(block, 42)}\n{size}", draw))
+    with styled():
+        _draw_sheet(items, path, _CATALOGUE)
 
 
 @contextlib.contextmanager
@@ -274,7 +339,7 @@ def _cuts_figure(block: Block) -> Figure:
     box = axes.get_position()
     bar = figure.colorbar(scale, cax=figure.add_axes((box.x1 + 0.012, box.y0, 0.014, box.height)))
     bar.set_label("height z (mm)")
-    left = box.x1 + 0.125
+    left = box.x1 + 0.14
     _portrait(figure, block, (left, 0.53, 0.985 - left, 0.40))
     x, y = (np.linspace(0.0, side, 4001) for side in block.size_mm)
     _cut_panel(figure, block, (left, 0.335, 0.985 - left, 0.155), "x", x, cut_y, ORANGE, "dashed")
@@ -317,7 +382,7 @@ def _cut_panel(
 
 
 def _crest(block: Block) -> tuple[float, float]:
-    """x and y of the crest nearest to the block's middle, of those within 0.1 % of the relief of the highest."""
+    """Place (x, y) of the crest nearest to the block's middle, of those within 0.1 % of the relief of the highest."""
     x, y, z = _heights(block)
     i, j = np.nonzero(z >= np.nanmax(z) - 0.001 * block.relief_mm)
     nearest = int(np.argmin(np.hypot(x[i] - block.size_mm[0] / 2.0, y[j] - block.size_mm[1] / 2.0)))

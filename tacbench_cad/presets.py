@@ -11,12 +11,21 @@ from tacbench_cad.sampling import SampleGrid, Tolerance
 from tacbench_cad.textures import BlockTable
 
 Preset = Literal["paper", "released"]
+#: Names of the presets.
 PRESETS: tuple[str, ...] = ("paper", "released")
 
 
 @dataclass(frozen=True, kw_only=True)
 class PresetValues:
-    """What a preset says of its blocks, before any option."""
+    """What a preset says of its blocks, before any option.
+
+    Args:
+        size_mm: Sides x, y in mm.
+        height_mm: Height of the highest point in mm.
+        mm_per_unit: Millimetres per unit of u, v and height.
+        grid: The sample grid of ``--grid``.
+        sampling: How meshes follow the formula.
+    """
 
     size_mm: tuple[float, float]
     height_mm: float
@@ -27,6 +36,7 @@ class PresetValues:
 
 _PAPER_GRID = SampleGrid(nx=189, ny=201)
 _RELEASED_GRID = SampleGrid(nx=294, ny=301)
+#: What each preset is made of.
 VALUES = {
     "paper": PresetValues(
         size_mm=(23.3, 30.0),

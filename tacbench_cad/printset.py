@@ -15,10 +15,12 @@ from tacbench_cad.errors import InputError, MissingToolError, TacbenchError
 from tacbench_cad.files import TEMPORARY_PREFIX, locked
 from tacbench_cad.making import manifest
 from tacbench_cad.making.assembly import make_assembly
+from tacbench_cad.making.plan import LeftOut, Plan
 from tacbench_cad.making.request import Request, plan
-from tacbench_cad.making.sources import LeftOut, Plan, Source
+from tacbench_cad.making.sources import Source
 from tacbench_cad.making.writing import Failure, Made, file_name, make_files, make_in_child
 from tacbench_cad.mesh import Mesh
+from tacbench_cad.naming import report
 from tacbench_cad.tools import why_missing
 from tacbench_cad.workers import Workers, cpu_count, why_not_importable
 
@@ -59,6 +61,17 @@ class Result:
     def ok(self) -> bool:
         """Whether everything that was made passed its checks."""
         return not self.failures
+
+    def __str__(self) -> str:
+        """A line for each file: how far it is from its formula, or what is wrong with it; then what was left out."""
+        lines = []
+        for row in self.rows:
+            deviation = row["deviation_mm"]
+            far = "" if deviation is None else f", {deviation:.2g} mm from the formula at most"
+            lines.append((str(row["file"]), f"{len(row['checks'])} checks passed{far}"))
+        lines += [(one.file, f"not made: {'; '.join(one.faults)}") for one in self.failures]
+        lines += [(one.what, f"left out: {one.reason}") for one in self.left_out]
+        return report(f"{len(self.rows)} file{'' if len(self.rows) == 1 else 's'} in {self.out}", lines)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""

@@ -26,6 +26,7 @@ REPEATS = 2
 PER_SIDE = 5
 #: Outer radius of the sensor's dome and its foundation's stiffness: calibration constants of one TacTip, not laws.
 DOME_RADIUS_MM = 20.0
+#: Stiffness of the dome's foundation, in N/mm^3: as measured on one TacTip.
 FOUNDATION_N_PER_MM3 = 0.0105
 
 

@@ -57,7 +57,9 @@ ABOVE = Camera()
 BELOW = Camera(azimuth_deg=-90.0, elevation_deg=-78.0)
 
 
-def render(mesh: Mesh, width: int, height: int, camera: Camera = ABOVE) -> NDArray[np.uint8]:
+def render(
+    mesh: Mesh, width: int, height: int, camera: Camera = ABOVE, materials: Floats | None = None
+) -> NDArray[np.uint8]:
     """A shaded picture of a mesh on a white ground, as large as it fits.
 
     Args:
@@ -65,6 +67,7 @@ def render(mesh: Mesh, width: int, height: int, camera: Camera = ABOVE) -> NDArr
         width: Pixels across.
         height: Pixels down.
         camera: Where it is seen from.
+        materials: Linear colour of each triangle under full light, shape (m, 3); None for one material.
 
     Returns:
         RGB image, shape (height, width, 3).
@@ -77,8 +80,13 @@ def render(mesh: Mesh, width: int, height: int, camera: Camera = ABOVE) -> NDArr
     centre = (low + high) / 2.0
     points = (seen - centre) * pixels_per_mm * np.array([1.0, -1.0, 1.0]) + np.array([w / 2.0, h / 2.0, 0.0])
     depth, owner = _raster(points, mesh.triangles, w, h)
-    light, cover = _averaged(_light(depth, owner, mesh, axes)), _averaged((owner >= 0).astype(np.float64))
-    image = light[:, :, None] * np.array(_MATERIAL) + (1.0 - cover[:, :, None])
+    light, cover = _light(depth, owner, mesh, axes), _averaged((owner >= 0).astype(np.float64))
+    if materials is None:
+        image = _averaged(light)[:, :, None] * np.array(_MATERIAL)
+    else:
+        # Where nothing is, the light is 0 and the last triangle's colour does not matter.
+        image = np.stack([_averaged(light * channel[owner]) for channel in materials.T], axis=2)
+    image += 1.0 - cover[:, :, None]
     return np.asarray(np.rint(255.0 * np.clip(image, 0.0, 1.0) ** (1.0 / 2.2)), dtype=np.uint8)
 
 

@@ -19,6 +19,7 @@ class Required:
     """Stands in a default's place where a key may not be left out."""
 
 
+#: Stands for a default where there is none: the key has to be there.
 REQUIRED = Required()
 
 
@@ -76,7 +77,15 @@ class Table:
         return self
 
     def table(self, key: str, required: bool = True) -> Table:
-        """The table under a key; an empty one where it may be, and is, left out."""
+        """The table under a key.
+
+        Args:
+            key: The key.
+            required: Whether it must be there; else an empty one stands for it.
+
+        Raises:
+            InputError: There is none, or it is no table.
+        """
         found = self.values.get(key, None if required else {})
         if not isinstance(found, Mapping):
             raise InputError(f"[{key}]", None, "such a table is needed" if found is None else "must be a table")
@@ -90,7 +99,16 @@ class Table:
         return [Table(one, f"{self.where}[[{key}]] {i}: ") for i, one in enumerate(found, start=1)]
 
     def text(self, key: str, default: str | Required | None = REQUIRED, allowed: Iterable[str] = ()) -> Any:
-        """A text, one of the allowed ones if any are named."""
+        """A text.
+
+        Args:
+            key: The key.
+            default: What holds where the key is left out; without one it is needed.
+            allowed: The texts that are allowed; none for any.
+
+        Raises:
+            InputError: The value is missing or not of this kind.
+        """
         value = self._get(key, default, "a text")
         if value is default:
             return value
@@ -106,12 +124,32 @@ class Table:
         least: float = -math.inf,
         most: float = math.inf,
     ) -> Any:
-        """A finite number between two bounds, both allowed."""
+        """A finite number between two bounds.
+
+        Args:
+            key: The key.
+            default: What holds where the key is left out; without one it is needed.
+            least: The lower bound, itself allowed.
+            most: The upper bound, itself allowed.
+
+        Raises:
+            InputError: The value is missing or not of this kind.
+        """
         value = self._get(key, default, "a finite number")
         return value if value is default else self._finite(key, value, least, most)
 
     def whole(self, key: str, default: int | Required | None = REQUIRED, least: int = 0, most: int = 2**31) -> Any:
-        """A whole number between two bounds, both allowed."""
+        """A whole number between two bounds.
+
+        Args:
+            key: The key.
+            default: What holds where the key is left out; without one it is needed.
+            least: The lower bound, itself allowed.
+            most: The upper bound, itself allowed.
+
+        Raises:
+            InputError: The value is missing or not of this kind.
+        """
         value = self._get(key, default, "a whole number")
         if value is default:
             return value
@@ -120,21 +158,48 @@ class Table:
         return value
 
     def flag(self, key: str, default: bool | Required | None = REQUIRED) -> Any:
-        """True or false."""
+        """True or false.
+
+        Args:
+            key: The key.
+            default: What holds where the key is left out; without one it is needed.
+
+        Raises:
+            InputError: The value is missing or not of this kind.
+        """
         value = self._get(key, default, "true or false")
         if value is not default and not isinstance(value, bool):
             raise InputError(f"{self.where}{key}", value, "must be true or false")
         return value
 
     def numbers(self, key: str, count: int | None, default: tuple[float, ...] | Required | None = REQUIRED) -> Any:
-        """A list of finite numbers as a tuple: ``count`` of them, or any number above 0 for None."""
+        """A list of finite numbers as a tuple.
+
+        Args:
+            key: The key.
+            count: How many; None for one or more.
+            default: What holds where the key is left out; without one it is needed.
+
+        Raises:
+            InputError: The value is missing or not of this kind.
+        """
         value = self._get(key, default, "a list of numbers")
         if value is default:
             return value
         return self._list(key, value, count)
 
     def rows(self, key: str, count: int | None, width: int, default: Any = REQUIRED) -> Any:
-        """A list of lists of ``width`` finite numbers, as tuples."""
+        """A list of lists of finite numbers, as tuples.
+
+        Args:
+            key: The key.
+            count: How many lists; None for one or more.
+            width: Numbers in each.
+            default: What holds where the key is left out; without one it is needed.
+
+        Raises:
+            InputError: The value is missing or not of this kind.
+        """
         value = self._get(key, default, "a list of lists of numbers")
         if value is default:
             return value
@@ -144,7 +209,15 @@ class Table:
         return tuple(self._list(key, row, width) for row in value)
 
     def texts(self, key: str, default: tuple[str, ...] | Required | None = REQUIRED) -> Any:
-        """A list of texts (whole numbers count as texts) as a tuple."""
+        """A list of texts as a tuple; whole numbers count as texts.
+
+        Args:
+            key: The key.
+            default: What holds where the key is left out; without one it is needed.
+
+        Raises:
+            InputError: The value is missing or not of this kind.
+        """
         value = self._get(key, default, "a list of texts")
         if value is default:
             return value

@@ -28,14 +28,17 @@ class Texture:
 
     Args:
         name: Lower-case name, used in file names: ``texture-4``, ``hex``.
-        equation: The formula for people to read.
-        waves: The same formula for everything else.
+        waves: The formula.
+        equation: The same for people to read; left out, it is written from the waves.
         number: 1 to 6 for the paper's own, else None.
+
+    Raises:
+        InputError: The name is not allowed or is taken, or the surface is flat.
     """
 
     name: str
-    equation: str
     waves: WaveSum
+    equation: str = ""
     number: int | None = None
 
     def __post_init__(self) -> None:
@@ -45,10 +48,20 @@ class Texture:
             raise InputError("texture name", self.name, "this name is taken by a part of the print set")
         if all(w.amplitude == 0.0 or (w.f, w.g) == (0.0, 0.0) for w in self.waves.waves):
             raise InputError("texture", self.name, "is flat; at least one wave needs an amplitude and a frequency")
+        if not self.equation:
+            object.__setattr__(self, "equation", str(self.waves))
 
 
-def equation1(A1: float, A2: float, f1: float, f2: float, phase: float) -> WaveSum:  # noqa: N803 (the paper's names)
-    """The paper's first equation, ``A1 sin(f1 u) + A2 sin(f2 v + phase)``."""
+def equation1(A1: float, A2: float, f1: float, f2: float, phase: float = 0.0) -> WaveSum:  # noqa: N803 (the paper's)
+    """The paper's first equation, ``A1 sin(f1 u) + A2 sin(f2 v + phase)``.
+
+    Args:
+        A1: Amplitude along u, in the unit of height.
+        A2: Amplitude along v.
+        f1: Frequency along u, in radians a unit of u.
+        f2: Frequency along v.
+        phase: Phase of the wave along v, in radians.
+    """
     return WaveSum(
         (Wave(amplitude=A1, f=f1, g=0.0, phase=0.0), Wave(amplitude=A2, f=0.0, g=f2, phase=phase)),
     )
@@ -86,6 +99,24 @@ def series(law: Law, N: int, terms: Terms = "highest", axes: Axes = "xy") -> Wav
     return WaveSum(tuple(along_x + along_y))
 
 
+def plane_waves(*waves: tuple[float, float, float] | tuple[float, float, float, float]) -> WaveSum:
+    """Any waves, oblique ones too, each as ``(amplitude, f, g)`` or ``(amplitude, f, g, phase)``.
+
+    >>> print(plane_waves((0.6, 2.0, 1.0), (0.6, 2.0, -1.0)))
+    0.6 sin(2u + v) + 0.6 sin(2u - v)
+
+    Raises:
+        InputError: A wave has another count of numbers, or one that is not finite.
+    """
+    made = []
+    for one in waves:
+        if len(one) not in (3, 4):
+            raise InputError("wave", one, "must be (amplitude, f, g) or (amplitude, f, g, phase)")
+        amplitude, f, g, phase = (*one, 0.0)[:4]
+        made.append(Wave(amplitude=amplitude, f=f, g=g, phase=phase))
+    return WaveSum(tuple(made))
+
+
 def _series_texture(number: int, law: Law, highest: int, axes: Axes) -> Texture:
     weight = "8/pi^2 (-1)^((i-1)/2)/i^2" if law == "triangle" else "4/(pi i)"
     shape = "(sin iu + sin iv)" if axes == "xy" else "sin iu"
@@ -112,7 +143,11 @@ def catalogue(preset: str = "paper") -> tuple[Texture, ...]:
 
 
 def texture(name: str | int, preset: str = "paper") -> Texture:
-    """One of the six by its number or name (``4``, ``"4"``, ``"texture-4"``).
+    """One of the six by its number or name.
+
+    Args:
+        name: ``4``, ``"4"`` or ``"texture-4"``.
+        preset: ``paper`` or ``released``.
 
     Raises:
         InputError: There is no such texture.
@@ -144,7 +179,12 @@ class BlockTable:
 
 @dataclass(frozen=True, kw_only=True)
 class TextureFile:
-    """A texture read from a TOML file, with the block it asks for."""
+    """A texture read from a TOML file, with the block it asks for.
+
+    Args:
+        texture: The texture.
+        block: What the file says of its block.
+    """
 
     texture: Texture
     block: BlockTable = field(default_factory=BlockTable)
@@ -185,8 +225,9 @@ def _texture_file(document: Table) -> TextureFile:
 
 
 def _read_equation1(spec: Table, _: Table) -> tuple[WaveSum, str]:
-    a1, a2, f1, f2, phase = (spec.number(key) for key in _FAMILY_KEYS["equation1"])
-    return equation1(a1, a2, f1, f2, phase), f"{a1:g} sin({f1:g} u) + {a2:g} sin({f2:g} v + {phase:g})"
+    a1, a2, phase = spec.number("A1", 1.0), spec.number("A2", 1.0), spec.number("phase", 0.0)
+    waves = equation1(a1, a2, spec.number("f1"), spec.number("f2"), phase)
+    return waves, str(waves)
 
 
 def _read_series(spec: Table, _: Table) -> tuple[WaveSum, str]:
@@ -200,13 +241,13 @@ def _read_series(spec: Table, _: Table) -> tuple[WaveSum, str]:
 
 
 def _read_waves(_: Table, document: Table) -> tuple[WaveSum, str]:
-    waves = []
+    found = []
     for one in document.tables("wave"):
         one.only("amplitude", "f", "g", "phase")
         amplitude, f, g = (one.number(key) for key in ("amplitude", "f", "g"))
-        waves.append(Wave(amplitude=amplitude, f=f, g=g, phase=one.number("phase", 0.0)))
-    text = " + ".join(f"{w.amplitude:g} sin({w.f:g} u + {w.g:g} v + {w.phase:g})" for w in waves[:3])
-    return WaveSum(tuple(waves)), text + (f" + {len(waves) - 3} more waves" if len(waves) > 3 else "")
+        found.append((amplitude, f, g, one.number("phase", 0.0)))
+    waves = plane_waves(*found)
+    return waves, str(waves)
 
 
 def _read_block(spec: Table) -> BlockTable:

@@ -28,6 +28,7 @@ class Package:
         return version(self.distribution)
 
 
+#: The packages that may be missing, and what brings them.
 PACKAGES: tuple[Package, ...] = (
     Package(distribution="numpy", module="numpy", extra=None, use="all numbers"),
     Package(distribution="scipy", module="scipy", extra=None, use="splines and sparse tables"),

@@ -96,6 +96,10 @@ class Sines:
         """The integral from ``low`` to ``high``, in closed form.
 
         ``integral of sin(k t + c) = (high - low) sin(k mid + c) sinc(k half)``, which stays exact as k goes to 0.
+
+        Args:
+            low: Where it begins, in the units of ``t``.
+            high: Where it ends.
         """
         mid, half = (low + high) / 2.0, (high - low) / 2.0
         means = np.sin(self.frequency * mid + self.phase) * np.sinc(self.frequency * half / math.pi)
@@ -104,7 +108,13 @@ class Sines:
     def extremes(self, low: float, high: float, error: float = EXTREMES_ERROR) -> Extremes:
         """Lowest and highest value over ``[low, high]``, each proved to within ``error``.
 
-        The points are ``(t,)``.
+        Args:
+            low: Where the interval begins, in the units of ``t``.
+            high: Where it ends.
+            error: How far a value may lie from the true one.
+
+        Returns:
+            The values and the points ``(t,)`` at which they are reached.
         """
         return search_interval(self, self.bound(2), low, high, error)
 
@@ -118,6 +128,12 @@ class WaveSum:
     """
 
     waves: tuple[Wave, ...]
+
+    def __str__(self) -> str:
+        """The formula for people, cut short after three waves: ``0.6 sin(2u + v) + sin(2u - v)``."""
+        shown = [w for w in self.waves if w.amplitude != 0.0]
+        text = _joined([(w.amplitude, _sine(w)) for w in shown[:3]]) or "0"
+        return text + (f" + {len(shown) - 3} more waves" if len(shown) > 3 else "")
 
     @cached_property
     def table(self) -> Floats:
@@ -189,7 +205,15 @@ class WaveSum:
         return total
 
     def grid(self, u: Floats, v: Floats) -> Floats:
-        """Values on the grid of ``u`` (n,) and ``v`` (m,); shape (n, m). Much faster than calling with a mesh grid."""
+        """Values on a grid, much faster than calling with a mesh grid.
+
+        Args:
+            u: Shape (n,).
+            v: Shape (m,).
+
+        Returns:
+            Shape (n, m).
+        """
         if self.is_separable:
             return self.along_u(u)[:, None] + self.along_v(v)[None, :]
         amplitude, f, g, phase = self.table.T
@@ -199,16 +223,34 @@ class WaveSum:
         return np.asarray(first + (amplitude * np.cos(along_u)) @ np.sin(along_v).T, dtype=np.float64)
 
     def gradient(self, u: ArrayLike, v: ArrayLike) -> tuple[Floats, Floats]:
-        """Both partial derivatives at the points ``(u, v)``."""
+        """Both partial derivatives at some points.
+
+        Args:
+            u: Places along u.
+            v: Places along v; must broadcast with ``u``.
+
+        Returns:
+            Along u and along v, each of the broadcast shape.
+        """
         return self(u, v, (1, 0)), self(u, v, (0, 1))
 
     def bound(self, order_u: int, order_v: int) -> float:
-        """An upper bound of ``|d^(i+j) z / du^i dv^j|`` over the plane: ``sum |A| |f|^i |g|^j``."""
+        """An upper bound of ``|d^(i+j) z / du^i dv^j|`` over the plane: ``sum |A| |f|^i |g|^j``.
+
+        Args:
+            order_u: The order i along u.
+            order_v: The order j along v.
+        """
         a, f, g = np.abs(self.table[:, 0]), np.abs(self.table[:, 1]), np.abs(self.table[:, 2])
         return float(np.sum(a * f**order_u * g**order_v))
 
     def integral(self, u: tuple[float, float], v: tuple[float, float]) -> float:
-        """The integral over the rectangle ``u[0]..u[1]`` by ``v[0]..v[1]``, in closed form."""
+        """The integral over a rectangle, in closed form.
+
+        Args:
+            u: Its low and high end along u.
+            v: Likewise along v.
+        """
         a, f, g, phase = self.table.T
         mid_u, half_u = (u[0] + u[1]) / 2.0, (u[1] - u[0]) / 2.0
         mid_v, half_v = (v[0] + v[1]) / 2.0, (v[1] - v[0]) / 2.0
@@ -318,3 +360,22 @@ def _mean_sine(s0: float, s1: float, s2: float) -> float:
 
     difference = (first_difference(mid, high) - first_difference(low, mid)) / (1j * (high - low))
     return 2.0 * difference.imag
+
+
+def _sine(wave: Wave) -> str:
+    """A wave without its amplitude: ``sin u``, ``sin(2u - v + 0.5)``."""
+    inner = _joined([(wave.f, "u"), (wave.g, "v"), (wave.phase, "")]) or "0"
+    return f"sin {inner}" if inner in ("u", "v") else f"sin({inner})"
+
+
+def _joined(terms: Sequence[tuple[float, str]]) -> str:
+    """A sum of multiples, those by 0 left out: ``2u - v + 0.5``."""
+    text = ""
+    for factor, what in terms:
+        if factor == 0.0:
+            continue
+        size = "" if what and abs(factor) == 1.0 else f"{abs(factor):g}"
+        gap = " " if size and len(what) > 1 else ""
+        sign = (" - " if factor < 0.0 else " + ") if text else ("-" if factor < 0.0 else "")
+        text += f"{sign}{size}{gap}{what}"
+    return text

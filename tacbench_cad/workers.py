@@ -27,7 +27,7 @@ from tacbench_cad.errors import CheckFailedError, TacbenchError
 
 
 class RefusedError(TacbenchError):
-    """A :class:`TacbenchError` raised in a child, with its message and exit code."""
+    """A :class:`~tacbench_cad.errors.TacbenchError` raised in a child, with its message and exit code."""
 
     def __init__(self, message: str, exit_code: int) -> None:
         self.exit_code = exit_code
@@ -103,8 +103,8 @@ class Workers:
 
         Returns:
             A future, which can be cancelled until a child takes it. Its exception is a :class:`RefusedError` for a
-            message meant for the user, the ``OSError`` that the function raised, or a :class:`CheckFailedError` where
-            the child was lost.
+            message meant for the user, the ``OSError`` that the function raised, or a ``CheckFailedError`` where the
+            child was lost.
         """
         future: Future[Any] = Future()
         with self._changed:

@@ -11,6 +11,7 @@ from math import sin
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("OCP")
@@ -91,8 +92,22 @@ def test_cqgi_parameters_change_the_block(tmp_path: Path) -> None:
     assert answer["volume"] == pytest.approx(block.volume_mm3(block.solid_datum_mm), rel=2e-6)
 
 
+def test_the_dome_in_mujoco_rests_where_the_formula_lets_it(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install mujoco")
+    command = [sys.executable, str(ROOT / "examples" / "mujoco_press.py")]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    (found,) = re.findall(r"lies (\S+) mm below the highest point", done.stdout)
+    block = Block.of(2)
+    x, y = (side / 2 + np.linspace(-8.0, 8.0, 1601) for side in block.size_mm)
+    over = 20.0**2 - (x[:, None] - block.size_mm[0] / 2) ** 2 - (y[None, :] - block.size_mm[1] / 2) ** 2
+    centre_mm = float((block.datum_mm + block.surface.grid(x, y) + np.sqrt(over)).max())
+    assert block.height_mm + 20.0 - centre_mm == pytest.approx(0.441, abs=5e-4), "as the manual says"
+    assert float(found) == pytest.approx(block.height_mm + 20.0 - centre_mm, abs=0.01)
+
+
 def test_every_example_says_what_it_makes_and_is_listed() -> None:
-    assert {path.stem for path in EXAMPLES} == {*EXPECTED, "cqgi_block"}
+    assert {path.stem for path in EXAMPLES} == {*EXPECTED, "cqgi_block", "mujoco_press"}
     readme = (ROOT / "examples" / "README.md").read_text(encoding="utf-8")
     assert set(re.findall(r"\]\((\w+\.py)\)", readme)) == {path.name for path in EXAMPLES}
     for path in EXAMPLES:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from tacbench_cad.checks.claim import claimed_block
 from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.errors import InputError
 from tacbench_cad.export import FORMATS
+from tacbench_cad.export.threemf import write_plate
 from tacbench_cad.identify import examine
 from tacbench_cad.mesh import Mesh
 from tacbench_cad.part import Part
@@ -265,6 +267,28 @@ def test_several_bodies_are_named(tmp_path: Path) -> None:
     report = examine(write_soup(tmp_path / "a.stl", both), full=False)
     assert "2 separate bodies" in _line(report, "bodies").detail
     assert not report.ok
+
+
+def test_each_body_of_a_plate_is_examined_under_its_name(tmp_path: Path) -> None:
+    pytest.importorskip("lib3mf")
+    parts = [block_part(Block.of(number, copy=1)) for number in (1, 2)]
+    foot = mesh_part(box_mesh((20.0, 30.0, 5.0)), name="foot")
+    placed = [(part, (30.0 * i, 1.0)) for i, part in enumerate((*parts, foot))]
+    write_plate(placed, "plate", tmp_path / "a.3mf")
+    report = examine(tmp_path / "a.3mf", full=False)
+    assert report.ok, report.faults
+    assert _line(report, "bodies").detail == "3, 2 of them with a relief; each is examined by itself"
+    assert "0 through holes" in _line(report, "manifold").detail
+    for part in parts:
+        assert part.name.split("_")[0] in _line(report, f"{part.name}: relief").detail
+    # What is asked of the file is asked of its blocks.
+    assert _faults(examine(tmp_path / "a.3mf", texture="2", full=False)) == {f"{parts[0].name}: relief"}
+    wrong = [(replace(parts[0], name=parts[1].name), (0.0, 0.0)), (foot, (30.0, 0.0))]
+    write_plate(wrong, "plate", tmp_path / "b.3mf")
+    assert _faults(examine(tmp_path / "b.3mf", full=False)) == {f"{parts[1].name}: relief"}
+    write_plate([(foot, (0.0, 0.0)), (replace(foot, name="head"), (30.0, 0.0))], "plate", tmp_path / "c.3mf")
+    assert examine(tmp_path / "c.3mf", full=False).ok
+    assert _faults(examine(tmp_path / "c.3mf", texture="2", full=False)) == {"bodies"}
 
 
 def test_unknown_texture_or_preset_is_refused(tmp_path: Path) -> None:

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from tacbench_cad import pictures
 from tacbench_cad.block import Block
 from tacbench_cad.block_mesh import mesh_block
+from tacbench_cad.block_part import block_part
 from tacbench_cad.errors import InputError, MissingToolError
 from tacbench_cad.mesh import Mesh
+from tacbench_cad.part import COLOURS
 from tacbench_cad.render import BELOW, Camera, render
 
 Image = pytest.importorskip("PIL.Image", reason="reading pictures needs pillow (extra dev)")
@@ -143,6 +145,43 @@ def test_underside_is_shown_where_there_is_something_in_it(tmp_path: Path) -> No
         pictures.preview_sheet([("", mesh_block(Block.of(1, label=label))[0])], tmp_path / "sheet.png")
         corners.append(ink(pixels(tmp_path / "sheet.png"))[200:340, 330:440].mean())
     assert corners[0] < 0.2 < 0.4 < corners[1]
+
+
+def test_a_part_is_drawn_large_with_its_underside_where_that_is_engraved(tmp_path: Path) -> None:
+    right = []
+    for label in (False, True):
+        pictures.part_picture(block_part(Block.of(1, label=label)), tmp_path / "part.png")
+        image = ink(pixels(tmp_path / "part.png"))
+        assert image.shape[1] > 1000 and image[:-80].mean() > 0.25
+        assert image[-70:].any(), "the caption"
+        right.append(image[400:600, 900:1080].mean())
+    assert right[0] < 0.1 < 0.5 < right[1]
+
+
+def test_an_assembly_has_its_parts_in_their_colours(tmp_path: Path) -> None:
+    """Put together the jig covers the block; taken apart each of the three colours is seen."""
+    pytest.importorskip("build123d", reason="fixtures need the extra cad")
+    from housing.holder import Holder
+    from housing.jig import Jig
+    from tacbench_cad.making.assembly import Assembly
+
+    block = Block.of(1)
+    holder = Holder(block=block)
+    one = Assembly(holder=holder, blocks=(block,), jig=Jig(holder=holder))
+
+    def shares(apart_mm: float) -> list[float]:
+        pictures.assembly_picture(one, tmp_path / "set.png", apart_mm)
+        image = pixels(tmp_path / "set.png")[:-80].astype(float)
+        drawn = image[ink(image.astype(np.uint8))]
+        hue = (drawn - drawn.mean(axis=1, keepdims=True)) / drawn.mean(axis=1, keepdims=True)
+        own = np.array([[COLOURS[kind] >> shift & 0xFF for shift in (16, 8, 0)] for kind in ("holder", "block", "jig")])
+        own = (own - own.mean(axis=1, keepdims=True)) / own.mean(axis=1, keepdims=True)
+        nearest = np.linalg.norm(hue[:, None] - own, axis=2)
+        return [float((nearest.argmin(axis=1) == i)[nearest.min(axis=1) < 0.15].mean()) for i in range(3)]
+
+    holder_share, block_share, jig_share = shares(0.0)
+    assert block_share < 0.01 and jig_share > holder_share > 0.03
+    assert min(shares(30.0)) > 0.05
 
 
 @pytest.mark.parametrize("press", [False, True])

@@ -21,6 +21,7 @@ from tacbench_cad.making.manifest import read_rows
 from tacbench_cad.part import Part
 from tacbench_cad.printset import Request, build, plan
 from tacbench_cad.sampling import SampleGrid, Tolerance
+from tacbench_cad.textures import Texture, equation1
 
 LIGHT = Request(formats=("stl",), parts=("blocks",))
 
@@ -184,6 +185,31 @@ def test_a_kernel_that_does_not_load_is_refused_where_it_is_needed(tmp_path: Pat
     with pytest.raises(MissingToolError, match=r"libGL\.so\.1"):
         build(Request(textures=("1",), formats=("stl", "step"), parts=("blocks",), out=tmp_path / "out"))
     assert not (tmp_path / "out").exists()
+
+
+def test_textures_are_named_by_number_or_given_themselves(tmp_path: Path) -> None:
+    own = Texture(name="own", waves=equation1(1.0, 1.0, 2.0, 2.0))
+    assert names(replace(LIGHT, textures=(4, own, "1"))) == ["texture-4_paper_x1", "own_paper_x1", "texture-1_paper_x1"]
+    with pytest.raises(InputError, match="asked for twice"):
+        plan(replace(LIGHT, textures=(own, own)))
+    result = build(replace(LIGHT, textures=(own,), out=tmp_path))
+    (row,) = result.rows
+    head, line = str(result).splitlines()
+    assert head == f"1 file in {tmp_path}"
+    assert line.split("  ")[1:] == [
+        "own_paper_x1.stl",
+        f"{len(row['checks'])} checks passed, {row['deviation_mm']:.2g} mm from the formula at most",
+    ]
+
+
+def test_a_result_names_what_failed_and_what_was_left_out(tmp_path: Path) -> None:
+    failed = printset.Failure(file="a.stl", faults=("open edges", "volume"))
+    result = printset.Result(out=tmp_path, failures=[failed], left_out=[printset.LeftOut(what="jig", reason="no room")])
+    assert [line.strip() for line in str(result).splitlines()[1:]] == [
+        "a.stl  not made: open edges; volume",
+        "jig    left out: no room",
+    ]
+    assert str(printset.Result(out=tmp_path)) == f"0 files in {tmp_path}"
 
 
 def test_a_row_says_what_the_file_is(tmp_path: Path) -> None:

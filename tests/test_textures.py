@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.errors import InputError
-from tacbench_cad.textures import Texture, catalogue, read_texture, series, texture
+from tacbench_cad.textures import Texture, catalogue, equation1, plane_waves, read_texture, series, texture
 from tacbench_cad.waves import WaveSum
 
 U = np.linspace(0, 19, 301)
@@ -75,6 +75,26 @@ def test_the_three_families_are_read(tmp_path: Path) -> None:
     assert three.block.size_mm == (20.0, 25.0)
     assert three.block.mm_per_unit == (1.0, 1.5, 0.5)
     assert three.block.height_mm == 6.0
+
+
+def test_what_a_file_leaves_out_is_one_amplitude_and_no_phase(tmp_path: Path) -> None:
+    file = read_texture(write(tmp_path, '[texture]\nname="a"\nfamily="equation1"\nf1=2\nf2=3\n'))
+    assert file.texture.waves == equation1(1.0, 1.0, 2.0, 3.0)
+    np.testing.assert_allclose(file.texture.waves(U, V), np.sin(2 * U) + np.sin(3 * V), atol=1e-12)
+
+
+def test_plane_waves_are_triples_or_quadruples() -> None:
+    made = plane_waves((0.6, 2.0, 1.0), (0.5, 0.0, 3.0, 0.2))
+    np.testing.assert_allclose(made(U, V), 0.6 * np.sin(2 * U + V) + 0.5 * np.sin(3 * V + 0.2), atol=1e-12)
+    with pytest.raises(InputError, match="amplitude, f, g"):
+        plane_waves((1.0, 2.0))  # type: ignore[arg-type]
+
+
+def test_an_equation_is_written_from_the_waves() -> None:
+    assert Texture(name="diamonds", waves=plane_waves((0.6, 2.0, 1.0), (1.0, 2.0, -1.0))).equation == (
+        "0.6 sin(2u + v) + sin(2u - v)"
+    )
+    assert Texture(name="own", waves=plane_waves((1.0, 1.0, 0.0)), equation="my own").equation == "my own"
 
 
 GOOD = '[texture]\nname="hex"\nfamily="series"\nlaw="square"\nN=5\n'

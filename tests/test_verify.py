@@ -21,6 +21,7 @@ from tacbench_cad.export.stl import write_stl
 from tacbench_cad.mesh import Mesh
 from tacbench_cad.part import Part
 from tacbench_cad.sampling import Tolerance
+from tacbench_cad.textures import Texture, plane_waves
 from tacbench_cad.verify import verify
 
 
@@ -39,6 +40,13 @@ def _faults(report: Report) -> set[str]:
     return {check.name for check in report.faults}
 
 
+def test_a_report_is_printed_with_every_check() -> None:
+    checks = (Check(name="file", ok=True, detail="read back"), Check(name="edges", ok=False, detail="3 open"))
+    report = Report(path=Path("folder/block.stl"), checks=checks)
+    assert str(report).splitlines() == ["block.stl: failed", "  file   read back", "  edges  WRONG: 3 open"]
+    assert str(Report(path=Path("block.stl"), checks=checks[:1])).startswith("block.stl: passed\n")
+
+
 @pytest.mark.parametrize("form", ["stl", "3mf"])
 @pytest.mark.parametrize(
     "block",
@@ -47,6 +55,7 @@ def _faults(report: Report) -> set[str]:
         Block.of(3, scale=0.5),
         Block.of(5, key_mm=3.0),
         Block.of(2, label=True),
+        Block.of(Texture(name="weave", waves=plane_waves((0.7, 1.0, 0.5), (0.7, 1.0, -0.5))), key_mm=3.0),
         Block.of(6, sampling="grid"),
         Block.of(1, "released"),
         Block.of(2, copy=4, key_mm=2.0, scale=1.5, sampling=Tolerance(mm=0.05)),

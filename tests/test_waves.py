@@ -155,3 +155,19 @@ def test_mapping_keeps_the_surface() -> None:
 def test_a_wave_refuses_what_is_no_number(value: object) -> None:
     with pytest.raises(InputError, match="wave f"):
         Wave(amplitude=1.0, f=value, g=0.0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("waves", "text"),
+    [
+        (((1.0, 1.0, 0.0, 0.0),), "sin u"),
+        (((-0.5, 0.0, -1.0, 0.0),), "-0.5 sin(-v)"),
+        (((1.0, 2.0, -1.0, 0.5), (-1.0, 0.0, 1.0, 0.0)), "sin(2u - v + 0.5) - sin v"),
+        (((0.0, 1.0, 1.0, 0.0), (0.25, 0.0, 0.0, 1.5)), "0.25 sin(1.5)"),
+        ((), "0"),
+        (((1.0, 1.0, 0.0, 0.0),) * 5, "sin u + sin u + sin u + 2 more waves"),
+    ],
+)
+def test_a_sum_of_waves_is_written_as_a_formula(waves: tuple[tuple[float, ...], ...], text: str) -> None:
+    made = WaveSum(tuple(Wave(amplitude=a, f=f, g=g, phase=phase) for a, f, g, phase in waves))
+    assert str(made) == text

@@ -31,6 +31,7 @@ class Target:
     write: Callable[[Asset, Path], Written]
 
 
+#: What a texture can be written for, by the names of ``--to``.
 TARGETS: dict[str, Target] = {
     row.name: row
     for row in (

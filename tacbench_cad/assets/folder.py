@@ -21,6 +21,7 @@ from tacbench_cad.files import TEMPORARY_PREFIX, locked, refusing, sha256
 
 #: What the folder holds, for programs: the block, and for each target its files and its note.
 RECORD = "texture.json"
+#: The note of the folder, for people.
 README = "README.md"
 #: What makes a block another one; the rest of its description follows from these.
 IDENTITY = (

@@ -38,7 +38,7 @@ def claimed_name(path: Path, metadata: dict[str, str] | None = None) -> str | No
 
 
 def claimed_block(name: str, texture: Texture | None = None) -> Block | None:
-    """The block that a name of ours stands for (see :attr:`Block.name`), or None where it is no block's.
+    """The block that a name of ours stands for (its ``name``), or None where it is no block's.
 
     Args:
         name: The name.

@@ -98,7 +98,7 @@ class Candidate:
 
     @property
     def datum_mm(self) -> float:
-        """z of the formula's zero."""
+        """Height z of the formula's zero, in mm."""
         return self.block.solid_datum_mm if self.as_solid else self.block.datum_mm
 
     @cached_property
@@ -161,6 +161,7 @@ class Facets:
         self.z = block.surface.grid(self.x, self.y)
 
     def __call__(self, x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats]:
+        """Signed heights above the facets in mm, and their slopes, at places in mm; all of shape (n,)."""
         i, s, dx = _cell(self.x, x)
         j, t, dy = _cell(self.y, y)
         z00, z10, z01, z11 = self.z[i, j], self.z[i + 1, j], self.z[i, j + 1], self.z[i + 1, j + 1]

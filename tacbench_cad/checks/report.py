@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tacbench_cad.mesh import Mesh
+from tacbench_cad.naming import report
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +69,11 @@ class Report:
     def faults(self) -> tuple[Check, ...]:
         """The checks that failed."""
         return tuple(check for check in self.checks if not check.ok)
+
+    def __str__(self) -> str:
+        """The file, whether it passed, and a line for each check."""
+        lines = [(check.name, ("" if check.ok else "WRONG: ") + check.detail) for check in self.checks]
+        return report(f"{self.path.name}: {'passed' if self.ok else 'failed'}", lines)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON: the file's name without its folder, and everything else."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +10,7 @@ import typer
 
 from tacbench_cad.cli.common import note, number_of
 from tacbench_cad.errors import CheckFailedError, InputError
+from tacbench_cad.naming import counted
 
 NAME = "acquire"
 
@@ -92,15 +94,17 @@ def command(
     results = acquire(chosen.study, chosen.required_rig, folder, person=Typing(_ask, note), progress=Lines(folder))
     for result in results:
         missed = f", {result.missed} of them out of their band" if result.missed else ""
-        note(f"{result.folder}: {result.presses} presses{missed}")
+        note(f"{result.folder}: {counted(result.presses, 'press')}{missed}")
     unsound = [str(result.folder) for result in results if not check_run(result.folder).ok]
     if unsound:
         raise CheckFailedError(f"complete but not sound: tacbench runs check {' '.join(unsound)}")
-    count = len(chosen.study.blocks)
-    typer.echo(f"{count} run{'' if count == 1 else 's'} complete in {folder}")
+    typer.echo(f"{counted(len(chosen.study.blocks), 'run')} complete in {folder}")
 
 
 def _ask(prompt: str) -> str:
-    """One line of the standard input, a terminal's or a script's; the prompt goes where notes go."""
+    """One line of the standard input, a terminal's or a script's; prompt and a script's line go where notes go."""
     typer.echo(prompt, nl=False, err=True)
-    return input()
+    line = input()
+    if not sys.stdin.isatty():
+        typer.echo(line, err=True)
+    return line

@@ -9,6 +9,7 @@ import typer
 
 from tacbench_cad.cli.common import console, given, lengths, note, number_of, one_line, print_json, table
 from tacbench_cad.errors import InputError, TacbenchError
+from tacbench_cad.naming import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.checks.report import Report
@@ -33,13 +34,16 @@ def command(
 
     The origin may lie anywhere and the block may be turned by quarter turns; one that lies upside down is named so.
     Without --texture and --preset the nearest ones are named, with the residual. --preset released compares with the
-    sampled surface that the authors published. Every fault is named, and the exit code is then 1.
+    sampled surface that the authors published. Of a plate or an assembly (3MF, STEP) each body is examined by itself,
+    under its own name; --texture and --preset then hold for every body with a relief. Every fault is named, and the
+    exit code is then 1.
 
     Examples:
       tacbench check stl_out/*.stl
       tacbench check print.3mf --texture 4
       tacbench check z3.stl --texture 4 --preset released
       tacbench check block.step --json
+      tacbench check stl_out/assembly_paper_x1.step
     """
     from tacbench_cad.files import existing_file
     from tacbench_cad.identify import examine
@@ -91,5 +95,5 @@ def _print(report: Report) -> None:
     if report.deviation_mm is not None:
         facts.append(f"at most {report.deviation_mm:.3g} mm from the formula")
     faults = len(report.faults)
-    verdict = "all checks passed" if report.ok else f"{faults} fault{'' if faults == 1 else 's'}"
+    verdict = "all checks passed" if report.ok else f"{counted(faults, 'fault')}"
     screen.print("; ".join([*facts, verdict]), soft_wrap=True)

@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tacbench_cad.cli.common import console, given, jobs_of, number_of, print_json, table, whole_of, words_of
+from tacbench_cad.cli.common import (
+    Dask,
+    Jobs,
+    console,
+    given,
+    jobs_of,
+    number_of,
+    print_json,
+    table,
+    whole_of,
+    words_of,
+)
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.errors import InputError
 
@@ -95,10 +106,8 @@ def command(
             "number says how many values (10), A,B,C names them.",
         ),
     ] = None,
-    jobs: Annotated[str | None, typer.Option(metavar="N", help="Processes. Default: one for each processor.")] = None,
-    dask: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Use a Dask cluster that is there: tcp://10.0.0.5:8786.")
-    ] = None,
+    jobs: Jobs = None,
+    dask: Dask = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """What can the sensor tell apart? Textures classified from the readings, with what is held out said plainly.

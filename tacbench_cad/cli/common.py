@@ -6,7 +6,7 @@ import json
 import re
 import sys
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
@@ -20,14 +20,20 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+#: The options of commands that share their work out among processes.
+Jobs = Annotated[str | None, typer.Option(metavar="N", help="Processes. Default: one for each processor.")]
+Dask = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="Use a Dask cluster that is there: tcp://10.0.0.5:8786.")
+]
+
 #: Options whose value may be left out, and what that means.
-DEFAULT_VALUES = {"--grid": "default", "--key": "default"}
+DEFAULT_VALUES = {"--grid": "default", "--key": "default", "--drawing": "block"}
 #: Width of a table that is not printed on a terminal.
 PLAIN_WIDTH = 160
 
 
 def with_default_values(argv: Sequence[str]) -> list[str]:
-    """Give ``--grid`` and ``--key`` a value where none follows: Typer has no options with an optional value.
+    """Give ``--grid``, ``--key`` and ``--drawing`` a value where none follows: Typer has no optional values.
 
     A word that follows is the value unless it is an option itself; a negative number is a value (a wrong one, which
     is then refused by name).

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tacbench_cad.cli.common import console, jobs_of, note, print_json, table, whole_of
+from tacbench_cad.cli.common import Dask, Jobs, console, jobs_of, note, print_json, table, whole_of
 from tacbench_cad.errors import InputError
+from tacbench_cad.naming import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.analysis.compare import Comparison, Difference
@@ -26,10 +27,8 @@ def command(
         str | None, typer.Option(metavar="NAME", help="Of those that both were classified with. Default: A's first.")
     ] = None,
     trials: Annotated[str, typer.Option(metavar="N", help="Trials, where runs are given.")] = "5",
-    jobs: Annotated[str | None, typer.Option(metavar="N", help="Processes. Default: one for each processor.")] = None,
-    dask: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Use a Dask cluster that is there: tcp://10.0.0.5:8786.")
-    ] = None,
+    jobs: Jobs = None,
+    dask: Dask = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """Two sensors' studies of the same textures side by side, and the smallest difference that the data can show.
@@ -60,7 +59,7 @@ def command(
         print_json({**found.as_dict(), "files": [str(one) for one in files]})
         return
     _print(found)
-    typer.echo(f"{len(files)} files in {out}")
+    typer.echo(f"{counted(len(files), 'file')} in {out}")
 
 
 def _classified(side: str, folder: Path, out: Path, trials: int, jobs: int, dask: str | None) -> Path:
@@ -75,7 +74,7 @@ def _classified(side: str, folder: Path, out: Path, trials: int, jobs: int, dask
         return folder
     collection = Collection.open([folder])
     target = out / f"classification_{side}"
-    note(f"classifying {folder}: {len(collection):,} presses, {trials} trials")
+    note(f"classifying {folder}: {counted(len(collection), 'press')}, {counted(trials, 'trial')}")
     with locked(target), workers(jobs, dask) as team:
         classify_into(collection, target, trials, team, lambda *_: None)
     return target

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from tacbench_cad.cli.common import console, number_of, print_json, table, words_of
+from tacbench_cad.naming import counted
 
 NAME = "export"
 
@@ -44,7 +45,8 @@ def command(
     if json:
         print_json({"folders": [one.as_dict() for one in made]})
         return
-    shown = table(f"{len(made)} folders in {out}", "folder", "files", "MB", "begin with", right=("files", "MB"))
+    title = f"{counted(len(made), 'folder')} in {out}"
+    shown = table(title, "folder", "files", "MB", "begin with", right=("files", "MB"))
     for one in made:
         size = sum(one.files.values()) / 1e6
         shown.add_row(one.folder.name, str(len(one.files)), f"{size:.2f}", next(iter(one.files)))

@@ -9,6 +9,7 @@ import typer
 
 from tacbench_cad.cli.common import note, whole_of, words_of
 from tacbench_cad.errors import InputError, one_of
+from tacbench_cad.naming import counted
 
 NAME = "import"
 
@@ -56,8 +57,8 @@ def command(
     blocks = gather(files, how)
     for number, block in enumerate(blocks, start=1):
         folder = import_block(block, out)
-        note(f"{number} of {len(blocks)}: {folder}, {len(block.files)} force levels")
-    typer.echo(f"{len(blocks)} runs in {out}")
+        note(f"{number} of {len(blocks)}: {folder}, {counted(len(block.files), 'force level')}")
+    typer.echo(f"{counted(len(blocks), 'run')} in {out}")
 
 
 def _levels(text: str) -> dict[str, int]:

@@ -23,6 +23,7 @@ from tacbench_cad.cli.common import (
     words_of,
 )
 from tacbench_cad.errors import one_of
+from tacbench_cad.naming import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.printset import Progress, Result
@@ -56,7 +57,7 @@ def command(
     assembly: Annotated[
         bool,
         typer.Option(
-            "--assembly", rich_help_panel=_WHAT, help="Also holder, first blocks and jig put together, as 3MF and STEP."
+            "--assembly", rich_help_panel=_WHAT, help="Also holder, a block in each slot and jig as one 3MF and STEP."
         ),
     ] = False,
     label: Annotated[
@@ -201,7 +202,7 @@ class _Bar:
 
 def _print(result: Result) -> None:
     made = table(
-        f"{len(result.rows)} files in {result.out}",
+        f"{counted(len(result.rows), 'file')} in {result.out}",
         *("file", "size (mm)", "triangles", "deviation (mm)", "checks"),
         right=("triangles", "deviation (mm)"),
     )

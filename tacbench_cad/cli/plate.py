@@ -47,6 +47,9 @@ def command(
     Copies of a texture are spread over the bed, so that where a block lay is not confounded with its texture. In the
     file of acquire, the table study takes the layouts in place of textures and prints: layouts = ["plate01.csv"].
 
+    Plates of the same printer and filament are written anew; a print record that is there already stays. A folder with
+    more of them than these is refused: nobody shall print what an earlier request left there.
+
     Printers of your own stand in a file with a table printer.NAME for each: bed_mm (two sides), height_mm, filaments,
     and where they are needed margin_mm and keep_out_mm.
 
@@ -116,6 +119,9 @@ def _print(plates: list[Plate], printer: str, filament: str) -> None:
     heads = ("plate", "blocks", "copies off the middle (mm)")
     shown = table(f"{printer}, {filament}", *heads, "labels", right=heads)
     for plate in plates:
-        labels = " ".join(sorted(one.label for one in plate.blocks))
+        copies: dict[tuple[str, ...], list[str]] = {}
+        for *words, copy in sorted(one.block.label_words for one in plate.blocks):
+            copies.setdefault(tuple(words), []).append(copy)
+        labels = "\n".join(" ".join([*words, *numbers]) for words, numbers in copies.items())
         shown.add_row(str(plate.number), str(len(plate.blocks)), f"{plate.imbalance_mm:.1f}", labels)
     console().print(shown)

@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
-from tacbench_cad.cli.common import jobs_of, print_json
+from tacbench_cad.cli.common import Dask, Jobs, jobs_of, print_json
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.errors import InputError
+from tacbench_cad.naming import counted
 
 NAME = "report"
 
@@ -30,10 +31,8 @@ def command(
     no_classify: Annotated[
         bool, typer.Option("--no-classify", help="Leave classification out; it takes most of the time.")
     ] = False,
-    jobs: Annotated[str | None, typer.Option(metavar="N", help="Processes. Default: one for each processor.")] = None,
-    dask: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Use a Dask cluster that is there: tcp://10.0.0.5:8786.")
-    ] = None,
+    jobs: Jobs = None,
+    dask: Dask = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """One self-contained page on a study, fit to be sent, printed and quoted.
@@ -67,4 +66,4 @@ def command(
         print_json({"report": str(files[0]), "files": [str(one) for one in files[1:]]})
         return
     size = files[0].stat().st_size / 1e6
-    typer.echo(f"{files[0]} ({size:.1f} MB), {len(files) - 1} files in {files[0].stem}_files")
+    typer.echo(f"{files[0]} ({size:.1f} MB), {counted(len(files) - 1, 'file')} in {files[0].stem}_files")

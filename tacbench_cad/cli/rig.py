@@ -10,6 +10,7 @@ import typer
 
 from tacbench_cad.cli.common import console, given, note, number_of, print_json, table, whole_of, words_of
 from tacbench_cad.errors import InputError
+from tacbench_cad.naming import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.rig.calibration import Calibration, CalibrationPoint
@@ -196,7 +197,7 @@ def _weighed(cell: RawLoadCell, mass_g: float) -> CalibrationPoint:
 
     _ask(f"{f'put {mass_g:g} g on' if mass_g else 'take everything off'}, wait for it to rest, press Enter: ")
     raw = cell.read(STILL_S)
-    typer.echo(f"{mass_g:g} g: {raw.mean:.1f} counts, spread {raw.spread:.1f}, {raw.samples} samples")
+    typer.echo(f"{mass_g:g} g: {raw.mean:.1f} counts, spread {raw.spread:.1f}, {counted(raw.samples, 'sample')}")
     return CalibrationPoint(mass_g=mass_g, counts=raw.mean, spread_counts=raw.spread, samples=raw.samples)
 
 
@@ -240,7 +241,7 @@ def _column(text: str | None) -> tuple[int, int]:
 
 
 def _ask(prompt: str) -> str:
-    """Show a prompt and return the line that was typed.
+    """Show a prompt and return the line that was typed. A line that no terminal shows is shown here.
 
     Raises:
         InputError: The input has ended.
@@ -250,4 +251,6 @@ def _ask(prompt: str) -> str:
     if not line:
         typer.echo()
         raise InputError("answer", None, "the input has ended; nothing is stored")
+    if not sys.stdin.isatty():
+        typer.echo(line.strip())
     return line.strip()

@@ -12,6 +12,7 @@ import typer
 
 from tacbench_cad.cli.common import console, note, one_line, print_json, table, whole_of
 from tacbench_cad.errors import InputError, one_of
+from tacbench_cad.naming import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.runs.checking import RunReport
@@ -118,8 +119,8 @@ def export(
         for folder in found:
             target = None if out is None else out / folder.name
             images += export_tactile_data(folder, target, how, told(folder.name))
-    runs = f"{len(found)} run{'' if len(found) == 1 else 's'}"
-    typer.echo(f"{runs}, {images} images of {size} pixels, in {out or 'the run folders'}")
+    made = f"{counted(len(found), 'run')}, {counted(images, 'image')} of {size} pixels"
+    typer.echo(f"{made}, in {out or 'the run folders'}")
 
 
 def _box(text: str | None) -> tuple[int, int, int, int] | None:
@@ -204,5 +205,5 @@ def _print(reports: list[RunReport]) -> None:
         screen.print(f"empty in print.toml (runs): {named}", soft_wrap=True)
     findings = sum(len(report.findings) for report in reports)
     presses = sum(report.presses for report in reports)
-    verdict = "nothing wrong" if not findings else f"{findings} findings"
-    screen.print(f"{len(reports)} run{'' if len(reports) == 1 else 's'}, {presses} presses: {verdict}", soft_wrap=True)
+    verdict = "nothing wrong" if not findings else counted(findings, "finding")
+    screen.print(f"{counted(len(reports), 'run')}, {counted(presses, 'press')}: {verdict}", soft_wrap=True)

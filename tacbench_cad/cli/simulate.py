@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tacbench_cad.cli.common import console, jobs_of, note, print_json, table, whole_of
+from tacbench_cad.cli.common import Dask, Jobs, console, jobs_of, note, print_json, table, whole_of
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.errors import InputError
+from tacbench_cad.naming import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.runs.info import RunInfo
@@ -41,10 +42,8 @@ def command(
     ] = None,
     colour: Annotated[bool, typer.Option("--colour", help="Images in colour; they take three times the room.")] = False,
     seed: Annotated[str, typer.Option(metavar="N", help="Another number gives other prints and other noise.")] = "0",
-    jobs: Annotated[str | None, typer.Option(metavar="N", help="Processes. Default: one for each processor.")] = None,
-    dask: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Use a Dask cluster that is there: tcp://10.0.0.5:8786.")
-    ] = None,
+    jobs: Jobs = None,
+    dask: Dask = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """Simulate a study: virtual prints, pressed by a simulated TacTip, in run folders like those of a real rig.
@@ -101,12 +100,12 @@ def _plan(study: Study, infos: Sequence[RunInfo], needed: Estimate, colour: bool
     cells: dict[tuple[int, ...], int] = {}
     for info in infos:
         cells[info.levels] = cells.get(info.levels, 0) + 1
-    places = f"{len(protocol.grid.positions_mm)} positions, {protocol.repeats} repeats"
-    lines = [f"simulated study: {needed.blocks} blocks, {needed.presses:,} images of presses ({places}):"]
+    places = f"{counted(len(protocol.grid.positions_mm), 'position')}, {counted(protocol.repeats, 'repeat')}"
+    lines = [f"simulated study: {counted(needed.blocks, 'block')}, {counted(needed.presses, 'press')} ({places}):"]
     for levels, blocks in cells.items():
         presses = blocks * len(levels) * protocol.repeats * len(protocol.grid.positions_mm)
         shown = ", ".join(str(level) for level in levels)
-        lines.append(f"  {blocks} blocks at force level{'s' if len(levels) > 1 else ''} {shown}: {presses:,} images")
+        lines.append(f"  {counted(blocks, 'block')} at force level{'s' if len(levels) > 1 else ''} {shown}: {presses:,} images")
     lines.append(
         f"  {needed.others:,} images without a press of their own: references and 4 x {protocol.stationary_frames} "
         "stationary frames a block"
@@ -151,7 +150,7 @@ def _shares(blocks: Sequence[BlockDone]) -> dict[str, float]:
 
 def _print(folder: Path, infos: Sequence[RunInfo], blocks: Sequence[BlockDone], seconds: float) -> None:
     made = table(
-        f"{len(blocks)} simulated runs in {folder}",
+        f"{counted(len(blocks), 'simulated run')} in {folder}",
         *("printer", "filament", "copies", "runs", "presses made", "images made", "worst force error (mN)"),
         right=("copies", "runs", "presses made", "images made", "worst force error (mN)"),
     )

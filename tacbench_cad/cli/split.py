@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from tacbench_cad.cli.common import console, note, print_json, table, whole_of, words_of
+from tacbench_cad.naming import counted
 
 NAME = "split"
 
@@ -70,7 +71,7 @@ def command(
         )
         return
     shown = table(
-        f"{len(paths)} split files in {out}", "file", "protocol", "folds", "tested", right=("folds", "tested")
+        f"{counted(len(paths), 'split file')} in {out}", "file", "protocol", "folds", "tested", right=("folds", "tested")
     )
     for path, one in zip(paths, splits, strict=True):
         tested = sum(len(fold.test) for fold in one.folds)

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tacbench_cad.cli.common import console, jobs_of, note, print_json, table, whole_of
+from tacbench_cad.cli.common import Dask, Jobs, console, jobs_of, note, print_json, table, whole_of
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.errors import InputError
+from tacbench_cad.naming import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.analysis.cells import Cell
@@ -35,10 +36,8 @@ def command(
         bool, typer.Option("--register", help="Tell how a block lay apart from how it printed; reads all thrice.")
     ] = False,
     seed: Annotated[str, typer.Option(metavar="N", help="Seed of intervals and permutation tests.")] = "0",
-    jobs: Annotated[str | None, typer.Option(metavar="N", help="Processes. Default: one for each processor.")] = None,
-    dask: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Work on the Dask cluster of this scheduler.")
-    ] = None,
+    jobs: Jobs = None,
+    dask: Dask = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """The paper's variance table: each pixel's variance over prints and repeats, mean over pixels and positions.
@@ -95,7 +94,7 @@ def command(
     else:
         _print(result, seatings)
         if out is not None:
-            typer.echo(f"{len(files)} files in {out}")
+            typer.echo(f"{counted(len(files), 'file')} in {out}")
     for line in result.left_out:
         note(f"error: left out: {line}")
     if result.left_out:

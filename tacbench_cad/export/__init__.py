@@ -1,4 +1,4 @@
-"""The formats that a part can be written in. A new format is one file here and one row of :data:`FORMATS`."""
+"""The formats that a part can be written in. A new format is one file here and one row of ``FORMATS``."""
 
 from __future__ import annotations
 
@@ -36,6 +36,7 @@ def _nothing_missing() -> str | None:
     return None
 
 
+#: The file formats by their names.
 FORMATS: dict[str, Format] = {
     row.name: row
     for row in (

@@ -298,6 +298,58 @@ def read_step(path: Path) -> TopoDS_Shape:
         return reader.OneShape()
 
 
+def read_parts(path: Path) -> list[tuple[str, TopoDS_Shape]]:
+    """Read the parts of an assembly, each use of each part at its place, in millimetres.
+
+    Args:
+        path: The file.
+
+    Returns:
+        Name of the product (empty where it has none) and shape, in the order of the file. A file that is no assembly
+        has one.
+
+    Raises:
+        InputError: See :func:`read_step`.
+        MissingToolError: Likewise.
+        CheckFailedError: Likewise.
+    """
+    _require_step(not_empty(path))
+    require_kernel()
+    from OCP.IFSelect import IFSelect_ReturnStatus
+    from OCP.STEPCAFControl import STEPCAFControl_Reader
+    from OCP.TDF import TDF_LabelSequence
+    from OCP.TopLoc import TopLoc_Location
+
+    document, shapes, _ = _document()
+    with _quiet():
+        reader = STEPCAFControl_Reader()
+        reader.SetNameMode(True)
+        if reader.ReadFile(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone or not reader.Transfer(document):
+            raise CheckFailedError(f"{path}: the kernel cannot read this STEP file")
+    roots = TDF_LabelSequence()
+    shapes.GetFreeShapes(roots)
+    return [part for i in range(1, roots.Length() + 1) for part in _parts(roots.Value(i), TopLoc_Location())]
+
+
+def _parts(label: Any, place: Any) -> Iterator[tuple[str, TopoDS_Shape]]:
+    """What stands under a label, assemblies taken apart."""
+    from OCP.TDataStd import TDataStd_Name
+    from OCP.TDF import TDF_Label, TDF_LabelSequence
+    from OCP.XCAFDoc import XCAFDoc_ShapeTool
+
+    if not XCAFDoc_ShapeTool.IsAssembly_s(label):
+        name = TDataStd_Name()
+        found = label.FindAttribute(TDataStd_Name.GetID_s(), name)
+        yield name.Get().ToExtString() if found else "", XCAFDoc_ShapeTool.GetShape_s(label).Moved(place)
+        return
+    uses = TDF_LabelSequence()
+    XCAFDoc_ShapeTool.GetComponents_s(label, uses, False)
+    for i in range(1, uses.Length() + 1):
+        used = TDF_Label()
+        XCAFDoc_ShapeTool.GetReferredShape_s(uses.Value(i), used)
+        yield from _parts(used, place * XCAFDoc_ShapeTool.GetLocation_s(uses.Value(i)))
+
+
 def _require_step(path: Path) -> None:
     """Refuse a file without STEP's first or last line before the kernel, which may end badly on it, sees it."""
     with path.open("rb") as stream:

@@ -17,6 +17,7 @@ from tacbench_cad.files import not_empty
 from tacbench_cad.mesh import Floats, Indices, Mesh
 from tacbench_cad.part import Part
 
+#: Length of a binary STL's header.
 HEADER_BYTES = 80
 _FACET = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (9,)), ("attribute", "<u2")])
 

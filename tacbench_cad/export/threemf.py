@@ -187,20 +187,40 @@ def _vertex_lines(vertices: Floats) -> bytes:
 
 
 def read_3mf(path: Path) -> tuple[Mesh, dict[str, str]]:
-    """Read the mesh objects of a 3MF in strict mode, without repairing anything.
-
-    Several objects come as one mesh with several shells. A unit other than the millimetre is converted.
+    """Read a 3MF in strict mode, without repairing anything: everything in its build as one mesh.
 
     Args:
         path: The file.
 
     Returns:
-        The mesh in mm, and the metadata: names without their name space.
+        The mesh in mm, with a shell or more for each part, and the metadata by names without their name space.
+
+    Raises:
+        InputError: See :func:`read_parts`.
+        MissingToolError: Likewise.
+        CheckFailedError: Likewise.
+    """
+    parts, entries = read_parts(path)
+    return Mesh.joined([mesh for _, mesh in parts]), entries
+
+
+def read_parts(path: Path) -> tuple[list[tuple[str, Mesh]], dict[str, str]]:
+    """Read each part of a 3MF's build at its place, in strict mode, without repairing anything.
+
+    A unit other than the millimetre is converted.
+
+    Args:
+        path: The file.
+
+    Returns:
+        Name of the object (empty where it has none) and its mesh in mm, in the order of the file; and the metadata by
+        names without their name space.
 
     Raises:
         InputError: There is no such file, or it is a folder.
         MissingToolError: lib3mf is not there.
-        CheckFailedError: The file is empty, no 3MF, refused or warned of by the strict reader, or has no triangles.
+        CheckFailedError: The file is empty, no 3MF, refused or warned of by the strict reader, or has an object
+            without triangles.
     """
     wrapper, module = _lib3mf()
     _require_container(not_empty(path))
@@ -214,10 +234,10 @@ def read_3mf(path: Path) -> tuple[Mesh, dict[str, str]]:
     warnings = [reader.GetWarning(i)[1] for i in range(reader.GetWarningCount())]
     if warnings:
         raise CheckFailedError(f"{path}: the strict 3MF reader warns: {warnings[0]}")
-    mesh = _placed(path, wrapper, module, model)
+    parts = _placed(path, wrapper, module, model)
     group = model.GetMetaDataGroup()
     entries = [group.GetMetaData(i) for i in range(group.GetMetaDataCount())]
-    return mesh, {entry.GetName(): entry.GetValue() for entry in entries}
+    return parts, {entry.GetName(): entry.GetValue() for entry in entries}
 
 
 def _first_line(error: Exception) -> str:
@@ -242,13 +262,11 @@ def _require_container(path: Path) -> None:
 _MM = {"MicroMeter": 1e-3, "MilliMeter": 1.0, "CentiMeter": 10.0, "Inch": 25.4, "Foot": 304.8, "Meter": 1000.0}
 
 
-def _placed(path: Path, wrapper: Any, module: Any, model: Any) -> Mesh:
-    """All build items with their transforms as one mesh, in mm."""
+def _placed(path: Path, wrapper: Any, module: Any, model: Any) -> list[tuple[str, Mesh]]:
+    """The build items with their names, at their places, in mm."""
     unit = model.GetUnit()
     factor = _MM[getattr(unit, "name", None) or module.ModelUnit(unit).name]
-    vertices: list[Floats] = []
-    triangles: list[Any] = []
-    count = 0
+    parts: list[tuple[str, Mesh]] = []
     items = model.GetBuildItems()
     while items.MoveNext():
         item = items.GetCurrent()
@@ -259,14 +277,11 @@ def _placed(path: Path, wrapper: Any, module: Any, model: Any) -> Mesh:
         if item.HasObjectTransform():
             fields = np.array([list(row) for row in item.GetObjectTransform().Fields])
             points = (points @ fields[:3] + fields[3]).astype(np.float32).astype(np.float64)
-        vertices.append(points)
-        triangles.append(indices + count)
-        count += len(points)
-    if not triangles or not sum(map(len, triangles)):
-        raise CheckFailedError(f"{path}: the 3MF has no triangles in its build")
-    points = np.concatenate(vertices)
-    require_finite(path, points)
-    return Mesh(points if factor == 1.0 else points * factor, np.concatenate(triangles))
+        require_finite(path, points)
+        parts.append((thing.GetName(), Mesh(points if factor == 1.0 else points * factor, indices)))
+    if not parts or not all(len(mesh.triangles) for _, mesh in parts):
+        raise CheckFailedError(f"{path}: the 3MF has no triangles in its build, or none in one of its objects")
+    return parts
 
 
 def _geometry(wrapper: Any, module: Any, thing: Any) -> tuple[Floats, Any]:

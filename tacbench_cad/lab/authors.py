@@ -34,6 +34,7 @@ from tacbench_cad.protocol import FORCES_N, PER_SIDE, PressGrid, Spacing
 FirstAxis = Literal["x", "y"]
 #: The force levels of the authors' file names.
 LEVELS: Mapping[str, int] = {"P30": 1, "P40": 2, "P50": 3}
+#: Press positions of a block.
 POSITIONS = PER_SIDE * PER_SIDE
 _NAME = re.compile(
     r"(?P<filament>[^_]+)_z(?P<texture>\d+)(?:\.(?P<copy>\d+))?_(?P<level>[Pp]\d+)_(?P<printer>[^_]+)\.npy"

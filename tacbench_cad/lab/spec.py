@@ -362,7 +362,14 @@ class SensorSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class RigSettings:
-    """The three devices and the holder under them."""
+    """The three devices and the holder under them.
+
+    Args:
+        stage: The stage.
+        gauge: The force gauge.
+        sensor: The tactile sensor.
+        holder: What surrounds the block.
+    """
 
     stage: StageSettings
     gauge: GaugeSettings
@@ -372,7 +379,12 @@ class RigSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedBlock:
-    """A block of a study and the force levels that it is pressed at (all of them as a rule)."""
+    """A block of a study and the force levels that it is pressed at.
+
+    Args:
+        printed: The block.
+        levels: The levels, from 1; all of them as a rule.
+    """
 
     printed: PrintedBlock
     levels: tuple[int, ...]

@@ -29,10 +29,13 @@ T = TypeVar("T")
 
 #: Stage drivers that have a name of their own.
 STAGES = ("grbl", "marlin", "arduino", "virtual-grbl", "virtual-marlin")
+#: Gauge drivers that have a name of their own.
 GAUGES = ("serial", "simulated", "none")
+#: Sensor drivers that have a name of their own.
 SENSORS = ("opencv", "taxels", "simulated")
 #: Where the virtual stages' blocks lie, and how far those stages go, in mm.
 VIRTUAL_ORIGINS_MM = {"virtual-grbl": (80.0, 80.0, -60.0), "virtual-marlin": (80.0, 80.0, 40.0)}
+#: How far the virtual stages go along x, y and z, in mm.
 VIRTUAL_LIMITS_MM = {
     "virtual-grbl": ((0.0, 200.0), (0.0, 200.0), (-100.0, 0.0)),
     "virtual-marlin": ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0)),

@@ -50,9 +50,9 @@ class Assembly:
 
     holder: Holder
     blocks: tuple[Block, ...]
-    jig: Jig | None
-    step_tolerance_mm: float | None
-    formats: tuple[str, ...]
+    jig: Jig | None = None
+    step_tolerance_mm: float | None = None
+    formats: tuple[str, ...] = ASSEMBLY_FORMATS
 
     @property
     def name(self) -> str:
@@ -155,9 +155,8 @@ def _moved(placed: Sequence[tuple[Part, Floats]]) -> list[tuple[Part, tuple[floa
     moved = []
     for number, (part, matrix) in enumerate(placed):
         mesh, body = part.mesh
-        here = Mesh(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3], mesh.triangles)
         name = f"{part.name} in slot {number}" if part.kind == "block" else part.name
-        moved.append((replace(part, name=name, make_mesh=partial(_given, here, body)), (0.0, 0.0)))
+        moved.append((replace(part, name=name, make_mesh=partial(_given, mesh.moved(matrix), body)), (0.0, 0.0)))
     return moved
 
 

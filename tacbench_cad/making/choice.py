@@ -10,11 +10,11 @@ from tacbench_cad.errors import InputError, nearest
 from tacbench_cad.textures import BlockTable, Texture, catalogue, read_texture
 
 
-def textures_of(words: Sequence[str], preset: str) -> list[tuple[Texture, BlockTable | None]]:
+def textures_of(words: Sequence[str | int | Texture], preset: str) -> list[tuple[Texture, BlockTable | None]]:
     """The textures that some words mean, each with what its file says of its block.
 
     Args:
-        words: Numbers or names of the six, paths of TOML files, or ``all``.
+        words: Numbers or names of the six, paths of TOML files, ``all``, or textures themselves.
         preset: Which six.
 
     Raises:
@@ -23,7 +23,11 @@ def textures_of(words: Sequence[str], preset: str) -> list[tuple[Texture, BlockT
     found: list[tuple[Texture, BlockTable | None]] = []
     six = catalogue(preset)
     known = {name: one for one in six for name in (str(one.number), one.name)}
-    for word in words:
+    for one in words:
+        if isinstance(one, Texture):
+            found.append((one, None))
+            continue
+        word = str(one)
         if word == "all":
             found += [(one, None) for one in six]
         elif word.lower() in known:

@@ -13,8 +13,11 @@ from tacbench_cad.block import Block
 from tacbench_cad.errors import InputError, MissingToolError, nearest
 from tacbench_cad.export import FORMATS
 from tacbench_cad.making.choice import textures_of
-from tacbench_cad.making.sources import FIXTURE_MODULES, LeftOut, Plan, Source
+from tacbench_cad.making.plan import LeftOut, Plan
+from tacbench_cad.making.sources import FIXTURE_MODULES, Source
+from tacbench_cad.naming import counted
 from tacbench_cad.sampling import SampleGrid, Tolerance
+from tacbench_cad.textures import Texture
 from tacbench_cad.tools import why_missing
 
 if TYPE_CHECKING:
@@ -34,7 +37,7 @@ class Request:
     """The options of ``make``. Lengths in mm; None stands for the default.
 
     Args:
-        textures: Numbers or names of the six, paths of TOML files, or ``all``.
+        textures: Numbers or names of the six, paths of TOML files, ``all``, or textures of your own.
         preset: ``paper`` or ``released``.
         scale: Multiplies sides, height, mm per unit and press grid.
         size_mm: Sides x, y.
@@ -42,7 +45,7 @@ class Request:
         mm_per_unit: Mapping of u, v and height.
         sampling: How the meshes follow the formula; ``"grid"`` for the preset's own grid.
         formats: Names of :data:`tacbench_cad.export.FORMATS`; None for all that the install can write.
-        parts: Some of :data:`PARTS`; None for :data:`DEFAULT_PARTS` as far as they can be made.
+        parts: Some of blocks, holder, jig, coupon; None for the first three as far as they can be made.
         copies: Number of copies of each block, each with its number in the label.
         label: Engrave the undersides.
         key_mm: Leg of the key.
@@ -57,7 +60,7 @@ class Request:
         assembly: Also write holder, blocks and jig put together.
     """
 
-    textures: tuple[str, ...] = ("all",)
+    textures: tuple[str | int | Texture, ...] = ("all",)
     preset: str = "paper"
     scale: float = 1.0
     size_mm: tuple[float, float] | None = None
@@ -107,7 +110,11 @@ def plan(request: Request) -> Plan:
 def _assemblies(
     request: Request, formats: Sequence[str], sources: Sequence[Source], left_out: list[LeftOut]
 ) -> tuple[Assembly, ...]:
-    """A holder each, with the first blocks of its geometry in its slots and its jig on it."""
+    """A holder each, with blocks of its geometry in its slots and its jig on it.
+
+    The blocks go in from the first slot on, in the order of the textures, the first copy of each before any second.
+    The rest is left out, and said to be.
+    """
     from tacbench_cad.making.assembly import ASSEMBLY_FORMATS, Assembly
 
     if reason := why_missing(*FIXTURE_MODULES):
@@ -121,14 +128,24 @@ def _assemblies(
     makers = [one.maker for one in sources]
     made: list[Assembly] = []
     for holder in (one for one in makers if isinstance(one, Holder)):
-        blocks = [one for one in makers if isinstance(one, Block) and len(_geometries([holder.block, one])) == 1]
+        fitting = [one for one in makers if isinstance(one, Block) and len(_geometries([holder.block, one])) == 1]
+        fitting.sort(key=lambda block: block.copy or 1)
+        blocks, over = fitting[: holder.slots], fitting[holder.slots :]
         one = Assembly(
             holder=holder,
-            blocks=tuple(blocks[: holder.slots]),
+            blocks=tuple(blocks),
             jig=next((one for one in makers if isinstance(one, Jig) and one.holder == holder), None),
             step_tolerance_mm=request.step_tolerance_mm,
             formats=wanted,
         )
+        if over:
+            inside = ", ".join(block.texture.name for block in blocks)
+            left_out.append(
+                LeftOut(
+                    what=f"{len(over)} of {len(fitting)} blocks in {one.name}",
+                    reason=f"the holder has {counted(holder.slots, 'slot')}, for {inside}; --slots asks for more",
+                )
+            )
         without = [block.texture.name for block in one.blocks if block.grid_aliases]
         if without and "step" in wanted:
             left_out.append(LeftOut(what=f"{one.name}.step", reason=f"there is no solid of {', '.join(without)}"))
@@ -187,7 +204,7 @@ def _parts(request: Request, left_out: list[LeftOut]) -> tuple[str, ...]:
         ("nozzle", request.nozzle_mm, ("holder", "jig", "coupon")),
     ):
         if value is not None and not set(users) & set(fixtures):
-            raise InputError(option, value, f"belongs to {', '.join(users)}, which --parts does not name")
+            raise InputError(option, value, f"belongs to {', '.join(users)}, not among the parts asked for")
     return parts
 
 

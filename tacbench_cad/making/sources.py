@@ -1,8 +1,8 @@
-"""The parts of one call of ``make`` and what each is built from, in a shape that can be handed to a child process."""
+"""What each part of a call of ``make`` is built from, in a shape that can be handed to a child process."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -12,23 +12,10 @@ if TYPE_CHECKING:
     from housing.coupon import Coupon
     from housing.holder import Holder
     from housing.jig import Jig
-    from tacbench_cad.making.assembly import Assembly
     from tacbench_cad.part import Part
 
 #: Modules without which there are no fixtures.
 FIXTURE_MODULES = ("OCP", "build123d")
-
-
-@dataclass(frozen=True, kw_only=True)
-class LeftOut:
-    """Something that is not made, and why."""
-
-    what: str
-    reason: str
-
-    def as_dict(self) -> dict[str, str]:
-        """For JSON."""
-        return {"what": self.what, "reason": self.reason}
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,36 +65,3 @@ def part_of(maker: Block | Holder | Jig | Coupon, step_tolerance_mm: float | Non
             block_part(maker) if step_tolerance_mm is None else block_part(maker, step_tolerance_mm=step_tolerance_mm)
         )
     return maker.part()
-
-
-@dataclass(frozen=True, kw_only=True)
-class Plan:
-    """The parts of one call, each with its formats, in the order in which they are listed."""
-
-    sources: tuple[Source, ...]
-    left_out: tuple[LeftOut, ...] = field(default=())
-    assemblies: tuple[Assembly, ...] = field(default=())
-
-    @property
-    def file_count(self) -> int:
-        """How many files it means."""
-        return sum(len(one.formats) for one in self.sources) + sum(len(one.formats) for one in self.assemblies)
-
-    @property
-    def needs_kernel(self) -> tuple[str, ...]:
-        """Modules that must be importable for this plan."""
-        if any(source.part.mesh_needs_cad for source in self.sources):
-            return FIXTURE_MODULES
-        return ("OCP",) if any("step" in source.formats for source in self.sources) else ()
-
-    def without_kernel(self, reason: str) -> Plan:
-        """The same without solids and fixtures, because the kernel cannot be loaded."""
-        kept = [
-            Source(source.maker, source.step_tolerance_mm, tuple(f for f in source.formats if f != "step"))
-            for source in self.sources
-            if not source.part.mesh_needs_cad
-        ]
-        gone = [s.part.kind for s in self.sources if s.part.mesh_needs_cad]
-        what = ", ".join(dict.fromkeys(["step" if any("step" in s.formats for s in self.sources) else "", *gone]))
-        left = LeftOut(what=what.strip(", "), reason=reason)
-        return Plan(sources=tuple(s for s in kept if s.formats), left_out=(*self.left_out, left))

@@ -66,7 +66,7 @@ def triangles_of(n: int, m: int) -> int:
 
 
 def refuse_too_many(field: str, value: object, needed: float, advice: str) -> None:
-    """Refuse a mesh above :data:`MOST_TRIANGLES`.
+    """Refuse a mesh above :data:`tacbench_cad.mesh.MOST_TRIANGLES`.
 
     Args:
         field: What asks for so many.

@@ -38,17 +38,17 @@ def as_sliced_picture(found: AsSliced, path: Path) -> None:
 
 
 def _figure(found: AsSliced) -> Figure:
-    figure = new_figure((9.6, 9.0), 150)
+    figure = new_figure((9.6, 9.8), 150)
     block, sliced = found.block, found.sliced
-    title = f"{block.texture.name} ({block.preset}, scale {block.scale:g}) as sliced by {sliced.dialect}"
-    figure.text(0.02, 0.985, title, ha="left", va="top", fontsize=11.0, color=INK)
-    figure.text(0.02, 0.958, _numbers(found), ha="left", va="top", fontsize=8.5, color=INK)
+    title = f"{block.texture.name} ({block.preset}, scale {block.scale:g}) as sliced; G-code: {sliced.dialect}"
+    figure.text(0.02, 0.986, title, ha="left", va="top", fontsize=11.0, color=INK)
+    figure.text(0.02, 0.961, _numbers(found), ha="left", va="top", fontsize=8.5, color=INK)
     height = np.where(found.printed_mm > 0.0, found.printed_mm, np.nan)
-    _map(figure, found, (0.06, 0.505), height, "cividis", None, "printed height (mm)")
+    _map(figure, found, (0.06, 0.475), height, "cividis", None, "printed height (mm)")
     error = 1000.0 * (found.printed_mm - found.formula_mm)
     error[~found.inside] = np.nan
     reach = 1000.0 * _LAYERS_SHOWN * sliced.layer_mm
-    _map(figure, found, (0.55, 0.505), error, "RdBu_r", (-reach, reach), "printed above the formula (µm)")
+    _map(figure, found, (0.55, 0.475), error, "RdBu_r", (-reach, reach), "printed above the formula (µm)")
     _cuts(figure, found)
     return figure
 
@@ -80,7 +80,7 @@ def _map(
     limits: tuple[float, float] | None,
     label: str,
 ) -> None:
-    axes = figure.add_axes((*corner, 0.36, 0.40), anchor="SW")
+    axes = figure.add_axes((*corner, 0.37, 0.45), anchor="SW")
     x, y = found.block.size_mm
     low, high = limits or (float(np.nanmin(values[found.inside])), float(np.nanmax(values[found.inside])))
     drawn = axes.imshow(
@@ -101,7 +101,7 @@ def _map(
 
 
 def _cut(found: AsSliced) -> tuple[float, int]:
-    """y of the cut, in mm and as a column: through the highest point away from the edge, nearest to the middle."""
+    """Where the cut lies, y in mm and column: through the highest point away from the edge, nearest to the middle."""
     inside = np.where(found.inside, found.formula_mm, -np.inf)
     columns = inside.max(axis=0)
     best = np.nonzero(columns >= columns.max() - 0.001 * found.block.relief_mm)[0]
@@ -119,7 +119,7 @@ def _cuts(figure: Figure, found: AsSliced) -> None:
     sums = np.convolve(error, np.ones(min(wide, len(x))), mode="valid")
     first = int(np.argmax(sums))
     close = (float(x[first]), float(x[min(first + wide, len(x)) - 1]))
-    panels = (((0.06, 0.27), (0.0, float(x[-1]))), ((0.06, 0.055), close))
+    panels = (((0.06, 0.255), (0.0, float(x[-1]))), ((0.06, 0.055), close))
     for i, ((left, bottom), span) in enumerate(panels):
         axes = figure.add_axes((left, bottom, 0.915, 0.13 if i == 0 else 0.15))
         axes.fill_between(x, 0.0, printed, step="mid", color=BLUE, alpha=0.22, linewidth=0.0)

@@ -42,9 +42,11 @@ def plate_picture(plate: Plate, filament: str, path: Path) -> None:
             colour = _COLOURS[textures.index(one.block.texture.name) % len(_COLOURS)]
             axes.add_patch(Rectangle((one.x_mm, one.y_mm), x, y, facecolor=colour, edgecolor=INK, linewidth=0.8))
             middle = (one.x_mm + x / 2.0, one.y_mm + y / 2.0)
+            *first, scale, copy = one.block.label_words
+            lines = (" ".join(first), f"{scale} {copy}")
             # About as large as its block allows: 0.75 of the font size a letter, 72 points an inch.
-            room = x / across * 7.0 * 0.88 * 72.0 / (0.75 * len(one.label))
-            axes.text(*middle, one.label, ha="center", va="center", fontsize=min(9.0, room), color=INK)
+            room = x / across * 7.0 * 0.88 * 72.0 / (0.75 * max(map(len, lines)))
+            axes.text(*middle, "\n".join(lines), ha="center", va="center", fontsize=min(9.0, room), color=INK)
         axes.set(xlim=(-2.0, across + 2.0), ylim=(-2.0, down + 2.0), xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
         axes.set_title(
             f"{plate.printer.name}, plate {plate.number}, {filament}: {len(plate.blocks)} blocks", loc="left"

@@ -52,9 +52,8 @@ class PlacedBlock:
 
     @property
     def label(self) -> str:
-        """What people call it on the plate: ``T4-02``."""
-        texture = self.block.texture
-        return f"{f'T{texture.number}' if texture.number else texture.name.upper()}-{self.block.copy or 1:02d}"
+        """What is engraved in its underside where there is room for it: ``T4 PAPER X1 02``."""
+        return " ".join(self.block.label_words)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -63,6 +63,10 @@ def printers(own: Path | None = None) -> dict[str, Printer]:
 def printer_named(name: str, known: dict[str, Printer]) -> Printer:
     """A printer by its name.
 
+    Args:
+        name: The name.
+        known: The printers by their names.
+
     Raises:
         InputError: There is none of this name; the message has the nearest one.
     """

@@ -1,6 +1,6 @@
 """The top surface that a print will have, from its beads, and where the block lies on the bed.
 
-Each bead is as wide as its area needs at its layer's height: a rectangle with round ends (:attr:`Beads.width_mm`).
+Each bead is as wide as its area needs at its layer's height: a rectangle with round ends.
 The surface at a point is the highest bead there: its top over the flat part, its round shoulder beside that.
 """
 

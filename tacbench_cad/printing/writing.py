@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +12,9 @@ from tacbench_cad.block_part import block_part
 from tacbench_cad.errors import CheckFailedError, InputError, MissingToolError
 from tacbench_cad.export import threemf
 from tacbench_cad.files import locked, replacing
-from tacbench_cad.lab.runs.printrecord import template
-from tacbench_cad.lab.spec import PrintedBlock
 from tacbench_cad.part import Part
 from tacbench_cad.printing.plates import Plate, write_layout
+from tacbench_cad.printrecord import form
 from tacbench_cad.textures import read_texture
 
 #: A corner may come back this far from where it was put, by single precision, in mm.
@@ -38,6 +37,18 @@ class PlateFiles:
     record: Path
     picture: Path
 
+    @classmethod
+    def of(cls, plate: Plate, filament: str, folder: Path) -> PlateFiles:
+        """Where the files of a plate go: ``bambu-p1p_petg_plate02.3mf`` and so on."""
+        printer, _, number = plate.name.rpartition("_")
+        stem = f"{printer}_{filament}_{number}"
+        return cls(
+            model=folder / f"{stem}.3mf",
+            layout=folder / f"{stem}.csv",
+            record=folder / f"{stem}_print.toml",
+            picture=folder / f"{stem}.png",
+        )
+
     @property
     def paths(self) -> tuple[Path, ...]:
         """What :func:`write_plates` writes."""
@@ -57,7 +68,8 @@ def write_plates(
 
     Raises:
         MissingToolError: lib3mf is not there.
-        InputError: The folder cannot be written, another process writes to it, or two texture files have one name.
+        InputError: The folder cannot be written, another process writes to it, or it holds further plates of this
+            printer and filament; or two texture files have one name.
         CheckFailedError: A 3MF does not come back as it was meant.
     """
     if (reason := threemf.why_missing()) is not None:
@@ -65,28 +77,37 @@ def write_plates(
     names = {read_texture(path).texture.name: path.name for path in texture_files}
     if len(set(names.values())) < len(texture_files):
         raise InputError("texture", [path.name for path in texture_files], "two files have one name; rename one")
-    written = []
+    wanted = [PlateFiles.of(plate, filament, out) for plate in plates]
     with locked(out):
+        _require_no_others(wanted, f"{plates[0].printer.name}_{filament}_plate", out)
         for path in texture_files:
             content = path.read_bytes()
             with replacing(out / path.name) as temporary:
                 temporary.write_bytes(content)
-        for plate in plates:
-            printer, _, number = plate.name.rpartition("_")
-            stem = f"{printer}_{filament}_{number}"
-            files = PlateFiles(
-                model=out / f"{stem}.3mf",
-                layout=out / f"{stem}.csv",
-                record=out / f"{stem}_print.toml",
-                picture=out / f"{stem}.png",
-            )
-            _write_model(plate, stem, files.model)
+        for plate, files in zip(plates, wanted, strict=True):
+            _write_model(plate, files.model.stem, files.model)
             write_layout(plate, filament, files.layout, names)
             if not files.record.exists():
                 with replacing(files.record) as temporary:
                     temporary.write_text(_record(plate, filament, files), encoding="utf-8")
-            written.append(files)
-    return written
+    return wanted
+
+
+def _require_no_others(wanted: Sequence[PlateFiles], stem: str, out: Path) -> None:
+    """Refuse a folder with further plates of this printer and filament: who slices all of them prints too many.
+
+    They are of an earlier request for more, and may be printed and pressed already, so that they are not removed here.
+    """
+    known = {path for files in wanted for path in (files.model, files.layout)}
+    others = sorted(
+        path.name for end in (".3mf", ".csv") for path in out.glob(f"{stem}[0-9]*{end}") if path not in known
+    )
+    if others:
+        raise InputError(
+            "output folder",
+            str(out),
+            f"holds plates of an earlier, larger request: {', '.join(others)}; move them away or name another folder",
+        )
 
 
 def _write_model(plate: Plate, name: str, path: Path) -> None:
@@ -112,12 +133,9 @@ def _require_as_meant(placed: Sequence[tuple[Part, tuple[float, float]]], path: 
 
 def _record(plate: Plate, filament: str, files: PlateFiles) -> str:
     """The form of a print record, for all blocks of a plate at once."""
-    first = plate.blocks[0].block
-    printed = PrintedBlock(block=replace(first, copy=None), printer=plate.printer.name, filament=filament)
-    _, _, form = template(printed).partition("\n")
-    head = (
-        f"# Record of plate {plate.number} on {plate.printer.name}: {len(plate.blocks)} blocks, "
+    about = (
+        f"Record of plate {plate.number} on {plate.printer.name}: {len(plate.blocks)} blocks, "
         f"places and labels in {files.layout.name}.\n"
-        "# Copy it into each block's run folder as print.toml, with the block's own scores and photos.\n"
+        "Copy it into each block's run folder as print.toml, with the block's own scores and photos."
     )
-    return head + form
+    return form(about, plate.printer.name, filament)

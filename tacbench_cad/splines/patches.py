@@ -83,7 +83,7 @@ class Patches:
         return self.x.poles(f) * (amplitude * np.exp(1j * phase)), self.y.poles(g)
 
     def heights_mm(self, i: int, j: int) -> Floats:
-        """z of the poles of patch (i, j), shape (count x, count y).
+        """Heights z of the poles of patch (i, j) in mm, shape (count x, count y).
 
         B-splines sum to one, so ``a_i + b_j`` are the poles of ``S_p(x) + S_q(y)``. A surface that is not separable
         is a sum of products of exponentials, and so are its poles.
@@ -95,7 +95,7 @@ class Patches:
         return np.asarray(self.datum_mm + np.imag(factor_x[i] @ factor_y[j].T), dtype=np.float64)
 
     def __call__(self, x: Floats, y: Floats) -> Floats:
-        """z of the patches at the points (x, y), all in mm; one-dimensional arrays of one length."""
+        """Heights z of the patches at the points (x, y), all in mm; one-dimensional arrays of one length."""
         i = np.clip(np.searchsorted(self.x.lines, x, side="right") - 1, 0, self.x.pieces - 1)
         j = np.clip(np.searchsorted(self.y.lines, y, side="right") - 1, 0, self.y.pieces - 1)
         z = np.empty(len(x))

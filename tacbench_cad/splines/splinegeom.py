@@ -34,7 +34,7 @@ class SplineGeometry:
         self._profiles_y: dict[int, Geom_BSplineCurve] = {}
 
     def corner_height_mm(self, i: int, j: int) -> float:
-        """z at the crossing of line i of x and line j of y."""
+        """Height z at the crossing of line i of x and line j of y, in mm."""
         if self._relief.profiles_mm is not None:
             return _at_line(self._relief.profiles_mm[0], i) + _at_line(self._relief.profiles_mm[1], j)
         last = i == self._relief.x.pieces
@@ -136,7 +136,7 @@ class SplineGeometry:
         return _coons(sides_x[0], sides_y[1], sides_x[1], sides_y[0])
 
     def _row_along_x(self, i: int, j: int) -> Floats:
-        """z of the poles of piece i of x at line j of y."""
+        """Heights z of the poles of piece i of x at line j of y, in mm."""
         last = j == self._relief.y.pieces
         return self._relief.heights_mm(i, j - last)[:, -1 if last else 0]
 

@@ -16,6 +16,7 @@ from OCP.TopoDS import TopoDS, TopoDS_Edge, TopoDS_Face, TopoDS_Shell, TopoDS_So
 TOLERANCE_MM = 1e-7
 
 Point = tuple[float, float, float]
+#: Orientations of a sub-shape in its shape.
 FORWARD, REVERSED = TopAbs_Orientation.TopAbs_FORWARD, TopAbs_Orientation.TopAbs_REVERSED
 
 

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from tacbench_cad.block import Block
 from tacbench_cad.errors import InputError, MissingToolError, nearest
+from tacbench_cad.making.plan import LeftOut
 from tacbench_cad.making.request import PARTS, Request, plan
-from tacbench_cad.making.sources import LeftOut, Source
+from tacbench_cad.making.sources import Source
 from tacbench_cad.mesh import Mesh
 from tacbench_cad.naming import decimal
 from tacbench_cad.part import Kind
@@ -100,7 +101,12 @@ class Thing:
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """Everything on a page, and what had to be left out."""
+    """Everything on a page, and what had to be left out.
+
+    Args:
+        things: The parts.
+        left_out: What could not be built here.
+    """
 
     things: tuple[Thing, ...]
     left_out: tuple[LeftOut, ...] = ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import signal
@@ -12,10 +13,11 @@ from pathlib import Path
 
 import pytest
 
-from tacbench_cad.cli import main
+from tacbench_cad.cli import acquire, main
 from tacbench_cad.lab.runs.reading import Run
 
 Capture = pytest.CaptureFixture[str]
+Patch = pytest.MonkeyPatch
 
 needs_pty = pytest.mark.skipif(
     sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows"
@@ -52,6 +54,12 @@ def virtual_file(folder: Path, repeats: int = 1, **changes: str) -> Path:
     path = folder / "study.toml"
     path.write_text(text)
     return path
+
+
+def test_lines_of_a_script_are_shown_where_a_persons_would_stand(monkeypatch: Patch, capsys: Capture) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO("T1 PAPER X1 01\n"))
+    assert acquire._ask("Its label: ") == "T1 PAPER X1 01"
+    assert capsys.readouterr().err == "Its label: T1 PAPER X1 01\n"
 
 
 def test_init_writes_a_file_and_never_overwrites(tmp_path: Path, capsys: Capture) -> None:

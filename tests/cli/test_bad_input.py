@@ -104,7 +104,7 @@ def test_an_option_with_a_wrong_value(options: list[str], needles: list[str], ou
         (["--formats", "obj"], ["formats", "obj", "stl, 3mf, step"]),
         (["--formats", ","], ["formats", "stl, 3mf, step"]),
         (["--parts", "block"], ["parts", "block", 'did you mean "blocks"']),
-        (["--parts", "blocks", "--slots", "2"], ["slots", "2", "--parts"]),
+        (["--parts", "blocks", "--slots", "2"], ["slots", "2", "parts asked for"]),
         (["--parts", "holder", "--fit", "tight"], ["fit", "tight", "slip"]),
         (["--parts", "holder", "--fit", "-1"], ["fit", "-1"]),
         (["--parts", "holder", "--rim", "nan"], ["rim", "nan"]),

@@ -1,4 +1,4 @@
-"""``tacbench show``: a picture is written where it was asked for."""
+"""``tacbench show``: a picture or a drawing is written where it was asked for."""
 
 from __future__ import annotations
 
@@ -38,6 +38,50 @@ def test_a_texture_file_can_be_shown(tmp_path: Path) -> None:
     assert (tmp_path / "hex.png").is_file()
 
 
+def test_a_drawing_is_of_the_part_that_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its options mean what they mean to ``make``: the drawing has the name of the file that is printed."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["show", "1", "--drawing", "--key", "4", "--scale", "1.5", "--label"]) == 0
+    assert (
+        main(
+            [
+                "make",
+                "--texture",
+                "1",
+                "--key",
+                "4",
+                "--scale",
+                "1.5",
+                "--label",
+                "--parts",
+                "blocks",
+                "--formats",
+                "stl",
+            ]
+        )
+        == 0
+    )
+    made = next((tmp_path / "stl_out").glob("*.stl")).stem
+    assert (tmp_path / f"{made}_drawing.pdf").read_bytes().startswith(b"%PDF")
+    assert main(["show", "1", "--drawing", "--press", "-o", "block.svg"]) == 0
+    assert main(["show", "1", "--drawing", "-o", "plain.svg"]) == 0
+    assert (tmp_path / "block.svg").read_bytes() != (tmp_path / "plain.svg").read_bytes()
+
+
+def test_fixtures_are_drawn_by_the_same_option(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("build123d", reason="fixtures need the extra cad")
+    monkeypatch.chdir(tmp_path)
+    for argv in (["holder", "--slots", "2", "--fit", "loose"], ["holder", "--preset", "released"], ["jig"], ["coupon"]):
+        assert main(["show", "1", "--drawing", *argv]) == 0
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {
+        "holder_paper_x1_slots2_fit0.3_drawing.pdf",
+        "holder_released_x1_measured_drawing.pdf",
+        "jig_paper_x1_drawing.pdf",
+        "coupon_drawing.pdf",
+    }
+
+
 @pytest.mark.parametrize(
     ("argv", "needle"),
     [
@@ -46,6 +90,16 @@ def test_a_texture_file_can_be_shown(tmp_path: Path) -> None:
         (["show", "1", "-o", "picture.stl"], "must end in .png"),
         (["show", "1", "-o", "nowhere/picture.png"], "nowhere"),
         (["show", "1", "--preset", "papers"], 'did you mean "paper"'),
+        (["show", "1", "--key"], "key = 3.0: belongs to --drawing"),
+        (["show", "1", "--drawing", "--fit", "slip"], "fit = 'slip': belongs to holder, jig"),
+        (["show", "1", "--drawing", "jigg"], 'did you mean "jig"'),
+        (["show", "1", "--drawing", "-o", "block.stl"], "must end in .png, .pdf or .svg"),
+        (["show", "1", "--drawing", "-o", "nowhere/block.pdf"], "nowhere"),
+        (["show", "all", "--drawing"], "name one texture"),
+        (["show", "1,2", "--drawing"], "texture = '1,2'"),
+        (["show", "1", "--drawing", "jig", "--press"], "belongs to the drawing of a block"),
+        (["show", "1", "--drawing", "--scale", "0"], "scale"),
+        (["show", "1", "--drawing", "--key", "0.2", "--size", "9,"], "size = '9,'"),
     ],
 )
 def test_wrong_input_is_one_line(

@@ -21,7 +21,8 @@ from housing.jig import Jig
 from tacbench_cad.block import Block
 from tacbench_cad.cli import main
 from tacbench_cad.errors import InputError
-from tacbench_cad.export import threemf
+from tacbench_cad.export import step, threemf
+from tacbench_cad.identify import examine
 from tacbench_cad.making.assembly import Assembly, make_assembly
 from tacbench_cad.making.writing import Failure
 from tacbench_cad.part import COLOURS
@@ -84,6 +85,29 @@ def test_the_3mf_has_each_part_where_the_joints_put_it(folder: Path) -> None:
     assert first == len(mesh.vertices)
 
 
+@pytest.mark.parametrize("ending", ["3mf", "step"])
+def test_check_examines_each_part_by_its_own_specification(folder: Path, ending: str) -> None:
+    report = examine(folder / f"{SET.name}.{ending}", full=False)
+    assert report.ok, report.faults
+    found = {check.name: check.detail for check in report.checks}
+    assert found["bodies"].startswith("4, 2 of them with a relief")
+    for slot, block in enumerate(BLOCKS, start=1):
+        name = f"{block.name} in slot {slot}" if ending == "3mf" else block.name
+        assert f"{block.texture.name}, preset paper, scale 1" in found[f"{name}: relief"]
+        assert found[f"{name}: key"] == "3 mm at the corner (X, 0)"
+        assert "turned by 90 degrees" in found[f"{name}: placement"]
+    assert found[f"{JIG.name}: texture"].startswith("none: a part of")
+    assert report.size_mm == pytest.approx([*JIG.seat.outer.size_mm, JIG.seat.roof_mm[1]], abs=1e-3)
+    assert report.deviation_mm is not None and report.deviation_mm <= 0.01 + 1e-5
+
+
+def test_check_names_the_body_that_is_not_what_its_name_says(tmp_path: Path) -> None:
+    placed = [(replace(part, name=NAMES[1]) if part.kind == "block" else part, m) for part, m in SMALL.placed()]
+    step.write_assembly(placed, "assembly", "A wrong block", tmp_path / "a.step")
+    faults = {check.name for check in examine(tmp_path / "a.step").faults}
+    assert faults == {f"{NAMES[1]}: key"}
+
+
 def test_the_same_assembly_gives_the_same_bytes(tmp_path: Path) -> None:
     """Also after another one in the same process: the kernel counts on."""
     files = []
@@ -95,8 +119,6 @@ def test_the_same_assembly_gives_the_same_bytes(tmp_path: Path) -> None:
 
 
 def test_a_part_in_the_wrong_place_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from tacbench_cad.export import step
-
     def shifted(placed: list[tuple[object, np.ndarray]], *rest: object) -> None:
         moved = [(part, matrix + np.eye(4, k=3) * 0.01 * (i == 1)) for i, (part, matrix) in enumerate(placed)]
         write(moved, *rest)  # type: ignore[arg-type]
@@ -113,6 +135,11 @@ def test_what_the_option_means() -> None:
     (one,) = plan(Request(assembly=True, slots=2)).assemblies
     assert [block.texture.number for block in one.blocks] == [1, 2]
     assert one.jig is not None and one.formats == ("3mf", "step")
+    (left,) = plan(Request(assembly=True, slots=2)).left_out
+    assert left.what == f"4 of 6 blocks in {one.name}"
+    assert left.reason == "the holder has 2 slots, for texture-1, texture-2; --slots asks for more"
+    (copied,) = plan(Request(textures=("3", "2"), copies=2, assembly=True, slots=3)).assemblies
+    assert [(block.texture.number, block.copy) for block in copied.blocks] == [(3, 1), (2, 1), (3, 2)]
     assert plan(Request()).assemblies == ()
     counted = plan(Request(textures=("1",), assembly=True))
     assert counted.file_count == 3 * 3 + 2

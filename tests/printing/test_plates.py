@@ -45,7 +45,7 @@ def require_sound(plate: Plate, spacing: float) -> None:
 def test_six_copies_of_the_six_on_each_printer(name: str) -> None:
     plates = arrange(SIX, 6, printers()[name])
     labels = [one.label for plate in plates for one in plate.blocks]
-    assert sorted(labels) == sorted(f"T{n}-{copy:02d}" for n in range(1, 7) for copy in range(1, 7))
+    assert sorted(labels) == sorted(f"T{n} PAPER X1 {copy:02d}" for n in range(1, 7) for copy in range(1, 7))
     assert [plate.number for plate in plates] == list(range(1, len(plates) + 1))
     for plate in plates:
         require_sound(plate, 5.0)
@@ -193,6 +193,29 @@ def test_a_filled_in_record_stays(made: Path) -> None:
     options = ("--copies", "2", "--texture", "1", "--filament", "pla-minus")
     assert main(["plate", "--printer", "bambu-p1p", *options, "--out", str(made)]) == 0
     assert record.read_text().endswith("# mine\n")
+
+
+def test_plates_left_by_a_larger_request_are_refused_and_stay(tmp_path: Path, capsys: Capture) -> None:
+    pytest.importorskip("lib3mf")
+
+    def plates(copies: int, filament: str = "petg") -> int:
+        options = ("--texture", "1", "--scale", "2", "--spacing", "30", "--filament", filament)
+        return main(["plate", "--printer", "ender-3", "--copies", str(copies), *options, "--out", str(tmp_path)])
+
+    assert plates(10) == 0
+    before = {one.name: one.read_bytes() for one in tmp_path.iterdir()}
+    assert "ender-3_petg_plate02.3mf" in before
+    capsys.readouterr()
+    assert plates(1) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1
+    assert "ender-3_petg_plate02.3mf" in err and "ender-3_petg_plate02.csv" in err and "plate01" not in err
+    assert {one.name: one.read_bytes() for one in tmp_path.iterdir()} == before
+    assert plates(10) == 0 and plates(1, "pla-plus") == 0
+    # Their records, which somebody may have filled in, are in nobody's way.
+    (tmp_path / "ender-3_petg_plate02.3mf").unlink()
+    (tmp_path / "ender-3_petg_plate02.csv").unlink()
+    assert plates(1) == 0 and (tmp_path / "ender-3_petg_plate02_print.toml").exists()
 
 
 @pytest.mark.parametrize(

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import time
 from functools import cache
 from pathlib import Path
 
 import pytest
+from checkout import ROOT, Fill, Once, versioned_files
 from outsiders import Run, Written, part_named, program
 from resting import Exported
 
 from tacbench_cad.assets.folder import export
 from tacbench_cad.block import Block
+from tacbench_cad.errors import InputError
 from tacbench_cad.export import FORMATS
+from tacbench_cad.files import locked
 
 
 @pytest.fixture(scope="session")
@@ -51,3 +57,40 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Exported:
         return export([Block.of(texture)], [target], out / target)[0].folder
 
     return folder
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
+    """Fills a folder once, whichever of the processes that share the tests comes first; the others wait for it."""
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+    def make(name: str, fill: Fill) -> Path:
+        folder, done = shared / name, shared / f"{name}-lock" / "done"
+        while True:
+            try:
+                with locked(done.parent):
+                    if not done.exists():
+                        shutil.rmtree(folder, ignore_errors=True)
+                        folder.mkdir()
+                        fill(folder)
+                        done.touch()
+                    return folder
+            except InputError as error:
+                if "another tacbench" not in error.allowed:
+                    raise
+                time.sleep(0.5)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def source(once: Once) -> Path:
+    """A copy of the project as a clean checkout has it."""
+
+    def fill(folder: Path) -> None:
+        for name in versioned_files():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, folder / name)
+
+    return once("source", fill)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 from outsiders import Run, Written, program
+from slicing import by_cura, by_prusa, cura_search_path
 
 from tacbench_cad.block import Block
 from tacbench_cad.printing.compare import AsSliced, compare
@@ -15,8 +14,6 @@ from tacbench_cad.printing.gcode import read_gcode
 
 pytestmark = pytest.mark.real
 
-#: Where Debian's package ``cura`` puts the definitions of printers and extruders.
-CURA_DEFINITIONS = Path("/usr/share/cura/resources")
 #: Height error and that of the ideal staircase for texture 2 by layer height, in mm.
 EXPECTED = {0.1: (0.027, 0.029), 0.15: (0.039, 0.0435), 0.2: (0.052, 0.0575)}
 HEIGHTS = [pytest.param(one, marks=() if one == 0.2 else pytest.mark.long) for one in EXPECTED]
@@ -25,39 +22,11 @@ HEIGHTS = [pytest.param(one, marks=() if one == 0.2 else pytest.mark.long) for o
 @pytest.fixture
 def cura_engine(monkeypatch: pytest.MonkeyPatch) -> Run:
     run = program("CuraEngine", "cura-engine")
-    if not (CURA_DEFINITIONS / "definitions" / "creality_ender3.def.json").is_file():
+    folders = cura_search_path()
+    if folders is None:
         pytest.skip("CuraEngine's definitions are not installed: apt-get install cura")
-    folders = [str(CURA_DEFINITIONS / name) for name in ("definitions", "extruders")]
-    monkeypatch.setenv("CURA_ENGINE_SEARCH_PATH", os.pathsep.join(folders))
+    monkeypatch.setenv("CURA_ENGINE_SEARCH_PATH", folders)
     return run
-
-
-def by_prusa(run: Run, model: Path, target: Path, layer_mm: float, *options: str) -> Path:
-    run(
-        [
-            *("--export-gcode", "--layer-height", f"{layer_mm}", "--first-layer-height", f"{layer_mm}"),
-            *("--nozzle-diameter", "0.4", "--filament-diameter", "1.75", "--skirts", "2", "--brim-width", "3"),
-            *("--fill-density", "20%", *options, "--output", target, model),
-        ]
-    )
-    return target
-
-
-def by_cura(run: Run, model: Path, target: Path, layer_mm: float, options: Sequence[str] = ()) -> Path:
-    settings = (
-        f"layer_height={layer_mm}",
-        f"layer_height_0={layer_mm}",
-        "machine_end_gcode=",  # its words in braces are for Cura's window to fill in
-        "adhesion_type=skirt",
-        "infill_sparse_density=20",
-        *options,
-    )
-    definition = CURA_DEFINITIONS / "definitions" / "creality_ender3.def.json"
-    words = [word for one in settings for word in ("-s", one)]
-    own = ("roofing_layer_count=0", "material_diameter=1.75", *settings[4:])
-    extruder = [word for one in own for word in ("-s", one)]
-    run(["slice", "-j", definition, *words, "-e0", *extruder, "-o", target, "-l", model])
-    return target
 
 
 def checked(path: Path, texture: int = 2) -> AsSliced:

@@ -34,7 +34,7 @@ class BlockResult:
         folder: The run folder, complete.
         presses: Presses made in this sitting.
         missed: Those of them whose force lies outside of its band.
-        seconds: Time in ``encode`` and ``sync``, as :class:`RunWriter` counts it.
+        seconds: Time in ``encode`` and ``sync``, as :class:`~tacbench_cad.lab.runs.writing.RunWriter` counts it.
     """
 
     folder: Path
@@ -62,7 +62,7 @@ def press_block(
         signals: Go to this block's carriage meanwhile.
         progress: Is told.
         taught_mm: Heights of first touch that a person found (``touch = "taught"``).
-        durable: See :meth:`RunWriter.open`.
+        durable: See :meth:`tacbench_cad.lab.runs.writing.RunWriter.open`.
 
     Raises:
         RigError: A device failed or a limit was met. The sensor was lifted if the stage still answered, and the run

@@ -17,6 +17,7 @@ FREE_SHARE = 0.1
 DRIFT_SHARE = 0.25
 #: A force that counts as touch: so many times the noise of the free gauge, and never less than this many newtons.
 TOUCH_SPREADS = 5.0
+#: The least force that counts as touch, in newtons.
 LEAST_TOUCH_N = 0.005
 
 

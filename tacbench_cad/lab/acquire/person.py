@@ -31,6 +31,10 @@ class Person(Protocol):
     def first_touch(self, printed: PrintedBlock, positions: int) -> tuple[float, ...]:
         """Heights of first touch in mm of the work frame: one for all positions, or one for each.
 
+        Args:
+            printed: The block that lies there.
+            positions: How many positions are pressed.
+
         Raises:
             InputError: None was given.
         """

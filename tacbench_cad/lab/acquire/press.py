@@ -23,6 +23,7 @@ MARGIN_STEPS = 2.0
 GROWTH = 3.0
 #: Far from the band, in its half widths, only this share of the predicted step is taken: prediction lags behind.
 FAR_BANDS = 4.0
+#: The share of the predicted step that is taken far from the band.
 FAR_SHARE = 0.8
 
 
@@ -48,6 +49,7 @@ class Slope:
     Args:
         reach_mm: How far from that height a force still counts.
         least_mm: Heights that lie closer together than this say nothing.
+        seen: Heights in mm and the forces in newtons that were read there.
     """
 
     reach_mm: float

@@ -12,6 +12,7 @@ from typing import Protocol, TextIO
 
 from tacbench_cad.files import TEMPORARY_PREFIX
 from tacbench_cad.lab.rig.gauge import Force
+from tacbench_cad.naming import counted
 
 #: A stream that is no terminal gets a line every so many seconds.
 PLAIN_EVERY_S = 10.0
@@ -21,11 +22,24 @@ class Progress(Protocol):
     """Is told how a run goes on."""
 
     def begin(self, name: str, done: int, total: int) -> None:
-        """A block's run is begun or gone on with; ``done`` of its ``total`` presses are there."""
+        """A block's run is begun or gone on with.
+
+        Args:
+            name: Name of the run.
+            done: Presses that are there.
+            total: Presses that it will have.
+        """
         ...
 
     def pressed(self, done: int, force: Force | None, in_band: bool | None, reading: Path) -> None:
-        """One more press is on the disk."""
+        """One more press is on the disk.
+
+        Args:
+            done: Presses that are there now.
+            force: The measured force, None without a gauge.
+            in_band: Whether it lies in its band, None without a gauge.
+            reading: The file of the reading.
+        """
         ...
 
     def end(self) -> None:
@@ -76,7 +90,7 @@ class Lines:
         """See :class:`Progress`."""
         self._name, self._total = name, total
         self._first, self._written = None, -PLAIN_EVERY_S
-        self.say(f"{name}: {done} of {total} presses are there" if done else f"{name}: {total} presses")
+        self.say(f"{name}: {f'{done} of ' if done else ''}{counted(total, 'press')}{' there' if done else ''}")
 
     def pressed(self, done: int, force: Force | None, in_band: bool | None, reading: Path) -> None:
         """See :class:`Progress`."""

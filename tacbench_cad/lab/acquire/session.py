@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from tacbench_cad.errors import InputError
 from tacbench_cad.files import locked, replacing
@@ -18,6 +19,7 @@ from tacbench_cad.lab.presses import block_order
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.spec import PlannedBlock, PrintedBlock, Protocol, RigSettings, Study, WorkFrame
+from tacbench_cad.naming import counted
 from tacbench_cad.tables import Table, read_toml
 
 #: File in a run folder with the heights of first touch that a person taught.
@@ -89,7 +91,7 @@ def acquire(
         out: Folder of the run folders.
         person: Puts the blocks in.
         progress: Is told.
-        durable: See :meth:`RunWriter.open`.
+        durable: See :meth:`tacbench_cad.lab.runs.writing.RunWriter.open`.
         opener: Opens the devices.
 
     Returns:
@@ -108,7 +110,7 @@ def acquire(
         every = places(study, rig, out)
         open_ones = [place for place in every if not _finished(study, rig, place)]
         if len(open_ones) < len(every):
-            progress.say(f"{len(every) - len(open_ones)} of {len(every)} blocks are complete")
+            progress.say(f"complete: {len(every) - len(open_ones)} of {counted(len(every), 'block')}")
         opened: Rig | None = None
         for tray in _trays(open_ones, len(slots)):
             taught = {place.slot: _prepare(study, rig, place, person, len(slots), len(every)) for place in tray}
@@ -118,13 +120,7 @@ def acquire(
                 else:
                     opened.put(place.planned.printed, place.frame)
                 info = RunInfo(
-                    printed=place.planned.printed,
-                    levels=place.planned.levels,
-                    protocol=study.protocol,
-                    grid_spacing=study.grid_spacing,
-                    holder=rig.holder,
-                    frame=place.frame,
-                    slot=place.slot,
+                    **_asked(study, rig, place),
                     stage=opened.stage_info,
                     gauge=opened.gauge_info,
                     sensor=opened.sensor_info,
@@ -162,6 +158,19 @@ def _trays(blocks: Sequence[Place], slots: int) -> Iterator[tuple[Place, ...]]:
         yield tuple(tray)
 
 
+def _asked(study: Study, rig: RigSettings, place: Place) -> dict[str, Any]:
+    """What a block's run shall be, by the fields of :class:`RunInfo`: all but what the devices say of themselves."""
+    return {
+        "printed": place.planned.printed,
+        "levels": place.planned.levels,
+        "protocol": study.protocol,
+        "grid_spacing": study.grid_spacing,
+        "holder": rig.holder,
+        "frame": place.frame,
+        "slot": place.slot,
+    }
+
+
 def _finished(study: Study, rig: RigSettings, place: Place) -> bool:
     """Whether a block's run is complete, and refuse one that was begun otherwise, before any device is opened."""
     if not (place.folder / "run.json").exists():
@@ -169,13 +178,7 @@ def _finished(study: Study, rig: RigSettings, place: Place) -> bool:
     run = Run.open(place.folder)
     now = replace(
         run.info,
-        printed=place.planned.printed,
-        levels=place.planned.levels,
-        protocol=study.protocol,
-        grid_spacing=study.grid_spacing,
-        holder=rig.holder,
-        frame=place.frame,
-        slot=place.slot,
+        **_asked(study, rig, place),
         stage={**run.info.stage, "settings": recorded_stage(rig.stage)},
         gauge={**run.info.gauge, "settings": recorded_gauge(rig.gauge)},
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 from tacbench_cad.errors import InputError
 from tacbench_cad.files import replacing
 
+#: The text of the file.
 TEMPLATE = """\
 # A data run for `tacbench acquire`. Lines that begin with "# key =" show a default: take the "#" away to change it.
 # Lengths in mm, forces in N, times in s. Files are found from this file's folder.
@@ -119,7 +120,7 @@ limits_mm = [[0.0, 200.0], [0.0, 200.0], [-60.0, 0.0]]
 # options = { speed = 1.0 }
 
 [gauge]
-# "serial" (a load cell that sends a line a sample), "simulated", or "none".
+# "serial" (a load cell that sends a line a sample), "simulated", "none", or "module:name".
 driver = "serial"
 # port = "/dev/serial/by-id/usb-..."
 # baud = 115200

@@ -23,6 +23,7 @@ LARGEST_SHARE = 0.001
 #: A reading shows touch if its change is larger than those of the free readings by so many times their scatter, and by
 #: this share at the least.
 CHANGE_SPREADS = 6.0
+#: How much larger it is at the least, as a share of the free readings' changes.
 LEAST_CHANGE = 0.2
 #: Touch is found in steps of this share of an approach step, once an approach step has met it.
 FINE_SHARE = 0.1

@@ -89,7 +89,7 @@ class Augmentation:
             seed: The trial's seed.
 
         Returns:
-            (copies x chosen, numbers): all readings as they are, then all with noise, then each brightness.
+            All readings as they are, then all with noise, then each brightness; (copies x chosen, numbers).
         """
         indices = np.asarray(chosen, dtype=np.int64)
         plain = features.rows[indices].astype(np.float64)

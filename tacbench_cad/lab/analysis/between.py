@@ -2,7 +2,7 @@
 
 For two textures that one printer-filament printed: the variance of each pixel over both textures' readings at the same
 position, then the mean over pixels and positions (the paper's figure). On the diagonal stands the table's own variance.
-With n_a and n_b readings, their sums of squares Q and means m, the union's variance is
+With n_a and n_b readings, their sums of squares Q and means m, the union's variance is::
 
     (Q_a + Q_b + n_a n_b / (n_a + n_b) |m_a - m_b|^2) / (n_a + n_b - ddof)
 

@@ -28,17 +28,21 @@ from tacbench_cad.lab.analysis.splits import UNITS, PressTable
 
 #: Trials by protocol where nothing else is said; the paper's are the text's.
 TRIALS = {"sound": 5, "paper": published.TRIALS}
+#: Where finished trials are kept, in the output folder.
 TRIALS_FOLDER = "trials"
 #: What was asked for, beside the tables.
 SETTINGS_FILE = "classification_settings.json"
+#: Heads of ``classification.csv``.
 COLUMNS = ["protocol", "estimator", "train_on", "tested_on", "rung", "accuracy", "low", "high", "trials", "images"]
+#: Heads of ``confusion.csv``.
 CONFUSION_COLUMNS = ["protocol", "estimator", "train_on", "tested_on", "rung", "texture", "predicted", "count", "share"]
+#: Heads of ``predictions.csv``.
 PREDICTION_COLUMNS = (
     *("protocol", "estimator", "train_on", "tested_on", "rung", "trial"),
     *("run", "press", "augmentation", "texture", "predicted"),
 )
 
-#: Called with what is counted, how many are done, and how many there are.
+#: Called with what is counted, how many are done, and how many there are (0: nobody knows).
 Progress = Callable[[str, int, int], None]
 
 

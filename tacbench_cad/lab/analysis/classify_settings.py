@@ -22,6 +22,7 @@ from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.splits import FOLDS, RUNGS
 from tacbench_cad.lab.rig.plugin import is_plugin, load
 
+#: The protocols: ``sound`` keeps all of the test set out of training, ``paper`` does as the paper's text says.
 PROTOCOLS = ("sound", "paper")
 #: Estimators of our own: the paper's two.
 ESTIMATORS = ("forest", "network")
@@ -109,6 +110,10 @@ class Settings:
 
     def estimator(self, name: str, seed: int) -> Any:
         """A new estimator with its seeds set.
+
+        Args:
+            name: One of ours, or ``module:name`` of your own.
+            seed: The seed.
 
         Raises:
             InputError: ``module:name`` cannot be loaded or is no estimator.

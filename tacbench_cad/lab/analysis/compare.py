@@ -4,7 +4,7 @@ The unit is the print. For each rung of the ladder and each texture, the share o
 right (mean over presses and trials) is one number. Where both sensors pressed the same prints (run folders of one
 name), the difference of each print's two numbers is taken, which leaves out that some prints are easier; else two
 independent samples are compared (Welch 1947). With SE the standard error of the mean difference and its degrees of
-freedom f, the 95 % interval is ``difference +- t(0.975, f) SE``, and
+freedom f, the 95 % interval is ``difference +- t(0.975, f) SE``, and::
 
     smallest difference = (t(0.975, f) + t(0.8, f)) SE
 
@@ -35,9 +35,11 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+#: Level of the intervals, and power of the smallest difference that can be shown.
 LEVEL, POWER = 0.95, 0.80
 #: ``texture`` of a row over all textures.
 ALL_TEXTURES = "all"
+#: Heads of ``comparison.csv``.
 COLUMNS = (
     "rung",
     "texture",

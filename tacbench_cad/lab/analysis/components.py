@@ -9,10 +9,10 @@ are those of nested means, outermost first::
     print     sum over prints    b of n_b |mean_b - mean of its printer|^2
     repeat    sum over presses     of     |press  - mean of its print|^2
 
-where |.|^2 is the mean over pixels. They come out of merging Welford accumulators in the order of nesting and need one
-image for each level of nesting. ``NestedSums.of(labels, squares)`` takes them with the labels of the presses that were
-there, and ``+`` pools positions (and force levels): sums of squares, their expected coefficients and degrees of freedom
-all add, so presses may be missing anywhere.
+where ``|.|^2`` is the mean over pixels. They come out of merging Welford accumulators in the order of nesting and need
+one image for each level of nesting. ``NestedSums.of(labels, squares)`` takes them with the labels of the presses that
+were there, and ``+`` pools positions (and force levels): sums of squares, their expected coefficients and degrees of
+freedom all add, so presses may be missing anywhere.
 
 Estimator: each sum of squares has expectation ``sum over levels of coefficient x component``, and the components are
 what solves these equations (ANOVA estimators, Henderson's method 1; Searle, Casella and McCulloch, "Variance

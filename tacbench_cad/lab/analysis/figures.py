@@ -20,11 +20,13 @@ if TYPE_CHECKING:
 
 #: Colours that people with any colour vision tell apart (Okabe and Ito), the darker ones first.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#f0e442")
+#: Colour of text and axes.
 INK = "#222222"
 #: Colour map of magnitudes.
 MAP = "viridis"
 #: Colour of the mark of simulated data.
 MARK = "#b03a00"
+#: Dots per inch of a PNG.
 DPI = 150
 #: Width of one column and of a page in most journals, in inches.
 COLUMN_IN, PAGE_IN = 3.5, 7.2

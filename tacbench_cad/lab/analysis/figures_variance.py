@@ -16,6 +16,7 @@ from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure,
 from tacbench_cad.lab.analysis.published import ROW_NAMES, VARIANCE
 from tacbench_cad.lab.analysis.streaming import levels_with_most_prints
 from tacbench_cad.lab.analysis.variance import Level, VarianceResult
+from tacbench_cad.naming import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -123,7 +124,7 @@ def compared(result: VarianceResult) -> list[str]:
 def _left_out(result: VarianceResult) -> str:
     """What a figure does not show, in words."""
     count = len({one.combination for one in result.cells}) - len(compared(result))
-    return f"{count} printer-filament{'' if count == 1 else 's'} with one print not shown" if count else ""
+    return f"{counted(count, 'printer-filament')} with one print not shown" if count else ""
 
 
 def table_figure(result: VarianceResult) -> Figure:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tacbench_cad.errors import InputError
 from tacbench_cad.lab.analysis.augment import BLOCK, Augmentation, noise_block
 from tacbench_cad.lab.analysis.features import Rows
-from tacbench_cad.lab.analysis.gram import RANK, gram, leading
+from tacbench_cad.lab.analysis.gram import RANK, add_products, gram, leading, mirrored
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -73,8 +73,8 @@ class Products:
         for first in range(0, numbers, BLOCK):
             block = slice(first, min(first + BLOCK, numbers))
             drawn = noise * noise_block(seed, first, count, block.stop - first).astype(np.float64)
-            cross += (self.rows[:, block] - self.mean[block]) @ drawn.T
-            noisy += drawn @ drawn.T
+            add_products(cross, self.rows[:, block] - self.mean[block], drawn)
+            add_products(noisy, drawn)
             sums += drawn.sum(axis=1)
         return Products(
             rows=self.rows,
@@ -84,11 +84,11 @@ class Products:
             seed=seed,
             noise=noise,
             cross=cross,
-            noisy=noisy,
+            noisy=mirrored(noisy),
             noise_ones=sums,
         )
 
-    def times(self, onto: _Onto) -> tuple[Floats, Floats, Floats]:
+    def times(self, onto: Onto) -> tuple[Floats, Floats, Floats]:
         """Inner products of sums of readings, noise and 1 with each reading, each noise and 1."""
         numbers = self.rows.shape[1]
         plain = self.plain @ onto.plain + np.outer(self.ones, onto.ones)
@@ -101,8 +101,14 @@ class Products:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Onto:
-    """Vectors as sums: of readings (n, k), of noise (n, k) or None, of the constant reading (k,)."""
+class Onto:
+    """Vectors as sums.
+
+    Args:
+        plain: Weights of the readings, (n, k).
+        noise: Weights of their noise, (n, k), or None.
+        ones: Weights of the constant reading, (k,).
+    """
 
     plain: Floats
     noise: Floats | None
@@ -114,7 +120,7 @@ class FoldScores:
     """Principal component scores of one fold.
 
     Args:
-        train: Of the augmented training set, in the order of :meth:`Augmentation.rows`, (copies x train, components).
+        train: Of the augmented training set, in the order of ``Augmentation.rows``, (copies x train, components).
         test: Of the test set, as it is, (test, components).
         variance: Variance of the training set along each component (ddof 1), (components,).
     """
@@ -151,7 +157,7 @@ def fold_scores(
 
 def _solve(
     products: Products, augmentation: Augmentation, train: Numbers, test: Numbers, components: int
-) -> tuple[FoldScores, _Onto]:
+) -> tuple[FoldScores, Onto]:
     """Scores of a fold up to their signs, and the components as sums."""
     count, copies = len(train), augmentation.count
     offsets = np.array(augmentation.offsets)
@@ -161,7 +167,7 @@ def _solve(
         what = f"must be from 1 to {most}: a training set has {rows} rows of {products.rows.shape[1]} numbers"
         raise InputError("components", components, what)
 
-    def sums(vectors: Floats) -> _Onto:
+    def sums(vectors: Floats) -> Onto:
         """C' v: sums of the training set's rows as sums of readings, noise and 1."""
         parts = vectors.reshape(copies, count, -1)
         plain = np.zeros((len(products.plain), vectors.shape[1]))
@@ -170,18 +176,17 @@ def _solve(
         if augmentation.noise is not None:
             noise = np.zeros_like(plain)
             noise[train] = parts[1]
-        return _Onto(plain=plain, noise=noise, ones=offsets @ parts.sum(axis=1))
+        return Onto(plain=plain, noise=noise, ones=offsets @ parts.sum(axis=1))
 
-    def along(onto: _Onto) -> Floats:
-        """Inner products of the training set's rows with vectors, (rows, k)."""
-        plain, noisy, ones = products.times(onto)
+    def along(plain: Floats, noisy: Floats, ones: Floats) -> Floats:
+        """Inner products of the training set's rows with vectors, (rows, k), from those of readings, noise and 1."""
         values = plain[train] + offsets[:, None, None] * ones
         if augmentation.noise is not None:
             values[1] += noisy[train]
         return np.asarray(values.reshape(rows, -1))
 
     def scatter(vectors: Floats) -> Floats:
-        values = along(sums(vectors - vectors.mean(axis=0)))
+        values = along(*products.times(sums(vectors - vectors.mean(axis=0))))
         return np.asarray(values - values.mean(axis=0))
 
     squares, vectors = leading(scatter, rows, components)
@@ -190,15 +195,13 @@ def _solve(
         raise InputError("components", components, f"must be at most {most}: so many directions do the readings have")
     lengths = np.sqrt(squares)
     onto = sums((vectors - vectors.mean(axis=0)) / lengths)
-    middle = along(onto).mean(axis=0)
-    unseen = products.plain[np.ix_(test, train)] @ onto.plain[train] + np.outer(products.ones[test], onto.ones)
-    if products.cross is not None and onto.noise is not None:
-        unseen += products.cross[np.ix_(test, train)] @ onto.noise[train]
-    scores = FoldScores(train=vectors * lengths, test=unseen - middle, variance=squares / (rows - 1))
+    plain, noisy, ones = products.times(onto)
+    middle = along(plain, noisy, ones).mean(axis=0)
+    scores = FoldScores(train=vectors * lengths, test=plain[test] - middle, variance=squares / (rows - 1))
     return scores, onto
 
 
-def _signs(products: Products, found: Sequence[_Onto]) -> list[Floats]:
+def _signs(products: Products, found: Sequence[Onto]) -> list[Floats]:
     """Signs that make each component's largest weight positive; the readings are gone through once for all folds."""
     count, numbers = products.rows.shape
     # Single precision is enough to see which of two weights is larger.

@@ -13,6 +13,7 @@ from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.cells import ALL_LEVELS, Cell
 from tacbench_cad.lab.analysis.variance_notes import FRAMES, REPEATS
 from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.naming import counted
 from tacbench_cad.protocol import FORCE_SPREADS_N, FORCES_N, PressGrid
 
 #: Where floors come from: frames without motion in contact; repeats on one print, at least for some cells, which is an
@@ -21,6 +22,7 @@ FloorSource = Literal["stationary", "repeats", "none"]
 
 #: The unit of the published figures' readings, and the size of the camera's images (rows, columns).
 UNITS = "counts"
+#: Rows and columns of the camera's images.
 IMAGE_SHAPE = (480, 640)
 #: A floor above this share of a figure is said.
 LARGE_FLOOR = 0.5
@@ -124,7 +126,7 @@ def limits(cells: Sequence[Cell], context: Context, force_level: int | str) -> t
     if context.simulated:
         said.append(f"Simulated ({'; '.join(context.simulated)}): this says nothing about a real printer.")
     if context.left_out:
-        said.append(f"{len(context.left_out)} readings could not be used and are left out: {context.left_out[0]}.")
+        said.append(f"Left out, for it cannot be used: {counted(len(context.left_out), 'reading')}: {context.left_out[0]}.")
     said += _limits_of_prints(cells)
     said += _limits_of_floor(cells, context)
     said += _limits_of_pressing(context, force_level)

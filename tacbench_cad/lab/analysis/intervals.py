@@ -2,7 +2,7 @@
 
 What is estimated. With sigma_P^2 the variance between prints and sigma_e^2 the variance between repeats on one print,
 each a mean over pixels and positions, the table's figure V (ddof 0, k prints of R repeats, mean over pixels and
-positions) estimates
+positions) estimates::
 
     E[V] = (1 - 1/k) sigma_P^2 + (1 - 1/(k R)) sigma_e^2
 
@@ -20,7 +20,7 @@ independent (the same prints) and are therefore treated as more pixels.
 How. Pixels and positions of one print move together, so a mean square of prints is not chi-squared with pixels x (k-1)
 degrees of freedom but, in Satterthwaite's approximation, with nu x (k-1), where nu = (tr S)^2 / tr(S^2) of the
 covariance S over pixels is the number of independent parts that an image has: 1 if all pixels move as one. nu is
-estimated from the same few prints, so its error must be carried along. For n contrasts with nu equal parts, the share
+estimated from the same few prints, so its error must be carried along. For n contrasts with nu equal parts, the share::
 
     u = (tr(G^2) / (tr G)^2 - 1/n) / (1 - 1/n)
 
@@ -29,7 +29,7 @@ of the contrasts' Gram matrix G follows about Beta(a, b), a = (n-1)(n+2)/4, b = 
 1/(nu-1) (1 + 1/(nu-1))^(1/2): the weight was chosen so that intervals cover in simulated studies, which
 tests/lab/analysis/test_intervals.py repeat. What the repeats add to G is taken off first. Then the generalised pivotal
 quantities of the nested design (Weerahandi 1993), with B and W the sums of squares between and within prints and each
-Q a chi-squared variable over its degrees of freedom, give draws of both components
+Q a chi-squared variable over its degrees of freedom, give draws of both components::
 
     sigma_e^2 = W / (d_W Q_W),     sigma_P^2 = max(0, (B - d_B sigma_e^2 Q_e) / (kappa Q_P))
 

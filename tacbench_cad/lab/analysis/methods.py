@@ -11,6 +11,7 @@ from tacbench_cad import __version__
 from tacbench_cad.lab.analysis.cite import PAPER, PROGRAM
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
+from tacbench_cad.naming import counted
 from tacbench_cad.sampling import Tolerance
 
 
@@ -40,14 +41,14 @@ def design_text(collection: Collection) -> str:
         else f"on a grid of {block.sampling.nx} x {block.sampling.ny} samples"
     )
     sentences = [
-        f"Blocks with {_counted(len(collection.textures), 'texture')} ({', '.join(collection.textures)}; preset "
+        f"Blocks with {counted(len(collection.textures), 'texture')} ({', '.join(collection.textures)}; preset "
         f"{block.preset}, scale {block.scale:g}, {x:.4g} x {y:.4g} x {block.height_mm:.4g} mm, made {sampling}) [1, 2] "
         f"were printed as follows: {prints_text(collection)}."
     ]
     sentences += [_press_text(collection), _forces_text(collection)]
     if protocol.stationary_frames:
         sentences.append(
-            f"At the start and at the end of each block {protocol.stationary_frames} readings were taken without "
+            f"At the start and at the end of each block there were {counted(protocol.stationary_frames, 'reading')} without "
             "motion in contact, and as many without contact."
         )
     shape = " x ".join(map(str, first.reading_shape or ())) or "unknown"
@@ -68,10 +69,9 @@ def prints_text(collection: Collection) -> str:
     parts = []
     for combination in collection.combinations:
         counts = sorted({len(copies) for copies in groups[combination].values()})
-        number = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-        prints = f"{number} print{'' if counts == [1] else 's'}"
+        prints = counted(counts[0], "print") if len(counts) == 1 else f"{counts[0]} to {counts[-1]} prints"
         parts.append(
-            f"{prints} of {_counted(len(groups[combination]), 'texture')} on {combination.replace('_', ' in ')}"
+            f"{prints} of {counted(len(groups[combination]), 'texture')} on {combination.replace('_', ' in ')}"
         )
     return "; ".join(parts)
 
@@ -121,7 +121,7 @@ def open_points(collection: Collection, preprocess: Preprocess, ddof: int) -> tu
     spacing = {
         "even": "18 to 23 mm in 1.25 mm steps",
         "1mm": "18 to 22 mm in 1 mm steps",
-    }.get(info.grid_spacing, f"the study's own grid, {len(info.protocol.grid.positions_mm)} positions")
+    }.get(info.grid_spacing, f"the study's own grid, {counted(len(info.protocol.grid.positions_mm), 'position')}")
     presets = {"paper": "the text's 23.3 x 30 mm", "released": "the released files' 29.3 x 30 mm"}
     levels = ", ".join(map(str, collection.levels))
     return (
@@ -172,9 +172,9 @@ def _press_text(collection: Collection) -> str:
     grid = protocol.grid
     order = "in the same order" if protocol.order == "paper" else f"in random order (seed {protocol.seed})"
     return (
-        f"Each block was pressed at {len(grid.positions_mm)} positions ({len(grid.x_mm)} x {len(grid.y_mm)}; x from "
+        f"Each block was pressed at {counted(len(grid.positions_mm), 'position')} ({len(grid.x_mm)} x {len(grid.y_mm)}; x from "
         f"{grid.x_mm[0]:g} to {grid.x_mm[-1]:g} mm, y from {grid.y_mm[0]:g} to {grid.y_mm[-1]:g} mm of the block), "
-        f"{order}, {_counted(protocol.repeats, 'time')} at each force: {len(collection):,} presses in all."
+        f"{order}, {counted(protocol.repeats, 'time')} at each force: {counted(len(collection), 'press')} in all."
     )
 
 
@@ -216,7 +216,3 @@ def _devices(collection: Collection, what: str) -> str:
     devices = [run.info.stage if what == "stage" else run.info.gauge for run in collection.runs]
     words = ["simulated" if one.get("simulated") else str(one.get("identity") or "not recorded") for one in devices]
     return ", ".join(dict.fromkeys(words))
-
-
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"

@@ -77,7 +77,15 @@ class NetworkClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         self.random_state = random_state
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> NetworkClassifier:  # noqa: N803
-        """Train on rows (n, features) and their labels (n,)."""
+        """Train.
+
+        Args:
+            X: Rows, (n, features).
+            y: Their labels, (n,).
+
+        Returns:
+            The network itself.
+        """
         return fit_together([self], [(X, y)])[0]
 
     def predict_proba(self, X: ArrayLike) -> Floats:  # noqa: N803
@@ -286,6 +294,8 @@ def _slopes(space: _Buffers, targets: Floats, fitted: Floats, layers: _Layers, s
         space: Holds the batch's rows; the rest is overwritten.
         targets: (t, outputs, m).
         fitted: Likewise; overwritten.
+        layers: The networks.
+        slopes: Likewise; overwritten.
     """
     hidden = space.hidden[:, :-1]
     np.matmul(layers.first, space.rows.swapaxes(1, 2), out=hidden)

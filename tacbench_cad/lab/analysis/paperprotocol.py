@@ -33,6 +33,7 @@ from tacbench_cad.lab.analysis.splits import PressTable
 
 #: The three columns of the paper's table.
 RUNGS = ("train", "test", "unseen")
+#: What is said beside every number of this protocol.
 WARNING = (
     "protocol paper: copies of an image lie on both sides of the 20 % split, and the principal components have seen "
     "both, so the test column is inflated (it nears 100 % even on labels of pure noise); compare --protocol sound"

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -51,7 +52,10 @@ class Team:
             CheckFailedError: A process was lost. What the calls themselves raise comes through as it is.
         """
         try:
-            yield from self.parallel(calls)
+            with _closing(self.parallel(calls)) as results:
+                # "yield from" would end them itself, and the warning would be out.
+                for result in results:  # noqa: UP028
+                    yield result
         except self.lost as error:
             reason = str(error).strip().splitlines()
             raise CheckFailedError(f"{self.what}: {reason[0] if reason else type(error).__name__}") from error
@@ -61,6 +65,17 @@ class Team:
         from joblib import delayed
 
         yield from self(delayed(function)(one) for one in items)
+
+
+@contextlib.contextmanager
+def _closing(results: Any) -> Iterator[Any]:
+    """Results that end with the block. Where an interruption leaves some untaken, joblib warns of calls given up."""
+    try:
+        yield results
+    finally:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", r".*You could benefit from adjusting the input task", UserWarning)
+            results.close()
 
 
 @contextlib.contextmanager

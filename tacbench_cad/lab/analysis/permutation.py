@@ -127,7 +127,7 @@ def _squares(gram: Floats, draws: int, random: np.random.Generator) -> Floats:
 
 
 def _balance(units: Floats, n: int) -> Floats:
-    """(a - b) / (a + b) for the means a of the first n units and b of the others; 0 where nothing varies. (draws,)"""
+    """(a - b) / (a + b) for the means a of the first n units and b of the others; 0 where nothing varies; (draws,)."""
     a, b = units[:, :n].mean(axis=1), units[:, n:].mean(axis=1)
     total = a + b
     return np.asarray(np.divide(a - b, total, out=np.zeros_like(total), where=total > 0.0))

@@ -26,6 +26,7 @@ ROW_NAMES: Mapping[Combination, str] = {
 }
 #: Prints and readings of each press place behind a figure of :data:`VARIANCE`: "ddof 0 over the 6 x 2 readings".
 PRINTS = 6
+#: Readings of each press place.
 REPEATS = 2
 #: Positions behind a figure of :data:`VARIANCE`: the 5 x 5 grid.
 POSITIONS = 25

@@ -3,7 +3,7 @@
 A block that lies a little off in its pocket is pressed a little off at *every* position, while errors of printing
 change from place to place. The grid itself shows what a reading does when the sensor moves along x and y: the slopes of
 the cell's mean reading from position to position. So each print gets one offset (x, y) for all of its presses at a
-force: the one that explains most of the deviations D of its mean readings from the cell's,
+force: the one that explains most of the deviations D of its mean readings from the cell's::
 
     D(position) = dx dm/dx(position) + dy dm/dy(position) + rest,
 

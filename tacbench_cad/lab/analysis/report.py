@@ -8,7 +8,7 @@ the page is made of what stands in that folder. So a figure of the page, its PNG
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,13 +20,13 @@ from tacbench_cad.lab.analysis import report_html as html
 from tacbench_cad.lab.analysis import report_sections as sections
 from tacbench_cad.lab.analysis import report_variance as variance
 from tacbench_cad.lab.analysis.classify import SETTINGS_FILE as CLASSIFY_SETTINGS
+from tacbench_cad.lab.analysis.classify import Progress
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
 from tacbench_cad.lab.analysis.variance_files import SETTINGS_FILE as VARIANCE_SETTINGS
 from tacbench_cad.lab.runs.checking import RunReport, check_run
+from tacbench_cad.naming import counted
 
-#: Called with what is being done, how much of it is done, and how much there is (0: nobody knows).
-Progress = Callable[[str, int, int], None]
 #: Kinds of files that an analysis writes and a report copies.
 SUFFIXES = (".csv", ".png", ".pdf", ".json")
 
@@ -214,8 +214,7 @@ def _section(anchor: str, title: str, body: Iterator[str]) -> _Section:
 
 
 def _page(collection: Collection, parts: Sequence[_Section]) -> str:
-    runs = len(collection.runs)
-    title = f"{len(collection):,} presses on {runs} print{'' if runs == 1 else 's'}"
+    title = f"{counted(len(collection), 'press')} on {counted(len(collection.runs), 'print')}"
     body = [html.heading(1, title)]
     if collection.simulated:
         what = "; ".join(collection.simulated)

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tacbench_cad.errors import CheckFailedError, InputError
 from tacbench_cad.files import locked
 from tacbench_cad.lab.analysis import report_html as html
-from tacbench_cad.lab.analysis.classify import SETTINGS_FILE
+from tacbench_cad.lab.analysis.classify import SETTINGS_FILE, Progress
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report_sections import Study, figure, read_rows, read_settings, value
-
-if TYPE_CHECKING:
-    from tacbench_cad.lab.analysis.report import Progress
+from tacbench_cad.naming import counted
 
 #: Columns of ``classification.csv`` that the page shows.
 COLUMNS = ("estimator", "rung", "train_on", "tested_on", "accuracy", "low", "high", "trials", "images")
@@ -189,7 +187,7 @@ def _methods(settings: Mapping[str, Any]) -> str:
             f"{', '.join(settings['train_on'])}, each tested on all others [1]."
         )
     sentences.append(
-        f"{settings['trials']} trials were averaged; seed {settings['seed']}. Intervals (95 %) have the held-out "
+        f"Averaged over {counted(settings['trials'], 'trial')}; seed {settings['seed']}. Intervals (95 %) have the held-out "
         "groups, within them the prints, as their unit."
     )
     return " ".join(sentences)

@@ -18,7 +18,8 @@ from tacbench_cad.lab.analysis.classify_settings import data_key
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.csvfile import write_csv
 from tacbench_cad.lab.runs.checking import RunReport
-from tacbench_cad.lab.runs.printrecord import FIELDS, PrintRecord
+from tacbench_cad.naming import counted
+from tacbench_cad.printrecord import FIELDS, PrintRecord
 
 #: Findings of a run that the page shows; all of them stand in the CSV file.
 MOST_FINDINGS = 5
@@ -155,8 +156,8 @@ def quality_section(study: Study, reports: Sequence[RunReport]) -> Iterator[str]
     yield html.paragraph(
         f"{there:,} of {planned:,} planned presses are there; in {outside:,} of them the force lay outside of its band "
         f"(they say so and are kept). Every reading was compared with its checksum and judged for darkness, blur and "
-        f"being stuck: {len(reports) - len(faulty)} of {len(reports)} runs have no finding, {len(found):,} findings in "
-        "all."
+        f"being stuck: {len(reports) - len(faulty)} of {len(reports)} runs have no finding, {counted(len(found), 'finding')} "
+        "in all."
     )
     if faulty:
         shown = [
@@ -201,6 +202,7 @@ def require_same(option: str, path: Path, collection: Collection) -> Mapping[str
 
 
 def figure(study: Study, folder: Path, stem: str, caption: str, table: str = "") -> str:
+    """A figure of an analysis with its caption, and links to its files and to the table that it was drawn from."""
     sub = folder.name
     files = [study.file(f"{sub}/{stem}.png"), study.file(f"{sub}/{stem}.pdf"), *([study.file(table)] if table else [])]
     return html.figure(folder / f"{stem}.png", caption, ", ".join(files))

@@ -29,6 +29,7 @@ from tacbench_cad.lab.analysis.splits import FOLDS, RUNGS, ladder
 
 #: What a split file calls itself, and the version of its layout that this program writes and reads.
 SCHEMA = "tacbench-split"
+#: The version of a split file's layout.
 SCHEMA_VERSION = 1
 #: What stands in a press's entry.
 PRESS_COLUMNS = ("run", "force_level", "repeat", "position", "texture", "image_sha256")

@@ -65,7 +65,16 @@ class Presses(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PressTable:
-    """What of a collection a split needs as plain arrays that can be sent to a process; see :class:`Presses`."""
+    """What of a collection a split needs as plain arrays, (n,) each, that can be sent to a process.
+
+    Args:
+        run: The print's number.
+        texture: Name of the texture.
+        combination: Printer and filament.
+        copy: Number of the copy.
+        level: Force level.
+        position: Number of the position.
+    """
 
     run: Numbers
     texture: Words
@@ -233,7 +242,13 @@ def _folds(presses: Presses, rung: str, groups: Numbers, names: list[str], notes
 
 
 def with_copies(presses: Presses, fold: Fold, copies: int, seed: int) -> Fold | None:
-    """A fold whose training set has so many prints of each texture and combination, drawn by the seed.
+    """A fold whose training set has fewer prints.
+
+    Args:
+        presses: All presses.
+        fold: The whole fold.
+        copies: Prints of each texture and combination that are kept.
+        seed: What they are drawn by.
 
     Returns:
         None where some texture of a combination that trains has fewer.

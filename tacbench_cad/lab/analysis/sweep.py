@@ -27,6 +27,7 @@ PARAMETERS = {
 }
 #: Values of a range where no number of them is given.
 STEPS = 10
+#: Heads of ``sweep.csv``.
 COLUMNS = (
     *("protocol", "estimator", "train_on", "tested_on", "rung", "parameter", "value"),
     *("accuracy", "low", "high", "spread", "trials", "images"),
@@ -79,6 +80,11 @@ class Sweep:
 
     def at(self, collection: Collection, settings: Settings, value: float) -> tuple[Collection, Settings]:
         """Data and settings for one value.
+
+        Args:
+            collection: The presses of the study.
+            settings: What holds at every value.
+            value: A value of the parameter.
 
         Raises:
             InputError: The data have no such force level.
@@ -133,6 +139,15 @@ def run_sweep(
     progress: Progress | None = None,
 ) -> SweepResult:
     """Classify at every value; finished trials are kept as for one value.
+
+    Args:
+        collection: The presses of the study.
+        settings: What holds at every value.
+        sweep: The parameter and its values.
+        trials: How many trials are made at each value.
+        out: Where finished trials are kept.
+        team: The processes that do it.
+        progress: Called with what was done, how much is done, and how much there is.
 
     Raises:
         InputError: As :func:`tacbench_cad.lab.analysis.classify.classify`, or the protocol has no such setting.

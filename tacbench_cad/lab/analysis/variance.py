@@ -140,7 +140,13 @@ class VarianceResult:
         return tuple(dict.fromkeys(one.force_level for one in self.cells))
 
     def cell(self, level: Level, combination: str, texture: str) -> Cell | None:
-        """A cell of the table, or None if there is no such one."""
+        """A cell of the table, or None if there is no such one.
+
+        Args:
+            level: Force level, or ``all``.
+            combination: Printer and filament.
+            texture: Name of the texture.
+        """
         return self._by_key.get((level, combination, texture))
 
     def noise_alone(self, cell: Cell) -> float | None:

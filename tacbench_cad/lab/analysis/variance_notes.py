@@ -9,6 +9,7 @@ from tacbench_cad.lab.analysis.cells import ALL_LEVELS, Cell
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.published import POSITIONS, PRINTS
 from tacbench_cad.lab.analysis.published import REPEATS as PAPER_REPEATS
+from tacbench_cad.naming import counted
 
 K = TypeVar("K")
 
@@ -31,7 +32,7 @@ def variance_warnings(
     found = []
     if left_out:
         found.append(
-            f"{_many(len(left_out), 'reading')} could not be used and left out: {left_out[0]}{_more(left_out)}"
+            f"{counted(len(left_out), 'reading')} could not be used and left out: {left_out[0]}{_more(left_out)}"
         )
     most = {combination: max(one.prints for one in members) for combination, members in _by(of_level, _combination)}
     fullest = [one for one in of_level if one.prints == most[one.combination]]
@@ -97,7 +98,7 @@ def _counts(collection: Collection, cells: Sequence[Cell]) -> list[str]:
     positions, repeats = len(protocol.grid.positions_mm), protocol.repeats
     paper = PRINTS * POSITIONS * PAPER_REPEATS
     return [
-        f"{_where(members)}: {presses} presses in a cell ({prints} x {positions} positions x {repeats} repeats), the "
+        f"{_where(members)}: {counted(presses, 'press')} in a cell ({prints} x {counted(positions, 'position')} x {counted(repeats, 'repeat')}), the "
         f"paper's table has {paper} ({PRINTS} x {POSITIONS} x {PAPER_REPEATS})"
         for (presses, prints), members in _by(cells, lambda one: (one.presses, one.prints))
         if (prints, positions, repeats) != (PRINTS, POSITIONS, PAPER_REPEATS)
@@ -145,10 +146,6 @@ def _where(cells: Sequence[Cell]) -> str:
 
 def _listed(words: Iterable[object]) -> str:
     return ", ".join(str(word) for word in words)
-
-
-def _many(count: int, what: str) -> str:
-    return f"{count:,} {what}{'' if count == 1 else 's'}"
 
 
 def _more(lines: Sequence[str]) -> str:

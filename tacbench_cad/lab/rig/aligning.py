@@ -45,6 +45,7 @@ _DECIMALS = 4
 Ask = Callable[[str], str]
 Say = Callable[[str], None]
 
+#: What a person is told who teaches.
 HELP = (
     "x 1.5   move by 1.5 mm along x (y and z likewise; several on one line: x 1 y -0.2)\n"
     f"up      lift by {LIFT_MM:g} mm\n"
@@ -111,7 +112,7 @@ def fit_frame(markers_mm: Sequence[tuple[float, float]], touched_mm: Sequence[Po
 
     For each of the four quarter turns R the best origin is the mean of s - R m; the turn with the least sum of squares
     is taken. What is left over is told as the turn and stretch of the best similarity (Umeyama, in the plane: with
-    complex m, s about their means, sum(conj(m) s) / sum(|m|^2)).
+    complex m, s about their means, ``sum(conj(m) s) / sum(|m|^2)``).
 
     Args:
         markers_mm: Two or more places in the block's frame.
@@ -138,7 +139,7 @@ def fit_frame(markers_mm: Sequence[tuple[float, float]], touched_mm: Sequence[Po
 
 
 def highest_point_mm(block: Block) -> tuple[float, float]:
-    """x and y of a block's highest point; of several the one nearest to its middle."""
+    """Place (x, y) of a block's highest point, in mm; of several the one nearest to its middle."""
     width, depth = block.size_mm
     x = np.linspace(0.0, width, math.ceil(width / _SAMPLE_MM) + 1)
     y = np.linspace(0.0, depth, math.ceil(depth / _SAMPLE_MM) + 1)

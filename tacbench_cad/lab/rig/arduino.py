@@ -9,7 +9,7 @@ Frame: steps divided by ``steps_per_mm`` (negative where an axis counts the othe
 ``ZERO`` is never sent, so a taught origin stays valid after the power was off, once the stage is homed again.
 
 Trust: where ``SHOW`` answers with three whole numbers, they are the position, and a move is done when they are the
-target's. Where it does not, ``done`` is all there is: a move is then believed on its word, :meth:`position` is where
+target's. Where it does not, ``done`` is all there is: a move is then believed on its word, ``position()`` is where
 the last one went, and a reset between two moves goes unseen. The identity says which of the two it is. In both cases
 steps are counted, not seen. A reset says nothing; it shows as a missing ``done`` or as counters at 0.
 
@@ -41,6 +41,7 @@ from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.spec import Point
 
+#: Speed of the line, in baud.
 BAUD = 921600
 #: Longest wait for the first answer: the reset that opening a port causes, and a boot loader.
 GREETING_S = 8.0

@@ -15,6 +15,7 @@ from tacbench_cad.lab.rig.ports import resolve
 from tacbench_cad.lab.rig.stage import LimitedStage, Stage
 from tacbench_cad.lab.spec import StageSettings
 
+#: How the names of virtual stages begin.
 VIRTUAL = "virtual-"
 #: Drivers of serial stages, and the options of the file that each knows.
 SERIAL: dict[str, tuple[Callable[..., Stage], tuple[str, ...]]] = {

@@ -38,6 +38,7 @@ from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.spec import Point
 
+#: Speed of the line, in baud.
 BAUD = 115200
 #: Pause between two status reports while the carriage moves, in rig time.
 POLL_S = 0.03

@@ -14,6 +14,7 @@ from tacbench_cad.lab.rig.errors import (
     RigError,
 )
 from tacbench_cad.lab.rig.grbl_replies import Status
+from tacbench_cad.lab.rig.greeting import Greeting
 from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.spec import Point
 
@@ -27,10 +28,9 @@ RESET_S = 1.5
 GREETING_S = 8.0
 #: Pause before a question without an answer is asked again, while opening.
 ATTEMPT_S = 1.0
-#: Silence after the answer, while opening, until nothing more is on its way.
-SETTLE_S = 0.15
 #: Pause after a banner before the next question: more lines may follow it.
 BANNER_S = 0.1
+#: The real-time bytes that hold a motion, reset the controller and ask for its status.
 HOLD, RESET, ASK = b"!", b"\x18", b"?"
 
 
@@ -66,33 +66,22 @@ class GrblLink:
             NoAnswerError: Nothing answers.
             ProtocolError: Something else does.
         """
-        until = time.monotonic() + max(GREETING_S, self.timeout_s)
-        attempt, heard, name = 0, "", "GRBL"
-        version: str | None = None
-        while version is None:
-            if time.monotonic() >= until:
-                if heard:
-                    raise ProtocolError(f"{self.name}: is not GRBL 1.1, or the baud rate is wrong; it sent {heard!r}")
-                raise NoAnswerError(f"{self.name}: nothing answers; power, cable, baud rate, driver?")
-            attempt += 1
-            self.line.write((RESET if attempt > 3 else b"") + b"\n$I\n")
-            next_attempt = time.monotonic() + ATTEMPT_S
-            # After the answer, what else is on its way is taken too.
-            while (left := next_attempt - time.monotonic()) > 0.0:
-                line = self.line.read_line(min(left, SETTLE_S) if version else left)
-                if line is None:
-                    break
-                if replies.is_banner(line):
-                    self.lost = "opening the port reset the firmware"
-                    # It listens now: what was sent before has vanished.
-                    next_attempt = min(next_attempt, time.monotonic() + BANNER_S)
-                if "HAL" in line.upper() and line[:1] in ("[", "G"):
-                    name = "grblHAL"
-                version = version or replies.version(line)
-                if line != "ok":
-                    heard = heard or line[:60]
-                if "Marlin" in line or "Unknown command" in line:
-                    raise ProtocolError(f"{self.name}: is Marlin, not GRBL; it sent {line[:60]!r}")
+        greeting = Greeting(
+            self.line, self.name, "GRBL 1.1", limit_s=max(GREETING_S, self.timeout_s), attempt_s=ATTEMPT_S
+        )
+        version, name = "", "GRBL"
+        for line in greeting.lines(lambda attempt: self.line.write((RESET if attempt > 3 else b"") + b"\n$I\n")):
+            if replies.is_banner(line):
+                self.lost = "opening the port reset the firmware"
+                greeting.listen(BANNER_S)
+            if "HAL" in line.upper() and line[:1] in ("[", "G"):
+                name = "grblHAL"
+            version = version or replies.version(line) or ""
+            greeting.answered = version != ""
+            if line != "ok":
+                greeting.heard = greeting.heard or line[:60]
+            if "Marlin" in line or "Unknown command" in line:
+                raise ProtocolError(f"{self.name}: is Marlin, not GRBL; it sent {line[:60]!r}")
         if not version.startswith("1.1"):
             raise ProtocolError(f"{self.name}: GRBL {version!r} is not version 1.1")
         self.firmware = f"{name} {version}"

@@ -13,6 +13,7 @@ from tacbench_cad.lab.rig.errors import (
     PositionLostError,
     ProtocolError,
 )
+from tacbench_cad.lab.rig.greeting import Greeting
 from tacbench_cad.lab.rig.line import Line
 
 #: Both are common; the first is Marlin's own default.
@@ -21,8 +22,6 @@ BAUDS = (250000, 115200)
 GREETING_S = 12.0
 #: Pause before a question without an answer is asked again, while opening.
 ATTEMPT_S = 1.5
-#: Silence after the answer, while opening, until nothing more is on its way.
-SETTLE_S = 0.15
 #: Silence after the start-up text before the next question.
 BANNER_S = 0.3
 #: Silence after which a line is taken for lost. Marlin says that it is busy every 2 s.
@@ -31,6 +30,7 @@ QUIET_S = 3.0
 AFTER_STOP_S = 1.5
 #: How often one line is sent again at most, and the longest pause before it is: a disturbance may last some seconds.
 RESENDS = 10
+#: The longest pause before a line is sent again, in seconds.
 RESEND_PAUSE_S = 0.2
 #: How often new line numbers are asked for at most.
 RENUMBERINGS = 5
@@ -85,30 +85,23 @@ class MarlinLink:
             NoAnswerError: Nothing answers.
             ProtocolError: Something else does.
         """
-        until = time.monotonic() + max(GREETING_S, self._timeout_s) * max(1, len(bauds))
-        attempt, heard, self.firmware = 0, "", ""
-        while not self.firmware:
-            if time.monotonic() >= until:
-                if heard:
-                    raise ProtocolError(f"{self.name}: is not Marlin 2, or the baud rate is wrong; it sent {heard!r}")
-                raise NoAnswerError(
-                    f"{self.name}: nothing answers; power, cable, baud rate, driver? A halted board needs its reset"
-                )
-            if len(bauds) > 1 and attempt % 3 == 0:
+        patience_s = max(GREETING_S, self._timeout_s) * max(1, len(bauds))
+        greeting = Greeting(self.line, self.name, "Marlin 2", limit_s=patience_s, attempt_s=ATTEMPT_S)
+
+        def ask(attempt: int) -> None:
+            if len(bauds) > 1 and attempt % 3 == 1:
                 self.line.set_baud(bauds[attempt // 3 % len(bauds)])
-            attempt += 1
             self.line.write(b"\nM115\n")
-            next_attempt = time.monotonic() + ATTEMPT_S
-            while (left := next_attempt - time.monotonic()) > 0.0:
-                line = self.line.read_line(min(left, SETTLE_S) if self.firmware else left)
-                if line is None:
-                    break
-                if replies.is_banner(line):
-                    self.lost = "opening the port reset the firmware"
-                    # The start-up text has many lines; what is sent meanwhile may vanish.
-                    next_attempt = min(until, time.monotonic() + BANNER_S)
-                self.firmware = self.firmware or replies.firmware(line) or ""
-                heard = heard or line[:60]
+
+        self.firmware = ""
+        for line in greeting.lines(ask, hint=" A halted board needs its reset"):
+            if replies.is_banner(line):
+                self.lost = "opening the port reset the firmware"
+                # The start-up text has many lines; what is sent meanwhile may vanish.
+                greeting.listen(BANNER_S)
+            self.firmware = self.firmware or replies.firmware(line) or ""
+            greeting.answered = self.firmware != ""
+            greeting.heard = greeting.heard or line[:60]
         if not self.firmware.startswith("Marlin"):
             raise ProtocolError(f"{self.name}: {self.firmware!r} is not Marlin 2")
         self.renumber()

@@ -9,6 +9,7 @@ from tacbench_cad.errors import InputError
 
 #: Where Linux lists serial devices by what they are, and by the socket they are plugged into.
 BY_ID = Path("/dev/serial/by-id")
+#: Where Linux lists serial devices by the socket they are plugged into.
 BY_PATH = Path("/dev/serial/by-path")
 
 

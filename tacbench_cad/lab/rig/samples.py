@@ -31,11 +31,17 @@ _BETWEEN = re.compile(r"[ \t]*[,;][ \t]*|[ \t]+")
 class Lines(Protocol):
     """What is used of :class:`tacbench_cad.lab.rig.line.Line`."""
 
-    def read_line(self, timeout_s: float) -> str | None: ...
+    def read_line(self, timeout_s: float) -> str | None:
+        """The next line, or None where none came in time."""
+        ...
 
-    def forget(self) -> None: ...
+    def forget(self) -> None:
+        """Drop what has come and was not read."""
+        ...
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Close the port."""
+        ...
 
 
 def parse_numbers(line: str) -> tuple[float, ...] | None:
@@ -45,7 +51,7 @@ def parse_numbers(line: str) -> tuple[float, ...] | None:
         line: Any text, without its end.
 
     Returns:
-        At least one finite number, or None for anything else: there is no guessing at a damaged sample.
+        At least one finite number, or None for anything else. There is no guessing at a damaged sample.
     """
     text = line.strip(" \t\r\n")
     words = _BETWEEN.split(text[:-1].rstrip(" \t") if text[-1:] in (",", ";") else text)

@@ -33,7 +33,7 @@ class Sensor(Protocol):
         """A reading whose exposure or sampling began after this call.
 
         Returns:
-            An array of :attr:`shape`; an image is uint8 of shape (height, width) or (height, width, 3), BGR.
+            An array of the sensor's ``shape``; an image is uint8 of shape (height, width) or (height, width, 3), BGR.
 
         Raises:
             RigError: Lost, silent, or sending what cannot be a reading.

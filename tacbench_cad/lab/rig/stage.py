@@ -33,6 +33,10 @@ class Stage(Protocol):
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
         """Go there in a straight line and wait until the stage itself reports that it stands there.
 
+        Args:
+            target_mm: Where to, x, y and z in mm of the stage's frame.
+            speed_mm_s: How fast along the line, in mm/s.
+
         Returns:
             The reported position in mm.
 

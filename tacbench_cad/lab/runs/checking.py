@@ -21,6 +21,7 @@ from tacbench_cad.lab.runs.npyfile import read_array
 from tacbench_cad.lab.runs.pictures import decoded, sha256
 from tacbench_cad.lab.runs.reading import Run, read_rows, shape_fault
 from tacbench_cad.lab.runs.table import read_lines
+from tacbench_cad.naming import counted
 
 #: Called with the readings examined so far and their number in all.
 Progress = Callable[[int, int], None]
@@ -232,7 +233,7 @@ def _gaps(draft: _Draft, there: set[int]) -> None:
     missing = [press.number for press in draft.run.info.presses if press.number not in there]
     if missing:
         planned = len(draft.run.info.presses)
-        draft.add("gap", "protocol", f"{len(missing)} of {planned} presses are missing: {ranges(missing)}")
+        draft.add("gap", "protocol", f"{len(missing)} of {counted(planned, 'press')} missing: {ranges(missing)}")
 
 
 def _protocol(draft: _Draft) -> None:
@@ -255,7 +256,7 @@ def _protocol(draft: _Draft) -> None:
                 draft.add(
                     "gap",
                     schema.STATIONARY_FOLDER,
-                    f"{len(lacking)} of {info.protocol.stationary_frames} readings {what} at the {when} are missing",
+                    f"{len(lacking)} of {info.protocol.stationary_frames} readings {what} at the {when} missing",
                 )
 
 

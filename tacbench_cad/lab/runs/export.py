@@ -21,7 +21,9 @@ from tacbench_cad.lab.runs.pictures import encoded
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.writing import write_json
 
+#: Where the toolchains look for images.
 PROCESSED_FOLDER = "processed_images"
+#: Where they look for the presses.
 TARGETS_IMAGES_FILE = "targets_images.csv"
 
 

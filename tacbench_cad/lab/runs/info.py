@@ -18,6 +18,7 @@ from tacbench_cad.waves import Wave, WaveSum
 
 #: What ``run.json`` calls this kind of folder, and the version of its layout that this program writes and reads.
 SCHEMA = "tacbench-run"
+#: The version of a run folder's layout.
 SCHEMA_VERSION = 1
 #: The work frame in words, as it stands in ``run.json``.
 FRAME_TEXT = (

@@ -7,9 +7,13 @@ from typing import Any
 from tacbench_cad.lab.runs.info import FRAME_TEXT, RunInfo
 from tacbench_cad.lab.runs.schema import POSE_COLUMNS, SHEAR_COLUMNS
 
+#: How the presses were made.
 COLLECT_FILE = "collect_params.json"
+#: The rig.
 ENVIRONMENT_FILE = "env_params.json"
+#: The images as the sensor gave them.
 SENSOR_FILE = "sensor_image_params.json"
+#: The images as they are exported.
 PROCESSED_FILE = "processed_image_params.json"
 
 

@@ -18,9 +18,9 @@ from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import SCHEMA, SCHEMA_VERSION, RunInfo
 from tacbench_cad.lab.runs.npyfile import read_array
 from tacbench_cad.lab.runs.pictures import decoded
-from tacbench_cad.lab.runs.printrecord import PrintRecord, read_record
 from tacbench_cad.lab.runs.schema import PressKey, Row
 from tacbench_cad.lab.runs.table import Lines, read_lines
+from tacbench_cad.printrecord import PrintRecord, read_record
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,7 +153,7 @@ class Run:
         Raises:
             InputError: It is missing or damaged.
         """
-        return read_record(self.folder)
+        return read_record(self.folder / schema.PRINT_FILE)
 
     def reading(self, row: Row, verify: bool = False) -> Reading:
         """A press's reading.
@@ -184,6 +184,10 @@ class Run:
 
     def stationary(self, when: str, in_contact: bool) -> list[Reading]:
         """The readings without motion of one kind, in their order.
+
+        Args:
+            when: ``start`` or ``end`` of the sitting.
+            in_contact: Of the pressed sensor, or of the free one.
 
         Raises:
             CheckFailedError: As :meth:`reading`.
@@ -243,7 +247,7 @@ def read_rows(
         faults: A list to which bad rows are added, where they shall not be raised.
 
     Raises:
-        InputError: See :attr:`Run.rows`.
+        InputError: See ``Run.rows``.
     """
     plan = {press.number: press for press in info.presses}
     rows: list[Row] = []

@@ -19,17 +19,28 @@ from tacbench_cad.lab.spec import Point, PrintedBlock
 
 T = TypeVar("T")
 
+#: What has to stay the same in a run.
 RUN_FILE = "run.json"
+#: A row for each press.
 TARGETS_FILE = "targets.csv"
+#: What the person at the printer fills in.
 PRINT_FILE = "print.toml"
+#: Where readings lie that are images.
 IMAGE_FOLDER = "sensor_images"
+#: Where other readings lie.
 DATA_FOLDER = "sensor_data"
+#: Where readings without contact lie.
 REFERENCE_FOLDER = "references"
+#: A row for each reading without contact.
 REFERENCES_FILE = f"{REFERENCE_FOLDER}/references.csv"
+#: Where readings without motion lie.
 STATIONARY_FOLDER = "stationary"
+#: A row for each reading without motion.
 STATIONARY_FILE = f"{STATIONARY_FOLDER}/stationary.csv"
 
+#: Heads of a press's pose: mm and degrees, as the toolchains name them.
 POSE_COLUMNS = ("pose_x", "pose_y", "pose_z", "pose_Rx", "pose_Ry", "pose_Rz")
+#: Heads of a press's shear, which is always 0 here.
 SHEAR_COLUMNS = ("shear_x", "shear_y", "shear_z", "shear_Rx", "shear_Ry", "shear_Rz")
 #: The first fourteen are those of the TacTip toolchains, the others ours.
 COLUMNS = (
@@ -54,7 +65,9 @@ COLUMNS = (
     "image_sha256",
     "reference_age_s",
 )
+#: Heads of ``references.csv``.
 REFERENCE_COLUMNS = ("reference", "time_utc", "after_press", "image_sha256")
+#: Heads of ``stationary.csv``.
 STATIONARY_COLUMNS = ("reading", "when", "in_contact", "index", "image_sha256")
 
 #: (force level, repeat, position), each from 1.
@@ -202,7 +215,20 @@ def press_values(
     sha256: str,
     reference_age_s: float | None,
 ) -> tuple[Any, ...]:
-    """What a press's row holds, in the order of :data:`COLUMNS`; :func:`cell` makes text of each."""
+    """What a press's row holds, in the order of :data:`COLUMNS`; :func:`cell` makes text of each.
+
+    Args:
+        printed: The block.
+        press: Which press of it.
+        name: File name of the reading.
+        pose_mm: Where the sensor stood, in mm of the work frame.
+        measured: The force before the reading, None without a gauge.
+        after: The force after it.
+        in_band: Whether the force lies in its band.
+        time_utc: When it was read.
+        sha256: Of the reading's file.
+        reference_age_s: Age of the newest reading without contact, in seconds.
+    """
     return (
         name,
         printed.object_label,

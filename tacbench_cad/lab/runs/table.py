@@ -9,11 +9,11 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from tacbench_cad.errors import InputError
 from tacbench_cad.files import refusing
+from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.runs.schema import cell
 
 
@@ -83,7 +83,7 @@ def read_lines(path: Path, columns: Sequence[str], faults: list[InputError] | No
     return Lines(rows=tuple(rows), torn=content[end:], whole_bytes=end)
 
 
-class GrowingTable:
+class GrowingTable(Closing):
     """A CSV file to append to.
 
     Args:
@@ -153,14 +153,6 @@ class GrowingTable:
         if self._handle >= 0:
             os.close(self._handle)
             self._handle = -1
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def sync_folder(folder: Path) -> None:

@@ -28,10 +28,10 @@ from tacbench_cad.lab.rig.sensor import Reading
 from tacbench_cad.lab.runs import params, schema
 from tacbench_cad.lab.runs.info import SCHEMA, SCHEMA_VERSION, RunInfo
 from tacbench_cad.lab.runs.pictures import encoded, sha256
-from tacbench_cad.lab.runs.printrecord import template
 from tacbench_cad.lab.runs.reading import Run, read_references, read_rows, read_stationary
 from tacbench_cad.lab.runs.table import GrowingTable, sync_folder
 from tacbench_cad.lab.spec import Point
+from tacbench_cad.printrecord import form
 
 When = Literal["start", "end"]
 
@@ -305,8 +305,10 @@ def _begin(folder: Path, info: RunInfo) -> None:
     for name, write in writers:
         write_json(folder / name, write(info))
     if not (folder / schema.PRINT_FILE).is_file():
+        printed = info.printed
+        record = form(f"Record of the print {printed.name}.", printed.printer, printed.filament)
         with replacing(folder / schema.PRINT_FILE) as path:
-            path.write_text(template(info.printed), encoding="utf-8")
+            path.write_text(record, encoding="utf-8")
     head = {"schema": SCHEMA, "version": SCHEMA_VERSION, "name": info.printed.name, "simulated": list(info.simulated)}
     write_json(folder / schema.RUN_FILE, {**head, **info.as_dict(), "sittings": []})
     with refusing(folder):

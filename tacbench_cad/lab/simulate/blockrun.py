@@ -19,15 +19,16 @@ from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Reading
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import RunInfo
-from tacbench_cad.lab.runs.printrecord import FIELDS
 from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.simulate.contact import Contact, contact_for
 from tacbench_cad.lab.simulate.prints import printer_of, seeded
 from tacbench_cad.lab.simulate.tactip import REST, SIMULATED, Pins, TacTip
 from tacbench_cad.lab.spec import PlannedBlock, Point, Study, WorkFrame
+from tacbench_cad.printrecord import FIELDS
 
 #: Simulated runs have times so that a reference has an age; they begin at a date that nobody takes for a real one.
 BEGIN = datetime(2000, 1, 1, tzinfo=UTC)
+#: Time from one simulated press to the next, in seconds.
 SECONDS_A_PRESS = 4.0
 
 

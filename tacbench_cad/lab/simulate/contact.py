@@ -84,11 +84,22 @@ class Contact:
         self._last: _Reach | None = None
 
     def force_n(self, x_mm: float, y_mm: float, z_mm: float) -> float:
-        """Contact force with the summit at a pose, in N; 0 in the air."""
+        """Contact force with the summit at a pose, in N; 0 in the air.
+
+        Args:
+            x_mm: Place of the summit in the work frame.
+            y_mm: Likewise.
+            z_mm: Its height.
+        """
         return self._force_and_slope(x_mm, y_mm, z_mm)[0]
 
     def first_touch(self, x_mm: float, y_mm: float) -> float:
-        """Highest z of the summit at which the dome touches, in mm; ``-inf`` over nothing."""
+        """Highest z of the summit at which the dome touches, in mm; ``-inf`` over nothing.
+
+        Args:
+            x_mm: Place of the summit in the work frame.
+            y_mm: Likewise.
+        """
         highest = -math.inf
         top, radius = self.ground.top_mm, 1.0
         # What stands beyond a radius r touches at top - sag(r) at best: widen until nothing there can matter.
@@ -101,7 +112,7 @@ class Contact:
             radius = min(2.0 * radius, self.radius_mm)
 
     def z_for_force(self, x_mm: float, y_mm: float, force_n: float) -> float:
-        """z of the summit at which the force is reached, within :data:`FORCE_ERROR_N`, in mm.
+        """Height z of the summit at which the force is reached, within :data:`FORCE_ERROR_N`, in mm.
 
         Newton's method between two bounds, with ``dF/dz = -k * contact area``.
 

@@ -18,6 +18,7 @@ from tacbench_cad.tables import Table
 
 #: Samples a second of the simulated load cell, and the noise of one of them in newtons: an HX711 on a 10 N cell.
 GAUGE_RATE_HZ = 80.0
+#: Noise of one of its samples, in newtons.
 GAUGE_NOISE_N = 0.0005
 #: Frames a second of the simulated camera.
 FRAME_RATE_HZ = 30.0

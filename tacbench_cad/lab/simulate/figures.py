@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 #: What is shown: the textures, one print of each, and the middle of the press grid.
 TEXTURES = (1, 2, 3, 4, 5, 6)
+#: The printer and the filament of the prints that are shown.
 PRINTER, FILAMENT = "bambu-p1p", "pla-minus"
 #: Half the side of what is shown of the ground in mm, and of an image in pixels.
 _GROUND_MM = 12.0

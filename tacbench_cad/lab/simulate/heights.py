@@ -78,7 +78,12 @@ class HeightMap:
 
 
 def flat(side_mm: float = 60.0, cell_mm: float = CELL_MM) -> HeightMap:
-    """A flat plate at z = 0, its middle at (0, 0): what calibrations are checked on."""
+    """A flat plate at z = 0, its middle at (0, 0): what calibrations are checked on.
+
+    Args:
+        side_mm: Its side.
+        cell_mm: Side of a cell.
+    """
     count = max(1, round(side_mm / cell_mm))
     first = -cell_mm * (count - 1) / 2.0
     return HeightMap(z_mm=np.zeros((count, count)), x0_mm=first, y0_mm=first, cell_mm=cell_mm)
@@ -97,7 +102,12 @@ def centres(block: Block) -> tuple[Floats, Floats]:
 
 
 def on_block(block: Block, z_mm: Floats) -> HeightMap:
-    """Heights on a block's own cells as a map."""
+    """Heights on a block's own cells as a map.
+
+    Args:
+        block: The block.
+        z_mm: Heights of the cells that :func:`centres` names, (ny, nx).
+    """
     x, y = centres(block)
     return HeightMap(z_mm=z_mm, x0_mm=float(x[0]), y0_mm=float(y[0]), cell_mm=cell_of(block))
 

@@ -188,7 +188,7 @@ def stimulus(
         seed: Another number gives other copies.
 
     Returns:
-        Heights in the work frame: z = 0 is the highest point of the design.
+        Heights in the work frame, whose z = 0 is the highest point of the design.
     """
     rng = seeded("print", seed, printed.name)
     return held(printed.block, as_printed(printed.block, printer or printer_of(printed), rng), holder)

@@ -32,11 +32,13 @@ TEXTURES = (1, 2, 3, 4, 5, 6)
 #: Prints of each texture in the paper's three selected combinations, and the force level that copies 2 to 6 are
 #: pressed at: the paper pressed them at one force and does not say which, ours is the middle one.
 PAPER_COPIES = 6
+#: The force level that copies 2 to 6 are pressed at.
 COPIES_LEVEL = 2
 #: Frames of each stationary group. A camera needs the protocol's 30; a simulated one has no drift to average over.
 PAPER_STATIONARY, QUICK_STATIONARY = 10, 5
 #: The small study: two combinations, two copies, and the corners, edges and middle of the paper's press grid.
 QUICK_COMBINATIONS = (("ender-3-v3-se", "pla-plus"), ("bambu-p1p", "pla-minus"))
+#: Prints of each texture in the small study.
 QUICK_COPIES = 2
 #: Images that are made to measure what one takes.
 SAMPLE = 12
@@ -47,8 +49,10 @@ SPARE = 0.05
 
 
 def paper_study() -> Study:
-    """The paper's study: nine combinations, one print of each texture at three forces, which makes 8,100 images; of
-    the three selected combinations five more prints at the middle force, which makes 4,500.
+    """The paper's study, 12,600 images.
+
+    Nine combinations, one print of each texture at three forces, make 8,100 images; of the three selected combinations
+    five more prints at the middle force make 4,500.
     """
     protocol = Protocol(stationary_frames=PAPER_STATIONARY)
     levels = tuple(range(1, protocol.levels + 1))
@@ -63,8 +67,9 @@ def paper_study() -> Study:
 
 
 def quick_study() -> Study:
-    """The smallest study that every analysis accepts: two printers, two copies, six textures, three forces, two
-    repeats, and nine positions that span the paper's grid.
+    """The smallest study that every analysis accepts.
+
+    Two printers, two copies, six textures, three forces, two repeats, and nine positions that span the paper's grid.
     """
     whole = PressGrid.paper()
     grid = PressGrid(x_mm=whole.x_mm[::2], y_mm=whole.y_mm[::2])

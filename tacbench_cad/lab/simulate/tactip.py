@@ -43,10 +43,13 @@ RINGS: tuple[tuple[int, float, float, float, float], ...] = (
 )
 #: Radius of the dome's inside; the skin's thickness is what is left to the outside.
 INNER_RADIUS_MM = 18.4
+#: Thickness of the skin.
 SKIN_MM = DOME_RADIUS_MM - INNER_RADIUS_MM
+#: Diameter of a pin.
 PIN_DIAMETER_MM = 1.0
 #: Mean brightness of a pin at rest, in counts, and the light's flicker from frame to frame, as a share.
 PIN_COUNTS = 200.0
+#: The light's flicker from frame to frame, as a share.
 FLICKER = 0.003
 #: LEDs in a ring round the lens: number, radius and z in the dome frame, in mm. An assumption: builds differ.
 LEDS, LED_RADIUS_MM, LED_Z_MM = 6, 17.0, -15.0
@@ -80,6 +83,7 @@ def _pins_at_rest() -> Pins:
     return Pins(tips_mm=tips, facing=-tips / np.linalg.norm(tips, axis=1, keepdims=True))
 
 
+#: Where the pins are at rest, in mm of the dome's frame.
 REST = _pins_at_rest()
 
 
@@ -185,7 +189,12 @@ class TacTip:
         return Pins(tips_mm=tips, facing=facing)
 
     def frame(self, pins: Pins, rng: np.random.Generator) -> Image:
-        """One frame of pins, with flicker and noise."""
+        """One frame of pins, with flicker and noise.
+
+        Args:
+            pins: Where they are.
+            rng: What flicker and noise are drawn by.
+        """
         counts = self._counts * (1.0 + self.flicker * rng.standard_normal()) * _light(pins)
         clean = blank(self.camera)
         draw_discs(clean, self.camera, pins.tips_mm, pins.facing, PIN_DIAMETER_MM / 2.0, counts)

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,17 +16,12 @@ from studies import write_study
 
 from tacbench_cad.cli import main
 from tacbench_cad.lab.analysis.classify import COLUMNS, CONFUSION_COLUMNS, PREDICTION_COLUMNS
-from tacbench_cad.lab.analysis.classify_settings import one_thread
+
+pytestmark = pytest.mark.usefixtures("single_thread")
 
 Capture = pytest.CaptureFixture[str]
 #: Small enough to be quick.
 QUICK = ("--resolution", "1", "--components", "4", "--jobs", "1", "--trials", "2")
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _one_thread() -> Iterator[None]:
-    with one_thread():
-        yield
 
 
 @pytest.fixture(scope="module")

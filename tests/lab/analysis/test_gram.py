@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Iterator
 
 import numpy as np
@@ -16,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from tacbench_cad.errors import InputError
 from tacbench_cad.lab.analysis.augmented_pca import AugmentedPCA
-from tacbench_cad.lab.analysis.gram import Scores, clipped_scores, gram, leading, stacked
+from tacbench_cad.lab.analysis.gram import WRITTEN_OUT, Scores, clipped_scores, gram, leading, stacked
 
 Floats = NDArray[np.float64]
 
@@ -64,7 +65,7 @@ def explicit_noise(pca: AugmentedPCA, seed: int, found: Scores) -> Floats:
     ("count", "chosen", "pixels", "components", "brightness", "noise"),
     [
         pytest.param(40, 20, 200, 6, (10.0, -10.0), 5.0, id="the-paper's-copies"),
-        pytest.param(150, 100, 400, 3, (10.0, -10.0), 5.0, id="solved-in-blocks"),
+        pytest.param(260, 210, 600, 3, (10.0, -10.0), 5.0, id="not-written-out"),
         pytest.param(40, 20, 30, 6, (10.0, -10.0), 5.0, id="noise-with-little-room-beside"),
         pytest.param(40, 20, 24, 22, (10.0, -10.0), 5.0, id="components-in-the-noise"),
         pytest.param(60, 30, 15, 6, (10.0, -10.0), 5.0, id="fewer-pixels-than-images"),
@@ -171,17 +172,43 @@ def test_clipped_noise_is_rounded_drawn_by_seed_and_near_the_unclipped_on_bright
     assert one.augmented.shape == free.augmented.shape == (4, 40, 4)
 
 
-@pytest.mark.parametrize("falls", [True, False])
-def test_leading_eigenvectors_of_large_matrices(falls: bool) -> None:
-    random = np.random.default_rng(2)
-    values = np.exp(-np.arange(400) / 20) if falls else 1 - 1e-9 * np.arange(400)  # the flat one is written out
-    turn = np.linalg.qr(random.standard_normal((400, 400)))[0]
+SPECTRA = {
+    "falling": np.exp(-np.arange(WRITTEN_OUT + 100) / 20),
+    "flat": 1 - 1e-9 * np.arange(WRITTEN_OUT + 100),
+    "equal": np.ones(WRITTEN_OUT + 100),
+    "several-equal": np.repeat([9.0, 4.0], [6, WRITTEN_OUT + 94]),
+    "one-large": np.r_[1e6, np.linspace(1, 0.5, WRITTEN_OUT + 99)],
+    "few-directions": np.r_[3.0, 2.0, np.zeros(WRITTEN_OUT + 98)],
+    "none": np.zeros(WRITTEN_OUT + 100),
+    "written-out": np.exp(-np.arange(WRITTEN_OUT) / 20),
+}
+
+
+@pytest.mark.parametrize("spectrum", SPECTRA)
+def test_leading_eigenvectors(spectrum: str) -> None:
+    values = SPECTRA[spectrum]
+    size = len(values)
+    turn = np.linalg.qr(np.random.default_rng(2).standard_normal((size, size)))[0]
     matrix = turn * values @ turn.T
-    found, vectors = leading(lambda v: matrix @ v, 400, 4)
-    np.testing.assert_allclose(found, values[:4], rtol=1e-12)
+    found, vectors = leading(lambda v: matrix @ v, size, 4)
+    np.testing.assert_allclose(found, values[:4], rtol=0, atol=1e-12 * values[0])
     np.testing.assert_allclose(vectors.T @ vectors, np.eye(4), atol=1e-12)
-    if falls:
-        np.testing.assert_allclose(np.abs(np.sum(vectors * turn[:, :4], axis=0)), 1, atol=1e-10)
+    np.testing.assert_allclose(matrix @ vectors, vectors * found, atol=1e-12 * max(values[0], 1.0))
+
+
+def test_white_noise_takes_no_more_memory_than_its_eigenvectors() -> None:
+    """Its spectrum is flat; a matrix of this size would be 18 MB."""
+    noise = np.random.default_rng(3).standard_normal((1500, 300))
+    wanted = np.linalg.eigvalsh(noise.T @ noise)[::-1][:25]
+    tracemalloc.start()
+    found, vectors = leading(lambda v: noise @ (noise.T @ v), 1500, 25)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2e6
+    np.testing.assert_allclose(found, wanted, rtol=1e-8)
+    np.testing.assert_allclose(noise @ (noise.T @ vectors), vectors * found, atol=1e-8 * wanted[-1])
+    again, same = leading(lambda v: noise @ (noise.T @ v), 1500, 25)
+    assert np.array_equal(found, again) and np.array_equal(vectors, same)
 
 
 def test_images_are_stacked_from_an_iterator_once() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,26 +16,20 @@ from studies import noise_image, write_study
 from tacbench_cad.errors import InputError
 from tacbench_cad.lab.analysis.augment import Augmentation, trial_seed
 from tacbench_cad.lab.analysis.classify import Result, beside_paper, classify
-from tacbench_cad.lab.analysis.classify_settings import Settings, one_thread
+from tacbench_cad.lab.analysis.classify_settings import Settings
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.features import read_features
 from tacbench_cad.lab.analysis.parallel import workers
 from tacbench_cad.lab.analysis.preprocess import Preprocess
 
+pytestmark = pytest.mark.usefixtures("single_thread")
+
 PAPER = Settings(protocol="paper", resolution=1.0, components=6, epochs=20)
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _one_thread() -> Iterator[None]:
-    with one_thread():
-        yield
-
-
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Collection:
-    folder = tmp_path_factory.mktemp("textured")
-    write_study(folder, textures=(1, 2, 3), still=1)
-    return Collection.open([folder])
+def study(make_study: Callable[..., Collection]) -> Collection:
+    return make_study(textures=(1, 2, 3), still=1)
 
 
 def run(found: Collection, out: Path, settings: Settings, trials: int = 1) -> Result:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import socket
 import subprocess
@@ -57,6 +58,16 @@ def test_an_error_of_a_call_arrives_as_it_was_raised(jobs: int) -> None:
     with workers(jobs) as team, pytest.raises(InputError) as caught:
         list(team.map(refuse, range(6)))
     assert (caught.value.field, caught.value.value, caught.value.allowed) == ("number", 3, "must not be three")
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_interruption_gives_up_the_rest_without_a_word(jobs: int, recwarn: pytest.WarningsRecorder) -> None:
+    with pytest.raises(KeyboardInterrupt), workers(jobs) as team:
+        for square, _ in team.map(square_and_process, range(400)):
+            if square == 4:
+                raise KeyboardInterrupt
+    gc.collect()
+    assert [str(one.message) for one in recwarn] == []
 
 
 def end_the_process(number: int) -> int:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from tacbench_cad.errors import CheckFailedError, InputError
 from tacbench_cad.lab.analysis.accuracy import interval, sound_scores
 from tacbench_cad.lab.analysis.augment import BLOCK, Augmentation, noise_block, trial_seed
 from tacbench_cad.lab.analysis.classify import classify
-from tacbench_cad.lab.analysis.classify_settings import Settings, one_thread
+from tacbench_cad.lab.analysis.classify_settings import Settings
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.features import Features, read_features
 from tacbench_cad.lab.analysis.foldpca import Products, fold_scores
@@ -27,18 +28,31 @@ from tacbench_cad.lab.analysis.preprocess import Preprocess
 from tacbench_cad.lab.analysis.sound import Task, folds_of, sound_trial
 from tacbench_cad.lab.analysis.splits import RUNGS, PressTable
 
-
-@pytest.fixture(autouse=True, scope="module")
-def _one_thread() -> Iterator[None]:
-    with one_thread():
-        yield
+pytestmark = pytest.mark.usefixtures("single_thread")
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Collection:
-    folder = tmp_path_factory.mktemp("textured")
-    write_study(folder, textures=(1, 2, 3), levels=(1, 2), still=1)
-    return Collection.open([folder])
+def study(make_study: Callable[..., Collection]) -> Collection:
+    return make_study(textures=(1, 2, 3), levels=(1, 2), still=1)
+
+
+def test_a_trial_needs_two_matrices_beside_that_of_the_readings() -> None:
+    """Readings with noise, and noise with noise; a study of the paper's size has 1.3 GB in each."""
+    rows = np.random.default_rng(0).integers(0, 256, (1500, 64), dtype=np.uint8)
+    products = Products.of(rows)
+    tracemalloc.start()
+    noisy = products.with_noise(5.0, seed=1)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2.6 * products.plain.nbytes
+    noise = 5.0 * noise_block(1, 0, 1500, 64).astype(float)
+    centred = rows - rows.mean(axis=0)
+    for found, wanted in (
+        (noisy.plain, centred @ centred.T),
+        (noisy.cross, centred @ noise.T),
+        (noisy.noisy, noise @ noise.T),
+    ):
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
 
 
 def plain_rows(features: Features, train: np.ndarray, seed: int) -> np.ndarray:

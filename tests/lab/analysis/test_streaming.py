@@ -37,10 +37,8 @@ def readings(collection: Collection, which: NDArray[np.int64]) -> NDArray[np.flo
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Collection:
-    folder = tmp_path_factory.mktemp("streamed")
-    write_study(folder, levels=(1, 3), copies=3)
-    return Collection.open([folder])
+def study(make_study: Callable[..., Collection]) -> Collection:
+    return make_study(levels=(1, 3), copies=3)
 
 
 @pytest.fixture(scope="module")

@@ -3,33 +3,26 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from studies import write_study
 
 from tacbench_cad.errors import InputError
-from tacbench_cad.lab.analysis.classify_settings import Settings, one_thread
+from tacbench_cad.lab.analysis.classify_settings import Settings
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.figures_classify import draw_sweep
 from tacbench_cad.lab.analysis.parallel import workers
 from tacbench_cad.lab.analysis.sweep import COLUMNS, Sweep, SweepResult, run_sweep, write_sweep
 
+pytestmark = pytest.mark.usefixtures("single_thread")
+
 SOUND = Settings(resolution=1.0, components=4, rungs=("copy",))
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _one_thread() -> Iterator[None]:
-    with one_thread():
-        yield
-
-
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Collection:
-    folder = tmp_path_factory.mktemp("textured")
-    write_study(folder, levels=(1, 2), copies=3, still=1)
-    return Collection.open([folder])
+def study(make_study: Callable[..., Collection]) -> Collection:
+    return make_study(levels=(1, 2), copies=3, still=1)
 
 
 def swept(study: Collection, out: Path, text: str, settings: Settings = SOUND, trials: int = 2) -> SweepResult:

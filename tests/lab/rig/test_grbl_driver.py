@@ -16,7 +16,7 @@ if sys.platform == "win32":
 
 from lab.rig.scripted_grbl import ScriptedGrbl
 
-from tacbench_cad.lab.rig import grbl, grbl_link
+from tacbench_cad.lab.rig import grbl, grbl_link, greeting
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
@@ -36,8 +36,9 @@ TIMEOUT_S = 0.4
 
 @pytest.fixture(autouse=True)
 def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, seconds in (("RESET_S", 0.2), ("GREETING_S", 3.0), ("ATTEMPT_S", 0.3), ("SETTLE_S", 0.02)):
+    for name, seconds in (("RESET_S", 0.2), ("GREETING_S", 3.0), ("ATTEMPT_S", 0.3)):
         monkeypatch.setattr(grbl_link, name, seconds)
+    monkeypatch.setattr(greeting, "SETTLE_S", 0.02)
     monkeypatch.setattr(grbl, "STANDING_S", 0.15)
 
 

@@ -16,7 +16,7 @@ if sys.platform == "win32":
 
 from lab.rig.scripted_marlin import ScriptedMarlin
 
-from tacbench_cad.lab.rig import marlin_link
+from tacbench_cad.lab.rig import greeting, marlin_link
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
     DeviceLostError,
@@ -42,8 +42,9 @@ def opened(script: ScriptedMarlin, *, home: bool = True) -> Iterator[MarlinStage
 
 @pytest.fixture(autouse=True)
 def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, seconds in (("GREETING_S", 1.0), ("ATTEMPT_S", 0.3), ("SETTLE_S", 0.02), ("RESEND_PAUSE_S", 0.02)):
+    for name, seconds in (("GREETING_S", 1.0), ("ATTEMPT_S", 0.3), ("RESEND_PAUSE_S", 0.02)):
         monkeypatch.setattr(marlin_link, name, seconds)
+    monkeypatch.setattr(greeting, "SETTLE_S", 0.02)
 
 
 def test_identity_names_driver_version_and_port() -> None:

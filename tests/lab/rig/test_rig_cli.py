@@ -325,6 +325,7 @@ def test_align_stores_the_frame(stage: FakeStage, tmp_path: Path, monkeypatch: P
     assert table["origin_mm"] == pytest.approx([80.5, 79.25, -61.0], abs=1e-3) and table["quarter_turns"] == 1
     out = capsys.readouterr().out
     assert "marker 25" in out and "0.012 N" in out and "worst marker 0.000 mm off" in out
+    assert "0.012 N] z -2\n" in out, "lines of a script are shown where a person's would stand"
 
 
 @pytest.mark.parametrize(

@@ -19,11 +19,11 @@ from hypothesis import strategies as st
 from tacbench_cad.errors import CheckFailedError, InputError
 from tacbench_cad.lab.runs.npyfile import mapped, read_array, read_header
 from tacbench_cad.lab.runs.pictures import decoded, encoded
-from tacbench_cad.lab.runs.printrecord import FIELDS, template
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.schema import COLUMNS, Row
 from tacbench_cad.lab.runs.table import read_lines
 from tacbench_cad.lab.runs.writing import RunWriter
+from tacbench_cad.printrecord import FIELDS, form
 
 
 def edit(folder: Path, line: int, column: str, value: str) -> None:
@@ -276,7 +276,8 @@ def test_the_print_record_is_a_form_with_empty_fields(run_folder: Path) -> None:
         assert any(word in name for name in FIELDS)
     text = (run_folder / "print.toml").read_text()
     assert text.count("#   0: ") == text.count("#   3: ") == 2
-    assert text == template(Run.open(run_folder).info.printed)
+    name = Run.open(run_folder).info.printed.name
+    assert text == form(f"Record of the print {name}.", "bambu-p1p", "pla-minus")
 
 
 def test_a_filled_print_record_is_read(run_folder: Path) -> None:

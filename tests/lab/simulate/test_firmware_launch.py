@@ -172,6 +172,16 @@ def test_the_load_cell_feels_the_true_position(tcp: bool) -> None:
         assert port.ask(b"?", b">").startswith(b"<Idle"), "the stage's port is another one"
 
 
+def test_a_fault_of_the_load_cell_given_at_launch_leaves_the_stage_alone() -> None:
+    faults = ["unplug where=gauge", "garble where=gauge chance=1"]
+    with launch("grbl", speed=SPEED, faults=faults) as rig:
+        port = Port(rig.port)
+        port.until(b"unlock]\r\n")
+        assert b"<Alarm|MPos:0.000,0.000,0.000|" in port.ask(b"?", b">")
+        with pytest.raises(serial.SerialException):
+            Port(rig.gauge_port).quiet(5.0)
+
+
 @needs_pty
 def test_samples_come_in_rig_time() -> None:
     with launch("grbl", speed=10.0) as rig:

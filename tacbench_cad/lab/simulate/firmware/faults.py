@@ -12,7 +12,9 @@ from tacbench_cad.errors import InputError, nearest, one_of
 
 #: Faults of single bytes on a line, of the load cell, and all.
 BYTE_KINDS = ("drop", "double", "garble", "silence")
+#: Faults of the load cell.
 GAUGE_KINDS = ("noise", "stuck", "saturated")
+#: All faults.
 KINDS = (*BYTE_KINDS, "reset", "alarm", "unplug", "slip", "stall", *GAUGE_KINDS)
 
 

@@ -10,7 +10,12 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
 
 @dataclass(frozen=True)
 class Word:
-    """A letter with its number; ``value`` is None where the number is missing or is none."""
+    """A letter with its number.
+
+    Args:
+        letter: The letter, upper case.
+        value: The number; None where it is missing or is none.
+    """
 
     letter: str
     value: float | None

@@ -14,7 +14,7 @@ from tacbench_cad.lab.spec import Point
 
 
 class Grbl(GrblCore):
-    """GRBL 1.1h: the arguments are those of :class:`GrblCore`."""
+    """GRBL 1.1h. The arguments are those of its base class."""
 
     def _execute(self, line: str, too_long: bool) -> Program:
         try:

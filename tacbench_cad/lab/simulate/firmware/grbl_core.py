@@ -27,7 +27,7 @@ class GrblCore(Firmware):
     Args:
         carriage: What it moves; its axes tell the machine frame, with the origin set at the homing switches' side
             (``[OPT:VZ``: compiled with HOMING_FORCE_SET_ORIGIN).
-        settings: ``$`` settings that differ from :data:`grbl_memory.SETTINGS`.
+        settings: ``$`` settings that differ from :data:`tacbench_cad.lab.simulate.firmware.grbl_memory.SETTINGS`.
         boot_s: Seconds from a reset to the banner.
         dialect: GRBL itself, or a descendant.
     """

@@ -44,7 +44,18 @@ class GcodeError(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Modal:
-    """What holds from line to line until a reset."""
+    """What holds from line to line until a reset, as G-code words.
+
+    Args:
+        motion: How a move is made.
+        plane: The plane of arcs.
+        distance: Absolute or relative targets.
+        units: Millimetres or inches.
+        system: The work coordinate system.
+        spindle: State of the spindle.
+        coolant: State of the coolant.
+        feed_mm_min: Feed in mm/min.
+    """
 
     motion: str = "G0"
     plane: str = "G17"

@@ -22,8 +22,11 @@ _WHOLE = (0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32)
 class Dialect:
     """Where GRBL and its descendants differ on the wire."""
 
+    #: What is said after a reset.
     banner: str = "Grbl 1.1h ['$' for help]"
+    #: First line of the answer to ``$I``.
     version: str = "[VER:1.1h.20190830:SIMULATED]"
+    #: Its second line.
     options: str = "[OPT:VZ,15,128]"
     #: A fresh memory says so before the banner.
     fresh_memory: str = ""
@@ -35,6 +38,7 @@ class Dialect:
     abort_alarm: bool = True
     #: Fields at the end of each status report.
     more_fields: str = ""
+    #: Whether a status report says how much room the buffers have.
     buffer_field: bool = False
     #: From the question mark to the report; another one within it is the same one.
     status_s: float = 0.0005

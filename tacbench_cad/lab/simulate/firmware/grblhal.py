@@ -8,6 +8,7 @@ from tacbench_cad.lab.simulate.firmware.grbl import Grbl
 from tacbench_cad.lab.simulate.firmware.grbl_memory import Dialect
 from tacbench_cad.lab.simulate.firmware.machine import Carriage
 
+#: How grblHAL 1.1f differs on the wire.
 GRBLHAL = Dialect(
     banner="GrblHAL 1.1f ['$' or '$HELP' for help]",
     version="[VER:1.1f.20200818:SIMULATED]",

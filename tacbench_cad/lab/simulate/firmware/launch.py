@@ -119,9 +119,20 @@ def launch(
     gauge: Mapping[str, Any] | None = None,
     **firmware: Any,
 ) -> VirtualRig:
-    """Start a virtual rig; see :class:`Setup` for the arguments. Use it in a ``with`` statement.
+    """Start a virtual rig. Use it in a ``with`` statement.
 
-    Faults may also be plain values or texts, as a configuration file has them.
+    Args:
+        kind: Which firmware: ``grbl``, ``grblhal``, ``marlin`` or ``arduino``.
+        speed: How many times faster than real time it runs.
+        seed: Of everything that is left to chance.
+        faults: Faults that happen at their time; also as plain values or texts, as a configuration file has them.
+        tcp: TCP ports instead of pseudo-terminals.
+        stimulus: What lies under the carriage, see :func:`tacbench_cad.lab.simulate.firmware.loadcell.stimulus_from`.
+        resets_on_open: Whether opening the port resets the board, as on most Arduino boards.
+        check_baud: Whether a host that set another speed gets garbage (pseudo-terminals of Linux only).
+        start_mm: Where the carriage truly stands at the start, in the frame after homing; None for the default.
+        gauge: Keyword arguments of :class:`~tacbench_cad.lab.simulate.firmware.loadcell.CellSettings`.
+        **firmware: Keyword arguments of the firmware: ``settings`` of ``grbl``, ``emergency_parser`` of ``marlin``.
 
     Raises:
         InputError: An argument is wrong.

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from tacbench_cad.errors import InputError
 from tacbench_cad.lab.spec import Point
 
+#: The axes by their letters.
 AXES = "xyz"
 
 

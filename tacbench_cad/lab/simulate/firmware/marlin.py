@@ -32,7 +32,7 @@ _IGNORED = (
 
 
 class Marlin(MarlinCore):
-    """Marlin 2.1.2.7: the arguments are those of :class:`MarlinCore`."""
+    """Marlin 2.1.2.7. The arguments are those of its base class."""
 
     def _do(self, line: str) -> Program:
         found = words(line.upper().replace(" ", ""), flags=True) or []

@@ -12,6 +12,7 @@ from tacbench_cad.lab.simulate.firmware.base import Firmware, Program
 from tacbench_cad.lab.simulate.firmware.machine import Carriage
 from tacbench_cad.lab.spec import Point
 
+#: The version that it says it is.
 VERSION = "2.1.2.7"
 #: Lines that wait to be run, and signs that a line may have.
 _QUEUE_LINES = 4

@@ -21,6 +21,7 @@ from tacbench_cad.lab.simulate.firmware.machine import Axis, Carriage
 from tacbench_cad.lab.simulate.firmware.marlin import Marlin
 from tacbench_cad.lab.spec import Point
 
+#: The firmware that there is.
 KINDS = ("grbl", "grblhal", "marlin", "arduino")
 #: Where the carriage stands when the power comes on, in the frame after homing, unless told.
 _START_MM = {
@@ -50,7 +51,7 @@ class Setup:
         check_baud: Whether a host that set another speed gets garbage (pseudo-terminals of Linux only).
         start_mm: Where the carriage truly stands at the start, in the frame after homing; None for the default.
         stimulus: What lies under the carriage, see :func:`tacbench_cad.lab.simulate.firmware.loadcell.stimulus_from`.
-        gauge: Keyword arguments of :class:`CellSettings`.
+        gauge: Keyword arguments of :class:`~tacbench_cad.lab.simulate.firmware.loadcell.CellSettings`.
         firmware: Keyword arguments of the firmware: ``settings`` of ``grbl``, ``emergency_parser`` of ``marlin``.
     """
 
@@ -81,10 +82,11 @@ class Setup:
         return CellSettings(**self.gauge)
 
     def board(self) -> Board:
-        """The board, with its firmware and carriage."""
+        """The board, with its firmware, carriage and faults; the load cell's faults are not its own."""
         start = self.start_mm or _START_MM[self.kind]
         random_ = random.Random(self.seed)
-        return Board(_firmware(self.kind, start, random_, dict(self.firmware)), seed=self.seed + 1, faults=self.faults)
+        faults = [one for one in self.faults if not one.of_gauge]
+        return Board(_firmware(self.kind, start, random_, dict(self.firmware)), seed=self.seed + 1, faults=faults)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values."""
@@ -122,7 +124,7 @@ def _firmware(kind: str, start: Point, random_: random.Random, options: dict[str
 
 
 def _axes(z_low_mm: float, z_high_mm: float, switch_mm: float, xy_steps: float, z_steps: float) -> tuple[Axis, ...]:
-    """x and y from 0 to 200 mm with their end stops at 0, z with its end stop at the top."""
+    """Axes x and y from 0 to 200 mm with their end stops at 0, z with its end stop at the top."""
     flat = Axis(low_mm=0.0, high_mm=200.0, home=-1, switch_mm=switch_mm, steps_per_mm=xy_steps)
     return flat, flat, Axis(low_mm=z_low_mm, high_mm=z_high_mm, home=1, switch_mm=switch_mm, steps_per_mm=z_steps)
 

@@ -1,4 +1,4 @@
-"""``print.toml``: what only the person at the printer knows. Written once as a form, read and never changed again."""
+"""A print's record: what only the person at the printer knows. Written once as a form, read and never changed again."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from tacbench_cad.errors import InputError
-from tacbench_cad.lab.runs.schema import PRINT_FILE
-from tacbench_cad.lab.spec import PrintedBlock
 from tacbench_cad.tables import Table, read_toml
 
 #: Every field with what to write there. An empty text is a field that nobody has filled in.
@@ -63,11 +61,20 @@ class PrintRecord:
     empty: tuple[str, ...]
 
 
-def template(printed: PrintedBlock) -> str:
-    """The form: printer and filament from the run's own names, everything else empty."""
-    known = {"printer": printed.printer, "filament": printed.filament}
+def form(about: str, printer: str, filament: str) -> str:
+    """The form: printer and filament are known, everything else is empty.
+
+    Args:
+        about: What it is a record of, as one line or several of comment at its head.
+        printer: The printer.
+        filament: What it is printed of.
+
+    Returns:
+        The text of a TOML file.
+    """
+    known = {"printer": printer, "filament": filament}
     lines = [
-        f"# Record of the print {printed.name}.",
+        *(f"# {line}" for line in about.splitlines()),
         '# Fill in what you know and leave "" where you do not: empty fields stay empty and are named in reports.',
         "# Numbers stand without quotes. tacbench never changes this file.",
         "",
@@ -81,13 +88,13 @@ def template(printed: PrintedBlock) -> str:
     return "\n".join(lines) + "\n"
 
 
-def read_record(folder: Path) -> PrintRecord:
-    """Read a run's ``print.toml``.
+def read_record(path: Path) -> PrintRecord:
+    """Read a record.
 
     Raises:
         InputError: It is missing or not TOML, or a field is unknown or not of its kind.
     """
-    return read_toml(folder / PRINT_FILE, "print record", _record)
+    return read_toml(path, "print record", _record)
 
 
 def _record(document: Table) -> PrintRecord:

@@ -1,0 +1,100 @@
+"""What PrusaSlicer and CuraEngine make of textures 2 and 4: the tables of docs/plates.md.
+
+    python benchmarks/slice_check.py
+
+Blocks of preset paper, STL within 0.01 mm of the formula, are sliced by the programs that are installed (Debian's
+packages prusa-slicer, cura-engine and cura), and the G-code is compared with the formula as ``tacbench slice-check``
+does. Errors are root mean squares in micrometres: of height where the slope is below 1, sideways on steeper walls; in
+brackets that of the ideal staircase of the same layers. A peak is lost, and a valley filled, where it is off by more
+than a layer. The last columns: the height error where the frame is off by 0.1 mm, and seconds to slice and to check.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from tacbench_cad.block import Block
+from tacbench_cad.block_part import block_part
+from tacbench_cad.export import FORMATS
+from tacbench_cad.printing.compare import compare
+from tacbench_cad.printing.gcode import read_gcode
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "real"))
+from outsiders import program
+from slicing import by_cura, by_prusa, cura_search_path
+
+#: Options of PrusaSlicer for texture 4: name, layer height and nozzle in mm, wall generator.
+WALLS = (
+    ("classic walls", 0.1, 0.4, "classic"),
+    ("Arachne", 0.1, 0.4, "arachne"),
+    ("Arachne", 0.2, 0.4, "arachne"),
+    ("Arachne, nozzle 0.2", 0.1, 0.2, "arachne"),
+)
+LAYERS_MM = (0.1, 0.15, 0.2)
+
+Slice = Callable[[Path], Path]
+
+
+def cases(model: dict[int, Path]) -> Iterator[tuple[int, str, Slice]]:
+    """Texture, what is done, and how."""
+    cura = shutil.which("CuraEngine") and cura_search_path()
+    if shutil.which("prusa-slicer"):
+        run = program("prusa-slicer", "prusa-slicer")
+        for layer in LAYERS_MM:
+            yield 2, f"PrusaSlicer, {layer:g} mm", lambda out, h=layer: by_prusa(run, model[2], out, h)
+        for name, layer, nozzle, walls in WALLS:
+            words = ("--perimeter-generator", walls)
+            yield (
+                4,
+                f"PrusaSlicer, {name}, {layer:g} mm",
+                lambda out, h=layer, n=nozzle, w=words: by_prusa(run, model[4], out, h, *w, nozzle_mm=n),
+            )
+    else:
+        print("prusa-slicer is not installed: its rows are left out")
+    if cura:
+        os.environ["CURA_ENGINE_SEARCH_PATH"] = cura
+        engine = program("CuraEngine", "cura-engine")
+        for layer in LAYERS_MM:
+            yield 2, f"CuraEngine, {layer:g} mm", lambda out, h=layer: by_cura(engine, model[2], out, h)
+        yield 4, "CuraEngine, 0.1 mm", lambda out: by_cura(engine, model[4], out, 0.1)
+    else:
+        print("CuraEngine or its definitions are not installed: its rows are left out")
+
+
+def _um(mm: float | None) -> str:
+    return "-" if mm is None else f"{1000.0 * mm:.0f}"
+
+
+def main() -> None:
+    """Slice, compare and print a row each."""
+    heads = ("height (ideal)", "sideways (ideal)", "peaks lost", "valleys filled", "0.1 mm off", "seconds")
+    print(f"{'texture':<9}{'':<38}" + "".join(f"{head:>18}" for head in heads))
+    with tempfile.TemporaryDirectory() as folder:
+        model = {number: Path(folder) / f"{number}.stl" for number in (2, 4)}
+        for number, path in model.items():
+            FORMATS["stl"].write(block_part(Block.of(number)), path)
+        for number, name, cut in cases(model):
+            start = time.perf_counter()
+            path = cut(Path(folder) / "sliced.gcode")
+            sliced = time.perf_counter()
+            found = compare(read_gcode(path), Block.of(number))
+            steep = found.sideways
+            row = (
+                f"{_um(found.rms_mm)} ({_um(found.ideal_rms_mm)})",
+                "-" if steep is None else f"{_um(steep.rms_mm)} ({_um(steep.ideal_rms_mm)})",
+                f"{found.peaks.missed:,} of {found.peaks.count:,}",
+                f"{found.valleys.missed:,} of {found.valleys.count:,}",
+                _um(found.misplaced_rms_mm),
+                f"{sliced - start:.1f} + {time.perf_counter() - sliced:.1f}",
+            )
+            print(f"{number:<9}{name:<38}" + "".join(f"{one:>18}" for one in row), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,186 @@
+"""The reference of the API, made from the code: a page for each public module, and the index's tables of modules."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import pkgutil
+import re
+from collections.abc import Iterator
+from functools import reduce
+from operator import or_
+from pathlib import Path
+from types import UnionType
+from typing import Any, get_args, get_origin
+
+import numpy as np
+from docutils import nodes
+from numpy.typing import ArrayLike, NDArray
+from sphinx import addnodes
+from sphinx.application import Sphinx
+from sphinx.util import logging
+from sphinx.util.docutils import SphinxDirective
+from sphinx.util.inspect import signature, stringify_signature
+from sphinx.util.typing import restify
+
+import housing
+import tacbench_cad
+
+GENERATED = Path("api") / "generated"
+#: Longer values of constants are not shown.
+MOST_LETTERS = 300
+#: Names of other projects are no links: they have no pages here, and the build asks no network for theirs.
+OTHERS = re.compile(
+    r"(abc|argparse|collections|concurrent|contextlib|datetime|functools|pathlib|random|socket|subprocess|typing|build123d"
+    r"|cadquery|cv2|dask|distributed|joblib|lib3mf|manifold3d|matplotlib|numpy|OCP|pymeshlab|serial|sklearn)\."
+)
+
+
+def public_modules() -> list[str]:
+    """Names of all modules that a user may import; the commands have a page of their own."""
+    found = []
+    for package in (housing, tacbench_cad):
+        inside = pkgutil.walk_packages(package.__path__, f"{package.__name__}.", onerror=importlib.import_module)
+        found += [package.__name__, *(one.name for one in inside)]
+    return [name for name in found if not re.search(r"\._|^tacbench_cad\.cli\b", name)]
+
+
+class Arrays:
+    """Stands for ``NDArray``: an array in an annotation is ``NDArray[float64]``, not what NumPy makes of it."""
+
+    def __class_getitem__(cls, kind: type) -> type:
+        """The name of such arrays as a type."""
+        return type(f"NDArray[{kind.__name__}]", (), {"__module__": "numpy.typing"})
+
+
+def short(value: Any) -> Any:
+    """A value of a module; where it is a type of arrays, or is made of some, with names as the code has them."""
+    origin, inside = get_origin(value), get_args(value)
+    if value is ArrayLike:
+        return type("ArrayLike", (), {"__module__": "numpy.typing"})
+    if value is NDArray:
+        return Arrays
+    if origin is np.ndarray:
+        return Arrays[get_args(inside[1])[0]]
+    if origin is UnionType:
+        return reduce(or_, map(short, inside))
+    return tuple[tuple(map(short, inside))] if origin is tuple else value
+
+
+def import_for_annotations(name: str) -> None:
+    """Import a module with what it imports for its annotations only, so that these become links."""
+    module = importlib.import_module(name)
+    vars(module).update({key: short(value) for key, value in vars(module).items() if not key.startswith("_")})
+    for node in ast.parse(inspect.getsource(module)).body:
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            for one in (one for one in node.body if isinstance(one, ast.ImportFrom)):
+                source = importlib.import_module(one.module or "")
+                for alias in one.names:
+                    vars(module).setdefault(alias.asname or alias.name, getattr(source, alias.name))
+
+
+def module_page(name: str, inside: list[str]) -> str:
+    """The page of a module: its docstring, everything public in the order of the source, and the modules in it.
+
+    These pages stand in no table of contents: two hundred lines beside every page would help nobody, and cost a minute.
+    """
+    above = [name[: at.start()] for at in re.finditer(r"\.", name)]
+    way = " / ".join([":doc:`API </api/index>`", *(f":py:mod:`{one}`" for one in above[-1:])])
+    lines = [":orphan:", "", name, "=" * len(name), "", way, "", f".. automodule:: {name}", ""]
+    if inside:
+        lines += [".. rubric:: Modules", "", ".. modules::", "", *(f"   {one}" for one in inside), ""]
+    return "\n".join(lines)
+
+
+def write_module_pages(app: Sphinx) -> None:
+    """Write the pages of all modules, and warn if the index does not name each of them once."""
+    folder, modules = app.srcdir / GENERATED, public_modules()
+    folder.mkdir(exist_ok=True)
+    for page in folder.iterdir():
+        if page.stem not in modules:
+            page.unlink()
+    index = app.srcdir / "api" / "index.md"
+    rows = [line.strip() for line in index.read_text(encoding="utf-8").splitlines()]
+    logger = logging.getLogger(__name__)
+    for name in modules:
+        import_for_annotations(name)
+        inside = [one for one in modules if one.rpartition(".")[0] == name]
+        page, text = folder / f"{name}.rst", module_page(name, inside)
+        if not page.exists() or page.read_text(encoding="utf-8") != text:
+            page.write_text(text, encoding="utf-8")
+        if rows.count(name) != 1:
+            logger.warning("%s is named %d times, not once", name, rows.count(name), location="api/index")
+
+
+class Modules(SphinxDirective):
+    """A table of the modules in its content, each with the first line of its docstring."""
+
+    has_content = True
+
+    def run(self) -> list[nodes.Node]:
+        """Make the table."""
+        lines = [".. list-table::", "   :class: reference", ""]
+        for name in self.content:
+            summary = inspect.cleandoc(importlib.import_module(name).__doc__ or "").partition("\n")[0]
+            lines += [f"   * - :py:mod:`{name}`", f"     - {summary}"]
+        return self.parse_text_to_nodes("\n".join(lines))
+
+
+def shorten(
+    app: Sphinx, what: str, name: str, obj: Any, options: object, arguments: str | None, returned: str | None
+) -> tuple[str | None, str | None]:
+    """Show a default that has no short text as dots."""
+    if what == "class" and arguments == "(*args, **kwargs)":
+        # A metaclass of build123d hides what the class takes.
+        arguments = stringify_signature(
+            signature(obj.__init__, bound_method=True), show_return_annotation=False, unqualified_typehints=True
+        )
+    enums = arguments and re.sub(r"<(\w+\.\w+)>", r"\1", arguments)
+    return enums and re.sub(r"=\s?<[^<>]*>", "=...", enums), returned
+
+
+def known_bases(kind: type) -> Iterator[type]:
+    """The base classes that say something to a user; a private one of ours stands for its own."""
+    for base in kind.__bases__:
+        if base.__name__.startswith("_"):
+            yield from known_bases(base)
+        elif base.__name__ not in ("object", "ABC", "Generic", "Protocol"):
+            yield base
+
+
+def skip_foreign(app: Sphinx, what: str, name: str, obj: object, skip: bool, options: object) -> bool | None:
+    """Leave out what other projects put into our classes, such as scikit-learn's requests for metadata."""
+    module = getattr(obj, "__module__", None)
+    foreign = inspect.isfunction(obj) and module and not module.startswith(("tacbench_cad", "housing"))
+    return True if foreign else None
+
+
+def complete(app: Sphinx, what: str, name: str, obj: type, options: object, lines: list[str]) -> None:
+    """Name the bases of a class, and keep Napoleon from taking words before a colon for the type of an attribute."""
+    if what in ("class", "exception") and (bases := [restify(base, "smart") for base in known_bases(obj)]):
+        lines[:0] = [f"Bases: {', '.join(bases)}", ""]
+    if what in ("attribute", "data", "property"):
+        lines[:0] = ["..", ""]
+
+
+def tidy(app: Sphinx, doctree: nodes.document) -> None:
+    """Leave out a constant's value where it would fill the page, and links to what has no page here."""
+    for node in list(doctree.findall(addnodes.desc_annotation)):
+        if node.astext().startswith(" = ") and len(node.astext()) > MOST_LETTERS:
+            node.parent.remove(node)
+    for link in list(doctree.findall(addnodes.pending_xref)):
+        target = link["reftarget"]
+        if link["refdomain"] == "py" and (OTHERS.match(target) or isinstance(getattr(np, target, None), type)):
+            link.replace_self(link.children)
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Connect all of it."""
+    app.add_directive("modules", Modules)
+    app.connect("builder-inited", write_module_pages)
+    app.connect("autodoc-process-signature", shorten)
+    app.connect("autodoc-skip-member", skip_foreign)
+    app.connect("autodoc-process-docstring", complete, priority=400)
+    app.connect("doctree-read", tidy)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

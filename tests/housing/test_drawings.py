@@ -1,0 +1,110 @@
+"""The drawings of holder, jig and coupon: their numbers are the mesh's, and their words lie clear of each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib", reason="drawings need the extra plot")
+pytest.importorskip("build123d", reason="fixtures need the extra cad")
+
+from drawing_measure import clashes, faults
+
+from housing.coupon import Coupon
+from housing.drawings import coupon_drawing, holder_drawing, jig_drawing
+from housing.drawings.jigs import mesh_in_use
+from housing.drawings.shared import accepts_mm, detail_scale
+from housing.fits import FITS
+from housing.fixture import CHORD_MM
+from housing.holder import Holder
+from housing.jig import Jig
+from tacbench_cad.block import Block
+from tacbench_cad.drawing import Drawing
+
+_PAPER = Block.of(4)
+_KEYED = Block.of(4, key_mm=3.0)
+_RELEASED = Holder(block=Block.of(1, "released"), preset="released")
+
+DRAWINGS: dict[str, Callable[[], Drawing]] = {
+    "holder": lambda: holder_drawing(Holder(block=_PAPER)),
+    "holder, keyed": lambda: holder_drawing(Holder(block=_KEYED, fit="loose")),
+    "holder, scaled": lambda: holder_drawing(Holder(block=Block.of(2, scale=2.0, key_mm=5.0), fit=0.0, rim_mm=0.0)),
+    "holder, turned": lambda: holder_drawing(Holder(block=_KEYED, quarter_turns=1, rim_mm=5.0)),
+    "holder, released": lambda: holder_drawing(_RELEASED),
+    "tray": lambda: holder_drawing(Holder(block=_KEYED, slots=6)),
+    "jig": lambda: jig_drawing(Jig(holder=Holder(block=_PAPER))),
+    "jig, turned, all holes": lambda: jig_drawing(Jig(holder=Holder(block=_KEYED, quarter_turns=3), marks="all")),
+    "jig, released": lambda: jig_drawing(Jig(holder=_RELEASED)),
+    "coupon": lambda: coupon_drawing(Coupon()),
+}
+
+
+@cache
+def drawing_of(name: str) -> Drawing:
+    return DRAWINGS[name]()
+
+
+@pytest.mark.parametrize("name", DRAWINGS)
+def test_every_number_is_the_distance_on_the_mesh(name: str) -> None:
+    """Circles are met by chords; everything else is flat and as exact as a float32."""
+    drawing = drawing_of(name)
+    assert faults(drawing, CHORD_MM + 1e-4) == []
+    assert clashes(drawing) == []
+
+
+def test_a_holders_numbers_are_its_specifications() -> None:
+    holder = Holder(block=_KEYED, slots=6)
+    drawing = drawing_of("tray")
+    numbers = {one.name: one.value_mm for one in drawing.dimensions}
+    assert (numbers["plate x"], numbers["plate y"], numbers["plate height"]) == holder.size_mm
+    assert (numbers["pocket x"], numbers["pocket y"], numbers["pocket depth"]) == holder.pocket_size_mm
+    assert numbers["clearance"] == 0.15 and numbers["rim"] == 1.18
+    assert "clearance" not in {one.name for one in drawing_of("holder, scaled").dimensions}
+    assert {one.text.split("\n")[0] for one in drawing.plan.callouts} == {
+        "4 x ⌀4 through",
+        "6 x ⌀6 push-out",
+        "corner filled,",
+    }
+
+
+def test_all_four_screw_holes_of_the_authors_are_placed() -> None:
+    """Theirs are not symmetrical: two rows and two columns have numbers of their own where they differ."""
+    wanted = {(axis, round(bore.at_mm[axis], 6)) for bore in _RELEASED.screws for axis in (0, 1)}
+    numbers = drawing_of("holder, released").plan.dimensions
+    found = {
+        (one.axis, round(p[one.axis], 6))
+        for one in numbers
+        for p, k in zip((one.start, one.end), one.ends, strict=True)
+        if k == "axis"
+    }
+    assert found == wanted
+
+
+def test_the_other_part_is_as_large_as_it_is() -> None:
+    """The thin outlines in a holder's section are its blocks, up to their highest points."""
+    holder = Holder(block=_KEYED, slots=6)
+    boxes = drawing_of("tray").front.other
+    assert len(boxes) == 3
+    for box, place in zip(boxes, holder.block_placements(), strict=False):
+        assert box.min(axis=0) == pytest.approx([place.origin_mm[0], place.origin_mm[2]])
+        assert np.ptp(box, axis=0) == pytest.approx([_KEYED.size_mm[0], _KEYED.height_mm])
+
+
+def test_a_jig_is_drawn_as_it_is_used() -> None:
+    jig = Jig(holder=Holder(block=_PAPER))
+    low, high = mesh_in_use(jig).bounds_mm
+    assert low == pytest.approx([*jig.seat.outer.low, jig.seat.bottom_mm], abs=1e-5)
+    assert high == pytest.approx([*jig.seat.outer.high, jig.seat.roof_mm[1]], abs=1e-5)
+
+
+def test_accepted_deviations_leave_a_third_of_the_clearance() -> None:
+    for clearance in (*FITS.values(), 0.2):
+        assert 2.0 * accepts_mm(clearance) <= 4.0 / 3.0 * clearance + 0.01
+    assert (accepts_mm(0.15), accepts_mm(0.3), accepts_mm(0.05), accepts_mm(0.0)) == (0.1, 0.1, 0.03, 0.02)
+
+
+def test_a_detail_is_as_large_as_it_fits() -> None:
+    assert (detail_scale(3.0), detail_scale(6.0), detail_scale(1000.0)) == (10.0, 5.0, 0.1)
