@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 def decimal(value: float) -> str:
     """The shortest decimals that give the number back exactly, without an exponent: ``0.5``, ``1``, ``0.00001``."""
-    import numpy as np
+    import numpy as np  # here: a command that counts must not wait for it
 
     return np.format_float_positional(value, trim="-")
 

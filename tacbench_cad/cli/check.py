@@ -95,5 +95,5 @@ def _print(report: Report) -> None:
     if report.deviation_mm is not None:
         facts.append(f"at most {report.deviation_mm:.3g} mm from the formula")
     faults = len(report.faults)
-    verdict = "all checks passed" if report.ok else f"{counted(faults, 'fault')}"
+    verdict = "all checks passed" if report.ok else counted(faults, "fault")
     screen.print("; ".join([*facts, verdict]), soft_wrap=True)

@@ -136,8 +136,8 @@ def align(
     store_frame(file, taught.frame)
     x, y, z = taught.frame.origin_mm
     typer.echo(
-        f"stored in {file}: origin {x:.4f}, {y:.4f}, {z:.4f} mm, {taught.frame.quarter_turns} quarter turns; worst "
-        f"marker {taught.worst_mm:.3f} mm off, {taught.turn_deg:+.2f} degrees left over, stretch {taught.stretch:.4f}"
+        f"stored in {file}: origin {x:z.4f}, {y:z.4f}, {z:z.4f} mm, {taught.frame.quarter_turns} quarter turns; worst "
+        f"marker {taught.worst_mm:.3f} mm off, {taught.turn_deg:+z.2f} degrees left over, stretch {taught.stretch:.4f}"
     )
 
 
@@ -197,7 +197,7 @@ def _weighed(cell: RawLoadCell, mass_g: float) -> CalibrationPoint:
 
     _ask(f"{f'put {mass_g:g} g on' if mass_g else 'take everything off'}, wait for it to rest, press Enter: ")
     raw = cell.read(STILL_S)
-    typer.echo(f"{mass_g:g} g: {raw.mean:.1f} counts, spread {raw.spread:.1f}, {counted(raw.samples, 'sample')}")
+    typer.echo(f"{mass_g:g} g: {raw.mean:z.1f} counts, spread {raw.spread:.1f}, {counted(raw.samples, 'sample')}")
     return CalibrationPoint(mass_g=mass_g, counts=raw.mean, spread_counts=raw.spread, samples=raw.samples)
 
 
@@ -215,7 +215,7 @@ def _print(found: Calibration, path: Path) -> None:
     for one in found.points:
         force = found.newtons(one.counts)
         off = force - weight_n(one.mass_g)
-        shown.add_row(f"{one.mass_g:g}", f"{one.counts:.1f}", f"{force:.4f}", f"{off:+.4f}")
+        shown.add_row(f"{one.mass_g:g}", f"{one.counts:z.1f}", f"{force:z.4f}", f"{off:+z.4f}")
     screen = console()
     screen.print(shown)
     screen.print(

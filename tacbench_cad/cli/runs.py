@@ -165,6 +165,12 @@ def _progress(doing: str, runs: int) -> Iterator[Callable[[str], Callable[[int, 
         yield told
 
 
+def _devices(simulated: tuple[str, ...]) -> str:
+    """Which of stage, gauge and sensor were simulated, without what run.json says of them."""
+    names = [one.partition(":")[0] for one in simulated]
+    return "all" if len(names) == 3 else ", ".join(names) or "no"
+
+
 def _print(reports: list[RunReport]) -> None:
     shown = table(
         "runs",
@@ -184,7 +190,7 @@ def _print(reports: list[RunReport]) -> None:
             str(one.references),
             str(one.stationary),
             str(one.out_of_band),
-            "; ".join(one.simulated) or "no",
+            _devices(one.simulated),
             str(len(one.findings)) if one.findings else "ok",
         )
     screen = console()

@@ -83,7 +83,7 @@ def command(
 ) -> None:
     """Draw a texture as a PNG, its surface or the press protocol on it; or a part with its dimensions.
 
-    A drawing takes the options that make the part and shows the numbers of the file that ``tacbench make`` writes.
+    A drawing takes the options that make the part and shows the numbers of the file that tacbench make writes.
 
     Examples:
       tacbench show 4

@@ -101,11 +101,13 @@ def _plan(study: Study, infos: Sequence[RunInfo], needed: Estimate, colour: bool
     for info in infos:
         cells[info.levels] = cells.get(info.levels, 0) + 1
     places = f"{counted(len(protocol.grid.positions_mm), 'position')}, {counted(protocol.repeats, 'repeat')}"
-    lines = [f"simulated study: {counted(needed.blocks, 'block')}, {counted(needed.presses, 'press')} ({places}):"]
+    images = f"{counted(needed.presses, 'image')} of presses ({places})"
+    lines = [f"simulated study: {counted(needed.blocks, 'block')}, {images}:"]
     for levels, blocks in cells.items():
         presses = blocks * len(levels) * protocol.repeats * len(protocol.grid.positions_mm)
         shown = ", ".join(str(level) for level in levels)
-        lines.append(f"  {counted(blocks, 'block')} at force level{'s' if len(levels) > 1 else ''} {shown}: {presses:,} images")
+        forces = "force level" if len(levels) == 1 else "force levels"
+        lines.append(f"  {counted(blocks, 'block')} at {forces} {shown}: {counted(presses, 'image')}")
     lines.append(
         f"  {needed.others:,} images without a press of their own: references and 4 x {protocol.stationary_frames} "
         "stationary frames a block"
@@ -174,7 +176,7 @@ def _print(folder: Path, infos: Sequence[RunInfo], blocks: Sequence[BlockDone], 
     total = sum(spent.values())
     images = sum(one.images for one in blocks)
     shares = ", ".join(f"{what} {100.0 * spent[name] / total:.0f} %" for name, what in SHARES.items()) if images else ""
-    screen.print(f"{images:,} images in {seconds:.1f} s{'; ' if shares else ''}{shares}", soft_wrap=True)
+    screen.print(f"{counted(images, 'image')} in {seconds:.1f} s{'; ' if shares else ''}{shares}", soft_wrap=True)
 
 
 def _document(

@@ -71,7 +71,9 @@ def command(
         )
         return
     shown = table(
-        f"{counted(len(paths), 'split file')} in {out}", "file", "protocol", "folds", "tested", right=("folds", "tested")
+        f"{counted(len(paths), 'split file')} in {out}",
+        *("file", "protocol", "folds", "tested"),
+        right=("folds", "tested"),
     )
     for path, one in zip(paths, splits, strict=True):
         tested = sum(len(fold.test) for fold in one.folds)

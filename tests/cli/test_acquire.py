@@ -88,11 +88,11 @@ def test_a_virtual_rig_gives_a_run_and_goes_on_with_it(tmp_path: Path, capsys: C
     targets = folder / "targets.csv"
     targets.write_text("".join(targets.read_text().splitlines(keepends=True)[:-1]))
     assert main(["acquire", str(path)]) == 0
-    assert f"{NAME}: 1 of 2 presses are there" in capsys.readouterr().err
+    assert f"{NAME}: 1 of 2 presses there" in capsys.readouterr().err
     assert len(Run.open(folder).rows) == 2
     # Nothing is missing: no device is opened.
     assert main(["acquire", str(path)]) == 0
-    assert "1 of 1 blocks are complete" in capsys.readouterr().err
+    assert "complete: 1 of 1 block\n" in capsys.readouterr().err
     assert main(["acquire", str(virtual_file(tmp_path, forces_n="[0.6]"))]) == 2
     assert "protocol.forces_n: [0.5] then, [0.6] now" in capsys.readouterr().err
 

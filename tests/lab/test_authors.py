@@ -220,7 +220,7 @@ def test_the_command_imports_and_says_where(tmp_path: Path, capsys: Capture) -> 
     words = ["import", *files, "--out", str(tmp_path / "out"), "--force-levels", "p20=1,P30=2"]
     assert main(words) == 0
     said = capsys.readouterr()
-    assert "1 runs in" in said.out and "2 force levels" in said.err
+    assert "1 run in" in said.out and "2 force levels" in said.err
     assert main(["runs", "check", str(tmp_path / "out")]) == 0
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import sys
@@ -9,11 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lab.acquire.rigs import rig_settings
 
 from tacbench_cad.block import Block
 from tacbench_cad.cli import main
 from tacbench_cad.errors import InputError
 from tacbench_cad.export import threemf
+from tacbench_cad.lab.acquire.session import places
 from tacbench_cad.lab.layout import read_layout
 from tacbench_cad.lab.names import COMBINATIONS, PRINTERS
 from tacbench_cad.lab.study import read_study
@@ -168,6 +171,24 @@ def _blocks(made: Path) -> list[Block]:
 
     kinds = (Block.of(1, key_mm=3.0, copy=1), Block.of(read_texture(made / "hex.toml").texture, key_mm=3.0, copy=1))
     return list(kinds)
+
+
+def test_the_layout_names_blocks_as_acquire_asks_for_them(made: Path) -> None:
+    settings = rig_settings()
+    study = made.parent / "labels.toml"
+    study.write_text(f'[study]\nlayouts = ["out/{STEM}.csv"]\n')
+    asked = [one.label for one in places(read_study(study).study, settings, made)]
+    with (made / f"{STEM}.csv").open(newline="") as stream:
+        assert sorted(row["label"] for row in csv.DictReader(stream)) == sorted(asked)
+    assert sorted(asked) == ["HEX PAPER X1 01", "HEX PAPER X1 02", "T1 PAPER X1 01", "T1 PAPER X1 02"]
+
+
+def test_the_table_lists_the_labels_of_each_texture(tmp_path: Path, capsys: Capture) -> None:
+    pytest.importorskip("lib3mf")
+    options = ("--texture", "1,4", "--copies", "3", "--out", str(tmp_path))
+    assert main(["plate", "--printer", "form-3", *options]) == 0
+    out = capsys.readouterr().out
+    assert "T1 PAPER X1 01 02 03" in out and "T4 PAPER X1 01 02 03" in out
 
 
 def test_acquire_reads_the_layout(made: Path) -> None:

@@ -64,7 +64,7 @@ class ContactForce:
         most = FREE_SHARE * self.protocol.hard_limit_n
         if abs(free.mean_n) > most:
             raise GaugeError(
-                f"the gauge reads {free.mean_n:.3f} N at the travel height, where the sensor is free (at most "
+                f"the gauge reads {free.mean_n:z.3f} N at the travel height, where the sensor is free (at most "
                 f"{most:g} N is taken for drift); tare or repair it"
             )
         if abs(free.mean_n - self.zero_n) > DRIFT_SHARE * min(self.protocol.bands_n):

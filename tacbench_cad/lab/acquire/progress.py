@@ -100,7 +100,7 @@ class Lines:
             return
         self._written = now
         left = self._left(now, done)
-        felt = "" if force is None else f"  {force.mean_n:.4f} N" + ("" if in_band is not False else " (out of band)")
+        felt = "" if force is None else f"  {force.mean_n:z.4f} N" + ("" if in_band is not False else " (out of band)")
         self._line(f"{self._name}  {done}/{self._total}{left}{felt}  {reading.name}")
 
     def end(self) -> None:

@@ -126,7 +126,8 @@ def limits(cells: Sequence[Cell], context: Context, force_level: int | str) -> t
     if context.simulated:
         said.append(f"Simulated ({'; '.join(context.simulated)}): this says nothing about a real printer.")
     if context.left_out:
-        said.append(f"Left out, for it cannot be used: {counted(len(context.left_out), 'reading')}: {context.left_out[0]}.")
+        readings = counted(len(context.left_out), "reading")
+        said.append(f"{readings} could not be used and had to be left out: {context.left_out[0]}.")
     said += _limits_of_prints(cells)
     said += _limits_of_floor(cells, context)
     said += _limits_of_pressing(context, force_level)

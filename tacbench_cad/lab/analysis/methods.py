@@ -48,7 +48,7 @@ def design_text(collection: Collection) -> str:
     sentences += [_press_text(collection), _forces_text(collection)]
     if protocol.stationary_frames:
         sentences.append(
-            f"At the start and at the end of each block there were {counted(protocol.stationary_frames, 'reading')} without "
+            f"At the start and at the end of each block: {counted(protocol.stationary_frames, 'reading')} without "
             "motion in contact, and as many without contact."
         )
     shape = " x ".join(map(str, first.reading_shape or ())) or "unknown"
@@ -172,9 +172,10 @@ def _press_text(collection: Collection) -> str:
     grid = protocol.grid
     order = "in the same order" if protocol.order == "paper" else f"in random order (seed {protocol.seed})"
     return (
-        f"Each block was pressed at {counted(len(grid.positions_mm), 'position')} ({len(grid.x_mm)} x {len(grid.y_mm)}; x from "
-        f"{grid.x_mm[0]:g} to {grid.x_mm[-1]:g} mm, y from {grid.y_mm[0]:g} to {grid.y_mm[-1]:g} mm of the block), "
-        f"{order}, {counted(protocol.repeats, 'time')} at each force: {counted(len(collection), 'press')} in all."
+        f"Each block was pressed at {counted(len(grid.positions_mm), 'position')} ({len(grid.x_mm)} x "
+        f"{len(grid.y_mm)}; x from {grid.x_mm[0]:g} to {grid.x_mm[-1]:g} mm, y from {grid.y_mm[0]:g} to "
+        f"{grid.y_mm[-1]:g} mm of the block), {order}, {counted(protocol.repeats, 'time')} at each force: "
+        f"{counted(len(collection), 'press')} in all."
     )
 
 

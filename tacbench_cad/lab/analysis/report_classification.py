@@ -187,8 +187,8 @@ def _methods(settings: Mapping[str, Any]) -> str:
             f"{', '.join(settings['train_on'])}, each tested on all others [1]."
         )
     sentences.append(
-        f"Averaged over {counted(settings['trials'], 'trial')}; seed {settings['seed']}. Intervals (95 %) have the held-out "
-        "groups, within them the prints, as their unit."
+        f"Averaged over {counted(settings['trials'], 'trial')}; seed {settings['seed']}. Intervals (95 %) have the "
+        "held-out groups, within them the prints, as their unit."
     )
     return " ".join(sentences)
 

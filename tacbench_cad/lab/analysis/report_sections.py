@@ -156,8 +156,8 @@ def quality_section(study: Study, reports: Sequence[RunReport]) -> Iterator[str]
     yield html.paragraph(
         f"{there:,} of {planned:,} planned presses are there; in {outside:,} of them the force lay outside of its band "
         f"(they say so and are kept). Every reading was compared with its checksum and judged for darkness, blur and "
-        f"being stuck: {len(reports) - len(faulty)} of {len(reports)} runs have no finding, {counted(len(found), 'finding')} "
-        "in all."
+        f"being stuck: {len(reports) - len(faulty)} of {len(reports)} runs have no finding, "
+        f"{counted(len(found), 'finding')} in all."
     )
     if faulty:
         shown = [

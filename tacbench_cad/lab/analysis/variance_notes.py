@@ -98,8 +98,8 @@ def _counts(collection: Collection, cells: Sequence[Cell]) -> list[str]:
     positions, repeats = len(protocol.grid.positions_mm), protocol.repeats
     paper = PRINTS * POSITIONS * PAPER_REPEATS
     return [
-        f"{_where(members)}: {counted(presses, 'press')} in a cell ({prints} x {counted(positions, 'position')} x {counted(repeats, 'repeat')}), the "
-        f"paper's table has {paper} ({PRINTS} x {POSITIONS} x {PAPER_REPEATS})"
+        f"{_where(members)}: {counted(presses, 'press')} in a cell ({prints} x {counted(positions, 'position')} x "
+        f"{counted(repeats, 'repeat')}), the paper's table has {paper} ({PRINTS} x {POSITIONS} x {PAPER_REPEATS})"
         for (presses, prints), members in _by(cells, lambda one: (one.presses, one.prints))
         if (prints, positions, repeats) != (PRINTS, POSITIONS, PAPER_REPEATS)
         and presses == prints * positions * repeats

@@ -271,8 +271,8 @@ class Teaching:
         step: Point | None = None
         while True:
             here = x, y, z = self._stage.position()
-            force = "" if self._force_n is None else f", {self._force_n():.3f} N"
-            words = self._ask(f"[{x:.3f} {y:.3f} {z:.3f} mm{force}] ").split()
+            force = "" if self._force_n is None else f", {self._force_n():z.3f} N"
+            words = self._ask(f"[{x:z.3f} {y:z.3f} {z:z.3f} mm{force}] ").split()
             if words == ["ok"]:
                 return here
             if words == ["quit"]:

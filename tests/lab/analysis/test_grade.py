@@ -244,4 +244,4 @@ def test_the_commands_options_are_refused_by_name(options: dict[str, str], field
 def test_readings_that_were_left_out_are_said() -> None:
     context = Context(left_out=("run/a.png: is damaged", "run/b.png: is damaged"))
     limits = graded(like(published.VARIANCE[RESIN], 0.5, 0.9), context).limits
-    assert limits[0] == "2 readings could not be used and are left out: run/a.png: is damaged."
+    assert limits[0] == "2 readings could not be used and had to be left out: run/a.png: is damaged."

@@ -315,6 +315,27 @@ def test_a_step_that_presses_too_hard_is_taken_back() -> None:
     assert any("taken back" in line for line in said)
 
 
+def test_a_prompt_shows_no_negative_zero() -> None:
+    stage, asked = FakeStage(), list[str]()
+    stage.here = (-1e-5, 12.3456, -30.0)
+
+    def ask(prompt: str) -> str:
+        asked.append(prompt)
+        return "quit"
+
+    with pytest.raises(InputError, match="stopped"):
+        Teaching(
+            LimitedStage(stage, LIMITS),
+            limits_mm=LIMITS,
+            ask=ask,
+            say=lambda _: None,
+            travel_mm_s=20.0,
+            approach_mm_s=2.0,
+            force_n=lambda: -0.0004,
+        ).frame(Protocol(), Block.of("1", "paper"), 0.3)
+    assert asked == ["[0.000 12.346 -30.000 mm, 0.000 N] "]
+
+
 # --- the file ---
 
 FRAME = WorkFrame(origin_mm=(80.5, -79.12345, 1.0), quarter_turns=3)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.cli import main
+from tacbench_cad.cli.runs import _devices
 from tacbench_cad.errors import InputError
 from tacbench_cad.lab.runs.checking import check_run, ranges
 from tacbench_cad.lab.runs.finding import find_runs
@@ -185,7 +186,7 @@ def test_an_unfinished_run_names_its_gaps(tmp_path: Path, make_info: Any, filled
     with RunWriter.open(tmp_path / "run", info) as writer:
         filled(writer, most=5)
     report = check_run(tmp_path / "run")
-    assert [(one.kind, one.text) for one in report.findings] == [("gap", "11 of 16 presses are missing: 6 to 16")]
+    assert [(one.kind, one.text) for one in report.findings] == [("gap", "11 of 16 presses missing: 6 to 16")]
 
 
 def test_an_empty_run_is_nothing_but_gaps(tmp_path: Path, make_info: Any) -> None:
@@ -219,10 +220,24 @@ def test_numbers_for_people(numbers: list[int], text: str) -> None:
     assert ranges(numbers) == text
 
 
+@pytest.mark.parametrize(
+    ("simulated", "text"),
+    [
+        ((), "no"),
+        (("sensor: a TacTip",), "sensor"),
+        (("stage: GRBL: simulated", "sensor: a TacTip"), "stage, sensor"),
+        (("stage: GRBL", "gauge: a load cell", "sensor: a TacTip"), "all"),
+    ],
+)
+def test_the_table_says_which_devices_were_simulated(simulated: tuple[str, ...], text: str) -> None:
+    assert _devices(simulated) == text
+
+
 def test_the_command_passes_a_sound_folder(run_folder: Path, capsys: Capture) -> None:
     assert main(["runs", "check", str(run_folder.parent)]) == 0
     out = capsys.readouterr().out
-    assert "16 of 16" in out and "stage: stage model" in out and "1 run, 16 presses: nothing wrong" in out
+    assert next(line for line in out.splitlines() if "16 of 16" in line).split()[-2:] == ["stage", "ok"]
+    assert "1 run, 16 presses: nothing wrong" in out
     assert "empty in print.toml (runs): printer_serial (1)" in out
 
 
