@@ -321,7 +321,7 @@ IN_BASE = (
     ("make --texture 1 --out all", "left out: holder, jig: needs cadquery-ocp, build123d, not installed: pip install"),
     ("check made/texture-1_paper_x1.stl", "all checks passed"),
     ("check made/texture-1_paper_x1.3mf", "all checks passed"),
-    ("plate --printer ender-3 --texture 1 --copies 2 --out plates", "T1-02"),
+    ("plate --printer ender-3 --texture 1 --copies 2 --out plates", "T1 PAPER X1 01 02"),
     ("export --to mjcf,urdf,sdf,usd,obj,glb,npy,png16,taxim --texture 1 --out sim", "texture-1.xml"),
     (
         "slice-check texture-1.gcode --texture 1",
