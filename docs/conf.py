@@ -18,8 +18,9 @@ from tacbench_cad import __version__
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 # Cells call ``tacbench`` as a reader does; tables are as wide as a page of the manual.
+# Pages are made side by side: a command in a cell keeps to one processor, and does not load the CAD kernel in several.
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-os.environ.update(COLUMNS="110", OPENBLAS_NUM_THREADS="1")
+os.environ.update(COLUMNS="110", OPENBLAS_NUM_THREADS="1", PYTHON_CPU_COUNT="1")
 # Jupyter's kernel asks programs for colours; what they print here is for a page, not for a terminal.
 os.environ.update(TTY_COMPATIBLE="0", _TYPER_FORCE_DISABLE_TERMINAL="1")
 os.environ["BASH_ENV"] = str(Path(__file__).parent / "_ext" / "cells.bash")

@@ -308,6 +308,14 @@ class Jig(Fixture):
         x, y, z = np.asarray(points_mm, dtype=np.float64).T
         return np.column_stack([x - x0, y1 - y, top - z])
 
+    @property
+    def from_print(self) -> Floats:
+        """The matrix (4, 4) from the printed part to the holder frame, in mm: a half turn about x, and a shift."""
+        (x0, _), (_, y1), top = self.seat.outer.low, self.seat.outer.high, self.seat.roof_mm[1]
+        matrix = np.diag([1.0, -1.0, -1.0, 1.0])
+        matrix[:3, 3] = (x0, y1, top)
+        return matrix
+
     def solid(self) -> TopoDS_Solid:
         """The Open CASCADE solid as printed: marked face on the bed."""
         from build123d import Axis, Pos

@@ -115,9 +115,7 @@ class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not ty
 def texture_face(block: Block, tolerance_mm: float = brep.TOLERANCE_MM) -> Face:
     """The textured surface alone, as one build123d face in the block frame.
 
-    ``.area`` of it is not to be relied on: the kernel's default takes 61 points along each axis of a face however rich
-    it is, which gives texture 4 of preset paper an area 9 % too large. ``.bounding_box()`` is right, and so are
-    ``BRepGProp.SurfaceProperties_s(face.wrapped, properties, 1e-3)`` and the areas of the solid's faces.
+    Do not rely on its ``.area``: :func:`tacbench_cad.brep.texture_face` says why, and how to measure it.
 
     Args:
         block: The block; its key is cut off.

@@ -82,9 +82,7 @@ def texture_block(
 def texture_face(block: Block, tolerance_mm: float = brep.TOLERANCE_MM) -> cq.Face:
     """The textured surface alone, as one CadQuery face in the block frame.
 
-    ``Area()`` of it is not to be relied on: the kernel's default takes 61 points along each axis of a face however
-    rich it is, which gives texture 4 of preset paper an area 9 % too large. ``BoundingBox()`` is right, and so are
-    ``BRepGProp.SurfaceProperties_s(face.wrapped, properties, 1e-3)`` and the areas of the solid's faces.
+    Do not rely on its ``Area()``: :func:`tacbench_cad.brep.texture_face` says why, and how to measure it.
 
     Args:
         block: The block; its key is cut off.

@@ -87,6 +87,8 @@ def replacing(path: Path) -> Iterator[Path]:
 def locked(folder: Path) -> Iterator[None]:
     """Hold an output folder, making it if it is not there; a second process is refused.
 
+    A folder that was made here and is empty in the end is removed again: a refusal leaves nothing behind.
+
     The lock is the operating system's (``flock``, on Windows ``msvcrt.locking``): it ends with the process, however
     that ends. Unfinished files of a killed process are removed once the folder is held.
 
@@ -97,6 +99,7 @@ def locked(folder: Path) -> Iterator[None]:
         InputError: Another process holds the folder, or it cannot be written.
     """
     try:
+        made = [one for one in (folder, *folder.parents) if not one.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         handle = _take(folder / LOCK_NAME)
     except OSError as error:
@@ -110,6 +113,9 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         _leave(folder / LOCK_NAME, handle)
+        with contextlib.suppress(OSError):  # one that holds something
+            for one in made:
+                one.rmdir()
 
 
 def sha256(path: Path) -> str:

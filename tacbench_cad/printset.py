@@ -21,7 +21,7 @@ from tacbench_cad.making.sources import Source
 from tacbench_cad.making.writing import Failure, Made, file_name, make_files, make_in_child
 from tacbench_cad.mesh import Mesh
 from tacbench_cad.naming import report
-from tacbench_cad.tools import why_missing
+from tacbench_cad.tools import require, why_missing
 from tacbench_cad.workers import Workers, cpu_count, why_not_importable
 
 __all__ = ["PREVIEW_NAME", "Failure", "LeftOut", "Plan", "Request", "Result", "build", "plan"]
@@ -104,9 +104,8 @@ def build(request: Request, progress: Progress = lambda message, done, total: No
         MissingToolError: Something asked for by name cannot be made here.
     """
     wanted = plan(request)
-    reason = why_missing("pymeshlab") if request.full else None
-    if reason:
-        raise MissingToolError(f"verify = 'full': {reason}")
+    if request.full:
+        require("verify = 'full':", "pymeshlab")
     with Workers(cpu_count()) as workers:
         progress("loading the CAD kernel" if wanted.needs_kernel else "meshing", 0, wanted.file_count)
         wanted = _with_kernel(request, wanted, workers)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from tacbench_cad.errors import InputError
 from tacbench_cad.mesh import Mesh
-from tacbench_cad.pictures import new_figure, save_picture, styled
+from tacbench_cad.plotting import new_figure, save_figure, styled
 from tacbench_cad.render import ABOVE, Camera, render
 from tacbench_cad.triangulation import triangulate
 
@@ -80,7 +80,7 @@ def snapshot(
     with styled():
         figure = new_figure((width / _DPI, height / _DPI), _DPI)
         figure.figimage(image, 0, 0, origin="upper")
-        save_picture(figure, Path(path), _DPI)
+        save_figure(figure, Path(path))
 
 
 def _pieces(shape: Any) -> Iterator[tuple[TopoDS_Shape, Colour]]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib.util
 from dataclasses import dataclass
 
+from tacbench_cad.errors import MissingToolError
+
 
 @dataclass(frozen=True, kw_only=True)
 class Package:
@@ -87,6 +89,21 @@ def why_missing(*modules: str) -> str | None:
         return None
     names = ", ".join(package.distribution for package in missing)
     return f"needs {names}, not installed: {install_command(missing[0].extra)}"
+
+
+def require(what: str, *modules: str) -> None:
+    """Refuse something before it has begun.
+
+    Args:
+        what: What needs the modules, as the beginning of the message.
+        modules: As of :func:`why_missing`; the first that is missing decides which extra is named.
+
+    Raises:
+        MissingToolError: A module is missing.
+    """
+    reason = why_missing(*modules)
+    if reason is not None:
+        raise MissingToolError(f"{what} {reason}")
 
 
 def why_not_imported(error: ModuleNotFoundError) -> str | None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -284,16 +284,7 @@ class WaveSum:
             v: Lower and upper end along v.
             keep: Only the part of the rectangle in this half-plane counts.
         """
-        if keep is None and self.is_separable:
-            return _sum_of(
-                self.along_u.extremes(u[0], u[1], EXTREMES_ERROR / 2.0),
-                self.along_v.extremes(v[0], v[1], EXTREMES_ERROR / 2.0),
-            )
-        if self._common_direction is not None:
-            return self._extremes_parallel(clipped_rectangle(u, v, keep), self._common_direction)
-        bounds = (self.bound(2, 0), self.bound(1, 1), self.bound(0, 2))
-        error = EXTREMES_SHARE * self.amplitude_sum
-        return search_rectangle(self, bounds, u, v, error, keep)
+        return _extremes(self, (u[0], u[1]), (v[0], v[1]), keep)
 
     def _extremes_parallel(self, region: list[tuple[float, float]], direction: tuple[float, float]) -> Extremes:
         """Extremes over a convex region when all waves run one way: only the distance along that way matters."""
@@ -331,6 +322,21 @@ class WaveSum:
                 for w in self.waves
             )
         )
+
+
+# A study has many blocks of few textures, and each block asks for the same.
+@lru_cache(maxsize=256)
+def _extremes(waves: WaveSum, u: tuple[float, float], v: tuple[float, float], keep: HalfPlane | None) -> Extremes:
+    if keep is None and waves.is_separable:
+        return _sum_of(
+            waves.along_u.extremes(u[0], u[1], EXTREMES_ERROR / 2.0),
+            waves.along_v.extremes(v[0], v[1], EXTREMES_ERROR / 2.0),
+        )
+    if waves._common_direction is not None:
+        return waves._extremes_parallel(clipped_rectangle(u, v, keep), waves._common_direction)
+    bounds = (waves.bound(2, 0), waves.bound(1, 1), waves.bound(0, 2))
+    error = EXTREMES_SHARE * waves.amplitude_sum
+    return search_rectangle(waves, bounds, u, v, error, keep)
 
 
 def _sum_of(first: Extremes, second: Extremes) -> Extremes:

@@ -35,7 +35,10 @@ class RefusedError(TacbenchError):
 
 
 def cpu_count() -> int:
-    """Processors that this process may use."""
+    """Processors that this process may use, or what ``PYTHON_CPU_COUNT`` says, which Python 3.13 and later obey too."""
+    told = os.environ.get("PYTHON_CPU_COUNT", "")
+    if told.isdecimal() and int(told):
+        return int(told)
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -56,8 +56,9 @@ def test_algebra_mode() -> None:
     assert [round(one.bounding_box().min.X, 3) for one in placed] == [-31.65, 8.35]
 
 
-def test_a_hole_through_texture_4() -> None:
-    part = TextureBlock(4)
+@pytest.mark.parametrize("number", [1, pytest.param(4, marks=pytest.mark.long)])
+def test_a_hole_through_the_texture(number: int) -> None:
+    part = TextureBlock(number)
     made = part - bd.Pos(1, 2, 0) * bd.Cylinder(3, 30)
     assert made.is_valid
     removed = hole_mm3(part.block, (23.3 / 2 + 1, 17.0), 3.0)

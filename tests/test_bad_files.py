@@ -283,6 +283,14 @@ def test_locked_makes_the_folder_and_leaves_nothing(tmp_path: Path) -> None:
         pass
 
 
+def test_locked_takes_away_what_it_made_for_nothing(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    for name in ("there", "there/a/b", "new/c"):
+        with locked(tmp_path / name):
+            pass
+    assert [one.name for one in tmp_path.rglob("*")] == ["there"]
+
+
 _HOLD = """
 import sys, time
 from pathlib import Path

@@ -19,6 +19,7 @@ from tacbench_cad.block_part import block_part
 from tacbench_cad.errors import InputError, MissingToolError
 from tacbench_cad.mesh import Mesh
 from tacbench_cad.part import COLOURS
+from tacbench_cad.protocol import contact_radius_mm
 from tacbench_cad.render import BELOW, Camera, render
 
 Image = pytest.importorskip("PIL.Image", reason="reading pictures needs pillow (extra dev)")
@@ -204,8 +205,8 @@ def test_texture_picture(tmp_path: Path, block: Block, press: bool) -> None:
 
 
 def test_contact_radii_are_the_papers() -> None:
-    assert [round(pictures.contact_radius_mm(force), 1) for force in (1.9, 3.0)] == [8.2, 9.2]
-    assert pictures.contact_radius_mm(1.91295) == pytest.approx(8.25, abs=0.01)
+    assert [round(contact_radius_mm(force), 1) for force in (1.9, 3.0)] == [8.2, 9.2]
+    assert contact_radius_mm(1.91295) == pytest.approx(8.25, abs=0.01)
 
 
 def test_contact_circles_lie_where_the_grid_says(tmp_path: Path) -> None:
@@ -215,8 +216,8 @@ def test_contact_circles_lie_where_the_grid_says(tmp_path: Path) -> None:
     across = image[:, : round(0.70 * image.shape[1])]
     blue = (np.abs(across - np.array([0x00, 0x72, 0xB2])).max(axis=2) < 12).nonzero()
     orange = (np.abs(across - np.array([0xD5, 0x5E, 0x00])).max(axis=2) < 12).nonzero()
-    corners = 2 * pictures.contact_radius_mm(3.0137) + 5.0
-    middle = 2 * pictures.contact_radius_mm(1.91295)
+    corners = 2 * contact_radius_mm(3.0137) + 5.0
+    middle = 2 * contact_radius_mm(1.91295)
     assert np.ptp(blue[1]) / np.ptp(orange[1]) == pytest.approx(corners / middle, rel=0.02)
     assert np.ptp(blue[0]) / np.ptp(orange[0]) == pytest.approx(corners / middle, rel=0.02)
 

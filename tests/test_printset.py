@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tacbench_cad import printset
+from tacbench_cad import printset, tools
 from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.errors import InputError, MissingToolError
 from tacbench_cad.files import sha256
@@ -347,8 +347,8 @@ def test_without_matplotlib_the_pictures_are_left_out_with_the_reason(
 
 
 def test_the_full_checks_need_their_tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(printset, "why_missing", lambda name: "needs pymeshlab" if name == "pymeshlab" else None)
-    with pytest.raises(MissingToolError, match="pymeshlab"):
+    monkeypatch.setattr(tools, "has_module", lambda name: name != "pymeshlab")
+    with pytest.raises(MissingToolError, match="verify = 'full': needs pymeshlab"):
         build(replace(LIGHT, textures=("1",), full=True, out=tmp_path / "out"))
     assert not (tmp_path / "out").exists()
 

@@ -136,6 +136,14 @@ def test_extremes_in_a_half_plane_count_only_its_points(kind: str, seed: int) ->
     assert found.error <= max(EXTREMES_ERROR, EXTREMES_SHARE * waves.amplitude_sum) * (1 + 1e-12)
 
 
+def test_extremes_of_equal_sums_are_sought_once() -> None:
+    first, second = (WaveSum((Wave(amplitude=0.5, f=3.0, g=2.0), Wave(amplitude=1.0, f=1.0, g=0.0))) for _ in range(2))
+    found = first.extremes((0.0, 4.0), (0.0, 5.0))
+    assert second.extremes((0.0, 4.0), (0.0, 5.0)) is found
+    assert second.extremes((0.0, 4.0), (0.0, 0.1)) != found
+    assert second.extremes((0.0, 4.0), (0.0, 5.0), HalfPlane(a=1.0, b=0.0, c=0.5)) != found
+
+
 def test_the_papers_extremes_over_a_whole_period() -> None:
     expected = [1.0, 2.0, 1.9688396, 2.3589463, 0.9844198, 1.1794732]
     for texture, value in zip(catalogue(), expected, strict=True):

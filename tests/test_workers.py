@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tacbench_cad.errors import CheckFailedError, InputError
-from tacbench_cad.workers import RefusedError, Workers, why_not_importable
+from tacbench_cad.workers import RefusedError, Workers, cpu_count, why_not_importable
 
 
 def double(value: int) -> int:
@@ -123,3 +123,14 @@ def test_the_reason_why_a_module_does_not_import(tmp_path: Path, monkeypatch: py
     assert why_not_importable(("sys", "half_a_kernel")) == "half_a_kernel: libGL.so.1: cannot open shared object file"
     assert why_not_importable(("sys", "json")) is None
     assert "half_a_kernel" not in sys.modules
+
+
+@pytest.mark.parametrize(("told", "obeyed"), [("3", True), ("1", True), ("0", False), ("default", False), ("", False)])
+def test_a_count_of_processors_is_taken_from_the_environment(
+    told: str, obeyed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("PYTHON_CPU_COUNT", raising=False)
+    own = cpu_count()
+    assert own >= 1
+    monkeypatch.setenv("PYTHON_CPU_COUNT", told)
+    assert cpu_count() == (int(told) if obeyed else own)

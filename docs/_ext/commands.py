@@ -61,6 +61,11 @@ def row(one: Any) -> str:
     return "| {} | {} |".format(" ".join(written).replace("|", r"\|"), prose(meaning, cell=True))
 
 
+def argument(one: Any) -> str:
+    """An argument as it stands in a line of use: in brackets if it may be left out, with dots if it may be repeated."""
+    return (one.metavar if one.required else f"[{one.metavar}]") + ("..." if one.nargs == -1 else "")
+
+
 def section(name: str, command: Any, level: int) -> Iterator[str]:
     """A command's section, and below it those of its own commands."""
     yield f"{'#' * level} {name}\n"
@@ -73,8 +78,7 @@ def section(name: str, command: Any, level: int) -> Iterator[str]:
     if inside:
         yield overview(name, inside)
     else:
-        values = [one for one in command.params if one.param_type_name == "argument"]
-        usage = [one.metavar if one.required else f"[{one.metavar.strip('[]')}]" for one in values]
+        usage = [argument(one) for one in command.params if one.param_type_name == "argument"]
         yield f"Usage: `{' '.join((name, '[OPTIONS]', *usage))}`\n"
         shown = [one for one in command.params if not one.hidden]
         for panel, ones in groupby(shown, key=lambda one: one.rich_help_panel or ""):

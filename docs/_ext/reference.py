@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import builtins
 import importlib
 import inspect
 import pkgutil
@@ -171,7 +172,8 @@ def tidy(app: Sphinx, doctree: nodes.document) -> None:
             node.parent.remove(node)
     for link in list(doctree.findall(addnodes.pending_xref)):
         target = link["reftarget"]
-        if link["refdomain"] == "py" and (OTHERS.match(target) or isinstance(getattr(np, target, None), type)):
+        known = target == "None" or any(isinstance(vars(one).get(target), type) for one in (builtins, np))
+        if link["refdomain"] == "py" and (known or OTHERS.match(target)):
             link.replace_self(link.children)
 
 

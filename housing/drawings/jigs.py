@@ -19,7 +19,6 @@ from housing.seat import AIR_MM, LIP_MM, ROOF_MM
 from tacbench_cad.drawing.blocks import ACCEPTS_MM
 from tacbench_cad.drawing.cuts import Cuts
 from tacbench_cad.drawing.sheet import Callout, Circle, CutMark, Dimension, Drawing, Point, Side, View, length
-from tacbench_cad.mesh import Mesh
 from tacbench_cad.naming import mm
 
 Floats = NDArray[np.float64]
@@ -37,7 +36,7 @@ def jig_drawing(jig: Jig) -> Drawing:
     Raises:
         MissingToolError: The CAD kernel is not there.
     """
-    cuts = Cuts(mesh_in_use(jig))
+    cuts = Cuts(jig.part().mesh[0].moved(jig.from_print))
     y = jig.bores[0].at_mm[1]
     circle = _circle(jig)
     plan = _plan(jig, cuts, y, circle)
@@ -65,14 +64,6 @@ def jig_drawing(jig: Jig) -> Drawing:
             "Print upside down, marked face on the bed. No supports.",
         ],
     )
-
-
-def mesh_in_use(jig: Jig) -> Mesh:
-    """The jig's own mesh, which is upside down, brought to the holder frame: the half turn that seats it."""
-    mesh = jig.part().mesh[0]
-    shift = jig.to_print(np.zeros((1, 3)))[0]
-    x, y, z = (mesh.vertices - shift).T
-    return Mesh(np.column_stack([x, -y, -z]), mesh.triangles)
 
 
 def _circle(jig: Jig) -> Circle:

@@ -20,7 +20,7 @@ _VIRTUAL_SPEED = 50.0
 
 def command(
     file: Annotated[
-        Path | None, typer.Argument(metavar="[FILE.toml]", help="Blocks, protocol and rig.", show_default=False)
+        Path | None, typer.Argument(metavar="FILE.toml", help="Blocks, protocol and rig.", show_default=False)
     ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder of the run folders. Default: the file's own.")

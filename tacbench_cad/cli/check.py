@@ -18,7 +18,7 @@ NAME = "check"
 
 
 def command(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="STL, 3MF or STEP files.", show_default=False)],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="STL, 3MF or STEP files.", show_default=False)],
     texture: Annotated[
         str | None, typer.Option(metavar="T", help="What it should be: 1 to 6 or a TOML file. Default: the nearest.")
     ] = None,

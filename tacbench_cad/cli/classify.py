@@ -15,6 +15,7 @@ from tacbench_cad.cli.common import (
     jobs_of,
     number_of,
     print_json,
+    print_simulated,
     table,
     whole_of,
     words_of,
@@ -34,7 +35,7 @@ NAME = "classify"
 def command(
     runs: Annotated[
         list[Path],
-        typer.Argument(metavar="RUNS...", help="Run folders, or folders that hold some.", show_default=False),
+        typer.Argument(metavar="RUNS", help="Run folders, or folders that hold some.", show_default=False),
     ],
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="OUT", help="Folder of tables, figures and finished trials.")
@@ -127,7 +128,7 @@ def command(
       tacbench classify runs --sweep resolution=0.025:0.475 --rungs copy
     """
     from tacbench_cad.files import locked
-    from tacbench_cad.lab.analysis.classify import TRIALS, classify, write_tables
+    from tacbench_cad.lab.analysis.classify import MODULES, TRIALS, classify, write_tables
     from tacbench_cad.lab.analysis.classify_settings import Settings
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.lab.analysis.figures_classify import draw_result, draw_sweep
@@ -136,6 +137,7 @@ def command(
     from tacbench_cad.lab.analysis.sweep import Sweep, at_level, run_sweep, write_sweep
     from tacbench_cad.lab.rig.plugin import is_plugin
     from tacbench_cad.lab.rig.sensor import is_image
+    from tacbench_cad.tools import require
 
     if rungs is not None and protocol == "paper":
         raise InputError("rungs", rungs, "are of --protocol sound; the paper's has train, test and unseen")
@@ -146,6 +148,7 @@ def command(
     own = protocol == "sound" and any(is_plugin(name) for name in estimators)
     level = None if force_level == "all" else whole_of("force-level", force_level)
     count = given(whole_of, "trials", trials)
+    require("classify", *MODULES)
     collection = Collection.open(runs)
     if level is not None:
         collection = at_level(collection, level)
@@ -212,8 +215,7 @@ def _show(result: Result, paths: list[Path], json: bool) -> None:
         print_json(_document(result, paths))
         return
     screen = console()
-    for line in _marks(result.collection.simulated):
-        screen.print(line, soft_wrap=True)
+    print_simulated(screen, result.collection.simulated)
     if result.settings.protocol == "paper":
         _print_paper(result)
     right = ("accuracy", "spread", "95 % interval", "trials", "images")
@@ -244,10 +246,6 @@ def _print_paper(result: Result) -> None:
         cells = ["-" if value is None else f"{value:.2f}" for pair in pairs for value in pair]
         shown.add_row(one.estimator, one.train_on, *cells)
     console().print(shown)
-
-
-def _marks(simulated: tuple[str, ...]) -> list[str]:
-    return [f"simulated: {'; '.join(simulated)}"] if simulated else []
 
 
 def _print_end(notes: tuple[str, ...], paths: list[Path]) -> None:
@@ -301,8 +299,7 @@ def _show_sweep(result: SweepResult, simulated: tuple[str, ...], paths: list[Pat
         )
         return
     screen = console()
-    for line in _marks(simulated):
-        screen.print(line, soft_wrap=True)
+    print_simulated(screen, simulated)
     right = (parameter, "accuracy", "spread", "95 % interval", "images")
     shown = table(
         f"protocol {result.settings.protocol}, per cent; chance is {100 / result.textures:.1f}",

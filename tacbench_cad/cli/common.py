@@ -188,6 +188,22 @@ def console() -> Console:
     return Console(width=width, highlight=False, markup=False, emoji=False)
 
 
+def simulated_devices(simulated: Sequence[str]) -> list[str]:
+    """Which of stage, gauge and sensor were simulated, each once, without what ``run.json`` says of them."""
+    return list(dict.fromkeys(one.partition(":")[0] for one in simulated))
+
+
+def print_simulated(screen: Console, simulated: Sequence[str]) -> None:
+    """Say in one line what of the data was simulated, if anything was.
+
+    Args:
+        screen: Where.
+        simulated: What of each run was: ``("sensor: simulated TacTip, ...", ...)``.
+    """
+    if simulated:
+        screen.print(f"simulated: {', '.join(simulated_devices(simulated))} (see run.json)", soft_wrap=True)
+
+
 def table(title: str, *columns: str, right: Sequence[str] = ()) -> Table:
     """An empty table.
 

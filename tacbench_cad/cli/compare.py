@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tacbench_cad.cli.common import Dask, Jobs, console, jobs_of, note, print_json, table, whole_of
+from tacbench_cad.cli.common import Dask, Jobs, console, jobs_of, note, print_json, print_simulated, table, whole_of
 from tacbench_cad.errors import InputError
 from tacbench_cad.naming import counted
 
@@ -26,6 +26,9 @@ def command(
     estimator: Annotated[
         str | None, typer.Option(metavar="NAME", help="Of those that both were classified with. Default: A's first.")
     ] = None,
+    unpaired: Annotated[
+        bool, typer.Option("--unpaired", help="Run folders of one name are different prints, as another lab's own are.")
+    ] = False,
     trials: Annotated[str, typer.Option(metavar="N", help="Trials, where runs are given.")] = "5",
     jobs: Jobs = None,
     dask: Dask = None,
@@ -37,23 +40,26 @@ def command(
     classified with the sound protocol as tacbench classify does without options. For each rung of the ladder: accuracy,
     recall of each texture, their differences with 95 % intervals over prints, and what difference a study of this size
     would find in four of five repetitions. Where both sensors pressed the same prints (run folders of one name), prints
-    are compared in pairs.
+    are compared in pairs; --unpaired, where names are the same and prints are not.
 
     Examples:
       tacbench compare tactip-runs other-runs -o comparison
       tacbench compare tactip-classification other-classification --json
     """
     from tacbench_cad.files import locked
+    from tacbench_cad.lab.analysis.classify import MODULES
     from tacbench_cad.lab.analysis.compare import compare, read_side, write_comparison
+    from tacbench_cad.tools import require
 
     count, processes = whole_of("trials", trials), jobs_of(jobs)
     if a.resolve() == b.resolve():
         raise InputError("B", str(b), "is A itself; name the other sensor's study")
+    require("compare", *(("matplotlib",) if _is_classified(a) and _is_classified(b) else MODULES))
     with locked(out):
         folders = [_classified(side, folder, out, count, processes, dask) for side, folder in (("a", a), ("b", b))]
         first, used = read_side(folders[0], a.name, estimator)
         second, _ = read_side(folders[1], b.name, used)
-        found = compare(first, second, used)
+        found = compare(first, second, used, same_prints=not unpaired)
         files = write_comparison(found, out)
     if json:
         print_json({**found.as_dict(), "files": [str(one) for one in files]})
@@ -62,15 +68,21 @@ def command(
     typer.echo(f"{counted(len(files), 'file')} in {out}")
 
 
+def _is_classified(folder: Path) -> bool:
+    """Whether a folder is one that tacbench classify wrote."""
+    from tacbench_cad.lab.analysis.classify import SETTINGS_FILE
+
+    return (folder / SETTINGS_FILE).is_file()
+
+
 def _classified(side: str, folder: Path, out: Path, trials: int, jobs: int, dask: str | None) -> Path:
     """The folder of a classification: the folder itself, or one within ``out`` in which its runs are classified."""
     from tacbench_cad.files import locked
-    from tacbench_cad.lab.analysis.classify import SETTINGS_FILE
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.lab.analysis.parallel import workers
     from tacbench_cad.lab.analysis.report_classification import classify_into
 
-    if (folder / SETTINGS_FILE).is_file():
+    if _is_classified(folder):
         return folder
     collection = Collection.open([folder])
     target = out / f"classification_{side}"
@@ -93,8 +105,7 @@ def _print(found: Comparison) -> None:
     for one in found.rows:
         shown.add_row(one.rung, one.texture, *_cells(one), one.verdict)
     screen = console()
-    if found.simulated:
-        screen.print("simulated: " + "; ".join(found.simulated), soft_wrap=True)
+    print_simulated(screen, found.simulated)
     screen.print(shown)
     for text in found.notes:
         screen.print(f"note: {text}", soft_wrap=True)

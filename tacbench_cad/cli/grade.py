@@ -18,7 +18,7 @@ NAME = "grade"
 def command(
     runs: Annotated[
         list[Path],
-        typer.Argument(metavar="RUNS...", help="Run folders, or folders that hold some.", show_default=False),
+        typer.Argument(metavar="RUNS", help="Run folders, or folders that hold some.", show_default=False),
     ],
     force_level: Annotated[
         str, typer.Option(metavar="all|N", help="Force level to compare; all: the mean over the levels.")

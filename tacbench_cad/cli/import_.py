@@ -15,9 +15,7 @@ NAME = "import"
 
 
 def command(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="FILES...", help="The authors' NumPy files.", show_default=False)
-    ],
+    files: Annotated[list[Path], typer.Argument(metavar="FILES", help="The authors' NumPy files.", show_default=False)],
     out: Annotated[Path, typer.Option(metavar="DIR", help="The folder for the run folders.", show_default=False)],
     force_levels: Annotated[
         str, typer.Option(metavar="P30=1,...", help="What the names call the paper's three forces.")

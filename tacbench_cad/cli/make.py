@@ -97,7 +97,13 @@ def command(
         typer.Option(metavar="MM", rich_help_panel=_MESH, help="Distance of solids from the formula. Default: 0.001."),
     ] = None,
     verify: Annotated[
-        str, typer.Option(metavar="default|full", rich_help_panel=_MESH, help="full adds pymeshlab's slow checks.")
+        str,
+        typer.Option(
+            metavar="default|full",
+            rich_help_panel=_MESH,
+            help="full adds pymeshlab's slow checks.",
+            show_default=False,
+        ),
     ] = "default",
     fit: Annotated[
         str | None,

@@ -18,7 +18,7 @@ NAME = "report"
 def command(
     runs: Annotated[
         list[Path],
-        typer.Argument(metavar="RUNS...", help="Run folders, or folders that hold some.", show_default=False),
+        typer.Argument(metavar="RUNS", help="Run folders, or folders that hold some.", show_default=False),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE.html", help="The page.")] = Path("report.html"),
     variance: Annotated[

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tacbench_cad.cli.common import console, note, one_line, print_json, table, whole_of
+from tacbench_cad.cli.common import console, note, one_line, print_json, simulated_devices, table, whole_of
 from tacbench_cad.errors import InputError, one_of
 from tacbench_cad.naming import counted
 
@@ -28,7 +28,7 @@ MOST_SHOWN = 10
 def check(
     folders: Annotated[
         list[Path],
-        typer.Argument(metavar="DIR...", help="Run folders, or folders with runs in them.", show_default=False),
+        typer.Argument(metavar="DIR", help="Run folders, or folders with runs in them.", show_default=False),
     ],
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     repair: Annotated[bool, typer.Option("--repair", help="Cut off a torn last row. Nothing else is changed.")] = False,
@@ -82,7 +82,7 @@ def check(
 def export(
     folders: Annotated[
         list[Path],
-        typer.Argument(metavar="DIR...", help="Run folders, or folders with runs in them.", show_default=False),
+        typer.Argument(metavar="DIR", help="Run folders, or folders with runs in them.", show_default=False),
     ],
     to: Annotated[str, typer.Option(metavar="tactile-data", help="What it is for.", show_default=False)],
     out: Annotated[
@@ -166,8 +166,7 @@ def _progress(doing: str, runs: int) -> Iterator[Callable[[str], Callable[[int, 
 
 
 def _devices(simulated: tuple[str, ...]) -> str:
-    """Which of stage, gauge and sensor were simulated, without what run.json says of them."""
-    names = [one.partition(":")[0] for one in simulated]
+    names = simulated_devices(simulated)
     return "all" if len(names) == 3 else ", ".join(names) or "no"
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tacbench_cad.cli.common import console, note, print_json, table
+from tacbench_cad.cli.common import console, note, print_json, print_simulated, table
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.analysis.score import Score, Share
@@ -62,8 +62,7 @@ def _print(result: Score) -> None:
         confusion.add_row(name, *(f"{count:,}" for count in row))
     screen.print(confusion)
     screen.print(f"chance is {1.0 / len(textures):.1%}; data {result.split.data_sha256[:12]}", soft_wrap=True)
-    if result.split.simulated:
-        screen.print("simulated: " + "; ".join(result.split.simulated), soft_wrap=True)
+    print_simulated(screen, result.split.simulated)
 
 
 def _cells(one: Share) -> list[str]:

@@ -20,7 +20,7 @@ NAME = "slice-check"
 
 def command(
     files: Annotated[
-        list[Path], typer.Argument(metavar="FILE.gcode...", help="G-code of one block each.", show_default=False)
+        list[Path], typer.Argument(metavar="FILE.gcode", help="G-code of one block each.", show_default=False)
     ],
     texture: Annotated[
         str, typer.Option(metavar="T", help="What the block is: 1 to 6 or a TOML file.", show_default=False)

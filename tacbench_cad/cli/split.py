@@ -16,7 +16,7 @@ NAME = "split"
 def command(
     runs: Annotated[
         list[Path],
-        typer.Argument(metavar="RUNS...", help="Run folders, or folders that hold some.", show_default=False),
+        typer.Argument(metavar="RUNS", help="Run folders, or folders that hold some.", show_default=False),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder of the split files.")] = Path(
         "splits"

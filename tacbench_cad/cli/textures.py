@@ -26,7 +26,7 @@ def command(
     """List the textures: equation, extremes, relief, base, and what a nozzle can print of their detail.
 
     The finest detail is half the shortest wavelength: the width of its ridge. A wave whose ridge is narrower than the
-    nozzle comes out smoothed; the last column counts those that are not.
+    nozzle comes out smoothed; the column waves printable counts those that are not.
 
     Examples:
       tacbench textures
@@ -47,26 +47,26 @@ def command(
         f"preset {preset}, scale {factor:g}: {x:g} x {y:g} x {z:g} mm, nozzle {width:g} mm",
         *(
             "texture",
-            "equation",
             "lowest",
             "highest",
             "relief (mm)",
             "base (mm)",
             "finest ridge (mm)",
             "waves printable",
+            "equation",
         ),
         right=("lowest", "highest", "relief (mm)", "base (mm)", "finest ridge (mm)", "waves printable"),
     )
     for row in rows:
         shown.add_row(
             row["texture"],
-            row["equation"],
             f"{row['lowest']:.4f}",
             f"{row['highest']:.4f}",
             f"{row['relief_mm']:.3f}",
             f"{row['base_mm']:.3f}",
             f"{row['finest_ridge_mm']:.3f}",
             f"{row['waves_printable']} of {row['waves']}",
+            row["equation"],
         )
     console().print(shown)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tacbench_cad.cli.common import Dask, Jobs, console, jobs_of, note, print_json, table, whole_of
+from tacbench_cad.cli.common import Dask, Jobs, console, jobs_of, note, print_json, print_simulated, table, whole_of
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.errors import InputError
 from tacbench_cad.naming import counted
@@ -25,7 +25,7 @@ NAME = "variance"
 def command(
     runs: Annotated[
         list[Path],
-        typer.Argument(metavar="RUNS...", help="Run folders, or folders that hold some.", show_default=False),
+        typer.Argument(metavar="RUNS", help="Run folders, or folders that hold some.", show_default=False),
     ],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for tables (CSV) and figures (PNG, PDF).")
@@ -106,8 +106,7 @@ def _print(result: VarianceResult, seatings: Sequence[Seating]) -> None:
     from tacbench_cad.lab.analysis.published import FLOOR, FLOOR_READINGS
 
     screen = console()
-    for what in result.collection.simulated:
-        screen.print(f"simulated: {what}", soft_wrap=True)
+    print_simulated(screen, result.collection.simulated)
     for level in shown_levels(result):
         _print_level(result, level)
     screen.print(

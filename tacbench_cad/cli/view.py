@@ -16,7 +16,7 @@ def command(
     parts: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[PARTS]",
+            metavar="PARTS",
             help="1 to 6, a texture's name, a TOML file, blocks, holder, jig, coupon. Default: the whole set.",
             show_default=False,
         ),

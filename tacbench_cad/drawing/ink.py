@@ -26,8 +26,7 @@ from tacbench_cad.drawing.arrange import (
 )
 from tacbench_cad.drawing.sheet import Drawing, Side, View, length
 from tacbench_cad.errors import InputError
-from tacbench_cad.files import replacing
-from tacbench_cad.plotting import only_style
+from tacbench_cad.plotting import SUFFIXES, new_figure, only_style, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,14 +49,6 @@ _STYLE = {
     "pdf.fonttype": 42,
     "svg.hashsalt": "tacbench-cad",
 }
-#: What no file may hold: a date, or the names of the programs that wrote it.
-_METADATA: dict[str, dict[str, None]] = {
-    ".png": {"Software": None},
-    ".pdf": {"CreationDate": None, "Producer": None, "Creator": None},
-    ".svg": {"Date": None, "Creator": None},
-}
-#: Suffixes of the files that a drawing can be written to.
-SUFFIXES = tuple(_METADATA)
 
 
 def save_drawing(drawing: Drawing, path: Path) -> None:
@@ -72,27 +63,22 @@ def save_drawing(drawing: Drawing, path: Path) -> None:
         MissingToolError: matplotlib is not installed.
     """
     require_drawing(path)
-    suffix = path.suffix.lower()
     with only_style("drawings", _STYLE):
-        figure = drawn(drawing)
-        with replacing(path) as temporary:
-            figure.savefig(temporary, dpi=DPI, format=suffix.removeprefix("."), metadata=_METADATA[suffix])
+        save_figure(drawn(drawing), path, path.suffix.lower().removeprefix("."))
 
 
 def require_drawing(path: Path) -> None:
     """Refuse a file that cannot be a drawing, before one is made.
 
     Raises:
-        InputError: The suffix is none of :data:`tacbench_cad.drawing.ink.SUFFIXES`.
+        InputError: The suffix is none of :data:`tacbench_cad.plotting.SUFFIXES`.
     """
-    if path.suffix.lower() not in _METADATA:
+    if path.suffix.lower() not in SUFFIXES:
         raise InputError("out", str(path), f"must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
 
 
 def drawn(drawing: Drawing) -> Figure:
     """The sheet as a figure; call it inside of :func:`tacbench_cad.plotting.only_style`."""
-    from tacbench_cad.pictures import new_figure
-
     figure = new_figure((SHEET_MM[0] / 25.4, SHEET_MM[1] / 25.4), DPI)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_axis_off()

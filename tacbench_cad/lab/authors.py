@@ -27,9 +27,12 @@ from tacbench_cad.lab import names
 from tacbench_cad.lab.presses import Press
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.npyfile import mapped, read_header
+from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.runs.schema import RUN_FILE
 from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
 from tacbench_cad.protocol import FORCES_N, PER_SIDE, PressGrid, Spacing
+from tacbench_cad.tools import require
 
 FirstAxis = Literal["x", "y"]
 #: The force levels of the authors' file names.
@@ -114,6 +117,8 @@ class AuthorsFile:
         Raises:
             InputError: The name, a spelling in it, or the array's type or shape is not one of the authors'.
         """
+        if path.is_dir():
+            raise InputError("file", str(path), f"is a folder; name its files, as {path}/*.npy")
         named = _NAME.fullmatch(path.name)
         if named is None:
             raise InputError("file", str(path), _NAME_TEXT)
@@ -153,8 +158,6 @@ class AuthorsFile:
 
 def _layout(path: Path) -> tuple[int, tuple[int, int, int]]:
     """Repeats and image shape of an array in one of the two layouts."""
-    if path.is_dir():
-        raise InputError("file", str(path), "is a folder; name NumPy files")
     try:
         header = read_header(path)
     except FileNotFoundError:
@@ -288,10 +291,14 @@ def import_block(block: AuthorsBlock, out: Path, progress: Callable[[int, int], 
         The run folder.
 
     Raises:
-        InputError: The run folder holds another import, or cannot be written.
+        InputError: The run folder holds another import, or cannot be written; or a file is there already as another
+            block or copy, which would count one print twice.
+        MissingToolError: OpenCV is not installed.
     """
+    require("the import of images", "cv2")
     info = block.info
     folder = out / info.printed.name
+    _refuse_a_second_copy(block, info, out, folder)
     plan = info.presses
     with RunWriter.open(folder, info, durable=False) as writer:
         for one in block.files:
@@ -300,6 +307,25 @@ def import_block(block: AuthorsBlock, out: Path, progress: Callable[[int, int], 
                 _import_level(writer, one, presses, block.how, lambda: _tell(progress, writer, len(plan)))
         _tell(progress, writer, len(plan))
     return folder
+
+
+def _refuse_a_second_copy(block: AuthorsBlock, info: RunInfo, out: Path, folder: Path) -> None:
+    """Refuse a file whose content another run folder was imported from.
+
+    Raises:
+        InputError: One is there already.
+    """
+    paths = {one["sha256"]: file.path for one, file in zip(info.source["files"], block.files, strict=True)}
+    for path in sorted(out.glob(f"*/{RUN_FILE}")):
+        if path.parent.name == folder.name:
+            continue
+        try:
+            source = Run.open(path.parent).info.source
+        except InputError:  # `tacbench runs check` says what is wrong with it
+            continue
+        for one in source.get("files", ()):
+            if one["sha256"] in paths:
+                raise InputError("file", str(paths[one["sha256"]]), f"is there already, as {path.parent}")
 
 
 def _tell(progress: Callable[[int, int], None] | None, writer: RunWriter, planned: int) -> None:

@@ -71,11 +71,7 @@ class Assembly:
         for block, place in zip(self.blocks, self.holder.block_placements(), strict=False):
             parts.append((part_of(block, self.step_tolerance_mm), _matrix(place)))
         if self.jig is not None:
-            # It is printed upside down: the same half turn brings it back, so the shift is the same too.
-            at_zero = self.jig.to_print(np.zeros((1, 3)))[0]
-            seated = np.diag([1.0, -1.0, -1.0, 1.0])
-            seated[:3, 3] = (-at_zero[0], at_zero[1], at_zero[2])
-            parts.append((self.jig.part(), seated))
+            parts.append((self.jig.part(), self.jig.from_print))
         return parts
 
 

@@ -18,7 +18,7 @@ from tacbench_cad.making.sources import FIXTURE_MODULES, Source
 from tacbench_cad.naming import counted
 from tacbench_cad.sampling import SampleGrid, Tolerance
 from tacbench_cad.textures import Texture
-from tacbench_cad.tools import why_missing
+from tacbench_cad.tools import require, why_missing
 
 if TYPE_CHECKING:
     from housing.coupon import Coupon
@@ -117,8 +117,7 @@ def _assemblies(
     """
     from tacbench_cad.making.assembly import ASSEMBLY_FORMATS, Assembly
 
-    if reason := why_missing(*FIXTURE_MODULES):
-        raise MissingToolError(f"assembly: {reason}")
+    require("assembly:", *FIXTURE_MODULES)
     wanted = tuple(name for name in formats if name in ASSEMBLY_FORMATS)
     if not wanted:
         raise InputError("formats", ",".join(formats), f"--assembly needs one of {', '.join(ASSEMBLY_FORMATS)}")

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from tacbench_cad.block import Block
 from tacbench_cad.errors import InputError
 from tacbench_cad.mesh import MOST_TRIANGLES, Certificate
+from tacbench_cad.meshing.axis import Axis
 from tacbench_cad.meshing.certify import Allowance, AxisProof, paired, prove_axis, vertical, within
 from tacbench_cad.meshing.certify_cells import CellProof, Cells, grid_derivative
 from tacbench_cad.sampling import SampleGrid
-from tacbench_cad.splines.axis import Axis
 
 Floats = NDArray[np.float64]
 

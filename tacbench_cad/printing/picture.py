@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.pictures import BLUE, INK, ORANGE, new_figure, save_picture, styled
+from tacbench_cad.plotting import BLUE, INK, ORANGE, new_figure, save_figure, styled
 from tacbench_cad.printing.compare import STEEP, AsSliced
 
 if TYPE_CHECKING:
@@ -34,11 +34,11 @@ def as_sliced_picture(found: AsSliced, path: Path) -> None:
         InputError: The file cannot be written.
     """
     with styled():
-        save_picture(_figure(found), path)
+        save_figure(_figure(found), path)
 
 
 def _figure(found: AsSliced) -> Figure:
-    figure = new_figure((9.6, 9.8), 150)
+    figure = new_figure((9.6, 9.8))
     block, sliced = found.block, found.sliced
     title = f"{block.texture.name} ({block.preset}, scale {block.scale:g}) as sliced; G-code: {sliced.dialect}"
     figure.text(0.02, 0.986, title, ha="left", va="top", fontsize=11.0, color=INK)

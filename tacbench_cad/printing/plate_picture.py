@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tacbench_cad.pictures import INK, new_figure, save_picture, styled
+from tacbench_cad.plotting import INK, new_figure, save_figure, styled
 from tacbench_cad.printing.plates import Plate
 
 #: Light colours that people with any colour vision tell apart; beyond eight textures they come again.
@@ -27,7 +27,7 @@ def plate_picture(plate: Plate, filament: str, path: Path) -> None:
         from matplotlib.patches import Rectangle
 
         across, down = plate.printer.bed_mm
-        figure = new_figure((7.0, 7.0 * down / across + 0.5), 150)
+        figure = new_figure((7.0, 7.0 * down / across + 0.5))
         axes = figure.add_axes((0.09, 0.07, 0.88, 0.86))
         axes.add_patch(Rectangle((0.0, 0.0), across, down, facecolor="#f6f6f4", edgecolor=INK, linewidth=1.2))
         edge = plate.printer.margin_mm
@@ -51,4 +51,4 @@ def plate_picture(plate: Plate, filament: str, path: Path) -> None:
         axes.set_title(
             f"{plate.printer.name}, plate {plate.number}, {filament}: {len(plate.blocks)} blocks", loc="left"
         )
-        save_picture(figure, path)
+        save_figure(figure, path)

@@ -11,10 +11,10 @@ from OCP.gp import gp_Dir2d, gp_Pnt2d
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Solid, TopoDS_Vertex, TopoDS_Wire
 
 from tacbench_cad.block import Block
-from tacbench_cad.meshing.underside import underside
 from tacbench_cad.splines.patches import Patches
 from tacbench_cad.splines.splinegeom import SplineGeometry
 from tacbench_cad.splines.topology import Point, Topology, plane, turned
+from tacbench_cad.splines.underside import underside
 
 #: A corner of the patch grid: its line of x and its line of y.
 Corner = tuple[int, int]

@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad import __version__
-from tacbench_cad.errors import InputError, MissingToolError
+from tacbench_cad.errors import InputError
 from tacbench_cad.files import replacing
 from tacbench_cad.mesh import Mesh
 from tacbench_cad.part import COLOURS
-from tacbench_cad.tools import why_missing
+from tacbench_cad.tools import require
 from tacbench_cad.viewing.scene import Formula, Scene, Thing
 
 #: Colour and radius (mm) of the balls on the press positions.
@@ -62,9 +62,7 @@ def require_page(path: Path) -> None:
     """
     if path.suffix.lower() not in (".html", ".htm"):
         raise InputError("out", str(path), "must end in .html")
-    reason = why_missing("k3d")
-    if reason is not None:
-        raise MissingToolError(f"the 3-D page {reason}")
+    require("the 3-D page", "k3d")
     if path.is_dir():
         raise InputError("out", str(path), "is a folder; name a file")
     if not path.parent.is_dir():

@@ -273,7 +273,7 @@ def _fixture_thing(source: Source, sets: Sequence[Holder]) -> Thing:
         number = sets.index(maker)
     elif source.part.kind == "jig":
         jig: Jig = maker  # type: ignore[assignment]
-        number, mesh = sets.index(jig.holder), _in_use(jig, mesh)
+        number, mesh = sets.index(jig.holder), mesh.moved(jig.from_print)
     rows = [line.strip().partition("  ") for line in str(maker).splitlines()[1:]]
     return Thing(
         name=source.name,
@@ -284,13 +284,6 @@ def _fixture_thing(source: Source, sets: Sequence[Holder]) -> Thing:
         set_number=number,
         facts=tuple((name, value.strip()) for name, _, value in rows if name != "name"),
     )
-
-
-def _in_use(jig: Jig, mesh: Mesh) -> Mesh:
-    """The jig's mesh seated on its holder. It is printed upside down: a half turn about x, undone here."""
-    at_zero = jig.to_print(np.zeros((1, 3)))[0]
-    x, y, z = mesh.vertices.T
-    return Mesh(np.column_stack([x - at_zero[0], at_zero[1] - y, at_zero[2] - z]), mesh.triangles)
 
 
 def _mm(*values: float) -> str:

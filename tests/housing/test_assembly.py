@@ -12,6 +12,7 @@ from housing.jig import Jig
 from housing.placement import Placement
 from housing.tessellate import tessellate
 from tacbench_cad.block import Block
+from tacbench_cad.mesh import Mesh
 
 #: Volume that rounding to float32 may leave where faces touch: far below 0.001 mm times the plate's sides, in mm^3.
 TOUCHING_MM3 = 0.01
@@ -121,6 +122,7 @@ def test_printed_and_seated_are_the_same_part() -> None:
     turned = jig.to_print(seated.vertices)
     order, other = np.lexsort(turned.round(3).T), np.lexsort(printed.vertices.round(3).T)
     assert turned[order] == pytest.approx(printed.vertices[other], abs=2e-5)
+    assert Mesh(turned, seated.triangles).moved(jig.from_print).vertices == pytest.approx(seated.vertices, abs=1e-9)
 
 
 def test_a_real_block_of_the_formula_fits() -> None:
@@ -137,13 +139,13 @@ def test_a_real_block_of_the_formula_fits() -> None:
     assert (block ^ manifold(tessellate(jig.solid_in_use()))).volume() < TOUCHING_MM3
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_random_assemblies(seed: int) -> None:
     _random_assembly(seed)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(3, 63))
+@pytest.mark.parametrize("seed", range(2, 63))
 def test_many_random_assemblies(seed: int) -> None:
     _random_assembly(seed)
 

@@ -15,7 +15,6 @@ from drawing_measure import clashes, faults
 
 from housing.coupon import Coupon
 from housing.drawings import coupon_drawing, holder_drawing, jig_drawing
-from housing.drawings.jigs import mesh_in_use
 from housing.drawings.shared import accepts_mm, detail_scale
 from housing.fits import FITS
 from housing.fixture import CHORD_MM
@@ -95,9 +94,9 @@ def test_the_other_part_is_as_large_as_it_is() -> None:
 
 def test_a_jig_is_drawn_as_it_is_used() -> None:
     jig = Jig(holder=Holder(block=_PAPER))
-    low, high = mesh_in_use(jig).bounds_mm
-    assert low == pytest.approx([*jig.seat.outer.low, jig.seat.bottom_mm], abs=1e-5)
-    assert high == pytest.approx([*jig.seat.outer.high, jig.seat.roof_mm[1]], abs=1e-5)
+    points = np.concatenate(jig_drawing(jig).front.cut)
+    assert points[:, 1].min() == pytest.approx(jig.seat.bottom_mm, abs=1e-5)
+    assert points[:, 1].max() == pytest.approx(jig.seat.roof_mm[1], abs=1e-5)
 
 
 def test_accepted_deviations_leave_a_third_of_the_clearance() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
 import tracemalloc
 from pathlib import Path
 from typing import Any
@@ -169,6 +170,22 @@ def test_other_shapes_and_types_are_refused(array: Any, tmp_path: Path) -> None:
         gather([path], Reading())
 
 
+def test_one_array_cannot_become_two_copies(tmp_path: Path) -> None:
+    path, out = save(tmp_path, "PLAminus_z0_P30_Bambu.npy", images(1)), tmp_path / "out"
+    first = import_block(gather([path], Reading())[0], out)
+    (out / "damaged").mkdir()
+    (out / "damaged" / "run.json").write_text("{")
+    with pytest.raises(InputError, match=f"is there already, as {re.escape(str(first))}"):
+        import_block(gather([path], Reading(unnumbered_copy=2))[0], out)
+    assert import_block(gather([path], Reading())[0], out) == first
+    assert sorted(one.name for one in out.iterdir()) == ["damaged", first.name]
+
+
+def test_a_folder_in_place_of_files_is_told_how(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"is a folder; name its files, as .*/\*\.npy"):
+        gather([tmp_path], Reading())
+
+
 def test_bad_files_are_refused_and_never_unpickled(tmp_path: Path) -> None:
     path = tmp_path / "PLAminus_z0_P30_Bambu.npy"
     np.save(path, np.array([{}], dtype=object), allow_pickle=True)
@@ -202,7 +219,7 @@ def test_levels_of_a_block_must_agree(tmp_path: Path) -> None:
 
 def test_memory_stays_flat(tmp_path: Path) -> None:
     array = np.random.default_rng(0).integers(0, 256, (50, 120, 160, 3), dtype=np.uint8)
-    paths = [save(tmp_path, f"resin_z{z}_P30_resin.npy", array) for z in range(3)]
+    paths = [save(tmp_path, f"resin_z{z}_P30_resin.npy", array + np.uint8(z)) for z in range(3)]
     blocks = gather(paths, Reading())
     import_block(blocks[0], tmp_path / "out")
     tracemalloc.start()

@@ -7,28 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from small_study import STUDY
 
 BLOCKED = ("OCP", "cadquery", "build123d", "pymeshlab", "gmsh", "vtkmodules", "matplotlib", "housing")
-STUDY = """
-[block]
-texture = 4
-printer = "bambu-p1p"
-filament = "pla-minus"
-[protocol]
-forces_n = [1.0]
-bands_n = [0.05]
-repeats = 1
-stationary_frames = 2
-grid = {{ x_mm = [5, 8], y_mm = [19] }}
-[stage]
-driver = "{driver}"
-options = {{ speed = 50 }}
-[gauge]
-driver = "serial"
-port = "virtual"
-[sensor]
-driver = "simulated"
-"""
 CODE = f"""
 import sys
 class Blocker:
@@ -53,7 +34,7 @@ def _tacbench(*argv: str | Path) -> str:
 @pytest.mark.parametrize("driver", ["virtual-grbl", "virtual-marlin"])
 def test_a_block_is_pressed_and_checked(tmp_path: Path, driver: str) -> None:
     study = tmp_path / "study.toml"
-    study.write_text(STUDY.format(driver=driver))
+    study.write_text(STUDY.replace("virtual-grbl", driver))
     _tacbench("acquire", study, "--out", tmp_path / "runs")
     said = _tacbench("runs", "check", tmp_path / "runs")
     assert "2 presses: nothing wrong" in said
@@ -63,6 +44,6 @@ def test_a_block_is_pressed_and_checked(tmp_path: Path, driver: str) -> None:
 
 def test_a_study_is_simulated_and_checked(tmp_path: Path) -> None:
     study = tmp_path / "study.toml"
-    study.write_text(STUDY.format(driver="virtual-grbl").partition("[stage]")[0])
+    study.write_text(STUDY.partition("[stage]")[0])
     _tacbench("simulate", "--study", study, "--out", tmp_path / "runs", "--jobs", "1")
     assert "2 presses: nothing wrong" in _tacbench("runs", "check", tmp_path / "runs")

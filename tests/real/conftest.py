@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import shutil
 import time
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 from checkout import ROOT, Fill, Once, versioned_files
@@ -18,6 +20,24 @@ from tacbench_cad.block import Block
 from tacbench_cad.errors import InputError
 from tacbench_cad.export import FORMATS
 from tacbench_cad.files import locked
+
+#: WebGL by the processor alone, as on a machine without a screen.
+_FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium, driven by Playwright."""
+    api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: pip install playwright")
+    path = shutil.which("chromium")
+    if path is None:
+        pytest.skip("chromium is not installed: apt-get install chromium")
+    # Chromium refuses its sandbox to the superuser, which is what a container runs as.
+    flags = [*_FLAGS, "--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else _FLAGS
+    with api.sync_playwright() as playwright:
+        running = playwright.chromium.launch(executable_path=path, args=flags)
+        yield running
+        running.close()
 
 
 @pytest.fixture(scope="session")

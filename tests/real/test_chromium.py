@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import io
-import os
 import re
-import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 pytest.importorskip("k3d", reason="the 3-D page needs the extra view")
-sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: pip install playwright")
+pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: pip install playwright")
 
 from PIL import Image
 
@@ -28,8 +26,6 @@ from tacbench_cad.viewing.scene import Scene, Thing, request_of, scene_of
 
 pytestmark = pytest.mark.real
 
-#: WebGL by the processor alone, as on a machine without a screen.
-FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 #: A page that has not drawn by then never will, in ms.
 PATIENCE_MS = 60_000
 WIDTHS = {1200: 800, 390: 844}
@@ -70,19 +66,6 @@ class Opened:
         stage = self.stage()
         found = self.page.evaluate("(points) => points.map((p) => tacbench.project(p))", points.tolist())
         return np.asarray(found) + np.array([stage["x"], stage["y"]])
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    path = shutil.which("chromium")
-    if path is None:
-        pytest.skip("chromium is not installed: apt-get install chromium")
-    # Chromium refuses its sandbox to the superuser, which is what a container runs as.
-    flags = [*FLAGS, "--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else FLAGS
-    with sync_api.sync_playwright() as playwright:
-        running = playwright.chromium.launch(executable_path=path, args=flags)
-        yield running
-        running.close()
 
 
 def opened(browser: Any, file: Path, width: int) -> Opened:

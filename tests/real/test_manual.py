@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cache
 from html.parser import HTMLParser
@@ -47,7 +45,6 @@ DIRECTIVES = {
     *("automodule", "autoclass", "autofunction", "autosummary", "modules", "commands"),
     *("eval-rst", "include", "contents", "raw", "rst-class"),
 }
-FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
 @dataclass(frozen=True)
@@ -256,19 +253,6 @@ def test_no_cell_ended_in_an_error(manual: Manual) -> None:
     pages = [manual.page(path) for path in manual.written]
     assert [page.name for page in pages if read(page).failed] == []
     assert [page.name for page in pages if "Traceback (most" in page.read_text(encoding="utf-8")] == []
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: pip install playwright")
-    path = shutil.which("chromium")
-    if path is None:
-        pytest.skip("chromium is not installed: apt-get install chromium")
-    flags = [*FLAGS, "--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else FLAGS
-    with api.sync_playwright() as playwright:
-        running = playwright.chromium.launch(executable_path=path, args=flags)
-        yield running
-        running.close()
 
 
 #: What a page has to show once it is drawn: formulas, and pictures that did not come; and what sticks out sideways.

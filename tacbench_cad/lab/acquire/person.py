@@ -81,6 +81,7 @@ class Typing:
         try:
             return self.ask(prompt).strip()
         except EOFError:
+            self.say("")
             raise InputError("standard input", None, f"ended before the answer to: {prompt.strip()}") from None
 
 

@@ -187,11 +187,10 @@ def _finished(study: Study, rig: RigSettings, place: Place) -> bool:
         shown = "; ".join(differences[:SHOWN]) + (
             f"; and {len(differences) - SHOWN} more" if differences[SHOWN:] else ""
         )
-        raise InputError(
-            "run",
-            str(place.folder),
-            f"was begun with other settings: {shown}; restore them or name another folder",
-        )
+        ways = "restore them or name another folder"
+        if not run.rows:
+            ways = "it holds no press, so delete it or name another folder"
+        raise InputError("run", str(place.folder), f"was begun with other settings: {shown}; {ways}")
     still = [(one.when, one.in_contact) for one in run.stationary_readings]
     count = study.protocol.stationary_frames
     done = {row.number for row in run.rows}

@@ -112,11 +112,12 @@ limits_mm = [[0.0, 200.0], [0.0, 200.0], [-60.0, 0.0]]
 # A tray: offsets of its slots from the origin. Blocks are then put in several at a time.
 # slots_mm = [[0.0, 0.0, 0.0]]
 # Whether the stage is homed when it is opened, and may be homed to lift the sensor after an alarm. Homing must go
-# upwards first. Without end stops: false.
+# upwards first; of Marlin with its z switch at the bed, home_lift_mm must clear the holder. Without end stops: false.
 # home = true
 # Longest silence that is waited through.
 # timeout_s = 10.0
-# What only one driver knows: steps_per_mm of "arduino", speed of the virtual ones, your own driver's arguments.
+# What only one driver knows: steps_per_mm of "arduino", home_lift_mm of "marlin" (5.0), speed of the virtual ones,
+# your own driver's arguments.
 # options = { speed = 1.0 }
 
 [gauge]

@@ -28,6 +28,8 @@ from tacbench_cad.lab.analysis.splits import UNITS, PressTable
 
 #: Trials by protocol where nothing else is said; the paper's are the text's.
 TRIALS = {"sound": 5, "paper": published.TRIALS}
+#: What classifying, and drawing what comes of it, imports beside the base install.
+MODULES = ("sklearn", "joblib", "cv2", "matplotlib")
 #: Where finished trials are kept, in the output folder.
 TRIALS_FOLDER = "trials"
 #: What was asked for, beside the tables.

@@ -222,13 +222,14 @@ def read_side(folder: Path, name: str, estimator: str | None = None) -> tuple[Si
     return side, wanted
 
 
-def compare(a: Side, b: Side, estimator: str) -> Comparison:
+def compare(a: Side, b: Side, estimator: str, *, same_prints: bool = True) -> Comparison:
     """Put two sensors side by side.
 
     Args:
         a: The first.
         b: The second.
         estimator: What both were classified with.
+        same_prints: Whether runs of one name are of the same print, and so are compared in pairs.
 
     Raises:
         InputError: They are of different textures, or share no rung.
@@ -247,14 +248,15 @@ def compare(a: Side, b: Side, estimator: str) -> Comparison:
     for rung in rungs:
         of_a, of_b = ({t: side.shares.get((rung, t), {}) for t in a.textures} for side in (a, b))
         every_a, every_b = ({run: one for of in side.values() for run, one in of.items()} for side in (of_a, of_b))
-        rows.append(_difference(rung, ALL_TEXTURES, every_a, every_b))
-        rows += [_difference(rung, t, of_a[t], of_b[t]) for t in a.textures if of_a[t] and of_b[t]]
+        rows.append(_difference(rung, ALL_TEXTURES, every_a, every_b, same_prints))
+        rows += [_difference(rung, t, of_a[t], of_b[t], same_prints) for t in a.textures if of_a[t] and of_b[t]]
     return Comparison(a=a, b=b, estimator=estimator, rows=tuple(rows), notes=tuple(_notes(a, b, rows)))
 
 
-def _difference(rung: str, texture: str, a: Mapping[str, PrintShare], b: Mapping[str, PrintShare]) -> Difference:
-    shared = [run for run in a if run in b]
-    paired = len(shared) == len(a) == len(b)
+def _difference(
+    rung: str, texture: str, a: Mapping[str, PrintShare], b: Mapping[str, PrintShare], same_prints: bool
+) -> Difference:
+    paired = same_prints and a.keys() == b.keys()
     x, y = np.array([one.value for one in a.values()]), np.array([one.value for one in b.values()])
     if paired:
         y = np.array([b[run].value for run in a])
@@ -316,7 +318,10 @@ def _least(prints: Mapping[str, PrintShare]) -> float:
 def _notes(a: Side, b: Side, rows: Sequence[Difference]) -> list[str]:
     notes = []
     if rows[0].paired:
-        notes.append("the runs of both have the same names, so they are taken to be of the same prints, in pairs")
+        notes.append(
+            "the runs of both have the same names, so they are taken to be of the same prints, in pairs (not with "
+            "--unpaired)"
+        )
     else:
         notes.append(
             f"the sensors did not press the same prints ({rows[0].prints_a} and {rows[0].prints_b}): that prints "

@@ -12,8 +12,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tacbench_cad.files import replacing
-from tacbench_cad.plotting import only_style
+from tacbench_cad import plotting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,8 +25,6 @@ INK = "#222222"
 MAP = "viridis"
 #: Colour of the mark of simulated data.
 MARK = "#b03a00"
-#: Dots per inch of a PNG.
-DPI = 150
 #: Width of one column and of a page in most journals, in inches.
 COLUMN_IN, PAGE_IN = 3.5, 7.2
 #: Height of a line of the mark, and characters that fit into an inch of it.
@@ -70,7 +67,7 @@ def styled() -> Iterator[None]:
     Raises:
         MissingToolError: matplotlib is not installed.
     """
-    with only_style("figures", _STYLE):
+    with plotting.only_style("figures", _STYLE):
         import matplotlib
         from cycler import cycler
 
@@ -80,12 +77,7 @@ def styled() -> Iterator[None]:
 
 def new_figure(width_in: float, height_in: float) -> Figure:
     """A figure of its own, which no window knows of, with matplotlib's constrained layout."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width_in, height_in), dpi=DPI, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
+    return plotting.new_figure((width_in, height_in), layout="constrained")
 
 
 def save(figure: Figure, stem: Path, simulated: Sequence[str]) -> tuple[Path, Path]:
@@ -115,11 +107,9 @@ def save(figure: Figure, stem: Path, simulated: Sequence[str]) -> tuple[Path, Pa
         mark = figure.text(*place, "\n".join(lines), ha="left", va="top", fontsize=7.0, color=MARK, style="italic")
         mark.set_in_layout(False)
     paths = stem.with_name(f"{stem.name}.png"), stem.with_name(f"{stem.name}.pdf")
-    metadata = ({"Software": None}, {"CreationDate": None, "Producer": None, "Creator": None})
     try:
-        for path, kind, words in zip(paths, ("png", "pdf"), metadata, strict=True):
-            with replacing(path) as temporary:
-                figure.savefig(temporary, dpi=DPI, format=kind, bbox_inches=box, metadata=words)
+        for path in paths:
+            plotting.save_figure(figure, path, path.suffix.removeprefix("."), box)
             figure.set_layout_engine("none")  # the first file's places serve for the second
     finally:
         if mark is not None:

@@ -164,7 +164,7 @@ def _matrix(axes: Axes, score: Score, names: Sequence[str]) -> AxesImage:
 
 
 def draw_sweep(result: SweepResult, out: Path, simulated: Sequence[str]) -> list[Path]:
-    """Draw ``sweep_<parameter>`` as PNG and PDF: accuracy, its spread over trials as a band, intervals as bars.
+    """Draw ``sweep_<parameter>`` as PNG and PDF: accuracy, intervals as bars, the spread of several trials as a band.
 
     Raises:
         MissingToolError: matplotlib is not installed.
@@ -175,16 +175,27 @@ def draw_sweep(result: SweepResult, out: Path, simulated: Sequence[str]) -> list
         axes = figure.add_subplot()
         keys = list(dict.fromkeys((score.estimator, score.train_on, score.rung) for _, score in result.points))
         several = {which: len({key[which] for key in keys}) > 1 for which in range(3)}
+        # Curves stand a little apart, so that no bar hides another.
+        apart = 0.008 * float(np.ptp([value for value, _ in result.points]))
         for index, key in enumerate(keys):
             mine = [(value, one) for value, one in result.points if (one.estimator, one.train_on, one.rung) == key]
-            x = np.array([value for value, _ in mine])
-            y = 100 * np.array([one.accuracy for _, one in mine])
-            spread = 100 * np.array([one.spread or 0.0 for _, one in mine])
+            rows, shift = [one for _, one in mine], apart * (index - (len(keys) - 1) / 2)
+            x = [value + shift for value, _ in mine]
+            y = 100 * np.array([one.accuracy for one in rows])
+            spread = 100 * np.array([one.spread or 0.0 for one in rows])
             colour = COLOURS[index % len(COLOURS)]
             label = ", ".join(key[which] for which in range(3) if several[which]) or key[2]
-            axes.fill_between(x, y - spread, y + spread, color=colour, alpha=0.2, lw=0)
-            axes.plot(x, y, marker=MARKERS[index % len(MARKERS)], color=colour, ms=3.5, label=label)
+            if spread.any():
+                axes.fill_between(x, y - spread, y + spread, color=colour, alpha=0.2, lw=0)
+            axes.plot(x, y, color=colour)
+            _points(axes, x, rows, index, label)
         axes.set_xlabel(PARAMETERS[result.sweep.parameter])
         _chance(axes, 100 / result.textures)
-        figure.legend(loc="outside upper center", ncols=3, title="band: standard deviation over the trials")
+        scores = [score for _, score in result.points]
+        said = {
+            "bar: 95 % interval": any(score.low is not None for score in scores),
+            "band: standard deviation over the trials": any(score.spread for score in scores),
+        }
+        title = "; ".join(words for words, drawn in said.items() if drawn)
+        figure.legend(loc="outside upper center", ncols=3, title=title or None)
         return list(save(figure, out / f"sweep_{result.sweep.parameter}", simulated))

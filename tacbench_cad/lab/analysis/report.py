@@ -19,13 +19,14 @@ from tacbench_cad.lab.analysis import report_classification as classification
 from tacbench_cad.lab.analysis import report_html as html
 from tacbench_cad.lab.analysis import report_sections as sections
 from tacbench_cad.lab.analysis import report_variance as variance
+from tacbench_cad.lab.analysis.classify import MODULES, Progress
 from tacbench_cad.lab.analysis.classify import SETTINGS_FILE as CLASSIFY_SETTINGS
-from tacbench_cad.lab.analysis.classify import Progress
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
 from tacbench_cad.lab.analysis.variance_files import SETTINGS_FILE as VARIANCE_SETTINGS
 from tacbench_cad.lab.runs.checking import RunReport, check_run
 from tacbench_cad.naming import counted
+from tacbench_cad.tools import require
 
 #: Kinds of files that an analysis writes and a report copies.
 SUFFIXES = (".csv", ".png", ".pdf", ".json")
@@ -75,11 +76,13 @@ def write_report(
     Raises:
         InputError: ``out`` is no HTML file or cannot be written, the runs cannot be read or mixed, or a folder of an
             analysis is not of these runs.
-        MissingToolError: matplotlib or scikit-learn is not installed.
+        MissingToolError: What it needs is not installed; nothing is written then.
     """
     wanted = options or Options()
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError("out", str(out), "must end in .html")
+    classified_here = wanted.classify and not wanted.classifications
+    require("the report", *(name for name in MODULES if classified_here or name != "sklearn"))
     collection = Collection.open(runs)
     # Folders that are not of these runs are refused before anything is computed.
     if wanted.variance is not None:

@@ -20,6 +20,7 @@ from tacbench_cad.lab.runs import params, schema
 from tacbench_cad.lab.runs.pictures import encoded
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.writing import write_json
+from tacbench_cad.tools import require
 
 #: Where the toolchains look for images.
 PROCESSED_FOLDER = "processed_images"
@@ -100,7 +101,9 @@ def export_tactile_data(
     Raises:
         InputError: It is no run folder, holds no images, or the result cannot be written.
         CheckFailedError: An image is missing, damaged or changed.
+        MissingToolError: OpenCV is not installed.
     """
+    require("the export of images", "cv2")
     run, target, how = Run.open(folder), out or folder, processing or Processing()
     shape = run.info.reading_shape
     names = [row.sensor_image for row in run.rows]

@@ -123,6 +123,16 @@ def test_other_settings_are_refused_before_a_device_is_opened(tmp_path: Path) ->
     assert rig.opened == 0
 
 
+def test_a_run_without_a_press_may_be_deleted_when_settings_change(tmp_path: Path) -> None:
+    run(FakeRig(), study_of(short(), 1), tmp_path, Script())
+    with pytest.raises(InputError, match="restore them or name another folder"):
+        run(FakeRig(), study_of(short(settle_s=0.3), 1), tmp_path, Script())
+    table = tmp_path / printed(1).name / "targets.csv"
+    table.write_bytes(table.read_bytes().splitlines(keepends=True)[0])
+    with pytest.raises(InputError, match=r"0\.3 now; it holds no press, so delete it or name another folder"):
+        run(FakeRig(), study_of(short(settle_s=0.3), 1), tmp_path, Script())
+
+
 def test_a_second_process_is_refused_before_a_device_is_opened(tmp_path: Path) -> None:
     rig = FakeRig()
     with locked(tmp_path), pytest.raises(InputError, match="another tacbench is writing"):

@@ -40,7 +40,7 @@ def test_sound_writes_tables_and_figures_that_agree(runs: Path, tmp_path: Path, 
     out = tmp_path / "out"
     assert main(["classify", str(runs), "-o", str(out), *QUICK]) == 0
     said = capsys.readouterr().out
-    assert "simulated: sensor: simulated TacTip" in said and "printer-filament" in said and "chance is 50.0" in said
+    assert "simulated: sensor (see run.json)\n" in said and "printer-filament" in said and "chance is 50.0" in said
     table, confusion, predictions = (rows(out / f"{one}.csv") for one in ("classification", "confusion", "predictions"))
     assert list(table[0]) == list(COLUMNS)
     assert ",".join(COLUMNS) == "protocol,estimator,train_on,tested_on,rung,accuracy,low,high,trials,images"
@@ -64,7 +64,7 @@ def test_sound_writes_tables_and_figures_that_agree(runs: Path, tmp_path: Path, 
 
 def test_finished_trials_are_kept_and_numbers_follow_from_the_seed(runs: Path, tmp_path: Path) -> None:
     out, other = tmp_path / "out", tmp_path / "other"
-    command = ["classify", str(runs), *QUICK, "--rungs", "press"]
+    command = ["classify", str(runs), *QUICK, "--rungs", "press", "--folds", "2"]
     assert main([*command, "-o", str(out)]) == 0
     trials = sorted((out / "trials").iterdir())
     assert len(trials) == 2

@@ -46,12 +46,12 @@ def side(name: str, right: dict[str, NDArray[np.int64]], start: int = 0) -> Side
     return Side(name=name, sensor=name, simulated=(), textures=TEXTURES, settings={}, shares=shares)
 
 
-def both(a: NDArray[np.int64], b: NDArray[np.int64], start: int = 0) -> Difference:
+def both(a: NDArray[np.int64], b: NDArray[np.int64], start: int = 0, same_prints: bool = True) -> Difference:
     """The line of texture 1."""
     other = np.full(len(a), 25)
     first = side("a", {"texture-1": a, "texture-2": other})
     second = side("b", {"texture-1": b, "texture-2": np.full(len(b), 25)}, start)
-    found = compare(first, second, "forest")
+    found = compare(first, second, "forest", same_prints=same_prints)
     assert [one.texture for one in found.rows] == [ALL_TEXTURES, *TEXTURES]
     return found.rows[1]
 
@@ -67,6 +67,7 @@ def test_prints_that_both_pressed_are_compared_in_pairs() -> None:
     assert not apart.paired and apart.verdict == "not told apart"
     assert apart.smallest_difference is not None
     assert apart.smallest_difference > 2.0 * line.smallest_difference
+    assert both(a, better, same_prints=False) == apart
 
 
 def test_two_sensors_that_are_always_right_are_not_shown_to_be_equal() -> None:
@@ -153,8 +154,10 @@ def test_the_command_takes_folders_of_classify(compared: tuple[Path, dict[str, o
     again = CliRunner().invoke(app, [*sides, "-o", str(tmp_path), "--json"])
     assert again.exit_code == 0
     assert json.loads(again.stdout)["rows"] == document["rows"]
+    unpaired = CliRunner().invoke(app, [*sides, "--unpaired", "-o", str(tmp_path), "--json"])
+    assert not any(row["paired"] for row in json.loads(unpaired.stdout)["rows"])
     plain = CliRunner().invoke(app, [*sides, "-o", str(tmp_path)])
-    assert "A better" in plain.stdout and "simulated: sensor: a formula" in plain.stdout
+    assert "A better" in plain.stdout and "simulated: sensor (see run.json)\n" in plain.stdout
 
 
 def test_a_folder_without_the_estimator_is_refused(compared: tuple[Path, dict[str, object]]) -> None:

@@ -6,9 +6,13 @@ import csv
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from tacbench_cad.errors import InputError
+from tacbench_cad.lab.analysis import figures_classify
+from tacbench_cad.lab.analysis.accuracy import Score
 from tacbench_cad.lab.analysis.classify_settings import Settings
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.figures_classify import draw_sweep
@@ -70,6 +74,51 @@ def test_each_value_has_a_row_with_interval_and_spread(study: Collection, tmp_pa
     assert len(list((tmp_path / "trials").iterdir())) == 6
     png, pdf = draw_sweep(found, tmp_path, ["sensor: none"])
     assert png.name == "sweep_resolution.png" and pdf.read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.parametrize(
+    ("bounds", "spread", "title", "bars", "bands"),
+    [
+        ((0.4, 0.8), 0.1, "bar: 95 % interval; band: standard deviation over the trials", 3, 1),
+        ((0.4, 0.8), None, "bar: 95 % interval", 3, 0),
+        ((None, None), None, "", 0, 0),
+    ],
+)
+def test_the_figure_says_what_is_drawn_and_no_more(
+    bounds: tuple[float | None, float | None],
+    spread: float | None,
+    title: str,
+    bars: int,
+    bands: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    score = Score(
+        estimator="forest",
+        train_on="",
+        tested_on="all",
+        rung="copy",
+        accuracy=0.6,
+        spread=spread,
+        low=bounds[0],
+        high=bounds[1],
+        units="3 copies",
+        trials=1 if spread is None else 2,
+        images=24,
+        confusion=np.eye(2, dtype=np.int64),
+    )
+    points = tuple((value, score) for value in (0.1, 0.5, 1.0))
+    found = SweepResult(sweep=Sweep.parsed("resolution=0.1,0.5,1"), settings=SOUND, points=points, notes=(), textures=2)
+    drawn: list[Figure] = []
+    monkeypatch.setattr(figures_classify, "save", lambda figure, *rest: drawn.append(figure) or ())
+    draw_sweep(found, tmp_path, ())
+    (figure,) = drawn
+    assert figure.legends[0].get_title().get_text() == title
+    (axes,) = figure.axes
+    upright = [line for line in axes.lines if len(set(line.get_xdata())) == 1 and len(line.get_xdata()) == 2]
+    assert [list(line.get_ydata()) for line in upright] == [[40.0, 80.0]] * bars
+    heights = [np.ptp(one.get_paths()[0].vertices[:, 1]) for one in axes.collections]
+    assert heights == pytest.approx([20.0] * bands)
 
 
 def test_copies_and_forces_cut_the_data(study: Collection, tmp_path: Path) -> None:

@@ -61,7 +61,7 @@ def test_everything_is_written_and_printed(written: tuple[Path, str]) -> None:
     assert tuple(rows(out / "registration.csv")[0]) == registration.COLUMNS
     assert len(rows(out / "positions.csv")) == 2 * 2 * 2 * 4
     for words in (
-        "simulated: sensor: simulated TacTip",
+        "simulated: sensor (see run.json)\n",
         "variance, 0.08 N (counts^2; grey, full size, ddof 0)",
         "variance, mean of all forces",
         "noise alone",

@@ -1,0 +1,27 @@
+"""What the commands share."""
+
+from __future__ import annotations
+
+import pytest
+
+from tacbench_cad.cli.common import console, print_simulated
+
+Capture = pytest.CaptureFixture[str]
+
+#: What the runs of one study say of themselves.
+RUNS = tuple(
+    f"{device}: {device} of the virtual rig, block of a virtual printer, copy {copy} of texture {texture}"
+    for texture in range(1, 7)
+    for copy in (1, 2)
+    for device in ("stage", "gauge", "sensor")
+)
+
+
+def test_what_was_simulated_is_said_in_one_short_line(capsys: Capture) -> None:
+    print_simulated(console(), RUNS)
+    assert capsys.readouterr().out == "simulated: stage, gauge, sensor (see run.json)\n"
+
+
+def test_nothing_is_said_of_real_data(capsys: Capture) -> None:
+    print_simulated(console(), ())
+    assert capsys.readouterr().out == ""

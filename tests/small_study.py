@@ -1,0 +1,23 @@
+"""The file of the smallest study that a rig can press, for tests."""
+
+#: One block, two presses, on the virtual firmware.
+STUDY = """
+[block]
+texture = 4
+printer = "bambu-p1p"
+filament = "pla-minus"
+[protocol]
+forces_n = [1.0]
+bands_n = [0.05]
+repeats = 1
+stationary_frames = 2
+grid = { x_mm = [5, 8], y_mm = [19] }
+[stage]
+driver = "virtual-grbl"
+options = { speed = 50 }
+[gauge]
+driver = "serial"
+port = "virtual"
+[sensor]
+driver = "simulated"
+"""
