@@ -45,7 +45,7 @@ PACKAGES: tuple[Package, ...] = (
     ),
     Package(distribution="pymeshlab", module="pymeshlab", extra="cad", use="--verify full and tacbench check"),
     Package(distribution="matplotlib", module="matplotlib", extra="plot", use="preview.png and tacbench show"),
-    Package(distribution="k3d", module="k3d", extra="view", use="the 3-D page of tacbench view"),
+    Package(distribution="k3d", module="k3d", extra="view", use="the 3D page of tacbench view"),
     Package(distribution="pyserial", module="serial", extra="lab", use="stages and gauges on a serial port"),
     Package(distribution="opencv-python-headless", module="cv2", extra="lab", use="cameras and images of a data run"),
     Package(distribution="scikit-learn", module="sklearn", extra="analysis", use="classifiers and their scores"),

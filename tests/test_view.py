@@ -1,4 +1,4 @@
-"""The 3-D page without a browser: what it shows, that it names nothing to load, and what it refuses."""
+"""The 3D page without a browser: what it shows, that it names nothing to load, and what it refuses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("k3d", reason="the 3-D page needs the extra view")
+pytest.importorskip("k3d", reason="the 3D page needs the extra view")
 
 from tacbench_cad import tools
 from tacbench_cad.block import Block

@@ -68,7 +68,7 @@ def tacbench(
       tacbench check stl_out/*.stl          examine files, also such as were made elsewhere
       tacbench textures                     what there is, and what a nozzle can print of it
       tacbench show 4 --press               a picture of a texture and the press positions
-      tacbench view -o view.html            the print set in 3-D, in a browser
+      tacbench view -o view.html            the print set in 3D, in a browser
       tacbench export --to mjcf --out sim   the textures for simulators, with contact that keeps the relief
       tacbench acquire --virtual --out runs press a block on a simulated rig; with a FILE.toml on yours
       tacbench runs check runs              examine what was recorded

@@ -1,4 +1,4 @@
-"""``tacbench view``: the 3-D page."""
+"""``tacbench view``: the 3D page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The 3-D page: one HTML file that loads nothing.
+"""The 3D page: one HTML file that loads nothing.
 
 k3d (extra ``view``) brings the drawing code in its wheel and packs the meshes; the page around them is ours. A
 content policy in the page's head forbids every request, so that "loads nothing" holds by the browser's own rule.
@@ -62,7 +62,7 @@ def require_page(path: Path) -> None:
     """
     if path.suffix.lower() not in (".html", ".htm"):
         raise InputError("out", str(path), "must end in .html")
-    require("the 3-D page", "k3d")
+    require("the 3D page", "k3d")
     if path.is_dir():
         raise InputError("out", str(path), "is a folder; name a file")
     if not path.parent.is_dir():

@@ -1,4 +1,4 @@
-"""What the 3-D page shows: parts with their meshes, where they lie in the assembly, and what is said of each.
+"""What the 3D page shows: parts with their meshes, where they lie in the assembly, and what is said of each.
 
 The world of the page is the holder's frame. A block keeps its own frame and is brought there by a placement, so that
 its formula can be drawn on it without a second mapping.

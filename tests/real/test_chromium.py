@@ -1,4 +1,4 @@
-"""The 3-D page in a real browser: it draws, loads nothing, and its colours are the deviation that they stand for."""
+"""The 3D page in a real browser: it draws, loads nothing, and its colours are the deviation that they stand for."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-pytest.importorskip("k3d", reason="the 3-D page needs the extra view")
+pytest.importorskip("k3d", reason="the 3D page needs the extra view")
 pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: pip install playwright")
 
 from PIL import Image
@@ -57,7 +57,7 @@ class Opened:
         return np.asarray(Image.open(io.BytesIO(self.page.screenshot())).convert("RGB"))
 
     def stage(self) -> dict[str, float]:
-        """The place of the 3-D view on the page: x, y, width, height in pixels."""
+        """The place of the 3D view on the page: x, y, width, height in pixels."""
         box: dict[str, float] = self.page.locator("#stage").bounding_box()
         return box
 
