@@ -76,9 +76,10 @@ class PressGrid:
         x, y = block.size_mm
         if self.x_mm[-1] > x or self.y_mm[-1] > y:
             need = f"{self.x_mm[-1]:g} x {self.y_mm[-1]:g} mm"
-            raise InputError(
-                "size", f"{x:g} x {y:g} mm", f"the press grid reaches {need}, so it leaves the block; make it larger"
+            allowed = (
+                f"the press grid reaches {need}, so it leaves the block: a larger block or a smaller grid would do"
             )
+            raise InputError("size", f"{x:g} x {y:g} mm", allowed)
         if block.key_mm is not None:
             gap = (x - block.key_mm) - (self.x_mm[-1] - self.y_mm[0])
             if gap < 0.0:

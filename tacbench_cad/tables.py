@@ -154,7 +154,8 @@ class Table:
         if value is default:
             return value
         if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-            raise InputError(f"{self.where}{key}", value, f"must be a whole number from {least} to {most}")
+            allowed = f"from {least} to {most}" if most < 2**31 else f"of at least {least}"
+            raise InputError(f"{self.where}{key}", value, f"must be a whole number {allowed}")
         return value
 
     def flag(self, key: str, default: bool | Required | None = REQUIRED) -> Any:
