@@ -92,8 +92,7 @@ def _weld(nodes: Floats, triangles: Indices) -> tuple[Floats, Indices]:
 
 
 def _require_closed(vertices: Floats, triangles: Indices) -> None:
-    a, b, c = (vertices[triangles[:, i]] for i in range(3))
-    if np.any(np.linalg.norm(np.cross(b - a, c - a), axis=1) == 0.0):
+    if np.any(np.linalg.norm(Mesh(vertices, triangles).doubled_normals, axis=1) == 0.0):
         raise CheckFailedError("the fixture's mesh has a triangle without area")
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
     there = edges[:, 0] * len(vertices) + edges[:, 1]

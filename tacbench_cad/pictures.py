@@ -173,7 +173,7 @@ def _columns(count: int) -> int:
 def _both_sides(mesh: Mesh, width: int, height: int) -> Image:
     """The part from above; where its underside is engraved, that side as well, to the right."""
     corners = mesh.corners
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = mesh.doubled_normals
     depth = corners[:, :, 2].min(axis=1) - mesh.vertices[:, 2].min()
     downward = normal[:, 2] < -0.7 * np.linalg.norm(normal, axis=1)
     if not (downward & (depth > 0.05) & (depth < _ENGRAVED_MM)).any():

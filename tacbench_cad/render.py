@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.mesh import Mesh
+from tacbench_cad.mesh import Mesh, cross
 
 Floats = NDArray[np.float64]
 Colour = tuple[float, float, float]
@@ -157,7 +157,7 @@ def _light(depth: Floats, owner: NDArray[np.int64], mesh: Mesh, axes: Floats) ->
     seen[owner[solid]] = True
     visible, inverse = np.flatnonzero(seen), (np.cumsum(seen) - 1)[owner[solid]]
     a, b, c = np.moveaxis(mesh.vertices[mesh.triangles[visible]], 1, 0)
-    normals = np.cross(b - a, c - a)
+    normals = cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     lamp = np.array([-0.55, 0.65, 0.55]) @ axes
     lamp /= np.linalg.norm(lamp)

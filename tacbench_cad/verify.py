@@ -82,7 +82,7 @@ def _verify_mesh(part: Part, path: Path, mesh: Mesh, full: bool) -> Report:
 
 def _mesh_volume(mesh: Mesh, body: Body) -> Check:
     """Volume against the closed form; moving every point by a float32's rounding may change it by area x rounding."""
-    area = float(np.linalg.norm(meshcheck.doubled_normals(mesh), axis=1).sum()) / 2.0
+    area = float(np.linalg.norm(mesh.doubled_normals, axis=1).sum()) / 2.0
     allowed = body.volume_slack_mm3 + area * _FLOAT32 * float(np.abs(mesh.vertices).max())
     return _volume(mesh.volume_mm3, body.volume_mm3, allowed)
 
@@ -130,7 +130,7 @@ def _box(low: Floats, high: Floats, size_mm: tuple[float, float, float], allowed
 
 def _mesh_relief(part: Part, mesh: Mesh, body: Body) -> tuple[list[Check], float | None]:
     """Distance from the formula; of a mesh on a sample grid also from the straight lines between the samples."""
-    top = relief.upward(mesh, meshcheck.doubled_normals(mesh))
+    top = relief.upward(mesh, mesh.doubled_normals)
     points = relief.points_on(mesh, top)
     check, deviation = _relief(part, body, points, rounding_mm=_FLOAT32 * max(part.size_mm))
     block = part.block

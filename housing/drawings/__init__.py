@@ -1,12 +1,14 @@
 """Dimension drawings of holder, jig and coupon: outlines from the part's own mesh, numbers from its specification.
 
-from pathlib import Path
-from housing.drawings import holder_drawing
-from housing.holder import Holder
-from tacbench_cad.block import Block
-from tacbench_cad.drawing import save_drawing
+A drawing as PDF::
 
-save_drawing(holder_drawing(Holder(block=Block.of(4))), Path("holder.pdf"))
+    from pathlib import Path
+    from housing.drawings import holder_drawing
+    from housing.holder import Holder
+    from tacbench_cad.block import Block
+    from tacbench_cad.drawing import save_drawing
+
+    save_drawing(holder_drawing(Holder(block=Block.of(4))), Path("holder.pdf"))
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.checks import meshcheck, relief
+from tacbench_cad.checks import relief
 from tacbench_cad.label import LABEL_DEPTH_MM
 from tacbench_cad.mesh import Floats, Mesh
 
@@ -75,7 +75,7 @@ def look_at_mesh(mesh: Mesh) -> Look:
     """See a triangle mesh; its coordinates must be finite."""
     low, high = mesh.bounds_mm
     size = high - low
-    normals = np.abs(meshcheck.doubled_normals(mesh))
+    normals = np.abs(mesh.doubled_normals)
     length = np.linalg.norm(normals, axis=1)
     wall = normals[:, 2] <= relief.WALL_SHARE * length
     height = (mesh.vertices[:, 2] - low[2])[mesh.triangles]

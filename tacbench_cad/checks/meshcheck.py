@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tacbench_cad.checks.report import Check
 from tacbench_cad.errors import MissingToolError
-from tacbench_cad.mesh import Floats, Mesh
+from tacbench_cad.mesh import Mesh, cross
 
 #: A triangle whose height is below this share of its longest side has no area to speak of.
 DEGENERATE_SHARE = 1e-9
@@ -88,27 +88,9 @@ def degenerate(mesh: Mesh) -> NDArray[np.bool_]:
     corners = mesh.corners
     sides = corners - np.roll(corners, 1, axis=1)
     longest = np.einsum("ijk,ijk->ij", sides, sides).max(axis=1)
-    cross = _cross(sides[:, 1], sides[:, 2])
-    doubled = np.sqrt(np.einsum("ij,ij->i", cross, cross))
+    normals = cross(sides[:, 1], sides[:, 2])
+    doubled = np.sqrt(np.einsum("ij,ij->i", normals, normals))
     return np.asarray(doubled <= DEGENERATE_SHARE * longest)
-
-
-def _cross(a: Floats, b: Floats) -> Floats:
-    """The cross products of rows; numpy.cross is several times slower."""
-    return np.stack(
-        [
-            a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1],
-            a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2],
-            a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0],
-        ],
-        axis=1,
-    )
-
-
-def doubled_normals(mesh: Mesh) -> Floats:
-    """Normals of the triangles, twice their area long; shape (m, 3), in mm^2."""
-    a, b, c = np.moveaxis(mesh.corners, 1, 0)
-    return _cross(b - a, c - a)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,11 +110,7 @@ class Solidity:
 
 def solidity(mesh: Mesh) -> Solidity:
     """Ask manifold3d. Only for finite coordinates: it hangs on infinite ones."""
-    import manifold3d
-
-    body = manifold3d.Manifold(
-        manifold3d.Mesh(mesh.vertices.astype(np.float32), np.ascontiguousarray(mesh.triangles, dtype=np.uint32))
-    )
+    body = mesh.as_manifold()
     status = str(body.status()).rpartition(".")[2]
     sound = status == "NoError"
     return Solidity(status=status, genus=body.genus() if sound else 0, volume_mm3=body.volume() if sound else 0.0)

@@ -28,10 +28,7 @@ class Cuts:
     """
 
     def __init__(self, mesh: Mesh) -> None:
-        import manifold3d
-
-        triangles = np.ascontiguousarray(mesh.triangles, dtype=np.uint32)
-        self._body = manifold3d.Manifold(manifold3d.Mesh(mesh.vertices.astype(np.float32), triangles))
+        self._body = mesh.as_manifold()
 
     def level(self, z_mm: float) -> Outlines:
         """The cut at a height, seen from above: a is x, b is y."""

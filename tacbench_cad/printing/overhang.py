@@ -46,7 +46,7 @@ def overhangs(mesh: Mesh) -> Overhangs:
         mesh: A closed mesh.
     """
     corners = mesh.corners
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = mesh.doubled_normals
     size = np.linalg.norm(normal, axis=1)
     down = -normal[:, 2] / np.maximum(size, 1e-300)
     above_bed = corners[:, :, 2].min(axis=1) > mesh.vertices[:, 2].min() + 1e-6

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.block import Block
+from tacbench_cad.checks import relief
 from tacbench_cad.errors import InputError, MissingToolError, nearest
 from tacbench_cad.making.plan import LeftOut
 from tacbench_cad.making.request import PARTS, Request, plan
@@ -244,13 +245,8 @@ def _block_thing(source: Source, number: int, sets: Sequence[Holder]) -> Thing:
 
 def _farthest_mm(block: Block, mesh: Mesh) -> float:
     """Largest distance from the formula at the centres and the sides' middles of the top's triangles, in mm."""
-    a, b, c = np.moveaxis(mesh.corners, 1, 0)
-    upward = ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) > 1e-9
-    a, b, c = (one[upward & (mesh.corners[:, :, 2].min(axis=1) > 0.5 * block.base_mm)] for one in (a, b, c))
-    points = np.concatenate([(a + b + c) / 3.0, (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0])
-    f_x, f_y = block.surface.gradient(points[:, 0], points[:, 1])
-    vertical = points[:, 2] - block.height_at(points[:, 0], points[:, 1])
-    return float(np.abs(vertical / np.sqrt(1.0 + f_x**2 + f_y**2)).max())
+    points = relief.points_on(mesh, relief.upward(mesh, mesh.doubled_normals), points=0)
+    return relief.distance(points, block.surface, block.datum_mm).largest_mm
 
 
 def _press(block: Block) -> Press | None:
