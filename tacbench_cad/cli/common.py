@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
-from tacbench_cad.errors import InputError
+from tacbench_cad.errors import InputError, one_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -167,6 +167,42 @@ def key_of(option: str, text: str) -> float:
     from tacbench_cad.block import KEY_MM
 
     return KEY_MM if text == "default" else number_of(option, text)
+
+
+def part_options(
+    *,
+    size: str | None = None,
+    height: str | None = None,
+    mm_per_unit: str | None = None,
+    tolerance: str | None = None,
+    grid: str | None = None,
+    key: str | None = None,
+    label: bool = False,
+    fit: str | None = None,
+    rim: str | None = None,
+    slots: str | None = None,
+    nozzle: str | None = None,
+    jig: str | None = None,
+) -> dict[str, Any]:
+    """What the options that describe parts mean: keywords of a ``Request``, those left out that were not given.
+
+    Raises:
+        InputError: A value is not allowed.
+    """
+    read = {
+        "size_mm": given(pair_of, "size", size),
+        "height_mm": given(number_of, "height", height),
+        "mm_per_unit": given(triple_of, "mm per unit", mm_per_unit),
+        "sampling": sampling_of(tolerance, grid),
+        "key_mm": given(key_of, "key", key),
+        "label": label or None,
+        "fit": fit,
+        "rim_mm": given(number_of, "rim", rim),
+        "slots": given(whole_of, "slots", slots),
+        "nozzle_mm": given(number_of, "nozzle", nozzle),
+        "jig": None if jig is None else one_of("jig", jig, ("default", "all")),
+    }
+    return {name: value for name, value in read.items() if value is not None}
 
 
 def print_json(document: dict[str, Any]) -> None:

@@ -10,15 +10,12 @@ import typer
 from tacbench_cad.cli.common import (
     console,
     given,
-    key_of,
     lengths,
     note,
     number_of,
-    pair_of,
+    part_options,
     print_json,
-    sampling_of,
     table,
-    triple_of,
     whole_of,
     words_of,
 )
@@ -144,28 +141,32 @@ def command(
     """
     from tacbench_cad.printset import Request, build
 
+    part = part_options(
+        size=size,
+        height=height,
+        mm_per_unit=mm_per_unit,
+        tolerance=tolerance,
+        grid=grid,
+        key=key,
+        label=label,
+        fit=fit,
+        rim=rim,
+        slots=slots,
+        nozzle=nozzle,
+        jig=jig,
+    )
     request = Request(
         textures=words_of(texture) or (),
         preset=preset,
         scale=number_of("scale", scale),
-        size_mm=given(pair_of, "size", size),
-        height_mm=given(number_of, "height", height),
-        mm_per_unit=given(triple_of, "mm per unit", mm_per_unit),
-        sampling=sampling_of(tolerance, grid),
         formats=words_of(formats),
         parts=words_of(parts),
         copies=given(whole_of, "copies", copies),
-        label=label,
-        key_mm=given(key_of, "key", key),
         full=one_of("verify", verify, ("default", "full")) == "full",
         out=out,
-        fit=fit,
-        rim_mm=given(number_of, "rim", rim),
-        slots=given(whole_of, "slots", slots),
-        nozzle_mm=given(number_of, "nozzle", nozzle),
-        jig=None if jig is None else one_of("jig", jig, ("default", "all")),
         step_tolerance_mm=given(number_of, "step tolerance", step_tolerance),
         assembly=assembly,
+        **part,
     )
     with _Bar() as bar:
         result = build(request, bar.show)

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tacbench_cad.cli.common import given, key_of, note, number_of, pair_of, sampling_of, triple_of, whole_of
+from tacbench_cad.cli.common import (
+    note,
+    number_of,
+    part_options,
+)
 from tacbench_cad.errors import InputError, one_of
 
 if TYPE_CHECKING:
@@ -92,20 +96,20 @@ def command(
       tacbench show 4 --drawing --key --label --press -o block.pdf
       tacbench show 4 --drawing holder --slots 6 -o tray.svg
     """
-    part: dict[str, Any] = {
-        "size_mm": given(pair_of, "size", size),
-        "height_mm": given(number_of, "height", height),
-        "mm_per_unit": given(triple_of, "mm per unit", mm_per_unit),
-        "sampling": sampling_of(tolerance, grid),
-        "key_mm": given(key_of, "key", key),
-        "label": label or None,
-        "fit": fit,
-        "rim_mm": given(number_of, "rim", rim),
-        "slots": given(whole_of, "slots", slots),
-        "nozzle_mm": given(number_of, "nozzle", nozzle),
-        "jig": None if jig is None else one_of("jig", jig, ("default", "all")),
-    }
-    part = {name: value for name, value in part.items() if value is not None}
+    part = part_options(
+        size=size,
+        height=height,
+        mm_per_unit=mm_per_unit,
+        tolerance=tolerance,
+        grid=grid,
+        key=key,
+        label=label,
+        fit=fit,
+        rim=rim,
+        slots=slots,
+        nozzle=nozzle,
+        jig=jig,
+    )
     factor = number_of("scale", scale)
     if drawing is None:
         if part:

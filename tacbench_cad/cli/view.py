@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from tacbench_cad.cli.common import given, key_of, note, number_of, sampling_of, whole_of
+from tacbench_cad.cli.common import note, number_of, part_options
 
 NAME = "view"
 
@@ -54,9 +54,7 @@ def command(
     options = Request(
         preset=preset,
         scale=number_of("scale", scale),
-        key_mm=given(key_of, "key", key),
-        slots=given(whole_of, "slots", slots),
-        sampling=sampling_of(tolerance, grid),
+        **part_options(key=key, slots=slots, tolerance=tolerance, grid=grid),
     )
     request = request_of(words, options)
     require_page(out)
