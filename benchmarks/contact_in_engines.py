@@ -23,11 +23,11 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.assets.folder import export
-from tacbench_cad.block import Block
+from tacbench_cad.formats.simulators.folder import export
+from tacbench_cad.spec.block import Block
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "real"))
-from resting import centre_height_mm, settled_mm, steel_kg, valley_mm
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from helpers.resting import centre_height_mm, settled_mm, steel_kg, valley_mm
 
 DOME_MM, DOME_N, GRAVITY = 20.0, 2.0, 9.81
 DEFAULTS = 'solref="0.02 1" solimp="0.9 0.95 0.001" priority="1"'

@@ -20,15 +20,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.block import Block
-from tacbench_cad.block_mesh import mesh_block
-from tacbench_cad.mesh import Certificate, Mesh
-from tacbench_cad.meshing.certify import derivatives
-from tacbench_cad.meshing.clip import sheet
-from tacbench_cad.meshing.closing import close
-from tacbench_cad.meshing.top import Top, single
-from tacbench_cad.sampling import Tolerance
-from tacbench_cad.waves import Sines
+from tacbench_cad.geometry.block_mesh import mesh_block
+from tacbench_cad.geometry.mesh import Certificate, Mesh
+from tacbench_cad.geometry.meshing.certify import derivatives
+from tacbench_cad.geometry.meshing.clip import sheet
+from tacbench_cad.geometry.meshing.closing import close
+from tacbench_cad.geometry.meshing.top import Top, single
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.spec.waves import Sines
 
 Floats = NDArray[np.float64]
 

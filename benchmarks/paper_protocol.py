@@ -79,8 +79,8 @@ def synthetic(folder: Path, selected: int, others: int, shape: tuple[int, int], 
 
 def recorded(folder: Path, runs: list[Path]) -> None:
     """Write the images of run folders, grey and at 40 % of their size."""
+    from tacbench_cad.lab.analysis.classification.gram import stacked
     from tacbench_cad.lab.analysis.collection import Collection
-    from tacbench_cad.lab.analysis.gram import stacked
     from tacbench_cad.lab.analysis.preprocess import Preprocess
 
     study, prepare = Collection.open(runs), Preprocess(resolution=0.4)
@@ -163,11 +163,11 @@ def workers_kb() -> int:
 
 def ours(study: Study, trials: int, epochs: int, cores: int) -> Result:
     """What ``tacbench classify --protocol paper`` does once the images are read."""
-    from tacbench_cad.lab.analysis.classify_settings import Settings
-    from tacbench_cad.lab.analysis.features import Features
-    from tacbench_cad.lab.analysis.paperprotocol import RUNGS, batches, paper_trials
-    from tacbench_cad.lab.analysis.parallel import workers
-    from tacbench_cad.lab.analysis.splits import PressTable
+    from tacbench_cad.lab.analysis.classification.features import Features
+    from tacbench_cad.lab.analysis.classification.paper_protocol import RUNGS, batches, paper_trials
+    from tacbench_cad.lab.analysis.classification.settings import Settings
+    from tacbench_cad.lab.analysis.classification.splits import PressTable
+    from tacbench_cad.lab.parallel import workers
 
     result = Result()
     count = np.arange(len(study.images))

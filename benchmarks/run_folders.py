@@ -21,11 +21,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tacbench_cad.block import Block
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.writing import RunWriter
-from tacbench_cad.lab.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
+from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
+from tacbench_cad.spec.block import Block
 
 #: Markers of each ring, 133 in all.
 PINS = (1, 12, 12, 12, 24, 24, 24, 24)
@@ -35,7 +35,7 @@ LIMIT_GROWTH = 1.1
 IMPORT = """
 import resource, sys
 from pathlib import Path
-from tacbench_cad.lab.authors import Reading, gather, import_block
+from tacbench_cad.lab.runs.authors import Reading, gather, import_block
 for block in gather([Path(one) for one in sys.argv[2:]], Reading()):
     import_block(block, Path(sys.argv[1]))
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)

@@ -19,15 +19,15 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from tacbench_cad.block import Block
-from tacbench_cad.block_part import block_part
-from tacbench_cad.export import FORMATS
-from tacbench_cad.printing.compare import compare
-from tacbench_cad.printing.gcode import read_gcode
+from tacbench_cad.formats import FORMATS
+from tacbench_cad.geometry.block_part import block_part
+from tacbench_cad.slicing.compare import compare
+from tacbench_cad.slicing.gcode import read_gcode
+from tacbench_cad.spec.block import Block
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "real"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from helpers.slicing import by_cura, by_prusa, cura_search_path
 from outsiders import program
-from slicing import by_cura, by_prusa, cura_search_path
 
 #: Options of PrusaSlicer for texture 4: name, layer height and nozzle in mm, wall generator.
 WALLS = (

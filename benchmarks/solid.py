@@ -110,11 +110,11 @@ def ours() -> list[Result]:
     from OCP.BRep import BRep_Tool
     from solid_peers import off_the_formula
 
-    from tacbench_cad import brep
-    from tacbench_cad.block import Block
-    from tacbench_cad.splines import build as _imported_before_the_clock_starts  # noqa: F401
-    from tacbench_cad.splines import spline
-    from tacbench_cad.splines.patches import patches
+    from tacbench_cad.geometry import brep
+    from tacbench_cad.geometry.splines import build as _imported_before_the_clock_starts  # noqa: F401
+    from tacbench_cad.geometry.splines import spline
+    from tacbench_cad.geometry.splines.patches import patches
+    from tacbench_cad.spec.block import Block
 
     def build() -> tuple[float, Any]:
         block = Block.of(4)
@@ -140,10 +140,10 @@ def ours() -> list[Result]:
 
 def print_patches() -> None:
     """Patches, degree, poles and the size of the STEP file of every texture that has one."""
-    from tacbench_cad.block import Block
-    from tacbench_cad.brep import solid_block, solid_refusal
-    from tacbench_cad.export.step import write_shape
-    from tacbench_cad.splines.patches import patches
+    from tacbench_cad.formats.step import write_shape
+    from tacbench_cad.geometry.brep import solid_block, solid_refusal
+    from tacbench_cad.geometry.splines.patches import patches
+    from tacbench_cad.spec.block import Block
 
     print(
         f"\n{'texture':<24}{'patches':>10}{'degree':>8}{'spans each':>12}{'poles':>10}{'proved mm':>12}{'STEP MB':>10}"

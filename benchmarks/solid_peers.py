@@ -17,7 +17,7 @@ from OCP.BRep import BRep_Tool
 from OCP.Geom import Geom_Surface
 from OCP.TopoDS import TopoDS_Face
 
-from tacbench_cad.block import Block
+from tacbench_cad.spec.block import Block
 
 #: Points along each parameter at which a surface is compared with the formula.
 DENSE = 1000

@@ -21,12 +21,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command sets it
 import cv2
 import numpy as np
 
-from tacbench_cad.block import Block
 from tacbench_cad.lab.simulate.contact import Contact, contact_for
 from tacbench_cad.lab.simulate.heights import flat
 from tacbench_cad.lab.simulate.tactip import REST, RINGS, TacTip
-from tacbench_cad.lab.spec import HolderRim, PrintedBlock
-from tacbench_cad.protocol import DOME_RADIUS_MM, FORCE_SPREADS_N, FORCES_N, PressGrid, contact_radius_mm
+from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import DOME_RADIUS_MM, FORCE_SPREADS_N, FORCES_N, PressGrid, contact_radius_mm
 
 
 def rng(seed: int = 0) -> np.random.Generator:

@@ -31,9 +31,9 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.parallel import workers
 from tacbench_cad.lab.analysis.preprocess import Preprocess
-from tacbench_cad.lab.analysis.streaming import stream
+from tacbench_cad.lab.analysis.variance.streaming import stream
+from tacbench_cad.lab.parallel import workers
 
 LIMIT, FLAT_KB, DIGITS = 2.0, 2.0, 1e-9
 

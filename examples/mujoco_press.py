@@ -8,8 +8,8 @@ from pathlib import Path
 
 import mujoco
 
-from tacbench_cad.assets.folder import export
-from tacbench_cad.block import Block
+from tacbench_cad.formats.simulators.folder import export
+from tacbench_cad.spec.block import Block
 
 RADIUS_MM, FORCE_N = 20.0, 2.0
 

@@ -10,8 +10,8 @@ from build123d import Align, Box, Cylinder, Pos
 from housing.fits import clearance_mm
 from housing.holder import Holder
 from housing.jig import Jig
-from tacbench_cad.block import Block
-from tacbench_cad.protocol import PressGrid
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import PressGrid
 
 PAD_MM = (16.0, 12.0)
 GUIDE_MM = 4.0

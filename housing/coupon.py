@@ -25,8 +25,8 @@ from housing.fixture import Fixture
 from housing.lettering import COUNTER_MM, HEIGHT_MM, width_mm, word
 from housing.marks import DEPTH_MM, Groove, merged
 from housing.shapes import Rectangle, box, one_solid, wrapped
-from tacbench_cad.naming import mm, report
-from tacbench_cad.part import Kind
+from tacbench_cad.geometry.part import Kind
+from tacbench_cad.util.text import mm, report
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Solid

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from housing.marks import Groove, is_inside
 from housing.shapes import area_mm2, prism
-from tacbench_cad.errors import CheckFailedError
+from tacbench_cad.util.errors import CheckFailedError
 
 if TYPE_CHECKING:
     from build123d import Face, Solid, Wire

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from tacbench_cad.errors import InputError, nearest
+from tacbench_cad.util.errors import InputError, nearest
 
 #: Clearance on each side between a block and its pocket, in mm.
 FITS: dict[str, float] = {"press": 0.05, "slip": 0.15, "loose": 0.30}

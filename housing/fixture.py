@@ -6,8 +6,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from tacbench_cad.mesh import Mesh
-from tacbench_cad.part import Body, Kind, Part
+from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.geometry.part import Body, Kind, Part
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Solid

@@ -27,10 +27,10 @@ from housing.fixture import Fixture
 from housing.layout import RELEASED, SCREW_HOLE_MM, Layout, PushOut, fitted
 from housing.placement import Placement, block_stem, turned_size_mm
 from housing.shapes import Bore, Rectangle, box, one_solid, prism, wrapped
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError, nearest
-from tacbench_cad.naming import decimal, mm, report
-from tacbench_cad.part import Kind
+from tacbench_cad.geometry.part import Kind
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.util.text import decimal, mm, report
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Solid

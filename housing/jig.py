@@ -43,10 +43,10 @@ from housing.marks import (
 )
 from housing.seat import AIR_MM, LIP_MM, ROOF_MM, Seat
 from housing.shapes import Bore, box, one_solid, prism, wrapped
-from tacbench_cad.errors import InputError, nearest
-from tacbench_cad.naming import decimal, mm, report
-from tacbench_cad.part import Kind
-from tacbench_cad.protocol import PER_SIDE, PressGrid
+from tacbench_cad.geometry.part import Kind
+from tacbench_cad.spec.protocol import PER_SIDE, PressGrid
+from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.util.text import decimal, mm, report
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Solid

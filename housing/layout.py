@@ -10,8 +10,8 @@ import numpy as np
 
 from housing.fits import LEAST_WALL_MM
 from housing.shapes import Bore, Rectangle
-from tacbench_cad.block import Block
-from tacbench_cad.protocol import PressGrid
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import PressGrid
 
 #: The four screw holes, as in the authors' holder, in mm.
 SCREW_HOLE_MM = 4.0

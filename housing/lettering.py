@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.glyphs import GLYPHS, UNITS_HIGH
+from tacbench_cad.spec.glyphs import GLYPHS, UNITS_HIGH
 
 Floats = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from housing.lettering import HEIGHT_MM, stroke, width_mm, word
 from housing.shapes import area_mm2
-from tacbench_cad.protocol import PER_SIDE, PressGrid
+from tacbench_cad.spec.protocol import PER_SIDE, PressGrid
 
 Floats = NDArray[np.float64]
 

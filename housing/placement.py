@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tacbench_cad.block import Block
+from tacbench_cad.spec.block import Block
 
 Floats = NDArray[np.float64]
 

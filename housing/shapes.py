@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.errors import CheckFailedError
+from tacbench_cad.util.errors import CheckFailedError
 
 if TYPE_CHECKING:
     from build123d import Shape, Solid

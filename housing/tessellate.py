@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.errors import CheckFailedError, InputError
-from tacbench_cad.mesh import Mesh
-from tacbench_cad.triangulation import triangulate
+from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.geometry.triangulation import triangulate
+from tacbench_cad.util.errors import CheckFailedError, InputError
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape

@@ -6,8 +6,8 @@ in newtons.
 
 From a texture to a part, which builds its mesh and its solid when they are asked for:
 
->>> from tacbench_cad.block import Block
->>> from tacbench_cad.block_part import block_part
+>>> from tacbench_cad.spec.block import Block
+>>> from tacbench_cad.geometry.block_part import block_part
 >>> block = Block.of(2, scale=1.5, key_mm=3.0)
 >>> print(block.name, block.size_mm, f"relief {block.relief_mm:.3f} mm")
 texture-2_paper_x1.5_key3 (34.95, 45.0) relief 6.000 mm
@@ -18,7 +18,7 @@ True
 ``print(block)`` is its dimension report; a holder and a jig print theirs. A texture of your own is a name and a sum of
 waves ``A sin(f u + g v + phase)``:
 
->>> from tacbench_cad.textures import Texture, plane_waves
+>>> from tacbench_cad.spec.textures import Texture, plane_waves
 >>> weave = Texture(name="weave", waves=plane_waves((0.7, 1.0, 0.5), (0.7, 1.0, -0.5)))
 >>> weave.equation
 '0.7 sin(u + 0.5v) + 0.7 sin(u - 0.5v)'
@@ -27,32 +27,32 @@ waves ``A sin(f u + g v + phase)``:
 
 From there to files that can be printed, each read back and checked against the formula::
 
-    from tacbench_cad.printset import Request, build
+    from tacbench_cad.making.printset import Request, build
 
     print(build(Request(textures=(weave,), parts=("blocks",))))
 
 What the commands do, in Python:
 
-* ``tacbench make``: :func:`tacbench_cad.printset.build` with a :class:`tacbench_cad.printset.Request`
-* ``tacbench check``: :func:`tacbench_cad.verify.verify` for a part of ours, :mod:`tacbench_cad.identify` for any file
-* ``tacbench export``: :mod:`tacbench_cad.assets`, one module a simulator
-* ``tacbench show`` and ``view``: :mod:`tacbench_cad.pictures`, :mod:`tacbench_cad.viewing.page`
-* ``tacbench plate`` and ``slice-check``: :mod:`tacbench_cad.printing`
+* ``tacbench make``: :func:`tacbench_cad.making.printset.build` with a :class:`tacbench_cad.making.printset.Request`
+* ``tacbench check``: :mod:`tacbench_cad.checks.verify` (our parts), :mod:`tacbench_cad.checks.identify` (any file)
+* ``tacbench export``: :mod:`tacbench_cad.formats.simulators`, one module a simulator
+* ``tacbench show`` and ``view``: :mod:`tacbench_cad.render.pictures`, :mod:`tacbench_cad.render.viewing.page`
+* ``tacbench plate`` and ``slice-check``: :mod:`tacbench_cad.slicing`
 * ``tacbench acquire``, ``simulate``, ``variance``, ``classify`` ...: :mod:`tacbench_cad.lab`, without CAD packages
 
 Where to look:
 
-* :mod:`tacbench_cad.waves`, :mod:`tacbench_cad.textures`: formulas: values, derivatives, bounds, extremes; the
+* :mod:`tacbench_cad.spec.waves`, :mod:`tacbench_cad.spec.textures`: values, derivatives, bounds, extremes; the
   catalogue of six and textures from TOML files
-* :mod:`tacbench_cad.block`: a texture at a size in mm: the one mapping from the formula to the part
-* :mod:`tacbench_cad.protocol`: where and how hard the sensor presses
-* :mod:`tacbench_cad.part`, :mod:`tacbench_cad.block_part`: everything printable, with what its files must satisfy
-* :mod:`tacbench_cad.cq`, :mod:`tacbench_cad.b3d`: blocks in CadQuery and in build123d; :mod:`tacbench_cad.snapshot`:
+* :mod:`tacbench_cad.spec.block`: a texture at a size in mm: the one mapping from the formula to the part
+* :mod:`tacbench_cad.spec.protocol`: where and how hard the sensor presses
+* :mod:`tacbench_cad.geometry.part`, :mod:`tacbench_cad.geometry.block_part`: everything printable
+* :mod:`tacbench_cad.cq`, :mod:`tacbench_cad.bd`: blocks in CadQuery and build123d; :mod:`~tacbench_cad.render.snapshot`:
   a picture of any of their objects, without a window
-* :mod:`housing.holder`, :mod:`housing.jig`, :mod:`housing.coupon`: the printed fixtures; :mod:`housing.b3d`: holder and
+* :mod:`housing.holder`, :mod:`housing.jig`, :mod:`housing.coupon`: the printed fixtures; :mod:`housing.bd`: holder and
   jig as build123d parts with joints, and the whole set put together
-* :mod:`tacbench_cad.export`: the file formats
-* :mod:`tacbench_cad.errors`: what can be raised; every message says field, value and what is allowed
+* :mod:`tacbench_cad.formats`: the file formats
+* :mod:`tacbench_cad.util.errors`: what can be raised; every message says field, value and what is allowed
 
 Importing this package imports nothing else. Whole scripts are in the folder ``examples`` of the source.
 """

@@ -3,7 +3,7 @@
 Two blocks side by side::
 
     import cadquery as cq
-    from tacbench_cad.block import Block
+    from tacbench_cad.spec.block import Block
     from tacbench_cad.cq import texture_block
 
     two = cq.Workplane().rarray(40, 1, 2, 1).eachpoint(texture_block(Block.of(4)))
@@ -19,9 +19,9 @@ from collections.abc import Callable
 
 import cadquery as cq
 
-from tacbench_cad import brep
-from tacbench_cad.block import Block
-from tacbench_cad.part import COLOURS
+from tacbench_cad.geometry import brep
+from tacbench_cad.geometry.part import COLOURS
+from tacbench_cad.spec.block import Block
 
 
 def solid(block: Block, tolerance_mm: float = brep.TOLERANCE_MM) -> cq.Solid:
@@ -82,7 +82,7 @@ def texture_block(
 def texture_face(block: Block, tolerance_mm: float = brep.TOLERANCE_MM) -> cq.Face:
     """The textured surface alone, as one CadQuery face in the block frame.
 
-    Do not rely on its ``Area()``: :func:`tacbench_cad.brep.texture_face` says why, and how to measure it.
+    Do not rely on its ``Area()``: :func:`tacbench_cad.geometry.brep.texture_face` says why, and how to measure it.
 
     Args:
         block: The block; its key is cut off.

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import cadquery as cq
 import pytest
+from helpers.solid_reference import block_area_mm2, faces, hole_mm3
 from OCP.BRep import BRep_Tool
-from solid_reference import block_area_mm2, faces, hole_mm3
 
-from tacbench_cad import brep
 from tacbench_cad import cq as plugin
-from tacbench_cad.block import Block
+from tacbench_cad.geometry import brep
+from tacbench_cad.spec.block import Block
 
 BLOCK = Block.of(2, key_mm=3.0)
 VOLUME = BLOCK.volume_mm3(BLOCK.solid_datum_mm)

@@ -16,7 +16,7 @@ import pytest
 
 pytest.importorskip("OCP")
 
-from tacbench_cad.block import Block
+from tacbench_cad.spec.block import Block
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
@@ -62,7 +62,12 @@ EXPECTED: dict[str, dict[str, str]] = {
 
 def run(path: Path, cwd: Path, ask: dict[str, str], **host: dict[str, Any]) -> dict[str, Any]:
     """What an example answers from a child process."""
-    command = [sys.executable, str(ROOT / "tests" / "run_example.py"), str(path), json.dumps({"ask": ask, **host})]
+    command = [
+        sys.executable,
+        str(ROOT / "tests" / "helpers" / "run_example.py"),
+        str(path),
+        json.dumps({"ask": ask, **host}),
+    ]
     done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     answer: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])

@@ -9,17 +9,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from gcode_writer import write_gcode
-from studies import write_study
+from helpers.gcode_writer import write_gcode
+from helpers.studies import write_study
 
-from tacbench_cad.block import Block
 from tacbench_cad.cli import main
-from tacbench_cad.lab.analysis import between, classify, compare, components, registration, score, sweep, variance
-from tacbench_cad.lab.analysis.split_files import PRESS_COLUMNS
-from tacbench_cad.lab.analysis.variance_files import POSITION_COLUMNS, REMOVED_COLUMNS, TEST_COLUMNS
+from tacbench_cad.lab.analysis import compare
+from tacbench_cad.lab.analysis.classification import classify, score, sweep
+from tacbench_cad.lab.analysis.classification.split_files import PRESS_COLUMNS
+from tacbench_cad.lab.analysis.variance import between, components, registration
+from tacbench_cad.lab.analysis.variance import table as variance
+from tacbench_cad.lab.analysis.variance.files import POSITION_COLUMNS, REMOVED_COLUMNS, TEST_COLUMNS
 from tacbench_cad.lab.runs import schema
-from tacbench_cad.printing import plates
-from tacbench_cad.protocol import PressGrid
+from tacbench_cad.slicing import plates
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import PressGrid
 
 DOCS = Path(__file__).parent.parent / "docs"
 #: Keys whose own keys are data: names of folds and textures, kinds of moves.

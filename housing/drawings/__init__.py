@@ -5,8 +5,8 @@ A drawing as PDF::
     from pathlib import Path
     from housing.drawings import holder_drawing
     from housing.holder import Holder
-    from tacbench_cad.block import Block
-    from tacbench_cad.drawing import save_drawing
+    from tacbench_cad.spec.block import Block
+    from tacbench_cad.render.drawing import save_drawing
 
     save_drawing(holder_drawing(Holder(block=Block.of(4))), Path("holder.pdf"))
 """
@@ -19,7 +19,7 @@ from housing.drawings.holders import holder_drawing
 from housing.drawings.jigs import jig_drawing
 from housing.holder import Holder
 from housing.jig import Jig
-from tacbench_cad.drawing.sheet import Drawing
+from tacbench_cad.render.drawing.sheet import Drawing
 
 __all__ = ["coupon_drawing", "fixture_drawing", "holder_drawing", "jig_drawing"]
 

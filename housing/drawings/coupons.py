@@ -10,9 +10,9 @@ from housing.drawings.shared import BELOW_MM
 from housing.fits import FITS
 from housing.lettering import HEIGHT_MM
 from housing.marks import DEPTH_MM
-from tacbench_cad.drawing.blocks import ACCEPTS_MM
-from tacbench_cad.drawing.cuts import Cuts
-from tacbench_cad.drawing.sheet import Callout, CutMark, Dimension, Drawing, View, length
+from tacbench_cad.render.drawing.blocks import ACCEPTS_MM
+from tacbench_cad.render.drawing.cuts import Cuts
+from tacbench_cad.render.drawing.sheet import Callout, CutMark, Dimension, Drawing, View, length
 
 Floats = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from housing.drawings.shared import (
 )
 from housing.holder import Holder
 from housing.shapes import Rectangle
-from tacbench_cad.drawing.blocks import ACCEPTS_MM, BLOCK_ACCEPTS_MM
-from tacbench_cad.drawing.cuts import Cuts
-from tacbench_cad.drawing.sheet import Callout, Circle, CutMark, Dimension, Drawing, Point, Side, View, length
-from tacbench_cad.errors import InputError
-from tacbench_cad.naming import mm
+from tacbench_cad.render.drawing.blocks import ACCEPTS_MM, BLOCK_ACCEPTS_MM
+from tacbench_cad.render.drawing.cuts import Cuts
+from tacbench_cad.render.drawing.sheet import Callout, Circle, CutMark, Dimension, Drawing, Point, Side, View, length
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.text import mm
 
 #: Least radius of the detail, in mm, and what it shows beyond the rim.
 _DETAIL_MM, _BEYOND_MM = 3.0, 1.5

@@ -16,10 +16,10 @@ from housing.drawings.shared import (
 from housing.jig import Jig
 from housing.marks import DATUM_MM, DEPTH_MM, HAIR_MM
 from housing.seat import AIR_MM, LIP_MM, ROOF_MM
-from tacbench_cad.drawing.blocks import ACCEPTS_MM
-from tacbench_cad.drawing.cuts import Cuts
-from tacbench_cad.drawing.sheet import Callout, Circle, CutMark, Dimension, Drawing, Point, Side, View, length
-from tacbench_cad.naming import mm
+from tacbench_cad.render.drawing.blocks import ACCEPTS_MM
+from tacbench_cad.render.drawing.cuts import Cuts
+from tacbench_cad.render.drawing.sheet import Callout, Circle, CutMark, Dimension, Drawing, Point, Side, View, length
+from tacbench_cad.util.text import mm
 
 Floats = NDArray[np.float64]
 

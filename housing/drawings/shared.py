@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from housing.holder import Holder
 from housing.shapes import Rectangle
-from tacbench_cad.drawing.blocks import BLOCK_ACCEPTS_MM
-from tacbench_cad.drawing.sheet import Dimension, End, Point, Side
-from tacbench_cad.naming import decimal, mm
+from tacbench_cad.render.drawing.blocks import BLOCK_ACCEPTS_MM
+from tacbench_cad.render.drawing.sheet import Dimension, End, Point, Side
+from tacbench_cad.util.text import decimal, mm
 
 Floats = NDArray[np.float64]
 

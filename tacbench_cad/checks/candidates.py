@@ -9,15 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from tacbench_cad.block import Block
 from tacbench_cad.checks.claim import claimed_block
 from tacbench_cad.checks.look import Look
 from tacbench_cad.checks.match import Candidate, Placement
-from tacbench_cad.errors import InputError, nearest
-from tacbench_cad.presets import PRESETS
-from tacbench_cad.sampling import Tolerance
-from tacbench_cad.textures import BlockTable, Texture, catalogue, read_texture
-from tacbench_cad.textures import texture as find_texture
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.presets import PRESETS
+from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.spec.textures import BlockTable, Texture, catalogue, read_texture
+from tacbench_cad.spec.textures import texture as find_texture
+from tacbench_cad.util.errors import InputError, nearest
 
 #: Sides that give the same scale within this share are a scaled preset's.
 SAME_SCALE = 2e-3

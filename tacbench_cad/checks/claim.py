@@ -6,13 +6,13 @@ import dataclasses
 import re
 from pathlib import Path
 
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError
-from tacbench_cad.export.stl import stl_header
-from tacbench_cad.presets import PRESETS
-from tacbench_cad.sampling import SampleGrid, Tolerance
-from tacbench_cad.textures import Texture
-from tacbench_cad.textures import texture as find_texture
+from tacbench_cad.formats.stl import stl_header
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.presets import PRESETS
+from tacbench_cad.spec.sampling import SampleGrid, Tolerance
+from tacbench_cad.spec.textures import Texture
+from tacbench_cad.spec.textures import texture as find_texture
+from tacbench_cad.util.errors import InputError
 
 _NUMBER = r"\d+(?:\.\d+)?"
 _STEP_NAME = re.compile(r"FILE_NAME\(\s*'([^']*)'.*?'tacbench-cad ", re.DOTALL)

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.checks import relief
-from tacbench_cad.label import LABEL_DEPTH_MM
-from tacbench_cad.mesh import Floats, Mesh
+from tacbench_cad.geometry.mesh import Floats, Mesh
+from tacbench_cad.spec.label import LABEL_DEPTH_MM
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape

@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.block import Block
 from tacbench_cad.checks.look import Look
-from tacbench_cad.mesh import Floats
-from tacbench_cad.sampling import SampleGrid
-from tacbench_cad.waves import WaveSum
+from tacbench_cad.geometry.mesh import Floats
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.sampling import SampleGrid
+from tacbench_cad.spec.waves import WaveSum
 
 #: Points that rank the candidates; the chosen one is then measured at all of them.
 RANKING_POINTS = 600

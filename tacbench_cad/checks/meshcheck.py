@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.checks.report import Check
-from tacbench_cad.errors import MissingToolError
-from tacbench_cad.mesh import Mesh, cross
+from tacbench_cad.geometry.mesh import Mesh, cross
+from tacbench_cad.util.errors import MissingToolError
 
 #: A triangle whose height is below this share of its longest side has no area to speak of.
 DEGENERATE_SHARE = 1e-9
@@ -206,8 +206,8 @@ def full_checks(mesh: Mesh) -> list[Check]:
 
 def read_mesh(path: Path) -> Mesh:
     """Read an STL or a 3MF by the end of its name; see the two readers for what they refuse."""
-    from tacbench_cad.export import format_of
-    from tacbench_cad.export.stl import read_stl
-    from tacbench_cad.export.threemf import read_3mf
+    from tacbench_cad.formats import format_of
+    from tacbench_cad.formats.stl import read_stl
+    from tacbench_cad.formats.threemf import read_3mf
 
     return read_3mf(path)[0] if format_of(path).name == "3mf" else read_stl(path)

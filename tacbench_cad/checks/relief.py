@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.mesh import Floats, Mesh
-from tacbench_cad.waves import WaveSum
+from tacbench_cad.geometry.mesh import Floats, Mesh
+from tacbench_cad.spec.waves import WaveSum
 
 #: Triangles whose normal has a smaller vertical share than this are walls.
 WALL_SHARE = 1e-4

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.mesh import Mesh
-from tacbench_cad.naming import report
+from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.util.text import report
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -35,8 +35,8 @@ from tacbench_cad.cli import (
     view,
 )
 from tacbench_cad.cli.common import one_line, with_default_values
-from tacbench_cad.errors import MissingToolError, TacbenchError
-from tacbench_cad.tools import why_not_imported
+from tacbench_cad.util.errors import MissingToolError, TacbenchError
+from tacbench_cad.util.packages import why_not_imported
 
 app = typer.Typer(
     name="tacbench",

@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from tacbench_cad.cli.common import note, number_of
-from tacbench_cad.errors import CheckFailedError, InputError
-from tacbench_cad.naming import counted
+from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.text import counted
 
 NAME = "acquire"
 
@@ -70,7 +70,7 @@ def command(
     from tacbench_cad.lab.acquire.progress import Lines
     from tacbench_cad.lab.acquire.session import acquire
     from tacbench_cad.lab.runs.checking import check_run
-    from tacbench_cad.lab.study import read_study, virtual_study
+    from tacbench_cad.lab.study.file import read_study, virtual_study
 
     if virtual:
         if file is not None:

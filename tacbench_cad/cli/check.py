@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tacbench_cad.cli.common import console, given, lengths, note, number_of, one_line, print_json, table
-from tacbench_cad.errors import InputError, TacbenchError
-from tacbench_cad.naming import counted
+from tacbench_cad.util.errors import InputError, TacbenchError
+from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.checks.report import Report
@@ -45,8 +45,8 @@ def command(
       tacbench check block.step --json
       tacbench check stl_out/assembly_paper_x1.step
     """
-    from tacbench_cad.files import existing_file
-    from tacbench_cad.identify import examine
+    from tacbench_cad.checks.identify import examine
+    from tacbench_cad.util.files import existing_file
 
     factor = given(number_of, "scale", scale)
     if factor is not None and not 0.01 <= factor <= 100.0:

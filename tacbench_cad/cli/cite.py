@@ -18,6 +18,6 @@ def command(
       tacbench cite
       tacbench cite --format bibtex >> references.bib
     """
-    from tacbench_cad.lab.analysis.cite import citations
+    from tacbench_cad.lab.analysis.report.cite import citations
 
     typer.echo(citations(form), nl=False)

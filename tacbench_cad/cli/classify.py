@@ -21,13 +21,13 @@ from tacbench_cad.cli.common import (
     words_of,
 )
 from tacbench_cad.cli.progress import ProgressLine
-from tacbench_cad.errors import InputError
+from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
-    from tacbench_cad.lab.analysis.accuracy import Score
-    from tacbench_cad.lab.analysis.classify import Result
-    from tacbench_cad.lab.analysis.classify_settings import Settings
-    from tacbench_cad.lab.analysis.sweep import SweepResult
+    from tacbench_cad.lab.analysis.classification.accuracy import Score
+    from tacbench_cad.lab.analysis.classification.classify import Result
+    from tacbench_cad.lab.analysis.classification.settings import Settings
+    from tacbench_cad.lab.analysis.classification.sweep import SweepResult
 
 NAME = "classify"
 
@@ -127,17 +127,17 @@ def command(
       tacbench classify runs --estimator my_model:pipeline --rungs copy,printer-filament
       tacbench classify runs --sweep resolution=0.025:0.475 --rungs copy
     """
-    from tacbench_cad.files import locked
-    from tacbench_cad.lab.analysis.classify import MODULES, TRIALS, classify, write_tables
-    from tacbench_cad.lab.analysis.classify_settings import Settings
+    from tacbench_cad.lab.analysis.classification.classify import MODULES, TRIALS, classify, write_tables
+    from tacbench_cad.lab.analysis.classification.figures import draw_result, draw_sweep
+    from tacbench_cad.lab.analysis.classification.settings import Settings
+    from tacbench_cad.lab.analysis.classification.splits import RUNGS
+    from tacbench_cad.lab.analysis.classification.sweep import Sweep, at_level, run_sweep, write_sweep
     from tacbench_cad.lab.analysis.collection import Collection
-    from tacbench_cad.lab.analysis.figures_classify import draw_result, draw_sweep
-    from tacbench_cad.lab.analysis.parallel import workers
-    from tacbench_cad.lab.analysis.splits import RUNGS
-    from tacbench_cad.lab.analysis.sweep import Sweep, at_level, run_sweep, write_sweep
+    from tacbench_cad.lab.parallel import workers
     from tacbench_cad.lab.rig.plugin import is_plugin
     from tacbench_cad.lab.rig.sensor import is_image
-    from tacbench_cad.tools import require
+    from tacbench_cad.util.files import locked
+    from tacbench_cad.util.packages import require
 
     if rungs is not None and protocol == "paper":
         raise InputError("rungs", rungs, "are of --protocol sound; the paper's has train, test and unseen")
@@ -189,7 +189,7 @@ def _components(text: str | None, own: bool) -> int | None:
 
 
 def _augmentation(noise: str | None, brightness: str | None, image: bool) -> Any:
-    from tacbench_cad.lab.analysis.augment import Augmentation
+    from tacbench_cad.lab.analysis.classification.augment import Augmentation
 
     usual = Augmentation() if image else Augmentation(noise=None, brightness=())
     sigma = usual.noise if noise is None else None if noise == "none" else number_of("noise", noise)
@@ -237,7 +237,7 @@ def _show(result: Result, paths: list[Path], json: bool) -> None:
 
 
 def _print_paper(result: Result) -> None:
-    from tacbench_cad.lab.analysis.classify import beside_paper
+    from tacbench_cad.lab.analysis.classification.classify import beside_paper
 
     columns = [f"{name}, {whose}" for name in ("train", "test", "unseen") for whose in ("ours", "paper")]
     shown = table("the paper's table beside ours, per cent", "estimator", "trained on", *columns, right=columns)
@@ -269,7 +269,7 @@ def _settings_document(settings: Settings) -> dict[str, Any]:
 def _document(result: Result, paths: list[Path]) -> dict[str, Any]:
     from dataclasses import asdict
 
-    from tacbench_cad.lab.analysis.classify import beside_paper
+    from tacbench_cad.lab.analysis.classification.classify import beside_paper
 
     return {
         "simulated": list(result.collection.simulated),

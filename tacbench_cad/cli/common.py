@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
-from tacbench_cad.errors import InputError, one_of
+from tacbench_cad.util.errors import InputError, one_of
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from tacbench_cad.sampling import SampleGrid, Tolerance
+    from tacbench_cad.spec.sampling import SampleGrid, Tolerance
 
 T = TypeVar("T")
 
@@ -127,7 +127,7 @@ def sampling_of(tolerance: str | None, grid: str | None) -> Tolerance | SampleGr
     Raises:
         InputError: Both are given, or one of them is not allowed.
     """
-    from tacbench_cad.sampling import SampleGrid, Tolerance
+    from tacbench_cad.spec.sampling import SampleGrid, Tolerance
 
     if tolerance is not None and grid is not None:
         raise InputError("grid", grid, "a mesh follows either --grid or --tolerance, not both")
@@ -150,7 +150,7 @@ def jobs_of(text: str | None) -> int:
     Raises:
         InputError: It is no whole number, or below 1.
     """
-    from tacbench_cad.workers import cpu_count
+    from tacbench_cad.util.processes import cpu_count
 
     count = cpu_count() if text is None else whole_of("jobs", text)
     if count < 1:
@@ -164,7 +164,7 @@ def key_of(option: str, text: str) -> float:
     Raises:
         InputError: It is no number.
     """
-    from tacbench_cad.block import KEY_MM
+    from tacbench_cad.spec.block import KEY_MM
 
     return KEY_MM if text == "default" else number_of(option, text)
 

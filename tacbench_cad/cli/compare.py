@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tacbench_cad.cli.common import Dask, Jobs, console, jobs_of, note, print_json, print_simulated, table, whole_of
-from tacbench_cad.errors import InputError
-from tacbench_cad.naming import counted
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.analysis.compare import Comparison, Difference
@@ -46,10 +46,10 @@ def command(
       tacbench compare tactip-runs other-runs -o comparison
       tacbench compare tactip-classification other-classification --json
     """
-    from tacbench_cad.files import locked
-    from tacbench_cad.lab.analysis.classify import MODULES
+    from tacbench_cad.lab.analysis.classification.classify import MODULES
     from tacbench_cad.lab.analysis.compare import compare, read_side, write_comparison
-    from tacbench_cad.tools import require
+    from tacbench_cad.util.files import locked
+    from tacbench_cad.util.packages import require
 
     count, processes = whole_of("trials", trials), jobs_of(jobs)
     if a.resolve() == b.resolve():
@@ -70,17 +70,17 @@ def command(
 
 def _is_classified(folder: Path) -> bool:
     """Whether a folder is one that tacbench classify wrote."""
-    from tacbench_cad.lab.analysis.classify import SETTINGS_FILE
+    from tacbench_cad.lab.analysis.classification.classify import SETTINGS_FILE
 
     return (folder / SETTINGS_FILE).is_file()
 
 
 def _classified(side: str, folder: Path, out: Path, trials: int, jobs: int, dask: str | None) -> Path:
     """The folder of a classification: the folder itself, or one within ``out`` in which its runs are classified."""
-    from tacbench_cad.files import locked
     from tacbench_cad.lab.analysis.collection import Collection
-    from tacbench_cad.lab.analysis.parallel import workers
-    from tacbench_cad.lab.analysis.report_classification import classify_into
+    from tacbench_cad.lab.analysis.report.classification import classify_into
+    from tacbench_cad.lab.parallel import workers
+    from tacbench_cad.util.files import locked
 
     if _is_classified(folder):
         return folder

@@ -26,7 +26,7 @@ def command(
       tacbench doctor --repair
       tacbench doctor --json
     """
-    from tacbench_cad import doctor
+    from tacbench_cad.util import doctor
 
     diagnosis = doctor.diagnose()
     if repair and not diagnosis.ok:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from tacbench_cad.cli.common import console, number_of, print_json, table, words_of
-from tacbench_cad.naming import counted
+from tacbench_cad.util.text import counted
 
 NAME = "export"
 
@@ -36,7 +36,7 @@ def command(
       tacbench export --to urdf,sdf --texture 2 --out sim
       tacbench export --to npy,png16 --texture hex.toml --scale 2 --out heights
     """
-    from tacbench_cad.assets.folder import export
+    from tacbench_cad.formats.simulators.folder import export
     from tacbench_cad.making.choice import described
 
     targets = words_of(to) or ()

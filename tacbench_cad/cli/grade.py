@@ -10,7 +10,7 @@ import typer
 from tacbench_cad.cli.common import console, jobs_of, print_json, table, whole_of
 
 if TYPE_CHECKING:
-    from tacbench_cad.lab.analysis.grade import Compared, Grade
+    from tacbench_cad.lab.analysis.variance.grade import Compared, Grade
 
 NAME = "grade"
 
@@ -38,10 +38,10 @@ def command(
       tacbench grade runs/*ender-3_pla-plus* --json
     """
     from tacbench_cad.lab.analysis.collection import Collection
-    from tacbench_cad.lab.analysis.grade import grade
-    from tacbench_cad.lab.analysis.grade_limits import Context
     from tacbench_cad.lab.analysis.preprocess import Preprocess
-    from tacbench_cad.lab.analysis.variance import variance_table
+    from tacbench_cad.lab.analysis.variance.grade import grade
+    from tacbench_cad.lab.analysis.variance.grade_limits import Context
+    from tacbench_cad.lab.analysis.variance.table import variance_table
 
     level = force_level if force_level == "all" else whole_of("force-level", force_level)
     workers = jobs_of(jobs)

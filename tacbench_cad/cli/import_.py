@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from tacbench_cad.cli.common import note, whole_of, words_of
-from tacbench_cad.errors import InputError, one_of
-from tacbench_cad.naming import counted
+from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.text import counted
 
 NAME = "import"
 
@@ -42,8 +42,8 @@ def command(
       tacbench import data/PLAminus_z0_*_Bambu.npy --out runs --first-axis x
       tacbench import data/*.npy --out runs --force-levels P20=1,P30=2,P40=3
     """
-    from tacbench_cad.lab.authors import Reading, gather, import_block
-    from tacbench_cad.presets import PRESETS
+    from tacbench_cad.lab.runs.authors import Reading, gather, import_block
+    from tacbench_cad.spec.presets import PRESETS
 
     how = Reading(
         force_levels=_levels(force_levels),

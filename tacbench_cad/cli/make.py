@@ -19,11 +19,11 @@ from tacbench_cad.cli.common import (
     whole_of,
     words_of,
 )
-from tacbench_cad.errors import one_of
-from tacbench_cad.naming import counted
+from tacbench_cad.util.errors import one_of
+from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
-    from tacbench_cad.printset import Progress, Result
+    from tacbench_cad.making.printset import Progress, Result
 
 NAME = "make"
 
@@ -139,7 +139,7 @@ def command(
       tacbench make --parts coupon --formats stl     (find the fit first)
       tacbench make --key --slots 6 --assembly       (and the six blocks in a tray, with the jig on it)
     """
-    from tacbench_cad.printset import Request, build
+    from tacbench_cad.making.printset import Request, build
 
     part = part_options(
         size=size,

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tacbench_cad.cli.common import console, given, key_of, note, number_of, print_json, table, whole_of, words_of
-from tacbench_cad.errors import MissingToolError
+from tacbench_cad.util.errors import MissingToolError
 
 if TYPE_CHECKING:
-    from tacbench_cad.printing.plates import Plate
-    from tacbench_cad.printing.writing import PlateFiles
+    from tacbench_cad.slicing.plates import Plate
+    from tacbench_cad.slicing.writing import PlateFiles
 
 NAME = "plate"
 
@@ -59,13 +59,13 @@ def command(
       tacbench plate --printer ender-3 --texture 2,4 --copies 3 --filament petg --spacing 10
       tacbench plate --printer lab-delta --printers ours.toml --texture hex.toml --copies 9
     """
-    from tacbench_cad.block import Block
-    from tacbench_cad.lab.names import own_name
+    from tacbench_cad.lab.study.names import own_name
     from tacbench_cad.making.choice import textures_of
-    from tacbench_cad.printing.plates import arrange
-    from tacbench_cad.printing.printers import printer_named
-    from tacbench_cad.printing.printers import printers as known_printers
-    from tacbench_cad.printing.writing import write_plates
+    from tacbench_cad.slicing.plates import arrange
+    from tacbench_cad.slicing.printers import printer_named
+    from tacbench_cad.slicing.printers import printers as known_printers
+    from tacbench_cad.slicing.writing import write_plates
+    from tacbench_cad.spec.block import Block
 
     machine = printer_named(printer, known_printers(printers))
     own_name("printer", machine.name)
@@ -91,7 +91,7 @@ def command(
 
 
 def _draw(plate: Plate, files: PlateFiles, filament: str) -> bool:
-    from tacbench_cad.printing.plate_picture import plate_picture
+    from tacbench_cad.slicing.plate_picture import plate_picture
 
     try:
         plate_picture(plate, filament, files.picture)

@@ -9,8 +9,8 @@ import typer
 
 from tacbench_cad.cli.common import Dask, Jobs, jobs_of, print_json
 from tacbench_cad.cli.progress import ProgressLine
-from tacbench_cad.errors import InputError
-from tacbench_cad.naming import counted
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.text import counted
 
 NAME = "report"
 
@@ -48,7 +48,7 @@ def command(
       tacbench report runs -o report.html --no-classify
       tacbench report runs --variance results --classify classification --classify paper-classification
     """
-    from tacbench_cad.lab.analysis.report import Options, write_report
+    from tacbench_cad.lab.analysis.report.page import Options, write_report
 
     if no_classify and classify:
         raise InputError("no-classify", str(classify[0]), "leaves out what --classify gives; give one of the two")

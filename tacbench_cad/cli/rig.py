@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tacbench_cad.cli.common import console, given, note, number_of, print_json, table, whole_of, words_of
-from tacbench_cad.errors import InputError
-from tacbench_cad.naming import counted
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.rig.calibration import Calibration, CalibrationPoint
@@ -104,11 +104,11 @@ def align(
     """
     from dataclasses import replace
 
-    from tacbench_cad.lab.devices import open_rig
-    from tacbench_cad.lab.presses import block_order
     from tacbench_cad.lab.rig.aligning import TOLERANCE_MM, Teaching, require_reach, store_frame
-    from tacbench_cad.lab.spec import SensorSettings
-    from tacbench_cad.lab.study import read_study
+    from tacbench_cad.lab.rig.devices import open_rig
+    from tacbench_cad.lab.study.file import read_study
+    from tacbench_cad.lab.study.presses import block_order
+    from tacbench_cad.lab.study.spec import SensorSettings
 
     tolerance = given(number_of, "tolerance-mm", tolerance_mm)
     if tolerance is not None and not 0.0 < tolerance <= 5.0:

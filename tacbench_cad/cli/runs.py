@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tacbench_cad.cli.common import console, note, one_line, print_json, simulated_devices, table, whole_of
-from tacbench_cad.errors import InputError, one_of
-from tacbench_cad.naming import counted
+from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.runs.checking import RunReport

@@ -10,7 +10,7 @@ import typer
 from tacbench_cad.cli.common import console, note, print_json, print_simulated, table
 
 if TYPE_CHECKING:
-    from tacbench_cad.lab.analysis.score import Score, Share
+    from tacbench_cad.lab.analysis.classification.score import Score, Share
 
 NAME = "score"
 
@@ -31,8 +31,8 @@ def command(
       tacbench score predictions.csv splits/split_copy.json
       tacbench score predictions.csv splits/split_copy.json --json
     """
-    from tacbench_cad.lab.analysis.score import PredictionsError, score
-    from tacbench_cad.lab.analysis.split_files import read_split
+    from tacbench_cad.lab.analysis.classification.score import PredictionsError, score
+    from tacbench_cad.lab.analysis.classification.split_files import read_split
 
     try:
         result = score(predictions, read_split(split))

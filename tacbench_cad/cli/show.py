@@ -12,11 +12,11 @@ from tacbench_cad.cli.common import (
     number_of,
     part_options,
 )
-from tacbench_cad.errors import InputError, one_of
+from tacbench_cad.util.errors import InputError, one_of
 
 if TYPE_CHECKING:
-    from tacbench_cad.drawing import Drawing
     from tacbench_cad.making.request import Request
+    from tacbench_cad.render.drawing import Drawing
 
 NAME = "show"
 
@@ -127,7 +127,7 @@ def command(
 
 def _picture(texture: str, preset: str, scale: float, press: bool, out: Path | None) -> None:
     from tacbench_cad.making.choice import described
-    from tacbench_cad.pictures import texture_picture
+    from tacbench_cad.render.pictures import texture_picture
 
     blocks = described((texture,), preset, scale)
     if len(blocks) != 1:
@@ -140,7 +140,7 @@ def _picture(texture: str, preset: str, scale: float, press: bool, out: Path | N
 
 
 def _draw(request: Request, kind: str, press: bool, out: Path | None) -> None:
-    from tacbench_cad.drawing import require_drawing, save_drawing
+    from tacbench_cad.render.drawing import require_drawing, save_drawing
 
     if press and kind != "block":
         raise InputError("press", None, "belongs to the drawing of a block")
@@ -154,9 +154,9 @@ def _draw(request: Request, kind: str, press: bool, out: Path | None) -> None:
 
 def _drawing(request: Request, press: bool) -> Drawing:
     """The drawing of the one part that a request means."""
-    from tacbench_cad.block import Block
-    from tacbench_cad.drawing import block_drawing
     from tacbench_cad.making.request import plan
+    from tacbench_cad.render.drawing import block_drawing
+    from tacbench_cad.spec.block import Block
 
     makers = [source.maker for source in plan(request).sources]
     if len(makers) != 1 or "all" in request.textures:

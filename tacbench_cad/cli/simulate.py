@@ -12,14 +12,14 @@ import typer
 
 from tacbench_cad.cli.common import Dask, Jobs, console, jobs_of, note, print_json, table, whole_of
 from tacbench_cad.cli.progress import ProgressLine
-from tacbench_cad.errors import InputError
-from tacbench_cad.naming import counted
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.runs.info import RunInfo
     from tacbench_cad.lab.simulate.blockrun import BlockDone
     from tacbench_cad.lab.simulate.study import Estimate
-    from tacbench_cad.lab.spec import Study
+    from tacbench_cad.lab.study.spec import Study
 
 NAME = "simulate"
 
@@ -75,7 +75,7 @@ def command(
     with contextlib.ExitStack() as stack:
         cluster = None
         if dask is not None:
-            from tacbench_cad.lab.analysis.parallel import workers
+            from tacbench_cad.lab.parallel import workers
 
             cluster = stack.enter_context(workers(1, dask, [nearest_folder(folder)]))
             count = cluster.jobs

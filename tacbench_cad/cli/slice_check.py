@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tacbench_cad.cli.common import console, given, key_of, note, number_of, print_json, table
-from tacbench_cad.errors import InputError, MissingToolError
+from tacbench_cad.util.errors import InputError, MissingToolError
 
 if TYPE_CHECKING:
-    from tacbench_cad.block import Block
-    from tacbench_cad.printing.compare import AsSliced, Extrema
-    from tacbench_cad.printing.surface import Frame
+    from tacbench_cad.slicing.compare import AsSliced, Extrema
+    from tacbench_cad.slicing.surface import Frame
+    from tacbench_cad.spec.block import Block
 
 NAME = "slice-check"
 
@@ -63,8 +63,8 @@ def command(
       tacbench slice-check plate.gcode --texture 4 --frame 88.35,85
       tacbench slice-check turned.gcode --texture hex.toml --frame 20,30,90 --json
     """
-    from tacbench_cad.printing.compare import compare
-    from tacbench_cad.printing.gcode import read_gcode
+    from tacbench_cad.slicing.compare import compare
+    from tacbench_cad.slicing.gcode import read_gcode
 
     block = _block(texture, preset, number_of("scale", scale), given(key_of, "key", key))
     place = None if frame is None else _frame(frame)
@@ -94,7 +94,7 @@ def _block(texture: str, preset: str, scale: float, key_mm: float | None) -> Blo
 
 
 def _frame(text: str) -> Frame:
-    from tacbench_cad.printing.surface import Frame
+    from tacbench_cad.slicing.surface import Frame
 
     try:
         numbers = [float(word) for word in text.split(",")]
@@ -128,7 +128,7 @@ def _pictures(files: list[Path], out: Path | None, no_picture: bool) -> list[Pat
 
 
 def _draw(found: AsSliced, path: Path, *, asked: bool) -> None:
-    from tacbench_cad.printing.picture import as_sliced_picture
+    from tacbench_cad.slicing.picture import as_sliced_picture
 
     try:
         as_sliced_picture(found, path)

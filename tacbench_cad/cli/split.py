@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from tacbench_cad.cli.common import console, note, print_json, table, whole_of, words_of
-from tacbench_cad.naming import counted
+from tacbench_cad.util.text import counted
 
 NAME = "split"
 
@@ -40,10 +40,10 @@ def command(
       tacbench split runs/ --rungs copy,printer-filament -o splits
       tacbench score predictions.csv splits/split_copy.json
     """
-    from tacbench_cad.files import locked
+    from tacbench_cad.lab.analysis.classification.split_files import make_splits, write_split
+    from tacbench_cad.lab.analysis.classification.splits import RUNGS
     from tacbench_cad.lab.analysis.collection import Collection
-    from tacbench_cad.lab.analysis.split_files import make_splits, write_split
-    from tacbench_cad.lab.analysis.splits import RUNGS
+    from tacbench_cad.util.files import locked
 
     number, count = whole_of("seed", seed), whole_of("folds", folds)
     wanted = words_of(rungs) or RUNGS

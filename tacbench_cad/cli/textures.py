@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tacbench_cad.cli.common import console, number_of, print_json, table, words_of
-from tacbench_cad.errors import InputError
+from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
-    from tacbench_cad.block import Block
+    from tacbench_cad.spec.block import Block
 
 NAME = "textures"
 

@@ -11,13 +11,13 @@ import typer
 
 from tacbench_cad.cli.common import Dask, Jobs, console, jobs_of, note, print_json, print_simulated, table, whole_of
 from tacbench_cad.cli.progress import ProgressLine
-from tacbench_cad.errors import InputError
-from tacbench_cad.naming import counted
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
-    from tacbench_cad.lab.analysis.cells import Cell
-    from tacbench_cad.lab.analysis.registration import Seating
-    from tacbench_cad.lab.analysis.variance import FloorRemoved, Level, VarianceResult
+    from tacbench_cad.lab.analysis.variance.cells import Cell
+    from tacbench_cad.lab.analysis.variance.registration import Seating
+    from tacbench_cad.lab.analysis.variance.table import FloorRemoved, Level, VarianceResult
 
 NAME = "variance"
 
@@ -53,12 +53,12 @@ def command(
       tacbench variance runs --register --jobs 4
       tacbench variance runs --colour --ddof 1 --json
     """
-    from tacbench_cad.files import locked
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.lab.analysis.preprocess import Preprocess
-    from tacbench_cad.lab.analysis.registration import register as seats
-    from tacbench_cad.lab.analysis.variance import variance_table
-    from tacbench_cad.lab.analysis.variance_files import write_all
+    from tacbench_cad.lab.analysis.variance.files import write_all
+    from tacbench_cad.lab.analysis.variance.registration import register as seats
+    from tacbench_cad.lab.analysis.variance.table import variance_table
+    from tacbench_cad.util.files import locked
 
     divisor, number = whole_of("ddof", ddof), whole_of("seed", seed)
     if divisor not in (0, 1):
@@ -102,8 +102,8 @@ def command(
 
 
 def _print(result: VarianceResult, seatings: Sequence[Seating]) -> None:
-    from tacbench_cad.lab.analysis.figures_variance import shown_levels
     from tacbench_cad.lab.analysis.published import FLOOR, FLOOR_READINGS
+    from tacbench_cad.lab.analysis.variance.figures import shown_levels
 
     screen = console()
     print_simulated(screen, result.collection.simulated)
@@ -131,7 +131,7 @@ def _print(result: VarianceResult, seatings: Sequence[Seating]) -> None:
 
 def _source(result: VarianceResult) -> str:
     """Where the floors come from, in words."""
-    from tacbench_cad.lab.analysis.variance_notes import FRAMES, REPEATS
+    from tacbench_cad.lab.analysis.variance.notes import FRAMES, REPEATS
 
     sources = sorted({one.floor_from for one in result.removed if one.floor_from})
     words = {
@@ -142,9 +142,9 @@ def _source(result: VarianceResult) -> str:
 
 
 def _print_level(result: VarianceResult, level: Level) -> None:
-    from tacbench_cad.lab.analysis.figures_variance import level_name, name_of, short_texture
     from tacbench_cad.lab.analysis.published import VARIANCE
-    from tacbench_cad.lab.analysis.variance_notes import REPEATS
+    from tacbench_cad.lab.analysis.variance.figures import level_name, name_of, short_texture
+    from tacbench_cad.lab.analysis.variance.notes import REPEATS
 
     collection = result.collection
     textures = [short_texture(one) for one in collection.textures]
@@ -218,8 +218,8 @@ def _range(values: Sequence[int]) -> str:
 
 
 def _print_components(result: VarianceResult) -> None:
-    from tacbench_cad.lab.analysis.components import LEVELS, LIMIT_FACTOR
-    from tacbench_cad.lab.analysis.figures_variance import level_name, shown_levels
+    from tacbench_cad.lab.analysis.variance.components import LEVELS, LIMIT_FACTOR
+    from tacbench_cad.lab.analysis.variance.figures import level_name, shown_levels
 
     levels = shown_levels(result)
     heads = [level_name(result, one) for one in levels]
@@ -256,8 +256,8 @@ def _component(row: dict[str, Any] | Any) -> str:
 
 
 def _print_tests(result: VarianceResult) -> None:
-    from tacbench_cad.lab.analysis.cells import ALL_LEVELS
-    from tacbench_cad.lab.analysis.figures_variance import level_name, name_of
+    from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS
+    from tacbench_cad.lab.analysis.variance.figures import level_name, name_of
 
     if not result.tests:
         if len(result.collection.combinations) > 1:
@@ -286,7 +286,7 @@ def _print_tests(result: VarianceResult) -> None:
 
 
 def _print_seatings(result: VarianceResult, seatings: Sequence[Seating]) -> None:
-    from tacbench_cad.lab.analysis.figures_variance import level_name, name_of, short_texture
+    from tacbench_cad.lab.analysis.variance.figures import level_name, name_of, short_texture
 
     heads = (f"variance ({_unit(result)})", "seating", "without seating", "largest offset x (mm)", "y (mm)")
     made = table(
@@ -313,7 +313,7 @@ def _largest(offsets: Sequence[float | None]) -> str:
 
 
 def _document(result: VarianceResult, seatings: Sequence[Seating], files: Sequence[Path]) -> dict[str, Any]:
-    from tacbench_cad.lab.analysis import variance_files
+    from tacbench_cad.lab.analysis.variance import files as variance_files
 
     return {
         "simulated": list(result.collection.simulated),

@@ -47,8 +47,8 @@ def command(
       tacbench view hex.toml --tolerance 0.05
     """
     from tacbench_cad.making.request import Request
-    from tacbench_cad.viewing.page import require_page, write_page
-    from tacbench_cad.viewing.scene import request_of, scene_of
+    from tacbench_cad.render.viewing.page import require_page, write_page
+    from tacbench_cad.render.viewing.scene import request_of, scene_of
 
     words = [word.strip() for text in parts or () for word in text.split(",") if word.strip()]
     options = Request(

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tacbench_cad import __version__
-from tacbench_cad.block import Block
 from tacbench_cad.checks.report import Check, Report
-from tacbench_cad.errors import CheckFailedError
-from tacbench_cad.export import FORMATS, step, threemf
-from tacbench_cad.files import replacing, sha256
+from tacbench_cad.formats import FORMATS, step, threemf
+from tacbench_cad.geometry.mesh import Floats, Mesh
+from tacbench_cad.geometry.part import Body, Part
 from tacbench_cad.making.sources import part_of
 from tacbench_cad.making.writing import Failure, Made
-from tacbench_cad.mesh import Floats, Mesh
-from tacbench_cad.part import Body, Part
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import CheckFailedError
+from tacbench_cad.util.files import replacing, sha256
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
@@ -102,7 +102,7 @@ def make_assembly(one: Assembly, out: Path) -> list[Made]:
 
 
 class _RejectedError(Exception):
-    """Leaves the body of :func:`tacbench_cad.files.replacing`, so that the file is not renamed."""
+    """Leaves the body of :func:`tacbench_cad.util.files.replacing`, so that the file is not renamed."""
 
 
 def _make(one: Assembly, placed: list[tuple[Part, Floats]], format_name: str, out: Path) -> Made:

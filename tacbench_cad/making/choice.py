@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError, nearest
-from tacbench_cad.textures import BlockTable, Texture, catalogue, read_texture
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.textures import BlockTable, Texture, catalogue, read_texture
+from tacbench_cad.util.errors import InputError, nearest
 
 
 def textures_of(words: Sequence[str | int | Texture], preset: str) -> list[tuple[Texture, BlockTable | None]]:

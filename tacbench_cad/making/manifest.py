@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.files import replacing, sha256
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.files import replacing, sha256
 
 #: The manifest's file name in the output folder.
 MANIFEST_NAME = "manifest.json"

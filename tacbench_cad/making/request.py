@@ -9,16 +9,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError, MissingToolError, nearest
-from tacbench_cad.export import FORMATS
+from tacbench_cad.formats import FORMATS
 from tacbench_cad.making.choice import textures_of
 from tacbench_cad.making.plan import LeftOut, Plan
 from tacbench_cad.making.sources import FIXTURE_MODULES, Source
-from tacbench_cad.naming import counted
-from tacbench_cad.sampling import SampleGrid, Tolerance
-from tacbench_cad.textures import Texture
-from tacbench_cad.tools import require, why_missing
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.sampling import SampleGrid, Tolerance
+from tacbench_cad.spec.textures import Texture
+from tacbench_cad.util.errors import InputError, MissingToolError, nearest
+from tacbench_cad.util.packages import require, why_missing
+from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
     from housing.coupon import Coupon
@@ -44,7 +44,7 @@ class Request:
         height_mm: Height of the highest point.
         mm_per_unit: Mapping of u, v and height.
         sampling: How the meshes follow the formula; ``"grid"`` for the preset's own grid.
-        formats: Names of :data:`tacbench_cad.export.FORMATS`; None for all that the install can write.
+        formats: Names of :data:`tacbench_cad.formats.FORMATS`; None for all that the install can write.
         parts: Some of blocks, holder, jig, coupon; None for the first three as far as they can be made.
         copies: Number of copies of each block, each with its number in the label.
         label: Engrave the undersides.

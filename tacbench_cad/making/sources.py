@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from tacbench_cad.block import Block
+from tacbench_cad.spec.block import Block
 
 if TYPE_CHECKING:
     from housing.coupon import Coupon
     from housing.holder import Holder
     from housing.jig import Jig
-    from tacbench_cad.part import Part
+    from tacbench_cad.geometry.part import Part
 
 #: Modules without which there are no fixtures.
 FIXTURE_MODULES = ("OCP", "build123d")
@@ -25,7 +25,7 @@ class Source:
     Args:
         maker: A block or a fixture.
         step_tolerance_mm: How close a block's solid stays to the formula; None for the default.
-        formats: In the order of :data:`tacbench_cad.export.FORMATS`.
+        formats: In the order of :data:`tacbench_cad.formats.FORMATS`.
     """
 
     maker: Block | Holder | Jig | Coupon
@@ -59,7 +59,7 @@ class Source:
 def part_of(maker: Block | Holder | Jig | Coupon, step_tolerance_mm: float | None) -> Part:
     """The part that a block or a fixture describes."""
     if isinstance(maker, Block):
-        from tacbench_cad.block_part import block_part
+        from tacbench_cad.geometry.block_part import block_part
 
         return (
             block_part(maker) if step_tolerance_mm is None else block_part(maker, step_tolerance_mm=step_tolerance_mm)

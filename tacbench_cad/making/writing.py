@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tacbench_cad import __version__
-from tacbench_cad.block import Block
-from tacbench_cad.errors import CheckFailedError
-from tacbench_cad.export import FORMATS
-from tacbench_cad.files import replacing, sha256
+from tacbench_cad.checks.verify import verify
+from tacbench_cad.formats import FORMATS
+from tacbench_cad.geometry.mesh import Certificate, Mesh
+from tacbench_cad.geometry.part import Body, Part
 from tacbench_cad.making.manifest import Row
 from tacbench_cad.making.sources import part_of
-from tacbench_cad.mesh import Certificate, Mesh
-from tacbench_cad.part import Body, Part
-from tacbench_cad.sampling import SampleGrid
-from tacbench_cad.verify import verify
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.sampling import SampleGrid
+from tacbench_cad.util.errors import CheckFailedError
+from tacbench_cad.util.files import replacing, sha256
 
 if TYPE_CHECKING:
     from housing.coupon import Coupon
@@ -46,7 +46,7 @@ Made = Row | Failure
 
 
 class _RejectedError(Exception):
-    """Leaves the body of :func:`tacbench_cad.files.replacing`, so that the file is not renamed."""
+    """Leaves the body of :func:`tacbench_cad.util.files.replacing`, so that the file is not renamed."""
 
 
 def file_name(part: Part, format_name: str) -> str:
@@ -59,7 +59,7 @@ def make_files(part: Part, formats: tuple[str, ...], out: Path, full: bool) -> l
 
     Args:
         part: The part.
-        formats: Names of :data:`tacbench_cad.export.FORMATS`.
+        formats: Names of :data:`tacbench_cad.formats.FORMATS`.
         out: The output folder; it must exist.
         full: Add the slow checks.
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tacbench_cad.cli import main
-from tacbench_cad.files import locked
+from tacbench_cad.util.files import locked
 
 Capture = pytest.CaptureFixture[str]
 
@@ -207,8 +207,8 @@ def test_an_output_folder_that_cannot_be_written(tmp_path: Path, capsys: Capture
 
 
 def test_an_output_folder_that_runs_full(out: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
-    from tacbench_cad.export import FORMATS
-    from tacbench_cad.part import Part
+    from tacbench_cad.formats import FORMATS
+    from tacbench_cad.geometry.part import Part
 
     def write(part: Part, path: Path) -> None:
         path.write_bytes(b"half of it")

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from tacbench_cad import doctor, tools
 from tacbench_cad.cli import main
+from tacbench_cad.util import doctor
+from tacbench_cad.util import packages as tools
 
 Capture = pytest.CaptureFixture[str]
 

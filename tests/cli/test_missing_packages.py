@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies import write_study
+from helpers.studies import write_study
 
 CODE = """
 import sys

@@ -5,14 +5,14 @@ from __future__ import annotations
 import manifold3d
 import numpy as np
 import pytest
-from fixture_measure import block_prism, cylinders, manifold, require_sound
+from helpers.fixture_measure import block_prism, cylinders, manifold, require_sound
 
 from housing.holder import Holder
 from housing.jig import Jig
 from housing.placement import Placement
 from housing.tessellate import tessellate
-from tacbench_cad.block import Block
-from tacbench_cad.mesh import Mesh
+from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.spec.block import Block
 
 #: Volume that rounding to float32 may leave where faces touch: far below 0.001 mm times the plate's sides, in mm^3.
 TOUCHING_MM3 = 0.01
@@ -127,7 +127,7 @@ def test_printed_and_seated_are_the_same_part() -> None:
 
 def test_a_real_block_of_the_formula_fits() -> None:
     """The textured block itself, not its prism, with texture 4's overshoot."""
-    from tacbench_cad.block_mesh import mesh_block
+    from tacbench_cad.geometry.block_mesh import mesh_block
 
     holder = Holder(block=Block.of(4, key_mm=3.0))
     jig = Jig(holder=holder)

@@ -8,13 +8,13 @@ import json
 import manifold3d
 import numpy as np
 import pytest
-from fixture_measure import manifold, overhang_heights, require_sound
+from helpers.fixture_measure import manifold, overhang_heights, require_sound
 
 from housing.coupon import CLEARANCES_MM, DEPTH_OF_POCKET_MM, STUB_MM, Coupon
 from housing.fits import FITS
 from housing.lettering import word
 from housing.marks import merged
-from tacbench_cad.errors import InputError
+from tacbench_cad.util.errors import InputError
 
 COUPON = Coupon()
 

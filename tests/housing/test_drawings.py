@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("matplotlib", reason="drawings need the extra plot")
 pytest.importorskip("build123d", reason="fixtures need the extra cad")
 
-from drawing_measure import clashes, faults
+from helpers.drawing_measure import clashes, faults
 
 from housing.coupon import Coupon
 from housing.drawings import coupon_drawing, holder_drawing, jig_drawing
@@ -20,8 +20,8 @@ from housing.fits import FITS
 from housing.fixture import CHORD_MM
 from housing.holder import Holder
 from housing.jig import Jig
-from tacbench_cad.block import Block
-from tacbench_cad.drawing import Drawing
+from tacbench_cad.render.drawing import Drawing
+from tacbench_cad.spec.block import Block
 
 _PAPER = Block.of(4)
 _KEYED = Block.of(4, key_mm=3.0)

@@ -12,13 +12,13 @@ import sys
 import manifold3d
 import numpy as np
 import pytest
-from fixture_measure import block_prism, cylinders, manifold, outline_of, overhang_heights, require_sound
+from helpers.fixture_measure import block_prism, cylinders, manifold, outline_of, overhang_heights, require_sound
 
 from housing.fits import FITS, clearance_mm
 from housing.holder import Holder, least_key_mm
 from housing.layout import RELEASED
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError
 
 PAPER = Block.of(1)
 KEYED = Block.of(1, key_mm=3.0)
@@ -304,7 +304,7 @@ def test_numbers_need_no_cad_and_travel_to_another_process() -> None:
     code = (
         "import pickle, sys\n"
         "from housing.coupon import Coupon\nfrom housing.holder import Holder\nfrom housing.jig import Jig\n"
-        "from tacbench_cad.block import Block\n"
+        "from tacbench_cad.spec.block import Block\n"
         "holder = Holder(block=Block.of(1), slots=2)\n"
         "for one in (holder, Jig(holder=holder), Coupon()):\n"
         "    str(one), one.part().spec\n"

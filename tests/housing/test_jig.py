@@ -7,14 +7,14 @@ import json
 import manifold3d
 import numpy as np
 import pytest
-from fixture_measure import cylinders, manifold, overhang_heights, require_sound
+from helpers.fixture_measure import cylinders, manifold, overhang_heights, require_sound
 
 from housing.holder import Holder
 from housing.jig import Jig
 from housing.marks import DEPTH_MM, HAIR_MM, gap_to_circle_mm, is_engraved
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError
-from tacbench_cad.protocol import PressGrid
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import PressGrid
+from tacbench_cad.util.errors import InputError
 
 HOLDER = Holder(block=Block.of(1))
 

@@ -6,13 +6,13 @@ import build123d as bd
 import numpy as np
 import pytest
 
-from housing.b3d import HolderPart, JigPart, assembled
+from housing.bd import HolderPart, JigPart, assembled
 from housing.holder import Holder
 from housing.jig import Jig
-from tacbench_cad.b3d import TextureBlock
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError
-from tacbench_cad.part import COLOURS
+from tacbench_cad.bd import TextureBlock
+from tacbench_cad.geometry.part import COLOURS
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError
 
 BLOCK = Block.of(1, key_mm=3.0)
 #: Two slots, and blocks that lie turned by a quarter.

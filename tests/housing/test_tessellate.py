@@ -8,13 +8,13 @@ import sys
 
 import numpy as np
 import pytest
-from fixture_measure import manifold
+from helpers.fixture_measure import manifold
 
 from housing.holder import Holder
 from housing.jig import Jig
 from housing.tessellate import tessellate
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError
 
 build123d = pytest.importorskip("build123d", reason="fixtures need the extra cad")
 
@@ -70,7 +70,7 @@ def test_same_bytes_every_time_and_after_another_mesh() -> None:
 def test_same_bytes_in_another_process() -> None:
     code = (
         "import hashlib\nfrom housing.holder import Holder\nfrom housing.jig import Jig\n"
-        "from tacbench_cad.block import Block\n"
+        "from tacbench_cad.spec.block import Block\n"
         "mesh, _ = Jig(holder=Holder(block=Block.of(1))).part().mesh\n"
         "print(hashlib.sha256(mesh.vertices.tobytes() + mesh.triangles.tobytes()).hexdigest())\n"
     )

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from tacbench_cad.cli import main
-from tacbench_cad.errors import InputError
-from tacbench_cad.files import sha256
-from tacbench_cad.lab.authors import AuthorsFile, Reading, gather, import_block
 from tacbench_cad.lab.runs import writing
+from tacbench_cad.lab.runs.authors import AuthorsFile, Reading, gather, import_block
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.files import sha256
 
 Capture = pytest.CaptureFixture[str]
 SHAPE = (16, 24, 3)

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.presses import block_order, plan
-from tacbench_cad.lab.spec import HolderRim, PlannedBlock, Protocol, Study, WorkFrame
-from tacbench_cad.lab.study import StudyFile, read_study, virtual_study
-from tacbench_cad.protocol import FORCES_N, PressGrid
+from tacbench_cad.lab.study.file import StudyFile, read_study, virtual_study
+from tacbench_cad.lab.study.presses import block_order, plan
+from tacbench_cad.lab.study.spec import HolderRim, PlannedBlock, Protocol, Study, WorkFrame
+from tacbench_cad.spec.protocol import FORCES_N, PressGrid
+from tacbench_cad.util.errors import InputError
 
 BLOCK = '[block]\ntexture = 4\nprinter = "bambu"\nfilament = "PLA-"\n'
 STAGE = (

@@ -15,18 +15,18 @@ pytest.importorskip("lib3mf")
 
 import build123d as bd
 
-from housing.b3d import assembled
+from housing.bd import assembled
 from housing.holder import Holder
 from housing.jig import Jig
-from tacbench_cad.block import Block
+from tacbench_cad.checks.identify import examine
 from tacbench_cad.cli import main
-from tacbench_cad.errors import InputError
-from tacbench_cad.export import step, threemf
-from tacbench_cad.identify import examine
+from tacbench_cad.formats import step, threemf
+from tacbench_cad.geometry.part import COLOURS
 from tacbench_cad.making.assembly import Assembly, make_assembly
+from tacbench_cad.making.printset import Request, plan
 from tacbench_cad.making.writing import Failure
-from tacbench_cad.part import COLOURS
-from tacbench_cad.printset import Request, plan
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError
 
 HOLDER = Holder(block=Block.of(1, key_mm=3.0), slots=2, quarter_turns=1)
 BLOCKS = (Block.of(1, key_mm=3.0), Block.of(5, key_mm=3.0))

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.files import sha256
 from tacbench_cad.making import manifest
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.files import sha256
 
 
 def row(folder: Path, name: str, content: str = "solid") -> dict[str, Any]:

@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from checkout import ROOT, Fill, Once, versioned_files
-from outsiders import Run, Written, part_named, program
-from resting import Exported
+from helpers.checkout import ROOT, Fill, Once, versioned_files
+from helpers.outsiders import Run, Written, part_named, program
+from helpers.resting import Exported
 
-from tacbench_cad.assets.folder import export
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError
-from tacbench_cad.export import FORMATS
-from tacbench_cad.files import locked
+from tacbench_cad.formats import FORMATS
+from tacbench_cad.formats.simulators.folder import export
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.files import locked
 
 #: WebGL by the processor alone, as on a machine without a screen.
 _FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
-from outsiders import Run, Written, part_named
+from helpers.outsiders import Run, Written, part_named
 
 pytestmark = pytest.mark.real
 

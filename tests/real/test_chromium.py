@@ -19,10 +19,10 @@ pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: 
 from PIL import Image
 
 from tacbench_cad.making.request import Request
-from tacbench_cad.sampling import Tolerance
-from tacbench_cad.tools import why_missing
-from tacbench_cad.viewing.page import write_page
-from tacbench_cad.viewing.scene import Scene, Thing, request_of, scene_of
+from tacbench_cad.render.viewing.page import write_page
+from tacbench_cad.render.viewing.scene import Scene, Thing, request_of, scene_of
+from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.util.packages import why_missing
 
 pytestmark = pytest.mark.real
 

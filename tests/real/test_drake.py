@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from resting import BALL_MM, NEAR_MM, Exported, centre_height_mm, places_mm, steel_kg, valley_mm
+from helpers.resting import BALL_MM, NEAR_MM, Exported, centre_height_mm, places_mm, steel_kg, valley_mm
 
-from tacbench_cad.assets.asset import Asset
-from tacbench_cad.block import Block
+from tacbench_cad.formats.simulators.asset import Asset
+from tacbench_cad.spec.block import Block
 
 pytest.importorskip("pydrake", reason="Drake is not installed: pip install drake")
 from pydrake.geometry import AddCompliantHydroelasticProperties, AddContactMaterial, ProximityProperties, Sphere

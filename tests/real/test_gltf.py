@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from resting import NEAR_MM, Exported, places_mm, valley_mm
-from triangles import heights_mm, rest_on_triangles
+from helpers.resting import NEAR_MM, Exported, places_mm, valley_mm
+from helpers.triangles import heights_mm, rest_on_triangles
 
-from tacbench_cad.assets.asset import Asset
-from tacbench_cad.block import Block
+from tacbench_cad.formats.simulators.asset import Asset
+from tacbench_cad.spec.block import Block
 
 pygltflib = pytest.importorskip("pygltflib", reason="pygltflib is not installed: pip install pygltflib")
 pytestmark = pytest.mark.real

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from outsiders import PATIENCE_S, Written, part_named
+from helpers.outsiders import PATIENCE_S, Written, part_named
 
 pytestmark = pytest.mark.real
 

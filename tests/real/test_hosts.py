@@ -15,8 +15,8 @@ from typing import Any
 
 import pytest
 
-from tacbench_cad.lab.simulate.firmware.faults import Fault
-from tacbench_cad.lab.simulate.firmware.launch import VirtualRig, launch
+from tacbench_cad.virtual_rig.faults import Fault
+from tacbench_cad.virtual_rig.launch import VirtualRig, launch
 
 pytestmark = [
     pytest.mark.real,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from outsiders import Written, part_named
+from helpers.outsiders import Written, part_named
 
 from tacbench_cad import __version__
 

@@ -15,7 +15,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import pytest
-from checkout import ROOT, Once
+from helpers.checkout import ROOT, Once
 
 pytest.importorskip("sphinx", reason="the manual needs the extra docs")
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from resting import BALL_MM, NEAR_MM, Exported, centre_height_mm, places_mm, steel_kg, valley_mm
+from helpers.resting import BALL_MM, NEAR_MM, Exported, centre_height_mm, places_mm, steel_kg, valley_mm
 
-from tacbench_cad.assets.asset import Asset
-from tacbench_cad.assets.folder import export
-from tacbench_cad.block import Block
-from tacbench_cad.textures import Texture
-from tacbench_cad.waves import Wave, WaveSum
+from tacbench_cad.formats.simulators.asset import Asset
+from tacbench_cad.formats.simulators.folder import export
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.textures import Texture
+from tacbench_cad.spec.waves import Wave, WaveSum
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install mujoco")
 pytestmark = pytest.mark.real

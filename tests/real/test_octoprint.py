@@ -16,7 +16,7 @@ import pytest
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_stage
 from tacbench_cad.lab.rig.errors import OutOfRangeError, ProtocolError
-from tacbench_cad.lab.spec import StageSettings
+from tacbench_cad.lab.study.spec import StageSettings
 
 ROOT = Path(__file__).parent.parent.parent
 PYTHON = ROOT / ".venv-octoprint" / "bin" / "python"
@@ -36,7 +36,7 @@ LIMITS = ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0))
 @contextmanager
 def _printer(*options: str) -> Iterator[str]:
     """The path of a terminal behind which OctoPrint's printer answers."""
-    script = Path(__file__).with_name("octoprint_printer.py")
+    script = ROOT / "tests" / "helpers" / "octoprint_printer.py"
     with subprocess.Popen(
         [PYTHON, script, *options], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as process:

@@ -22,14 +22,14 @@ from email import message_from_string
 from pathlib import Path
 
 import pytest
-from checkout import ROOT, Once, versioned_files
-from gcode_writer import write_gcode
-from small_study import STUDY
-from studies import write_study
+from helpers.checkout import ROOT, Once, versioned_files
+from helpers.gcode_writer import write_gcode
+from helpers.small_study import STUDY
+from helpers.studies import write_study
 
 from tacbench_cad import __version__
-from tacbench_cad.block import Block
-from tacbench_cad.tools import PACKAGES
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.packages import PACKAGES
 
 pytestmark = pytest.mark.real
 
@@ -345,9 +345,9 @@ def test_base(environment: Environment) -> None:
     assert list(environment.here.glob("refused*")) == [], "written in spite of the refusal"
     lacks = environment.lacks()
     assert extras_of(set(lacks.values())) <= {"cad", "analysis"}
-    assert {"tacbench_cad.cq", "tacbench_cad.b3d", "housing.b3d"} <= set(lacks), "of the two plugins' packages"
-    light = ("tacbench_cad.lab.", "tacbench_cad.cli.", "tacbench_cad.making.", "tacbench_cad.printing.")
-    assert [name for name in lacks if name.startswith(light)] == ["tacbench_cad.lab.analysis.network"]
+    assert {"tacbench_cad.cq", "tacbench_cad.bd", "housing.bd"} <= set(lacks), "of the two plugins' packages"
+    light = ("tacbench_cad.lab.", "tacbench_cad.cli.", "tacbench_cad.making.", "tacbench_cad.slicing.")
+    assert [name for name in lacks if name.startswith(light)] == ["tacbench_cad.lab.analysis.classification.network"]
 
 
 @pytest.mark.long
@@ -363,7 +363,9 @@ def test_lab(environment: Environment) -> None:
     assert "plugged in" in environment.tacbench("rig probe")
     assert 'pip install "tacbench-cad[analysis]"' in environment.refuses("variance runs")
     lacks = environment.lacks()
-    assert [name for name in lacks if name.startswith("tacbench_cad.lab.")] == ["tacbench_cad.lab.analysis.network"]
+    assert [name for name in lacks if name.startswith("tacbench_cad.lab.")] == [
+        "tacbench_cad.lab.analysis.classification.network"
+    ]
 
 
 @pytest.mark.long

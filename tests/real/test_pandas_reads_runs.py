@@ -14,12 +14,12 @@ pytest.importorskip("pandas")
 import cv2
 import pandas as pd
 
-from tacbench_cad.block import Block
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.export import export_tactile_data
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.writing import RunWriter
-from tacbench_cad.lab.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
+from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
+from tacbench_cad.spec.block import Block
 
 pytestmark = pytest.mark.real
 START = datetime(2026, 1, 31, 12, 0, tzinfo=UTC)

@@ -6,16 +6,16 @@ import csv
 from pathlib import Path
 
 import pytest
-from outsiders import Run
+from helpers.outsiders import Run
 
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError
-from tacbench_cad.printing.compare import compare
-from tacbench_cad.printing.gcode import read_gcode
-from tacbench_cad.printing.plates import arrange
-from tacbench_cad.printing.printers import printers
-from tacbench_cad.printing.surface import Frame
-from tacbench_cad.printing.writing import write_plates
+from tacbench_cad.slicing.compare import compare
+from tacbench_cad.slicing.gcode import read_gcode
+from tacbench_cad.slicing.plates import arrange
+from tacbench_cad.slicing.printers import printers
+from tacbench_cad.slicing.surface import Frame
+from tacbench_cad.slicing.writing import write_plates
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError
 
 pytestmark = pytest.mark.real
 

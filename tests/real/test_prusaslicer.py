@@ -10,7 +10,7 @@ import re
 from pathlib import Path
 
 import pytest
-from outsiders import Run, Written, part_named
+from helpers.outsiders import Run, Written, part_named
 
 pytestmark = pytest.mark.real
 

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from resting import BALL_MM, NEAR_MM, Exported, centre_height_mm, places_mm, settled_mm, valley_mm
-from triangles import NO_PYBULLET, STEP_S, drop
+from helpers.resting import BALL_MM, NEAR_MM, Exported, centre_height_mm, places_mm, settled_mm, valley_mm
+from helpers.triangles import NO_PYBULLET, STEP_S, drop
 
-from tacbench_cad.assets.asset import Asset
-from tacbench_cad.block import Block
+from tacbench_cad.formats.simulators.asset import Asset
+from tacbench_cad.spec.block import Block
 
 pybullet = pytest.importorskip("pybullet", reason=NO_PYBULLET)
 pytestmark = pytest.mark.real

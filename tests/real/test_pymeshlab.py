@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from outsiders import Written, part_named
+from helpers.outsiders import Written, part_named
 
 pytestmark = pytest.mark.real
 

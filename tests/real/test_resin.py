@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.outsiders import Run, Written, part_named
 from numpy.typing import NDArray
-from outsiders import Run, Written, part_named
 
-from tacbench_cad.block import Block
+from tacbench_cad.spec.block import Block
 
 Image = pytest.importorskip("PIL.Image", reason="reading layer images needs pillow (extra dev)")
 

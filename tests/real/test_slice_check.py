@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from outsiders import Run, Written, program
-from slicing import by_cura, by_prusa, cura_search_path
+from helpers.outsiders import Run, Written, program
+from helpers.slicing import by_cura, by_prusa, cura_search_path
 
-from tacbench_cad.block import Block
-from tacbench_cad.printing.compare import AsSliced, compare
-from tacbench_cad.printing.gcode import read_gcode
+from tacbench_cad.slicing.compare import AsSliced, compare
+from tacbench_cad.slicing.gcode import read_gcode
+from tacbench_cad.spec.block import Block
 
 pytestmark = pytest.mark.real
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from resting import BALL_MM, NEAR_MM, Exported, valley_mm
+from helpers.resting import BALL_MM, NEAR_MM, Exported, valley_mm
 
-from tacbench_cad.block import Block
+from tacbench_cad.spec.block import Block
 
 pytestmark = pytest.mark.real
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from resting import NEAR_MM, Exported, places_mm, valley_mm
-from triangles import heights_mm, rest_on_triangles
+from helpers.resting import NEAR_MM, Exported, places_mm, valley_mm
+from helpers.triangles import heights_mm, rest_on_triangles
 
-from tacbench_cad.assets.asset import Asset
-from tacbench_cad.block import Block
+from tacbench_cad.formats.simulators.asset import Asset
+from tacbench_cad.spec.block import Block
 
 trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed: pip install trimesh")
 pytestmark = pytest.mark.real

@@ -10,20 +10,20 @@ from typing import Literal
 
 import numpy as np
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.acquire.forces import ContactForce
 from tacbench_cad.lab.acquire.press import Contact, Presser
 from tacbench_cad.lab.acquire.progress import Progress
 from tacbench_cad.lab.acquire.safety import Carriage, Signals
 from tacbench_cad.lab.acquire.touch import Taught, Touch, by_gauge, by_sensor
-from tacbench_cad.lab.devices import Rig
-from tacbench_cad.lab.presses import Press
+from tacbench_cad.lab.rig.devices import Rig
 from tacbench_cad.lab.rig.errors import NotReachedError, SensorError
 from tacbench_cad.lab.rig.sensor import Reading, is_image
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.schema import reading_name, reading_path
 from tacbench_cad.lab.runs.writing import RunWriter
-from tacbench_cad.lab.spec import Protocol
+from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.spec import Protocol
+from tacbench_cad.util.errors import InputError
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from tacbench_cad.lab.acquire.safety import Carriage
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import ForceLimitError, GaugeError
 from tacbench_cad.lab.rig.gauge import Force, Gauge
-from tacbench_cad.lab.spec import Protocol
+from tacbench_cad.lab.study.spec import Protocol
 
 #: A free sensor that reads more than this share of the hard limit is not free, or its gauge is faulty.
 FREE_SHARE = 0.1

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.spec import PrintedBlock
+from tacbench_cad.lab.study.spec import PrintedBlock
+from tacbench_cad.util.errors import InputError
 
 #: A wrong label is asked for again so many times.
 TRIES = 5

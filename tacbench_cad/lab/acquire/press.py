@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from tacbench_cad.lab.acquire.forces import ContactForce
 from tacbench_cad.lab.acquire.safety import Carriage
 from tacbench_cad.lab.acquire.touch import Touch
-from tacbench_cad.lab.presses import Press
 from tacbench_cad.lab.rig.gauge import Force
-from tacbench_cad.lab.spec import Point, Protocol
+from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.spec import Point, Protocol
 
 #: Approach steps above the lowest height that was found free, at which the next approach at the same place begins.
 MARGIN_STEPS = 2.0

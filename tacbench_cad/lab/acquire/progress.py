@@ -10,9 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol, TextIO
 
-from tacbench_cad.files import TEMPORARY_PREFIX
 from tacbench_cad.lab.rig.gauge import Force
-from tacbench_cad.naming import counted
+from tacbench_cad.util.files import TEMPORARY_PREFIX
+from tacbench_cad.util.text import counted
 
 #: A stream that is no terminal gets a line every so many seconds.
 PLAIN_EVERY_S = 10.0

@@ -13,10 +13,10 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig.errors import DepthLimitError, RigError
 from tacbench_cad.lab.rig.stage import Limits, Stage
-from tacbench_cad.lab.spec import HolderRim, Point, Protocol, WorkFrame
+from tacbench_cad.lab.study.spec import HolderRim, Point, Protocol, WorkFrame
+from tacbench_cad.util.errors import InputError
 
 #: How far below the depth limit a reported height may lie: the rounding of firmware that reports micrometres.
 ROUNDING_MM = 0.002

@@ -8,19 +8,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.files import locked, replacing
 from tacbench_cad.lab.acquire.block import STATIONARY, BlockResult, press_block
 from tacbench_cad.lab.acquire.person import Person
 from tacbench_cad.lab.acquire.progress import Progress
 from tacbench_cad.lab.acquire.safety import Signals, require_within
-from tacbench_cad.lab.devices import Rig, open_rig, recorded_gauge, recorded_stage
-from tacbench_cad.lab.presses import block_order
+from tacbench_cad.lab.rig.devices import Rig, open_rig, recorded_gauge, recorded_stage
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.spec import PlannedBlock, PrintedBlock, Protocol, RigSettings, Study, WorkFrame
-from tacbench_cad.naming import counted
-from tacbench_cad.tables import Table, read_toml
+from tacbench_cad.lab.study.presses import block_order
+from tacbench_cad.lab.study.spec import PlannedBlock, PrintedBlock, Protocol, RigSettings, Study, WorkFrame
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.files import locked, replacing
+from tacbench_cad.util.settings import Table, read_toml
+from tacbench_cad.util.text import counted
 
 #: File in a run folder with the heights of first touch that a person taught.
 TAUGHT_FILE = "touch.toml"

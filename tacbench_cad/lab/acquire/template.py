@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.files import replacing
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.files import replacing
 
 #: The text of the file.
 TEMPLATE = """\

@@ -8,12 +8,12 @@ from typing import Protocol as Interface
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.acquire.forces import ContactForce
 from tacbench_cad.lab.acquire.safety import Carriage
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.sensor import Sensor
-from tacbench_cad.lab.spec import Protocol
+from tacbench_cad.lab.study.spec import Protocol
+from tacbench_cad.util.errors import InputError
 
 #: Readings of the free sensor from which its noise is taken.
 FREE_READINGS = 8

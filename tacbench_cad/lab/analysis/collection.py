@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.names import COMBINATIONS
 from tacbench_cad.lab.rig.sensor import Reading
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.finding import find_runs
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.study.names import COMBINATIONS
+from tacbench_cad.util.errors import InputError
 
 Words = NDArray[np.str_]
 Numbers = NDArray[np.int64]

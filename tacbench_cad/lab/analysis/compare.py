@@ -25,10 +25,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.analysis.classify import SETTINGS_FILE
+from tacbench_cad.lab.analysis.classification.classify import SETTINGS_FILE
 from tacbench_cad.lab.analysis.csvfile import write_csv
-from tacbench_cad.lab.analysis.report_sections import read_rows, read_settings
+from tacbench_cad.lab.analysis.report.sections import read_rows, read_settings
+from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.files import replacing
 from tacbench_cad.lab.runs.schema import cell
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.files import replacing
 
 
 def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> Path:

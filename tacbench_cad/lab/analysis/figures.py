@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tacbench_cad import plotting
+from tacbench_cad.util import plotting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

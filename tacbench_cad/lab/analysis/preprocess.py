@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig.sensor import Reading, is_image
+from tacbench_cad.util.errors import InputError
 
 #: Weights of blue, green and red in a grey value (ITU-R BT.601).
 BT601_BGR = (0.114, 0.587, 0.299)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-#: A row's printer and filament: names as in :mod:`tacbench_cad.lab.names`.
+#: A row's printer and filament: names as in :mod:`tacbench_cad.lab.study.names`.
 Combination = tuple[str, str]
 
 #: Variance, mean over pixels and positions, counts^2, textures 1 to 6. PAPER.md, "The tables to reproduce", first

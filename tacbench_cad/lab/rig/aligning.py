@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad import files
-from tacbench_cad.block import Block
-from tacbench_cad.errors import CheckFailedError, InputError, TacbenchError
 from tacbench_cad.lab.rig.errors import OutOfRangeError
 from tacbench_cad.lab.rig.stage import Limits, Stage
-from tacbench_cad.lab.spec import Point, Protocol, WorkFrame
-from tacbench_cad.protocol import PressGrid
+from tacbench_cad.lab.study.spec import Point, Protocol, WorkFrame
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import PressGrid
+from tacbench_cad.util import files
+from tacbench_cad.util.errors import CheckFailedError, InputError, TacbenchError
 
 #: How far a touched marker may lie from where the fitted frame has it, in mm. A pointer is centred in a 1.5 mm hole
 #: by eye to about 0.2 mm; a wrong marker is off by a spacing, 1.25 mm or more.

@@ -28,7 +28,6 @@ import math
 import re
 import time
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
@@ -39,7 +38,8 @@ from tacbench_cad.lab.rig.errors import (
 )
 from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.stage import Closing
-from tacbench_cad.lab.spec import Point
+from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.util.errors import InputError
 
 #: Speed of the line, in baud.
 BAUD = 921600

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad import files
-from tacbench_cad.errors import InputError
-from tacbench_cad.tables import Table
+from tacbench_cad.util import files
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.settings import Table
 
 #: Standard acceleration of free fall, m/s^2: a mass of 1 kg weighs so many newtons.
 STANDARD_GRAVITY = 9.80665

@@ -20,8 +20,8 @@ from tacbench_cad.lab.rig.errors import DeviceLostError, SensorError
 from tacbench_cad.lab.rig.frames import FrameLimits, frame_faults
 from tacbench_cad.lab.rig.sensor import Reading
 from tacbench_cad.lab.rig.stage import Closing
-from tacbench_cad.lab.spec import SensorSettings
-from tacbench_cad.tables import Table
+from tacbench_cad.lab.study.spec import SensorSettings
+from tacbench_cad.util.settings import Table
 
 #: Frames that a driver may hold back: four on Linux, and one is being filled.
 _BUFFERED = 5

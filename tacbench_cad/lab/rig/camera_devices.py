@@ -12,8 +12,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
-from tacbench_cad.errors import InputError, MissingToolError
 from tacbench_cad.lab.rig.errors import DeviceLostError
+from tacbench_cad.util.errors import InputError, MissingToolError
 
 #: Where Linux keeps names of cameras that stay the same: by maker and serial number, or by the socket they are in.
 STABLE_FOLDERS = (Path("/dev/v4l/by-id"), Path("/dev/v4l/by-path"))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from tacbench_cad.errors import InputError, nearest
 from tacbench_cad.lab.rig import plugin
 from tacbench_cad.lab.rig.arduino import ArduinoStage
 from tacbench_cad.lab.rig.clock import Clock
@@ -13,7 +12,8 @@ from tacbench_cad.lab.rig.grbl import GrblStage
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.rig.ports import resolve
 from tacbench_cad.lab.rig.stage import LimitedStage, Stage
-from tacbench_cad.lab.spec import StageSettings
+from tacbench_cad.lab.study.spec import StageSettings
+from tacbench_cad.util.errors import InputError, nearest
 
 #: How the names of virtual stages begin.
 VIRTUAL = "virtual-"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tacbench_cad.errors import TacbenchError
+from tacbench_cad.util.errors import TacbenchError
 
 
 class RigError(TacbenchError):

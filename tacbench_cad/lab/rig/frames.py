@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.errors import InputError
+from tacbench_cad.util.errors import InputError
 
 #: The faults that :func:`frame_faults` can name.
 FAULTS = ("dark", "blurred", "stuck")

@@ -36,7 +36,7 @@ from tacbench_cad.lab.rig.grbl_link import ANSWER_S, ASK, HOLD, RESET, GrblLink
 from tacbench_cad.lab.rig.grbl_replies import Status
 from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.stage import Closing
-from tacbench_cad.lab.spec import Point
+from tacbench_cad.lab.study.spec import Point
 
 #: Speed of the line, in baud.
 BAUD = 115200

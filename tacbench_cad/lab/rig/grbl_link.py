@@ -16,7 +16,7 @@ from tacbench_cad.lab.rig.errors import (
 from tacbench_cad.lab.rig.grbl_replies import Status
 from tacbench_cad.lab.rig.greeting import Greeting
 from tacbench_cad.lab.rig.line import Line
-from tacbench_cad.lab.spec import Point
+from tacbench_cad.lab.study.spec import Point
 
 #: A status report unanswered for so long is asked for again: two requests close together may earn one answer.
 ANSWER_S = 0.3

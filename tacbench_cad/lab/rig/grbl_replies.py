@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from tacbench_cad.lab.spec import Point
+from tacbench_cad.lab.study.spec import Point
 
 _REPORT = re.compile(r"<(Idle|Run|Hold|Jog|Alarm|Door|Check|Home|Sleep|Tool)(?::(\d{1,2}))?((?:\|[^<>|]*)*)>", re.A)
 _NUMBER = r"-?\d{1,6}\.\d{3}"

@@ -14,9 +14,9 @@ import select
 import time
 from typing import Any
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError
 from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.util.errors import InputError
 
 #: Longest line that is waited for; noise without a line's end is cut there.
 LONGEST_LINE = 4096

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.errors import InputError, one_of
 from tacbench_cad.lab.rig.calibration import Calibration, read_calibration
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import GaugeError
 from tacbench_cad.lab.rig.gauge import Force, Gauge
 from tacbench_cad.lab.rig.samples import BAUD, Lines, SampleStream
 from tacbench_cad.lab.rig.stage import Closing
-from tacbench_cad.lab.spec import GaugeSettings
-from tacbench_cad.tables import Table
+from tacbench_cad.lab.study.spec import GaugeSettings
+from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.settings import Table
 
 #: Range of the usual 24-bit converters (HX711, ADS1232); at either end the amplifier is saturated.
 _LOW_COUNTS = -(2**23)

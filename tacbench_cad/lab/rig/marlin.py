@@ -35,7 +35,7 @@ from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.marlin_link import BAUDS, MarlinLink
 from tacbench_cad.lab.rig.marlin_replies import Place
 from tacbench_cad.lab.rig.stage import Closing
-from tacbench_cad.lab.spec import Point
+from tacbench_cad.lab.study.spec import Point
 
 #: Half of the last decimal of ``M114``, and a little for the rounding of the target.
 ROUNDING_MM = 0.0055

@@ -11,7 +11,7 @@ import operator
 import re
 from dataclasses import dataclass
 
-from tacbench_cad.lab.spec import Point
+from tacbench_cad.lab.study.spec import Point
 
 _NUMBER = r"(-?\d{1,6}\.\d{2,4})"
 _POSITION = re.compile(

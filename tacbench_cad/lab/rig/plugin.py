@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.errors import InputError, TacbenchError, nearest
+from tacbench_cad.util.errors import InputError, TacbenchError, nearest
 
 
 def is_plugin(driver: str) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from tacbench_cad.errors import InputError
+from tacbench_cad.util.errors import InputError
 
 #: Where Linux lists serial devices by what they are, and by the socket they are plugged into.
 BY_ID = Path("/dev/serial/by-id")

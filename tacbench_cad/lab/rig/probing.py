@@ -6,11 +6,11 @@ import time
 from collections import Counter
 from dataclasses import dataclass
 
-from tacbench_cad.errors import InputError, TacbenchError
 from tacbench_cad.lab.rig.camera_devices import STABLE_FOLDERS, Opener, cameras, open_capture
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError
 from tacbench_cad.lab.rig.samples import parse_numbers
+from tacbench_cad.util.errors import InputError, TacbenchError
 
 #: Rates at which a port is listened to.
 _BAUDS = (115_200, 9_600, 57_600, 230_400, 921_600)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from tacbench_cad.errors import InputError, nearest
 from tacbench_cad.lab.rig import plugin
 from tacbench_cad.lab.rig.camera import open_camera
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.sensor import Sensor
 from tacbench_cad.lab.rig.taxels import open_taxels
-from tacbench_cad.lab.spec import SensorSettings
+from tacbench_cad.lab.study.spec import SensorSettings
+from tacbench_cad.util.errors import InputError, nearest
 
 #: What every sensor has.
 NEEDED = ("name", "units", "shape", "simulated", "settings", "read", "close")

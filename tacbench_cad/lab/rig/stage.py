@@ -5,9 +5,9 @@ from __future__ import annotations
 from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig.errors import OutOfRangeError
-from tacbench_cad.lab.spec import Point
+from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.util.errors import InputError
 
 Limits = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import SensorError
 from tacbench_cad.lab.rig.samples import BAUD, Lines, SampleStream
 from tacbench_cad.lab.rig.sensor import Reading
 from tacbench_cad.lab.rig.stage import Closing
-from tacbench_cad.lab.spec import SensorSettings
-from tacbench_cad.tables import Table
+from tacbench_cad.lab.study.spec import SensorSettings
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.settings import Table
 
 #: How often a series is begun again because a line in it was damaged: a series has no holes.
 _ATTEMPTS = 5

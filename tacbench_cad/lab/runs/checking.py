@@ -11,8 +11,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.errors import CheckFailedError, InputError
-from tacbench_cad.files import locked, refusing
 from tacbench_cad.lab.rig.frames import FrameLimits, frame_faults
 from tacbench_cad.lab.rig.sensor import is_image
 from tacbench_cad.lab.runs import params, schema
@@ -21,7 +19,9 @@ from tacbench_cad.lab.runs.npyfile import read_array
 from tacbench_cad.lab.runs.pictures import decoded, sha256
 from tacbench_cad.lab.runs.reading import Run, read_rows, shape_fault
 from tacbench_cad.lab.runs.table import read_lines
-from tacbench_cad.naming import counted
+from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.files import locked, refusing
+from tacbench_cad.util.text import counted
 
 #: Called with the readings examined so far and their number in all.
 Progress = Callable[[int, int], None]

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.errors import CheckFailedError, InputError
-from tacbench_cad.files import locked, refusing, replacing
 from tacbench_cad.lab.rig.sensor import Reading, is_image
 from tacbench_cad.lab.runs import params, schema
 from tacbench_cad.lab.runs.pictures import encoded
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.writing import write_json
-from tacbench_cad.tools import require
+from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.files import locked, refusing, replacing
+from tacbench_cad.util.packages import require
 
 #: Where the toolchains look for images.
 PROCESSED_FOLDER = "processed_images"

@@ -6,8 +6,8 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.runs import schema
+from tacbench_cad.util.errors import InputError
 
 
 def find_runs(folders: Iterable[Path]) -> list[Path]:

@@ -7,14 +7,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.presses import Press, plan
-from tacbench_cad.lab.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
-from tacbench_cad.protocol import PressGrid
-from tacbench_cad.sampling import SampleGrid, Tolerance
-from tacbench_cad.textures import Texture
-from tacbench_cad.waves import Wave, WaveSum
+from tacbench_cad.lab.study.presses import Press, plan
+from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import PressGrid
+from tacbench_cad.spec.sampling import SampleGrid, Tolerance
+from tacbench_cad.spec.textures import Texture
+from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.util.errors import InputError
 
 #: What ``run.json`` calls this kind of folder, and the version of its layout that this program writes and reads.
 SCHEMA = "tacbench-run"

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from tacbench_cad.errors import CheckFailedError
+from tacbench_cad.util.errors import CheckFailedError
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.errors import CheckFailedError
 from tacbench_cad.lab.rig.sensor import Reading, is_image
+from tacbench_cad.util.errors import CheckFailedError
 
 #: Keyword of the PNG text that says what was simulated.
 SIMULATED_KEYWORD = "simulated"

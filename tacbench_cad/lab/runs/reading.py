@@ -10,9 +10,6 @@ from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 
-from tacbench_cad.errors import CheckFailedError, InputError, one_of
-from tacbench_cad.files import sha256
-from tacbench_cad.lab.presses import Press
 from tacbench_cad.lab.rig.sensor import Reading
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import SCHEMA, SCHEMA_VERSION, RunInfo
@@ -20,7 +17,10 @@ from tacbench_cad.lab.runs.npyfile import read_array
 from tacbench_cad.lab.runs.pictures import decoded
 from tacbench_cad.lab.runs.schema import PressKey, Row
 from tacbench_cad.lab.runs.table import Lines, read_lines
-from tacbench_cad.printrecord import PrintRecord, read_record
+from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.spec.printrecord import PrintRecord, read_record
+from tacbench_cad.util.errors import CheckFailedError, InputError, one_of
+from tacbench_cad.util.files import sha256
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, TypeVar
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.presses import Press
 from tacbench_cad.lab.rig.gauge import Force
-from tacbench_cad.lab.spec import Point, PrintedBlock
+from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.spec import Point, PrintedBlock
+from tacbench_cad.util.errors import InputError
 
 T = TypeVar("T")
 

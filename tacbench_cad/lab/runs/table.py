@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.files import refusing
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.runs.schema import cell
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.files import refusing
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,9 +19,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 from tacbench_cad import __version__
-from tacbench_cad.errors import InputError
-from tacbench_cad.files import locked, refusing, replacing
-from tacbench_cad.lab.presses import Press
 from tacbench_cad.lab.rig.errors import SensorError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Reading
@@ -30,8 +27,11 @@ from tacbench_cad.lab.runs.info import SCHEMA, SCHEMA_VERSION, RunInfo
 from tacbench_cad.lab.runs.pictures import encoded, sha256
 from tacbench_cad.lab.runs.reading import Run, read_references, read_rows, read_stationary
 from tacbench_cad.lab.runs.table import GrowingTable, sync_folder
-from tacbench_cad.lab.spec import Point
-from tacbench_cad.printrecord import form
+from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.spec.printrecord import form
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.files import locked, refusing, replacing
 
 When = Literal["start", "end"]
 

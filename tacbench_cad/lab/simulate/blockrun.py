@@ -12,9 +12,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.files import locked, replacing
-from tacbench_cad.lab.presses import Press
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Reading
 from tacbench_cad.lab.runs import schema
@@ -23,8 +20,11 @@ from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.simulate.contact import Contact, contact_for
 from tacbench_cad.lab.simulate.prints import printer_of, seeded
 from tacbench_cad.lab.simulate.tactip import REST, SIMULATED, Pins, TacTip
-from tacbench_cad.lab.spec import PlannedBlock, Point, Study, WorkFrame
-from tacbench_cad.printrecord import FIELDS
+from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.spec import PlannedBlock, Point, Study, WorkFrame
+from tacbench_cad.spec.printrecord import FIELDS
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.files import locked, replacing
 
 #: Simulated runs have times so that a reference has an age; they begin at a date that nobody takes for a real one.
 BEGIN = datetime(2000, 1, 1, tzinfo=UTC)

@@ -3,7 +3,7 @@
 Winkler foundation: every element of the dome that overlaps the ground pushes back with ``k`` times the overlap, so
 ``F = k * integral of max(0, ground - dome) dA``. The dome is an exact sphere of radius R down to its equator, and the
 integral is the sum over the height map's cells. k and R are calibration constants of one TacTip
-(:mod:`tacbench_cad.protocol`).
+(:mod:`tacbench_cad.spec.protocol`).
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.simulate.heights import HeightMap
 from tacbench_cad.lab.simulate.prints import stimulus
-from tacbench_cad.lab.spec import HolderRim, PrintedBlock
-from tacbench_cad.protocol import DOME_RADIUS_MM, FOUNDATION_N_PER_MM3
+from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
+from tacbench_cad.spec.protocol import DOME_RADIUS_MM, FOUNDATION_N_PER_MM3
+from tacbench_cad.util.errors import InputError
 
 Floats = NDArray[np.float64]
 

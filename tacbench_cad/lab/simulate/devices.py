@@ -13,8 +13,8 @@ from tacbench_cad.lab.rig.sensor import Reading
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.simulate.contact import Contact, contact_for
 from tacbench_cad.lab.simulate.tactip import FLICKER, SIMULATED, TacTip
-from tacbench_cad.lab.spec import HolderRim, Point, PrintedBlock, WorkFrame
-from tacbench_cad.tables import Table
+from tacbench_cad.lab.study.spec import HolderRim, Point, PrintedBlock, WorkFrame
+from tacbench_cad.util.settings import Table
 
 #: Samples a second of the simulated load cell, and the noise of one of them in newtons: an HX711 on a 10 N cell.
 GAUGE_RATE_HZ = 80.0

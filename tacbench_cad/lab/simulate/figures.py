@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tacbench_cad.block import Block
-from tacbench_cad.errors import MissingToolError
 from tacbench_cad.lab.simulate.contact import Contact, contact_for
 from tacbench_cad.lab.simulate.prints import seeded
 from tacbench_cad.lab.simulate.tactip import REST, SIMULATED, TacTip
-from tacbench_cad.lab.spec import HolderRim, PrintedBlock, Protocol
+from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import MissingToolError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.spec import HolderRim
+from tacbench_cad.lab.study.spec import HolderRim
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError
 
 Floats = NDArray[np.float64]
 

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.simulate.heights import HeightMap, cell_of, centres, held, on_block
-from tacbench_cad.lab.spec import HolderRim, PrintedBlock
+from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError
 
 Floats = NDArray[np.float64]
 

@@ -12,20 +12,20 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab import names
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.pictures import encoded
 from tacbench_cad.lab.simulate.blockrun import BlockDone, Options, Source, make_block, other_images
-from tacbench_cad.lab.spec import PlannedBlock, PrintedBlock, Protocol, Study
-from tacbench_cad.lab.study import StudyFile, read_study
-from tacbench_cad.protocol import PressGrid
-from tacbench_cad.workers import Workers
+from tacbench_cad.lab.study import names
+from tacbench_cad.lab.study.file import StudyFile, read_study
+from tacbench_cad.lab.study.spec import PlannedBlock, PrintedBlock, Protocol, Study
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import PressGrid
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.processes import Workers
 
 if TYPE_CHECKING:
-    from tacbench_cad.lab.analysis.parallel import Team
+    from tacbench_cad.lab.parallel import Team
 
 #: Numbers of the six textures.
 TEXTURES = (1, 2, 3, 4, 5, 6)
@@ -196,7 +196,7 @@ def make(
         options: How they are simulated.
         jobs: Processes of this machine.
         progress: Told how many images are there, twice a second; after each block of a cluster.
-        cluster: A cluster that makes the blocks instead; see :func:`tacbench_cad.lab.analysis.parallel.workers`.
+        cluster: A cluster that makes the blocks instead; see :func:`tacbench_cad.lab.parallel.workers`.
 
     Returns:
         What was made of each block, in the order of ``infos``.

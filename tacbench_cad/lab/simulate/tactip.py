@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.simulate.contact import Contact
 from tacbench_cad.lab.simulate.rendering import READ_NOISE, Camera, blank, draw_discs, with_noise
-from tacbench_cad.lab.spec import Point
-from tacbench_cad.protocol import DOME_RADIUS_MM
+from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.spec.protocol import DOME_RADIUS_MM
+from tacbench_cad.util.errors import InputError
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]

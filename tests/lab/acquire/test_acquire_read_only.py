@@ -8,16 +8,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from lab.acquire.rigs import FakeRig, printed, rig_settings, small_protocol, study_of
+from helpers.rigs import FakeRig, printed, rig_settings, small_protocol, study_of
 
 from tacbench_cad.cli import main
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire
 from tacbench_cad.lab.rig.errors import NoAnswerError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.util.errors import InputError
 
 pytestmark = pytest.mark.skipif(
     not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere, and Windows has other rights"

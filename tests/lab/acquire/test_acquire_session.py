@@ -5,17 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from lab.acquire.rigs import FakeRig, printed, rig_settings, small_protocol, study_of
+from helpers.rigs import FakeRig, printed, rig_settings, small_protocol, study_of
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.files import locked
 from tacbench_cad.lab.acquire.block import BlockResult
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire, places
 from tacbench_cad.lab.rig.errors import NoAnswerError
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.spec import GaugeSettings, Protocol, RigSettings, Study
+from tacbench_cad.lab.study.spec import GaugeSettings, Protocol, RigSettings, Study
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.files import locked
 
 
 class Script:

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.acquire.template import TEMPLATE, write_template
-from tacbench_cad.lab.spec import GaugeSettings, HolderRim, Protocol, SensorSettings, StageSettings
-from tacbench_cad.lab.study import StudyFile, read_study
-from tacbench_cad.tables import Table
+from tacbench_cad.lab.study.file import StudyFile, read_study
+from tacbench_cad.lab.study.spec import GaugeSettings, HolderRim, Protocol, SensorSettings, StageSettings
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.settings import Table
 
 #: Begins the keys of a second sensor, which stand in place of those of the first.
 TAXELS = "# Taxels instead:"

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from lab.acquire.rigs import small_protocol
+from helpers.rigs import small_protocol
 
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
@@ -17,11 +17,11 @@ from tacbench_cad.lab.acquire.session import acquire
 from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.simulate.firmware import launch as launching
-from tacbench_cad.lab.simulate.firmware.faults import Fault
-from tacbench_cad.lab.simulate.firmware.launch import VirtualRig
-from tacbench_cad.lab.spec import Study
-from tacbench_cad.lab.study import StudyFile, virtual_study
+from tacbench_cad.lab.study.file import StudyFile, virtual_study
+from tacbench_cad.lab.study.spec import Study
+from tacbench_cad.virtual_rig import launch as launching
+from tacbench_cad.virtual_rig.faults import Fault
+from tacbench_cad.virtual_rig.launch import VirtualRig
 
 pytestmark = pytest.mark.skipif(
     sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows"

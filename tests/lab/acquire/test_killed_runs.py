@@ -11,14 +11,14 @@ import time
 from pathlib import Path
 
 import pytest
-from lab.acquire import killed_child
-from lab.acquire.rigs import printed
+from helpers import killed_child
+from helpers.rigs import printed
 
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
 
 CHILD = Path(killed_child.__file__)
-TESTS = CHILD.parents[2]
+TESTS = CHILD.parents[1]
 
 
 def sitting(folder: Path, seed: int, rig: str, kill_after_s: float | None) -> bool:

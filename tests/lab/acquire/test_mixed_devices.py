@@ -6,18 +6,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from lab.acquire.rigs import LIMITS, printed, small_protocol, study_of
+from helpers.rigs import LIMITS, printed, small_protocol, study_of
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire
-from tacbench_cad.lab.devices import open_rig
+from tacbench_cad.lab.rig.devices import open_rig
 from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.simulate.contact import contact_for
-from tacbench_cad.lab.spec import GaugeSettings, RigSettings, SensorSettings, StageSettings, WorkFrame
-from tacbench_cad.protocol import PressGrid
+from tacbench_cad.lab.study.spec import GaugeSettings, RigSettings, SensorSettings, StageSettings, WorkFrame
+from tacbench_cad.spec.protocol import PressGrid
+from tacbench_cad.util.errors import InputError
 
 ORIGIN = (30.0, 10.0, -5.0)
 RIG = RigSettings(
@@ -59,7 +59,7 @@ def test_simulated_devices_follow_a_stage_of_ones_own(tmp_path: Path) -> None:
 
 
 def test_a_device_that_fails_to_open_closes_the_others() -> None:
-    from lab.acquire.fakes import FakeStage
+    from helpers.fakes import FakeStage
 
     made: list[FakeStage] = []
     close = FakeStage.close

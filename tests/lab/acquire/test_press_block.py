@@ -10,10 +10,9 @@ import signal
 from pathlib import Path
 
 import pytest
-from lab.acquire.fakes import Plate
-from lab.acquire.rigs import FakeRig, info_of, small_protocol
+from helpers.fakes import Plate
+from helpers.rigs import FakeRig, info_of, small_protocol
 
-from tacbench_cad.errors import InputError, TacbenchError
 from tacbench_cad.lab.acquire.block import BlockResult, press_block
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.safety import Signals
@@ -29,7 +28,8 @@ from tacbench_cad.lab.rig.errors import (
     SensorError,
 )
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.spec import Protocol
+from tacbench_cad.lab.study.spec import Protocol
+from tacbench_cad.util.errors import InputError, TacbenchError
 
 TRAVEL_MM = 5.0
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from lab.acquire.fakes import FakeStage
-from lab.acquire.rigs import LIMITS, small_protocol
+from helpers.fakes import FakeStage
+from helpers.rigs import LIMITS, small_protocol
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.acquire.safety import Carriage, require_within, travel_height_mm
 from tacbench_cad.lab.rig.errors import AlarmError, DepthLimitError, DeviceLostError, NoAnswerError
-from tacbench_cad.lab.spec import HolderRim, Protocol, WorkFrame
+from tacbench_cad.lab.study.spec import HolderRim, Protocol, WorkFrame
+from tacbench_cad.util.errors import InputError
 
 
 def carriage(stage: FakeStage, z_mm: float = 0.0, **settings: bool) -> Carriage:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 
 import pytest
-from lab.acquire.fakes import Plate
-from lab.acquire.rigs import FakeRig, small_protocol
+from helpers.fakes import Plate
+from helpers.rigs import FakeRig, small_protocol
 
 from tacbench_cad.lab.acquire.press import Slope
 from tacbench_cad.lab.acquire.touch import Taught
-from tacbench_cad.lab.presses import plan
 from tacbench_cad.lab.rig.errors import DepthLimitError, GaugeError
-from tacbench_cad.lab.spec import Protocol
+from tacbench_cad.lab.study.presses import plan
+from tacbench_cad.lab.study.spec import Protocol
 
 PLATES = {
     "dome": Plate(),

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from lab.acquire.fakes import Plate
-from lab.acquire.rigs import AT_ONCE, FakeRig, small_protocol
+from helpers.fakes import Plate
+from helpers.rigs import AT_ONCE, FakeRig, small_protocol
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.acquire.press import Presser
 from tacbench_cad.lab.acquire.touch import SensorChange, Taught, by_gauge, by_sensor
-from tacbench_cad.lab.presses import plan
 from tacbench_cad.lab.rig.errors import DepthLimitError
+from tacbench_cad.lab.study.presses import plan
+from tacbench_cad.util.errors import InputError
 
 BUMPY = Plate(top=lambda x, y: 0.1 * x - 1.0)
 

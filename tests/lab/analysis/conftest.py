@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from studies import write_study
+from helpers.studies import write_study
 
-from tacbench_cad.lab.analysis.classify_settings import one_thread
+from tacbench_cad.lab.analysis.classification.settings import one_thread
 from tacbench_cad.lab.analysis.collection import Collection
 
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies import PRINTERS, write_run, write_study
+from helpers.studies import PRINTERS, write_run, write_study
 
-from tacbench_cad.lab.analysis.between import COLUMNS
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.variance import variance_table
-from tacbench_cad.lab.analysis.variance_files import matrix_rows
+from tacbench_cad.lab.analysis.variance.between import COLUMNS
+from tacbench_cad.lab.analysis.variance.files import matrix_rows
+from tacbench_cad.lab.analysis.variance.table import variance_table
 
 
 def union(collection: Collection, combination: str, level: int, textures: tuple[str, str], ddof: int) -> float:
@@ -57,10 +57,10 @@ def test_the_diagonal_is_the_table_and_each_pair_stands_once(tmp_path: Path) -> 
 
 
 def test_a_texture_that_a_printer_lacks_has_no_entry(tmp_path: Path) -> None:
-    from studies import Plan
+    from helpers.studies import Plan
 
-    from tacbench_cad.block import Block
-    from tacbench_cad.lab.spec import PrintedBlock
+    from tacbench_cad.lab.study.spec import PrintedBlock
+    from tacbench_cad.spec.block import Block
 
     write_study(tmp_path, prints=PRINTERS[:1])
     printer, filament = PRINTERS[1]

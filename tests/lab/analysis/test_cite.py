@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from tacbench_cad import __version__
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.analysis.cite import PAPER, PROGRAM, citations
+from tacbench_cad.lab.analysis.report.cite import PAPER, PROGRAM, citations
+from tacbench_cad.util.errors import InputError
 
 CFF = Path(__file__).parents[3] / "CITATION.cff"
 

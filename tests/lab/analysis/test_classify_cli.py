@@ -12,10 +12,10 @@ import time
 from pathlib import Path
 
 import pytest
-from studies import write_study
+from helpers.studies import write_study
 
 from tacbench_cad.cli import main
-from tacbench_cad.lab.analysis.classify import COLUMNS, CONFUSION_COLUMNS, PREDICTION_COLUMNS
+from tacbench_cad.lab.analysis.classification.classify import COLUMNS, CONFUSION_COLUMNS, PREDICTION_COLUMNS
 
 pytestmark = pytest.mark.usefixtures("single_thread")
 
@@ -175,7 +175,7 @@ def test_an_estimator_of_ones_own_gets_the_readings(runs: Path, own: Path) -> No
 def test_bad_input_is_refused_in_one_line(
     runs: Path, own: Path, capsys: Capture, words: list[str], named: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tacbench_cad.lab.analysis.parallel.ANSWER_S", 0.5)
+    monkeypatch.setattr("tacbench_cad.lab.parallel.ANSWER_S", 0.5)
     base = {"--jobs": "1", "--trials": "1", "--resolution": "0.5"}
     given = {key: value for key, value in base.items() if key not in words}
     command = ["classify", str(runs), "-o", "out", *[word for pair in given.items() for word in pair], *words]

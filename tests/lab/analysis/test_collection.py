@@ -7,15 +7,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from studies import GRID, Plan, write_run, write_study
+from helpers.studies import GRID, Plan, write_run, write_study
 
-from tacbench_cad.block import Block
-from tacbench_cad.errors import CheckFailedError, InputError
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
 from tacbench_cad.lab.runs.finding import find_runs
-from tacbench_cad.lab.spec import PrintedBlock
-from tacbench_cad.protocol import PressGrid
+from tacbench_cad.lab.study.spec import PrintedBlock
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import PressGrid
+from tacbench_cad.util.errors import CheckFailedError, InputError
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from helpers.studies import noise_image, write_study
 from numpy.typing import NDArray
-from studies import noise_image, write_study
 from typer.testing import CliRunner
 
 pytest.importorskip("scipy")
@@ -19,7 +19,6 @@ pytest.importorskip("matplotlib")
 threadpoolctl = pytest.importorskip("threadpoolctl")
 
 from tacbench_cad.cli import compare as command
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.analysis.compare import (
     ALL_TEXTURES,
     COLUMNS,
@@ -29,6 +28,7 @@ from tacbench_cad.lab.analysis.compare import (
     compare,
     read_side,
 )
+from tacbench_cad.util.errors import InputError
 
 TEXTURES = ("texture-1", "texture-2")
 PRESSES = 50

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.analysis.components import (
+from tacbench_cad.lab.analysis.variance.components import (
     COLUMNS,
     LEVELS,
     Component,
@@ -21,6 +20,7 @@ from tacbench_cad.lab.analysis.components import (
     components,
     precision,
 )
+from tacbench_cad.util.errors import InputError
 
 TRUE = (4.0, 2.0, 1.0, 0.5)
 Ints = NDArray[np.int64]

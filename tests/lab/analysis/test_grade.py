@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from studies import write_study
+from helpers.studies import write_study
 
 from tacbench_cad.cli import grade as command
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.analysis import published
-from tacbench_cad.lab.analysis.cells import Cell
-from tacbench_cad.lab.analysis.grade import Grade, grade
-from tacbench_cad.lab.analysis.grade_limits import Context, factors
-from tacbench_cad.lab.names import SELECTED
+from tacbench_cad.lab.analysis.variance.cells import Cell
+from tacbench_cad.lab.analysis.variance.grade import Grade, grade
+from tacbench_cad.lab.analysis.variance.grade_limits import Context, factors
+from tacbench_cad.lab.study.names import SELECTED
+from tacbench_cad.util.errors import InputError
 
 ENDER, BAMBU, RESIN = published.VARIANCE
 

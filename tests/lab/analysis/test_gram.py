@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from sklearn.decomposition import PCA
 from threadpoolctl import threadpool_limits
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.analysis.augmented_pca import AugmentedPCA
-from tacbench_cad.lab.analysis.gram import WRITTEN_OUT, Scores, clipped_scores, gram, leading, stacked
+from tacbench_cad.lab.analysis.classification.augmented_pca import AugmentedPCA
+from tacbench_cad.lab.analysis.classification.gram import WRITTEN_OUT, Scores, clipped_scores, gram, leading, stacked
+from tacbench_cad.util.errors import InputError
 
 Floats = NDArray[np.float64]
 

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.analysis.intervals import (
+from tacbench_cad.lab.analysis.variance.intervals import (
     CellSums,
     Interval,
     component_interval,
     variance_interval,
 )
+from tacbench_cad.util.errors import InputError
 
 Floats = NDArray[np.float64]
 #: Variances between prints and between repeats of every synthetic study.

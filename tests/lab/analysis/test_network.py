@@ -14,9 +14,9 @@ from sklearn.base import clone
 from sklearn.neural_network import MLPClassifier
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.analysis import network as module
-from tacbench_cad.lab.analysis.network import NetworkClassifier, fit_together
+from tacbench_cad.lab.analysis.classification import network as module
+from tacbench_cad.lab.analysis.classification.network import NetworkClassifier, fit_together
+from tacbench_cad.util.errors import InputError
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning", "ignore:Got `batch_size`")
 

@@ -8,19 +8,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.studies import noise_image, write_study
 from sklearn.decomposition import PCA
 from sklearn.ensemble import RandomForestClassifier
 from sklearn.model_selection import train_test_split
-from studies import noise_image, write_study
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.analysis.augment import Augmentation, trial_seed
-from tacbench_cad.lab.analysis.classify import Result, beside_paper, classify
-from tacbench_cad.lab.analysis.classify_settings import Settings
+from tacbench_cad.lab.analysis.classification.augment import Augmentation, trial_seed
+from tacbench_cad.lab.analysis.classification.classify import Result, beside_paper, classify
+from tacbench_cad.lab.analysis.classification.features import read_features
+from tacbench_cad.lab.analysis.classification.settings import Settings
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.features import read_features
-from tacbench_cad.lab.analysis.parallel import workers
 from tacbench_cad.lab.analysis.preprocess import Preprocess
+from tacbench_cad.lab.parallel import workers
+from tacbench_cad.util.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("single_thread")
 

@@ -15,9 +15,9 @@ import pytest
 
 joblib = pytest.importorskip("joblib")
 
-from tacbench_cad.errors import CheckFailedError, InputError
-from tacbench_cad.lab.analysis import parallel
-from tacbench_cad.lab.analysis.parallel import workers
+from tacbench_cad.lab import parallel
+from tacbench_cad.lab.parallel import workers
+from tacbench_cad.util.errors import CheckFailedError, InputError
 
 
 def square_and_process(number: int) -> tuple[int, int]:
@@ -234,13 +234,13 @@ def test_a_study_is_simulated_and_analysed_on_a_cluster(
     pytest.importorskip("sklearn")
     from dataclasses import replace
 
-    from tacbench_cad.lab.analysis.classify import classify
-    from tacbench_cad.lab.analysis.classify_settings import Settings
+    from tacbench_cad.lab.analysis.classification.classify import classify
+    from tacbench_cad.lab.analysis.classification.settings import Settings
     from tacbench_cad.lab.analysis.collection import Collection
-    from tacbench_cad.lab.analysis.variance import variance_table
+    from tacbench_cad.lab.analysis.variance.table import variance_table
     from tacbench_cad.lab.simulate.blockrun import Options, run_info
     from tacbench_cad.lab.simulate.study import make, quick_study
-    from tacbench_cad.protocol import PressGrid
+    from tacbench_cad.spec.protocol import PressGrid
 
     monkeypatch.chdir(tmp_path)
     study = quick_study()

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.analysis.permutation import dispersion_test
+from tacbench_cad.lab.analysis.variance.permutation import dispersion_test
+from tacbench_cad.util.errors import InputError
 
 Floats = NDArray[np.float64]
 #: Standard deviations of 30 parts of an image that fall off: about four independent ones.

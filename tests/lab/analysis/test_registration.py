@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies import PRINTERS, write_study
+from helpers.studies import PRINTERS, write_study
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.registration import COLUMNS, register
-from tacbench_cad.lab.analysis.variance import variance_table
-from tacbench_cad.lab.presses import Press
+from tacbench_cad.lab.analysis.variance.registration import COLUMNS, register
+from tacbench_cad.lab.analysis.variance.table import variance_table
 from tacbench_cad.lab.rig.sensor import Reading
-from tacbench_cad.lab.spec import PrintedBlock
-from tacbench_cad.protocol import PressGrid
+from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.spec import PrintedBlock
+from tacbench_cad.spec.protocol import PressGrid
+from tacbench_cad.util.errors import InputError
 
 #: How far each copy's block lies off, mm; their mean is 0.
 SEATS = {1: (0.15, -0.05), 2: (-0.10, 0.10), 3: (-0.05, -0.05)}

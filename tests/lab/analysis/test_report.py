@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from helpers.studies import GRID, noise_image, texture_image, write_study
 from numpy.typing import NDArray
-from studies import GRID, noise_image, texture_image, write_study
 from typer.testing import CliRunner
 
 pytest.importorskip("cv2")
@@ -24,14 +24,14 @@ threadpoolctl = pytest.importorskip("threadpoolctl")
 
 from tacbench_cad import __version__
 from tacbench_cad.cli import report as command
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.analysis import report_html as html
-from tacbench_cad.lab.analysis.classify import TRIALS
+from tacbench_cad.lab.analysis.classification.classify import TRIALS
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.methods import design_text
-from tacbench_cad.lab.analysis.report import Options, write_report
-from tacbench_cad.lab.presses import Press
-from tacbench_cad.lab.spec import PrintedBlock
+from tacbench_cad.lab.analysis.report import html
+from tacbench_cad.lab.analysis.report.methods import design_text
+from tacbench_cad.lab.analysis.report.page import Options, write_report
+from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.spec import PrintedBlock
+from tacbench_cad.util.errors import InputError
 
 VOID = {"meta", "img", "link", "br", "hr", "input"}
 

@@ -16,9 +16,9 @@ from typer.testing import CliRunner
 pytest.importorskip("scipy")
 
 from tacbench_cad.cli import score as command
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.analysis.score import COLUMNS, PredictionsError, Share, score, share_of
-from tacbench_cad.lab.analysis.split_files import Split, SplitFold, SplitPress, write_split
+from tacbench_cad.lab.analysis.classification.score import COLUMNS, PredictionsError, Share, score, share_of
+from tacbench_cad.lab.analysis.classification.split_files import Split, SplitFold, SplitPress, write_split
+from tacbench_cad.util.errors import InputError
 
 Rows = list[dict[str, str]]
 

@@ -8,25 +8,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.studies import noise_image, write_study
 from sklearn.decomposition import PCA
 from sklearn.ensemble import RandomForestClassifier
 from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
-from studies import noise_image, write_study
 
-from tacbench_cad.errors import CheckFailedError, InputError
-from tacbench_cad.lab.analysis.accuracy import interval, sound_scores
-from tacbench_cad.lab.analysis.augment import BLOCK, Augmentation, noise_block, trial_seed
-from tacbench_cad.lab.analysis.classify import classify
-from tacbench_cad.lab.analysis.classify_settings import Settings
+from tacbench_cad.lab.analysis.classification.accuracy import interval, sound_scores
+from tacbench_cad.lab.analysis.classification.augment import BLOCK, Augmentation, noise_block, trial_seed
+from tacbench_cad.lab.analysis.classification.classify import classify
+from tacbench_cad.lab.analysis.classification.features import Features, read_features
+from tacbench_cad.lab.analysis.classification.foldpca import Products, fold_scores
+from tacbench_cad.lab.analysis.classification.leak_free import Task, folds_of, sound_trial
+from tacbench_cad.lab.analysis.classification.settings import Settings
+from tacbench_cad.lab.analysis.classification.splits import RUNGS, PressTable
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.features import Features, read_features
-from tacbench_cad.lab.analysis.foldpca import Products, fold_scores
-from tacbench_cad.lab.analysis.parallel import Team, workers
 from tacbench_cad.lab.analysis.preprocess import Preprocess
-from tacbench_cad.lab.analysis.sound import Task, folds_of, sound_trial
-from tacbench_cad.lab.analysis.splits import RUNGS, PressTable
+from tacbench_cad.lab.parallel import Team, workers
+from tacbench_cad.util.errors import CheckFailedError, InputError
 
 pytestmark = pytest.mark.usefixtures("single_thread")
 

@@ -8,14 +8,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from studies import write_study
+from helpers.studies import write_study
 from typer.testing import CliRunner
 
 from tacbench_cad.cli import split as command
-from tacbench_cad.errors import InputError
+from tacbench_cad.lab.analysis.classification.split_files import (
+    Split,
+    SplitFold,
+    SplitPress,
+    make_splits,
+    read_split,
+    write_split,
+)
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.split_files import Split, SplitFold, SplitPress, make_splits, read_split, write_split
 from tacbench_cad.lab.runs import schema
+from tacbench_cad.util.errors import InputError
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +64,7 @@ def test_a_file_comes_back_equal_and_is_the_same_each_time(splits: dict[str, Spl
 def test_another_sensor_on_the_same_prints_has_the_same_protocol_and_other_data(
     splits: dict[str, Split], tmp_path: Path
 ) -> None:
-    from studies import noise_image
+    from helpers.studies import noise_image
 
     write_study(tmp_path, levels=(1, 2), image=noise_image)
     others = {one.rung: one for one in make_splits(Collection.open([tmp_path]), seed=3, folds=2)[0]}

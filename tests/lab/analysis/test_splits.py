@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.analysis.splits import RUNGS, Fold, PressTable, ladder, units_of, with_copies
+from tacbench_cad.lab.analysis.classification.splits import RUNGS, Fold, PressTable, ladder, units_of, with_copies
+from tacbench_cad.util.errors import InputError
 
 
 def table(

@@ -9,18 +9,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.studies import PRINTERS, SHAPE, write_study
 from numpy.typing import NDArray
-from studies import PRINTERS, SHAPE, write_study
 
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.moments import FRAMES, MAP_SIDE, moments, small_map, spread
-from tacbench_cad.lab.analysis.parallel import workers
 from tacbench_cad.lab.analysis.preprocess import Preprocess
-from tacbench_cad.lab.analysis.streaming import Pass, levels_with_most_prints, stream
-from tacbench_cad.lab.presses import Press
+from tacbench_cad.lab.analysis.variance.moments import FRAMES, MAP_SIDE, moments, small_map, spread
+from tacbench_cad.lab.analysis.variance.streaming import Pass, levels_with_most_prints, stream
+from tacbench_cad.lab.parallel import workers
 from tacbench_cad.lab.rig.sensor import Reading
-from tacbench_cad.lab.spec import PrintedBlock
-from tacbench_cad.protocol import PressGrid
+from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.spec import PrintedBlock
+from tacbench_cad.spec.protocol import PressGrid
 
 
 def passed(collection: Collection, jobs: int = 1) -> Pass:

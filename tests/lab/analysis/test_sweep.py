@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.analysis import figures_classify
-from tacbench_cad.lab.analysis.accuracy import Score
-from tacbench_cad.lab.analysis.classify_settings import Settings
+from tacbench_cad.lab.analysis.classification import figures as figures_classify
+from tacbench_cad.lab.analysis.classification.accuracy import Score
+from tacbench_cad.lab.analysis.classification.figures import draw_sweep
+from tacbench_cad.lab.analysis.classification.settings import Settings
+from tacbench_cad.lab.analysis.classification.sweep import COLUMNS, Sweep, SweepResult, run_sweep, write_sweep
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.figures_classify import draw_sweep
-from tacbench_cad.lab.analysis.parallel import workers
-from tacbench_cad.lab.analysis.sweep import COLUMNS, Sweep, SweepResult, run_sweep, write_sweep
+from tacbench_cad.lab.parallel import workers
+from tacbench_cad.util.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("single_thread")
 

@@ -10,13 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies import PRINTERS, SHAPE, write_study
+from helpers.studies import PRINTERS, SHAPE, write_study
 
 from tacbench_cad.cli import main
-from tacbench_cad.lab.analysis import between, components, registration, variance
-from tacbench_cad.lab.presses import Press
+from tacbench_cad.lab.analysis.variance import between, components, registration
+from tacbench_cad.lab.analysis.variance import table as variance
 from tacbench_cad.lab.rig.sensor import Reading
-from tacbench_cad.lab.spec import PrintedBlock
+from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.spec import PrintedBlock
 
 FIGURES = ("variance", "variance_pixels", "variance_positions", "between_textures", "components")
 TABLES = ("variance", "floor_removed", "components", "between_textures", "positions", "permutation")

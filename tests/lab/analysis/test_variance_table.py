@@ -6,18 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies import PRINTERS, SHAPE, texture_image, write_run, write_study
-from studies import Plan as StudyPlan
+from helpers.studies import PRINTERS, SHAPE, texture_image, write_run, write_study
+from helpers.studies import Plan as StudyPlan
 
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.analysis.cells import ALL_LEVELS
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
-from tacbench_cad.lab.analysis.variance import VarianceResult, holm, variance_table
-from tacbench_cad.lab.presses import Press
+from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS
+from tacbench_cad.lab.analysis.variance.table import VarianceResult, holm, variance_table
 from tacbench_cad.lab.rig.sensor import Reading
-from tacbench_cad.lab.spec import PrintedBlock
+from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.spec import PrintedBlock
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError
 
 #: True variances of the made-up readings: between prints, between repeats (re-approach), of noise.
 PRINT, APPROACH, NOISE = 4.0, 1.0, 0.25

@@ -13,8 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacbench_cad.block import Block
-from tacbench_cad.errors import CheckFailedError, InputError
 from tacbench_cad.lab.rig.aligning import (
     FittedFrame,
     Teaching,
@@ -27,8 +25,10 @@ from tacbench_cad.lab.rig.aligning import (
 )
 from tacbench_cad.lab.rig.errors import OutOfRangeError
 from tacbench_cad.lab.rig.stage import Closing, LimitedStage
-from tacbench_cad.lab.spec import Point, Protocol, WorkFrame
-from tacbench_cad.protocol import PressGrid
+from tacbench_cad.lab.study.spec import Point, Protocol, WorkFrame
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import PressGrid
+from tacbench_cad.util.errors import CheckFailedError, InputError
 
 MARKERS = [(4.0, 18.0), (9.0, 18.0), (4.0, 23.0), (9.0, 23.0)]
 LIMITS = ((0.0, 200.0), (0.0, 200.0), (-100.0, 0.0))

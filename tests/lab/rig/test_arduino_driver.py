@@ -12,13 +12,13 @@ import pytest
 if sys.platform == "win32":
     pytest.skip("needs pseudo-terminals, which Windows lacks", allow_module_level=True)
 
-from lab.rig.scripted_peer import Peer
+from helpers.scripted_peer import Peer
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig.arduino import ArduinoStage
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, NotThereError, PositionLostError, ProtocolError
-from tacbench_cad.lab.spec import Point
+from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.util.errors import InputError
 
 THERE: Point = (2.0, 4.0, -1.0)
 TIMEOUT_S = 0.3

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig.calibration import (
     STANDARD_GRAVITY,
     Calibration,
@@ -19,6 +18,7 @@ from tacbench_cad.lab.rig.calibration import (
     read_calibration,
     write_calibration,
 )
+from tacbench_cad.util.errors import InputError
 
 DATE = "2026-01-02T03:04:05Z"
 

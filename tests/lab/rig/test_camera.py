@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig.camera import CameraOptions, CameraSensor, open_camera
 from tacbench_cad.lab.rig.camera_devices import cameras, chosen_camera, open_capture
 from tacbench_cad.lab.rig.errors import DeviceLostError, SensorError
 from tacbench_cad.lab.rig.sensor import Sensor, is_image
-from tacbench_cad.lab.spec import SensorSettings
+from tacbench_cad.lab.study.spec import SensorSettings
+from tacbench_cad.util.errors import InputError
 
 links_only = pytest.mark.skipif(sys.platform == "win32", reason="WINDOWS HAS NO NAMES OF CAMERAS: not tested here")
 

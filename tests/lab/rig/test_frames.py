@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig.frames import FAULTS, FrameLimits, edge_width_px, frame_faults
+from tacbench_cad.util.errors import InputError
 
 Image = NDArray[np.uint8]
 

@@ -14,7 +14,7 @@ import pytest
 if sys.platform == "win32":
     pytest.skip("needs pseudo-terminals, which Windows lacks", allow_module_level=True)
 
-from lab.rig.scripted_grbl import ScriptedGrbl
+from helpers.scripted_grbl import ScriptedGrbl
 
 from tacbench_cad.lab.rig import grbl, grbl_link, greeting
 from tacbench_cad.lab.rig.clock import Clock
@@ -28,7 +28,7 @@ from tacbench_cad.lab.rig.errors import (
     ProtocolError,
 )
 from tacbench_cad.lab.rig.grbl import GrblStage
-from tacbench_cad.lab.spec import Point
+from tacbench_cad.lab.study.spec import Point
 
 THERE: Point = (-10.0, -20.0, -5.0)
 TIMEOUT_S = 0.4

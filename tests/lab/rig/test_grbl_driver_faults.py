@@ -10,16 +10,16 @@ import pytest
 if sys.platform == "win32":
     pytest.skip("needs pseudo-terminals, which Windows lacks", allow_module_level=True)
 
-from lab.rig.driver_faults import SPEED, survive
+from helpers.driver_faults import SPEED, survive
 
 from tacbench_cad.lab.rig import grbl_link
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_stage
 from tacbench_cad.lab.rig.errors import NotThereError, OutOfRangeError, PositionLostError
 from tacbench_cad.lab.rig.grbl import GrblStage
-from tacbench_cad.lab.simulate.firmware.faults import Fault
-from tacbench_cad.lab.simulate.firmware.launch import launch
-from tacbench_cad.lab.spec import Point, StageSettings
+from tacbench_cad.lab.study.spec import Point, StageSettings
+from tacbench_cad.virtual_rig.faults import Fault
+from tacbench_cad.virtual_rig.launch import launch
 
 LIMITS = ((0.0, 200.0), (0.0, 200.0), (-100.0, 0.0))
 CENTER: Point = (50.0, 60.0, -30.0)

@@ -15,10 +15,10 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig import arduino, grbl_replies, marlin_replies
 from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError
 from tacbench_cad.lab.rig.line import LONGEST_LINE, Line
+from tacbench_cad.util.errors import InputError
 
 needs_pty = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals, which Windows lacks")
 

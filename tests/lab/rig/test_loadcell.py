@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig.calibration import Calibration, CalibrationPoint, fit, write_calibration
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError, GaugeError, NoAnswerError
 from tacbench_cad.lab.rig.gauge import Force, Gauge
 from tacbench_cad.lab.rig.loadcell import LoadCell, LoadCellOptions, RawLoadCell, open_gauge
-from tacbench_cad.lab.spec import GaugeSettings
+from tacbench_cad.lab.study.spec import GaugeSettings
+from tacbench_cad.util.errors import InputError
 
 pty_only = pytest.mark.skipif(sys.platform == "win32", reason="WINDOWS HAS NO PSEUDO-TERMINALS: not tested here")
 
@@ -352,9 +352,9 @@ def test_a_gauge_of_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("newtons", [False, True])
 def test_the_virtual_load_cell(tmp_path: Path, newtons: bool) -> None:
     """The firmware simulator's stream: noise and offset, then each of its faults by name."""
-    from tacbench_cad.lab.simulate.firmware.faults import Fault
-    from tacbench_cad.lab.simulate.firmware.loadcell import CellSettings
-    from tacbench_cad.lab.simulate.firmware.loadcell import LoadCell as VirtualCell
+    from tacbench_cad.virtual_rig.faults import Fault
+    from tacbench_cad.virtual_rig.loadcell import CellSettings
+    from tacbench_cad.virtual_rig.loadcell import LoadCell as VirtualCell
 
     path = tmp_path / "gauge.json"
     scale = CellSettings().counts_per_n
@@ -380,8 +380,8 @@ def test_the_virtual_load_cell(tmp_path: Path, newtons: bool) -> None:
 
 @pty_only
 def test_the_virtual_rigs_faults_end_in_named_errors_and_the_gauge_goes_on() -> None:
-    from tacbench_cad.lab.simulate.firmware.faults import Fault
-    from tacbench_cad.lab.simulate.firmware.launch import launch
+    from tacbench_cad.virtual_rig.faults import Fault
+    from tacbench_cad.virtual_rig.launch import launch
 
     spring = {"flat_z_mm": 10.0, "n_per_mm": 0.2}
     with launch("grbl", speed=50.0, seed=3, gauge={"newtons": True}, stimulus=spring) as rig:

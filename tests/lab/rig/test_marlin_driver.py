@@ -14,7 +14,7 @@ import pytest
 if sys.platform == "win32":
     pytest.skip("needs pseudo-terminals, which Windows lacks", allow_module_level=True)
 
-from lab.rig.scripted_marlin import ScriptedMarlin
+from helpers.scripted_marlin import ScriptedMarlin
 
 from tacbench_cad.lab.rig import greeting, marlin_link
 from tacbench_cad.lab.rig.errors import (
@@ -26,7 +26,7 @@ from tacbench_cad.lab.rig.errors import (
     ProtocolError,
 )
 from tacbench_cad.lab.rig.marlin import MarlinStage
-from tacbench_cad.lab.spec import Point
+from tacbench_cad.lab.study.spec import Point
 
 THERE: Point = (10.0, 20.0, 5.0)
 TIMEOUT_S = 0.3

@@ -5,15 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from helpers import example_stage
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig import plugin
 from tacbench_cad.lab.rig.drivers import open_stage
 from tacbench_cad.lab.rig.errors import NoAnswerError, OutOfRangeError
 from tacbench_cad.lab.rig.stage import Stage
-from tacbench_cad.lab.spec import StageSettings
+from tacbench_cad.lab.study.spec import StageSettings
+from tacbench_cad.util.errors import InputError
 
-HERE = Path(__file__).parent
+HERE = Path(example_stage.__file__).parent
 LIMITS = ((0.0, 100.0), (0.0, 100.0), (0.0, 100.0))
 
 

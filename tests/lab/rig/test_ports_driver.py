@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import pytest
 from serial.tools import list_ports
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig import ports
+from tacbench_cad.util.errors import InputError
 
 
 def usb(device: Path, product: str = "USB Serial", vid: int | None = 0x1A86) -> SimpleNamespace:

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 
 from tacbench_cad.cli import rig
-from tacbench_cad.errors import CheckFailedError, InputError
 from tacbench_cad.lab.rig import loadcell, ports, probing
 from tacbench_cad.lab.rig.aligning import highest_point_mm
 from tacbench_cad.lab.rig.calibration import read_calibration
@@ -26,7 +25,8 @@ from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.loadcell import LoadCellOptions, RawLoadCell
 from tacbench_cad.lab.rig.ports import Candidate
 from tacbench_cad.lab.rig.stage import Closing, LimitedStage
-from tacbench_cad.lab.spec import Point, PrintedBlock, RigSettings, WorkFrame
+from tacbench_cad.lab.study.spec import Point, PrintedBlock, RigSettings, WorkFrame
+from tacbench_cad.util.errors import CheckFailedError, InputError
 
 Capture = pytest.CaptureFixture[str]
 Patch = pytest.MonkeyPatch
@@ -283,7 +283,7 @@ class FakeGauge(Closing):
 
 @pytest.fixture
 def stage(monkeypatch: Patch) -> FakeStage:
-    from tacbench_cad.lab import devices
+    from tacbench_cad.lab.rig import devices
 
     found, gauge = FakeStage(), FakeGauge()
 
@@ -299,7 +299,7 @@ def stage(monkeypatch: Patch) -> FakeStage:
 
 def answers(off_mm: float = 0.0) -> list[str]:
     """Lines that teach a frame at 80.5, 79.25, -61, a quarter turn round; the stage begins at 70, 70, -40."""
-    from tacbench_cad.block import Block
+    from tacbench_cad.spec.block import Block
 
     frame = WorkFrame(origin_mm=(80.5, 79.25, -61.0), quarter_turns=1)
     places = [frame.to_stage((x, y, 0.0)) for x, y in ((4.0, 18.0), (9.0, 18.0), (4.0, 23.0), (9.0, 23.0))]
@@ -364,7 +364,7 @@ def test_align_refuses_odd_tolerances_and_studies_without_a_rig(tmp_path: Path) 
 @pytest.mark.skipif(sys.platform == "win32", reason="WINDOWS HAS NO PSEUDO-TERMINALS: not tested here")
 @pytest.mark.parametrize("kind", [pytest.param("grbl", marks=pytest.mark.long), "marlin"])
 def test_firmware_and_gauge_are_identified(kind: str) -> None:
-    from tacbench_cad.lab.simulate.firmware.launch import launch
+    from tacbench_cad.virtual_rig.launch import launch
 
     with launch(kind, speed=20.0) as virtual:
         assert probing.identify(virtual.port).startswith(f"{kind}: ")

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError
 from tacbench_cad.lab.rig.sensor import Sensor
 from tacbench_cad.lab.rig.sensors import open_sensor
-from tacbench_cad.lab.spec import SensorSettings
+from tacbench_cad.lab.study.spec import SensorSettings
+from tacbench_cad.util.errors import InputError
 
 OWN = """
 import numpy as np

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import NoAnswerError, SensorError
 from tacbench_cad.lab.rig.sensor import Sensor, is_image
 from tacbench_cad.lab.rig.taxels import TaxelOptions, TaxelSensor
+from tacbench_cad.util.errors import InputError
 
 
 class Array:

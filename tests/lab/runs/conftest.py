@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tacbench_cad.block import Block
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.writing import RunWriter
-from tacbench_cad.lab.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
-from tacbench_cad.protocol import PressGrid
+from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import PressGrid
 
 START = datetime(2026, 1, 31, 12, 0, tzinfo=UTC)
 MakeInfo = Callable[..., RunInfo]

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from tacbench_cad.cli import main
-from tacbench_cad.errors import CheckFailedError, InputError
 from tacbench_cad.lab.runs.export import Processing, export_tactile_data
 from tacbench_cad.lab.runs.pictures import decoded
 from tacbench_cad.lab.runs.writing import RunWriter
+from tacbench_cad.util.errors import CheckFailedError, InputError
 
 Capture = pytest.CaptureFixture[str]
 

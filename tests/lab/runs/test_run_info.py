@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.runs.info import RunInfo
-from tacbench_cad.lab.spec import PrintedBlock
-from tacbench_cad.textures import Texture
-from tacbench_cad.waves import Wave, WaveSum
+from tacbench_cad.lab.study.spec import PrintedBlock
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.textures import Texture
+from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.util.errors import InputError
 
 HEX = Texture(
     name="hex",

@@ -16,14 +16,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tacbench_cad.errors import CheckFailedError, InputError
 from tacbench_cad.lab.runs.npyfile import mapped, read_array, read_header
 from tacbench_cad.lab.runs.pictures import decoded, encoded
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.schema import COLUMNS, Row
 from tacbench_cad.lab.runs.table import read_lines
 from tacbench_cad.lab.runs.writing import RunWriter
-from tacbench_cad.printrecord import FIELDS, form
+from tacbench_cad.spec.printrecord import FIELDS, form
+from tacbench_cad.util.errors import CheckFailedError, InputError
 
 
 def edit(folder: Path, line: int, column: str, value: str) -> None:

@@ -20,13 +20,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig.errors import SensorError
 from tacbench_cad.lab.runs import table, writing
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.schema import COLUMNS
 from tacbench_cad.lab.runs.writing import RunWriter
+from tacbench_cad.util.errors import InputError
 
 NOW = datetime(2026, 1, 31, 12, 0, tzinfo=UTC)
 

@@ -9,18 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.simulate.contact import FORCE_ERROR_N, Contact, contact_for
 from tacbench_cad.lab.simulate.heights import HeightMap, flat
-from tacbench_cad.lab.spec import HolderRim, PrintedBlock
-from tacbench_cad.protocol import (
+from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import (
     DOME_RADIUS_MM,
     FORCE_SPREADS_N,
     FORCES_N,
     FOUNDATION_N_PER_MM3,
     contact_radius_mm,
 )
+from tacbench_cad.util.errors import InputError
 
 PLATE = Contact(flat())
 PRINTED = PrintedBlock(block=Block.of(4), printer="bambu-p1p", filament="pla-minus")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from firmware_host import Host, homed, near
+from helpers.firmware_host import Host, homed, near
 
 
 def test_it_says_nothing_by_itself_and_answers_with_done() -> None:

@@ -6,16 +6,16 @@ import contextlib
 from typing import Any
 
 import pytest
-from firmware_host import Host, homed, near
+from helpers.firmware_host import Host, homed, near
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.simulate.firmware.base import OUTPUT_BYTES
-from tacbench_cad.lab.simulate.firmware.board import SEND_BYTES
-from tacbench_cad.lab.simulate.firmware.faults import KINDS as FAULTS
-from tacbench_cad.lab.simulate.firmware.faults import Fault
-from tacbench_cad.lab.simulate.firmware.setup import KINDS, Setup
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.virtual_rig.base import OUTPUT_BYTES
+from tacbench_cad.virtual_rig.board import SEND_BYTES
+from tacbench_cad.virtual_rig.faults import KINDS as FAULTS
+from tacbench_cad.virtual_rig.faults import Fault
+from tacbench_cad.virtual_rig.setup import KINDS, Setup
 
 ASK = {"grbl": b"$G\n", "grblhal": b"$G\n", "marlin": b"M105\n", "arduino": b"SHOW\n"}
 

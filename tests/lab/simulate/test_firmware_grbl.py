@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
-from firmware_host import Host, homed, near
+from helpers.firmware_host import Host, homed, near
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 LOCKED = b"[MSG:'$H'|'$X' to unlock]\r\n"

@@ -13,15 +13,15 @@ from pathlib import Path
 
 import pytest
 
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig.errors import DeviceLostError
-from tacbench_cad.lab.simulate.firmware.faults import Fault
-from tacbench_cad.lab.simulate.firmware.launch import VirtualRig, launch
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.virtual_rig.faults import Fault
+from tacbench_cad.virtual_rig.launch import VirtualRig, launch
 
 serial = pytest.importorskip("serial")
 needs_pty = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
 TRANSPORTS = [pytest.param(False, id="pty", marks=needs_pty), pytest.param(True, id="tcp")]
-MODULE = "tacbench_cad.lab.simulate.firmware"
+MODULE = "tacbench_cad.virtual_rig"
 SPEED = 50.0
 
 
@@ -230,7 +230,7 @@ def test_a_closed_rig_is_gone(tcp: bool) -> None:
 @needs_pty
 def test_it_dies_with_its_parent() -> None:
     code = (
-        "import sys, time; from tacbench_cad.lab.simulate.firmware.launch import launch\n"
+        "import sys, time; from tacbench_cad.virtual_rig.launch import launch\n"
         "rig = launch('grbl'); print(rig.process_id, rig.port, flush=True); time.sleep(600)"
     )
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.simulate.firmware.faults import Fault
-from tacbench_cad.lab.simulate.firmware.loadcell import (
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.virtual_rig.faults import Fault
+from tacbench_cad.virtual_rig.loadcell import (
     FULL_SCALE,
     CellSettings,
     FlatSpring,
@@ -100,9 +100,9 @@ def test_a_flat_spring_and_the_cache_of_its_force() -> None:
 
 
 def test_a_block_under_the_dome() -> None:
-    from tacbench_cad.block import Block
     from tacbench_cad.lab.simulate.contact import contact_for
-    from tacbench_cad.lab.spec import HolderRim, PrintedBlock
+    from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
+    from tacbench_cad.spec.block import Block
 
     printed = PrintedBlock(block=Block.of("1"), printer="bambu-p1p", filament="pla-minus")
     values = {

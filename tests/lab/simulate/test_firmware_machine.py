@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab.simulate.firmware.machine import Axis, Carriage, Stroke
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.virtual_rig.machine import Axis, Carriage, Stroke
 
 AXIS = Axis(low_mm=0.0, high_mm=100.0, home=-1, switch_mm=1.0, steps_per_mm=100.0)
 

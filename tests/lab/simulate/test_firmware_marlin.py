@@ -6,7 +6,7 @@ from functools import reduce
 from operator import xor
 
 import pytest
-from firmware_host import Host, homed, near
+from helpers.firmware_host import Host, homed, near
 
 #: The end stops close between two whole steps.
 STEP = 1.0 / 80.0 + 1e-6

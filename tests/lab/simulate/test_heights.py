@@ -7,8 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.simulate.heights import (
     CELL_MM,
     MOST_CELLS,
@@ -20,7 +18,9 @@ from tacbench_cad.lab.simulate.heights import (
     held,
     on_block,
 )
-from tacbench_cad.lab.spec import HolderRim
+from tacbench_cad.lab.study.spec import HolderRim
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError
 
 HOLDER = HolderRim(rim_mm=1.18, gap_mm=0.3)
 

@@ -7,9 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError
-from tacbench_cad.lab import names
 from tacbench_cad.lab.simulate.heights import centres
 from tacbench_cad.lab.simulate.prints import (
     FILAMENTS,
@@ -20,7 +17,10 @@ from tacbench_cad.lab.simulate.prints import (
     seeded,
     stimulus,
 )
-from tacbench_cad.lab.spec import HolderRim, PrintedBlock
+from tacbench_cad.lab.study import names
+from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError
 
 #: A printer without errors, with layers too thin to see.
 PERFECT = VirtualPrinter(

@@ -18,10 +18,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tacbench_cad.block import Block
 from tacbench_cad.cli import main
-from tacbench_cad.errors import InputError, TacbenchError
-from tacbench_cad.lab import names
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
@@ -36,8 +33,11 @@ from tacbench_cad.lab.simulate.study import (
     require_room,
     study_of,
 )
-from tacbench_cad.lab.spec import PlannedBlock, PrintedBlock, Protocol, Study
-from tacbench_cad.protocol import FORCE_SPREADS_N, FORCES_N, PressGrid
+from tacbench_cad.lab.study import names
+from tacbench_cad.lab.study.spec import PlannedBlock, PrintedBlock, Protocol, Study
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import FORCE_SPREADS_N, FORCES_N, PressGrid
+from tacbench_cad.util.errors import InputError, TacbenchError
 
 GRID = PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0))
 STUDY_FILE = """

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tacbench_cad.block import Block
-from tacbench_cad.errors import InputError
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.frames import frame_faults
 from tacbench_cad.lab.rig.gauge import Gauge
@@ -20,8 +18,10 @@ from tacbench_cad.lab.simulate.devices import GAUGE_NOISE_N, SimulatedGauge, Sim
 from tacbench_cad.lab.simulate.heights import flat
 from tacbench_cad.lab.simulate.rendering import READ_NOISE, WHITE_LED_BGR, blank, with_noise
 from tacbench_cad.lab.simulate.tactip import INNER_RADIUS_MM, REST, RINGS, Skin, TacTip
-from tacbench_cad.lab.spec import HolderRim, Point, PrintedBlock, WorkFrame
-from tacbench_cad.protocol import FORCES_N
+from tacbench_cad.lab.study.spec import HolderRim, Point, PrintedBlock, WorkFrame
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import FORCES_N
+from tacbench_cad.util.errors import InputError
 
 FAST = Clock(speed=1e6)
 HOLDER = HolderRim()

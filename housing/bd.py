@@ -1,0 +1,160 @@
+"""build123d: holder and jig as parts with joints, and the whole set put together.
+
+With a specification ``one``::
+
+    from housing.bd import HolderPart, JigPart
+    from tacbench_cad.bd import TextureBlock
+
+    holder, block, jig = HolderPart(one), TextureBlock(one.block), JigPart(Jig(holder=one))
+    holder.joints["slot 1"].connect_to(block.joints["underside"])
+    holder.joints["jig"].connect_to(jig.joints["holder"])
+
+Importing this module imports build123d.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from build123d import (
+    Align,
+    BasePartObject,
+    BuildPart,
+    Color,
+    Compound,
+    Location,
+    Mode,
+    RigidJoint,
+    Rotation,
+    RotationLike,
+    Solid,
+)
+
+from housing.fixture import Fixture
+from housing.holder import Holder
+from housing.jig import Jig
+from tacbench_cad.bd import TextureBlock
+from tacbench_cad.geometry import brep
+from tacbench_cad.geometry.part import COLOURS
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError
+
+
+class _FixturePart(BasePartObject):  # type: ignore[misc]  # build123d is not typed for mypy
+    """A fixture in the holder frame, with its name, its colour, and joints in that frame."""
+
+    _applies_to: ClassVar[list[str]] = [BuildPart._tag]
+
+    def _make(
+        self,
+        fixture: Fixture,
+        solid: Solid,
+        joints: dict[str, Location],
+        placing: tuple[RotationLike, Align | tuple[Align, Align, Align] | None, Mode],
+    ) -> None:
+        rotation, align, mode = placing
+        # A copy, since aligning moves it in place, and the fixture keeps its own shape.
+        solid = solid.moved(Location())
+        solid.label = fixture.name
+        super().__init__(part=solid, rotation=rotation, align=align, mode=mode)
+        self.color = Color(COLOURS[fixture.kind])
+        # Aligned, the solid's place is where the holder frame lies.
+        frame = self.rotation * solid.location
+        for label, place in joints.items():
+            RigidJoint(label, self, frame * place)
+
+
+class HolderPart(_FixturePart):
+    """Part Object: Holder.
+
+    A holder in its own frame. ``.holder`` is its specification. Joints: ``slot 1``, ``slot 2`` ... take the joint
+    ``underside`` of a :class:`~tacbench_cad.bd.TextureBlock`, in the middle of its clearance; ``jig`` takes the joint
+    ``holder`` of a :class:`JigPart`.
+
+    Args:
+        holder: The holder.
+        rotation: Angles to rotate about the axes, in degrees.
+        align: Align MIN, CENTER or MAX of the box along x, y and z; None leaves the holder frame.
+        mode: Combination mode.
+    """
+
+    def __init__(
+        self,
+        holder: Holder,
+        rotation: RotationLike = (0, 0, 0),
+        align: Align | tuple[Align, Align, Align] | None = None,
+        mode: Mode = Mode.ADD,
+    ) -> None:
+        self.holder = holder
+        joints = {
+            f"slot {number}": Location(place.origin_mm) * Rotation(0, 0, 90 * place.quarter_turns)
+            for number, place in enumerate(holder.block_placements(), 1)
+        }
+        self._make(holder, Solid(holder.solid()), {**joints, "jig": Location()}, (rotation, align, mode))
+
+
+class JigPart(_FixturePart):
+    """Part Object: Jig.
+
+    A jig as it is used: in the holder frame, seated. ``.jig`` is its specification. The joint ``holder`` is the
+    holder frame.
+
+    Args:
+        jig: The jig.
+        rotation: Angles to rotate about the axes, in degrees.
+        align: Align MIN, CENTER or MAX of the box along x, y and z; None leaves the holder frame.
+        mode: Combination mode.
+    """
+
+    def __init__(
+        self,
+        jig: Jig,
+        rotation: RotationLike = (0, 0, 0),
+        align: Align | tuple[Align, Align, Align] | None = None,
+        mode: Mode = Mode.ADD,
+    ) -> None:
+        self.jig = jig
+        self._make(jig, Solid(jig.solid_in_use()), {"holder": Location()}, (rotation, align, mode))
+
+
+def assembled(
+    holder: Holder,
+    blocks: Sequence[Block] | None = None,
+    jig: Jig | None = None,
+    tolerance_mm: float = brep.TOLERANCE_MM,
+) -> Compound:
+    """Holder, blocks and jig put together by their joints, as one labelled compound in the holder frame.
+
+    Args:
+        holder: The holder.
+        blocks: A block for each slot, the first ones if there are fewer; None for the holder's own in every slot.
+        jig: A jig made for this holder; None for none.
+        tolerance_mm: Greatest vertical distance of the blocks from their formula, in mm.
+
+    Raises:
+        InputError: There are more blocks than slots, a block has other sides, height or key than the holder is for,
+            or the jig is for another holder.
+    """
+    chosen = [holder.block] * holder.slots if blocks is None else list(blocks)
+    if len(chosen) > holder.slots:
+        raise InputError("blocks", len(chosen), f"the holder has {holder.slots} slots")
+    for block in chosen:
+        if _outline(block) != _outline(holder.block):
+            raise InputError("blocks", block.name, f"does not go into {holder.name}")
+    if jig is not None and jig.holder.name != holder.name:
+        raise InputError("jig", jig.name, f"is not made for {holder.name}")
+    base = HolderPart(holder)
+    parts = [base]
+    for number, block in enumerate(chosen, 1):
+        parts.append(TextureBlock(block, tolerance_mm=tolerance_mm))
+        base.joints[f"slot {number}"].connect_to(parts[-1].joints["underside"])
+    if jig is not None:
+        parts.append(JigPart(jig))
+        base.joints["jig"].connect_to(parts[-1].joints["holder"])
+    return Compound(label=f"assembly_{holder.stem}", children=parts)
+
+
+def _outline(block: Block) -> tuple[object, ...]:
+    """What a holder knows of a block."""
+    return (block.size_mm, block.height_mm, block.key_mm)

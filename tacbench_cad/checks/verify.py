@@ -1,0 +1,199 @@
+"""A part and its file on disk: is what was written what was meant?
+
+Everything is read back from the file, never taken from memory. The checks stand in the order in which a failure makes
+the later ones meaningless: readable and finite, edges, triangles, volume, manifold3d, box, distance from the formula.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tacbench_cad.checks import meshcheck, relief
+from tacbench_cad.checks.match import GRID_MM, Facets
+from tacbench_cad.checks.report import Check, Report
+from tacbench_cad.formats import format_of
+from tacbench_cad.geometry.mesh import Floats, Mesh
+from tacbench_cad.geometry.part import Body, Part
+from tacbench_cad.spec.sampling import SampleGrid
+from tacbench_cad.util.errors import CheckFailedError
+
+if TYPE_CHECKING:
+    from tacbench_cad.checks.solidcheck import Measured
+
+__all__ = ["Check", "Report", "verify"]
+
+#: The kernel's default volume must come this near to the closed form, as a share of it.
+SOLID_VOLUME_SHARE = 1e-4
+#: A volume summed patch by patch is right to rounding: twelve decimals a coordinate in the file.
+SOLID_ROUNDING_SHARE = 1e-9
+#: The kernel's default bounding box must come this near to the block, in mm.
+SOLID_BOX_MM = 1e-3
+#: Relative rounding of a float32 value.
+_FLOAT32 = 2.0**-23
+
+
+def verify(part: Part, path: Path, full: bool = False) -> Report:
+    """Check a file that was written for a part.
+
+    Args:
+        part: What the file shall hold.
+        path: The file; the end of its name says the format.
+        full: Add pymeshlab's checks to a mesh, and the kernel's default volume and box to a solid.
+
+    Returns:
+        The report; :attr:`Report.ok` says whether all is well.
+
+    Raises:
+        InputError: There is no such file, or its format is not known.
+        MissingToolError: A package that the format or the full check needs is not there.
+    """
+    try:
+        if format_of(path).shape == "solid":
+            return _verify_solid(part, path, full)
+        return _verify_mesh(part, path, meshcheck.read_mesh(path), full)
+    except CheckFailedError as error:
+        return Report(path=path, checks=(Check(name="file", ok=False, detail=str(error).removeprefix(f"{path}: ")),))
+
+
+def _verify_mesh(part: Part, path: Path, mesh: Mesh, full: bool) -> Report:
+    _, body = part.mesh
+    found = meshcheck.edges(mesh)
+    checks = [
+        Check(name="file", ok=True, detail="read back; all coordinates finite"),
+        *meshcheck.edge_checks(found),
+        meshcheck.degenerate_check(mesh),
+        _mesh_volume(mesh, body),
+    ]
+    if found.sound:
+        checks += _manifold(mesh, part.genus)
+    checks.append(_mesh_box(part, mesh))
+    deviation = None
+    if body.certificate is not None:
+        found_relief, deviation = _mesh_relief(part, mesh, body)
+        checks += found_relief
+    if full:
+        checks += meshcheck.full_checks(mesh)
+    return Report.of_mesh(path, mesh, checks, deviation)
+
+
+def _mesh_volume(mesh: Mesh, body: Body) -> Check:
+    """Volume against the closed form; moving every point by a float32's rounding may change it by area x rounding."""
+    area = float(np.linalg.norm(mesh.doubled_normals, axis=1).sum()) / 2.0
+    allowed = body.volume_slack_mm3 + area * _FLOAT32 * float(np.abs(mesh.vertices).max())
+    return _volume(mesh.volume_mm3, body.volume_mm3, allowed)
+
+
+def _volume(found: float, wanted: float, allowed: float) -> Check:
+    off = found - wanted
+    ok = found > 0.0 and abs(off) <= allowed
+    detail = f"{found:.6f} mm^3, {off:+.2e} from the closed form (allowed {allowed:.1e})"
+    return Check(name="volume", ok=ok, detail=detail if found > 0.0 else f"inside out: {detail}")
+
+
+def _manifold(mesh: Mesh, genus: int) -> list[Check]:
+    solidity = meshcheck.solidity(mesh)
+    checks = [Check(name="manifold", ok=solidity.status == "NoError", detail=f"manifold3d: {solidity.status}")]
+    if solidity.status == "NoError":
+        checks.append(_genus(solidity.genus, genus))
+    return checks
+
+
+def _genus(found: int, wanted: int) -> Check:
+    detail = f"{found} through holes" + ("" if found == wanted else f", {wanted} are wanted")
+    return Check(name="genus", ok=found == wanted, detail=detail)
+
+
+def _mesh_box(part: Part, mesh: Mesh) -> Check:
+    """The box to a float32's rounding; the highest vertex of a block exactly at its height."""
+    low, high = mesh.bounds_mm
+    check = _box(low, high, part.size_mm, 2.0 * _FLOAT32 * max(part.size_mm))
+    top, wanted = float(high[2]), float(np.float32(part.size_mm[2]))
+    if check.ok and part.kind == "block" and top != wanted:
+        return Check(name="box", ok=False, detail=f"the highest point is at {top!r} mm, not at exactly {wanted!r}")
+    return check
+
+
+def _box(low: Floats, high: Floats, size_mm: tuple[float, float, float], allowed: float) -> Check:
+    off = np.concatenate([low, high - np.array(size_mm)])
+    found = " x ".join(f"{side:.6g}" for side in (high - low).tolist())
+    ok = bool(np.all(np.abs(off) <= allowed))
+    if ok:
+        return Check(name="box", ok=True, detail=f"{found} mm, lower corner at the origin")
+    i = int(np.argmax(np.abs(off)))
+    name = f"{'lower' if i < 3 else 'upper'} {'xyz'[i % 3]}"
+    return Check(name="box", ok=False, detail=f"{found} mm; {name} is off by {off[i]:+.4g} mm (allowed {allowed:.1e})")
+
+
+def _mesh_relief(part: Part, mesh: Mesh, body: Body) -> tuple[list[Check], float | None]:
+    """Distance from the formula; of a mesh on a sample grid also from the straight lines between the samples."""
+    top = relief.upward(mesh, mesh.doubled_normals)
+    points = relief.points_on(mesh, top)
+    check, deviation = _relief(part, body, points, rounding_mm=_FLOAT32 * max(part.size_mm))
+    block = part.block
+    if block is None or not isinstance(block.sampling, SampleGrid) or len(points) == 0:
+        return [check], deviation
+    above, slope = Facets(block)(points[:, 0], points[:, 1], points[:, 2] - block.datum_mm)
+    off = np.abs(above) / np.sqrt(1.0 + slope**2)
+    i, allowed = int(np.argmax(off)), GRID_MM * max(1.0, block.scale)
+    ok = bool(off[i] <= allowed)
+    where = "" if ok else " at x {:.4g}, y {:.4g}, z {:.4g} mm".format(*points[i])
+    detail = f"{off[i]:.2g} mm from the lines between the {block.sampling.nx} x {block.sampling.ny} samples{where}"
+    return [check, Check(name="samples", ok=ok, detail=detail)], deviation
+
+
+def _relief(part: Part, body: Body, points: Floats, rounding_mm: float) -> tuple[Check, float | None]:
+    """Distance of points from the formula against the certificate."""
+    assert part.block is not None and body.certificate is not None and body.datum_mm is not None
+    if len(points) == 0:
+        return Check(name="relief", ok=False, detail="nothing faces upwards"), None
+    found = relief.distance(points, part.block.surface, body.datum_mm)
+    allowed = body.certificate.distance_mm
+    ok = found.largest_mm <= allowed + rounding_mm
+    x, y, z = found.at_mm
+    where = "" if ok else f" at x {x:.4g}, y {y:.4g}, z {z:.4g} mm"
+    detail = f"{found.largest_mm:.3g} mm from the formula at most{where}, {len(points)} points; proved {allowed:.3g} mm"
+    return Check(name="relief", ok=ok, detail=detail), found.largest_mm
+
+
+def _verify_solid(part: Part, path: Path, full: bool) -> Report:
+    from tacbench_cad.checks import solidcheck
+    from tacbench_cad.checks.survey import survey
+    from tacbench_cad.formats.step import read_step
+
+    shape = read_step(path)
+    _, body = part.solid
+    found = survey(shape)
+    measured = found.measured
+    share = SOLID_ROUNDING_SHARE if found.exact else SOLID_VOLUME_SHARE
+    checks = [
+        Check(name="file", ok=True, detail="read back by the kernel"),
+        *solidcheck.solid_checks(shape),
+        _genus(solidcheck.genus(shape), part.genus),
+        _volume(measured.volume_mm3, body.volume_mm3, share * body.volume_mm3 + body.volume_slack_mm3),
+        _box(measured.low_mm, measured.high_mm, part.size_mm, SOLID_BOX_MM),
+    ]
+    deviation = None
+    if body.certificate is not None:
+        check, deviation = _relief(part, body, found.points, rounding_mm=1e-6)
+        checks.append(check)
+    if full:
+        checks += _kernel_defaults(part, body, solidcheck.measure(shape))
+    return Report(
+        path=path,
+        checks=tuple(checks),
+        deviation_mm=deviation,
+        volume_mm3=measured.volume_mm3,
+        size_mm=measured.size_mm,
+    )
+
+
+def _kernel_defaults(part: Part, body: Body, measured: Measured) -> list[Check]:
+    """What a user of the kernel, CadQuery or build123d is told first; slow on blocks of many patches."""
+    allowed = SOLID_VOLUME_SHARE * body.volume_mm3 + body.volume_slack_mm3
+    volume = _volume(measured.volume_mm3, body.volume_mm3, allowed)
+    box = _box(measured.low_mm, measured.high_mm, part.size_mm, SOLID_BOX_MM)
+    return [dataclasses.replace(volume, name="kernel volume"), dataclasses.replace(box, name="kernel box")]

@@ -1,0 +1,187 @@
+"""The folder of a texture: written whole or not at all, extended by other targets, never mixed with another texture."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tacbench_cad import __version__
+from tacbench_cad.formats.simulators import TARGETS, Target
+from tacbench_cad.formats.simulators.asset import Asset
+from tacbench_cad.formats.simulators.readme import readme
+from tacbench_cad.geometry.block_part import block_spec
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.files import TEMPORARY_PREFIX, locked, refusing, sha256
+
+#: What the folder holds, for programs: the block, and for each target its files and its note.
+RECORD = "texture.json"
+#: The note of the folder, for people.
+README = "README.md"
+#: What makes a block another one; the rest of its description follows from these.
+IDENTITY = (
+    *("texture", "waves", "preset", "scale", "size_mm", "height_mm", "mm_per_unit", "domain", "sampling"),
+    *("key_mm", "label", "copy"),
+)
+_NEW, _OLD = f"{TEMPORARY_PREFIX}new-", f"{TEMPORARY_PREFIX}old-"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exported:
+    """A folder that was written.
+
+    Args:
+        texture: Name of the texture.
+        folder: Where its files lie.
+        files: Paths from the folder of the files written this time, with their sizes in bytes.
+    """
+
+    texture: str
+    folder: Path
+    files: dict[str, int]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {"texture": self.texture, "folder": str(self.folder), "files": self.files}
+
+
+def export(blocks: Iterable[Block], targets: Sequence[str], out: Path) -> list[Exported]:
+    """Write blocks for some simulators, ``out/NAME`` for each texture.
+
+    A folder that holds the same block gains the targets or has them replaced; its other files stay. Nothing is written
+    before every folder has been found fit to take its texture.
+
+    Args:
+        blocks: The blocks, each of another texture.
+        targets: Names of :data:`tacbench_cad.formats.simulators.TARGETS`.
+        out: The folder that takes the textures' folders; made if it is not there.
+
+    Returns:
+        One row a texture, in the order of the blocks.
+
+    Raises:
+        InputError: A target is unknown, a block cannot be exported, a folder holds another texture or other files, or
+            it cannot be written.
+    """
+    if not targets:
+        one_of("to", "", TARGETS)
+    wanted = [TARGETS[one_of("to", name, TARGETS)] for name in dict.fromkeys(targets)]
+    assets = [Asset(block) for block in blocks]
+    with locked(out):
+        _recover(out)
+        for asset in assets:
+            _record_of(out / asset.name, asset)
+        return [_write(asset, wanted, out) for asset in assets]
+
+
+def _recover(out: Path) -> None:
+    """Put right what a killed run left: a folder that was moved aside and not yet replaced, and unfinished ones."""
+    for old in out.glob(f"{_OLD}*"):
+        folder = out / old.name.removeprefix(_OLD)
+        if folder.exists():
+            shutil.rmtree(old, ignore_errors=True)
+        else:
+            old.rename(folder)
+    for new in out.glob(f"{_NEW}*"):
+        shutil.rmtree(new, ignore_errors=True)
+
+
+def _described(block: Block) -> dict[str, Any]:
+    """The block as it stands in the record."""
+    plain: dict[str, Any] = json.loads(json.dumps(block_spec(block)))
+    return plain
+
+
+def _record_of(folder: Path, asset: Asset) -> dict[str, Any]:
+    """The record of the targets that the folder holds already.
+
+    Raises:
+        InputError: It is no folder, holds files that are not ours, or another texture.
+    """
+    if not folder.exists():
+        return {}
+    if not folder.is_dir():
+        raise InputError("out", str(folder), "is a file; move it or choose another --out")
+    record = folder / RECORD
+    if not record.exists():
+        if any(folder.iterdir()):
+            raise InputError("out", str(folder), f"holds files but no {RECORD}; empty it or choose another --out")
+        return {}
+    try:
+        found = json.loads(record.read_text(encoding="utf-8"))
+        block, targets = found["block"], found["targets"]
+        what = f"{block['texture']}, preset {block['preset']}, scale {block['scale']:g}"
+        known = {name: targets[name] for name in TARGETS if name in targets}
+        for one in known.values():
+            _ = [*one["files"]], one["note"] + ""
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            "out", str(record), f"cannot be read as a record of ours ({error}); remove the folder"
+        ) from None
+    wanted = _described(asset.block)
+    differs = [key for key in IDENTITY if block.get(key) != wanted[key]]
+    if differs:
+        raise InputError(
+            "out",
+            str(folder),
+            f"holds another texture ({what}; not the same: {', '.join(differs)}); remove it or choose another --out",
+        )
+    return known
+
+
+def _write(asset: Asset, targets: Sequence[Target], out: Path) -> Exported:
+    folder = out / asset.name
+    new, old = out / f"{_NEW}{asset.name}", out / f"{_OLD}{asset.name}"
+    record = _record_of(folder, asset)
+    with refusing(out):
+        try:
+            new.mkdir()
+            files = _fill(asset, targets, record, folder, new)
+            for path in new.rglob("*"):
+                if path.is_file():
+                    _to_disk(path)
+            if folder.exists():
+                folder.rename(old)
+            new.rename(folder)
+        except BaseException:
+            shutil.rmtree(new, ignore_errors=True)
+            if old.exists() and not folder.exists():
+                old.rename(folder)
+            raise
+        shutil.rmtree(old, ignore_errors=True)
+    return Exported(texture=asset.name, folder=folder, files=files)
+
+
+def _fill(asset: Asset, targets: Sequence[Target], record: dict[str, Any], folder: Path, new: Path) -> dict[str, int]:
+    """Write the targets into the new folder, beside what the present one holds of other targets and of the user's."""
+    replaced = {README, RECORD}
+    for target in targets:
+        replaced.update(record.pop(target.name, {}).get("files", {}))
+    kept = {file for one in record.values() for file in one["files"]}
+    for path in sorted(folder.rglob("*")) if folder.exists() else ():
+        place = path.relative_to(folder).as_posix()
+        if path.is_file() and (place not in replaced or place in kept):
+            (new / place).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(path, new / place)
+    written: dict[str, int] = {}
+    for target in targets:
+        made = target.write(asset, new)
+        hashes = {file: sha256(new / file) for file in made.files}
+        record[target.name] = {"version": __version__, "files": hashes, "note": made.note}
+        written.update({file: (new / file).stat().st_size for file in made.files})
+    ordered = {name: record[name] for name in TARGETS if name in record}
+    document = {"tacbench_cad": __version__, "block": _described(asset.block), "targets": ordered}
+    (new / RECORD).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    sections = [(TARGETS[name].title, one["note"]) for name, one in ordered.items()]
+    (new / README).write_text(readme(asset, sections), encoding="utf-8")
+    return written
+
+
+def _to_disk(path: Path) -> None:
+    with path.open("rb+") as stream:
+        os.fsync(stream.fileno())

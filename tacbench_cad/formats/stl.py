@@ -1,0 +1,192 @@
+"""Binary STL by NumPy, and a reader that refuses what is not one.
+
+An STL has no units, no names beyond 80 bytes and no shared vertices. Ours are in millimetres; the header holds
+``tacbench-cad`` and the part's name and no date, so that the same part gives the same bytes.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.geometry.mesh import Floats, Indices, Mesh
+from tacbench_cad.geometry.part import Part
+from tacbench_cad.util.errors import CheckFailedError
+from tacbench_cad.util.files import not_empty
+
+#: Length of a binary STL's header.
+HEADER_BYTES = 80
+_FACET = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (9,)), ("attribute", "<u2")])
+
+
+def write_stl(part: Part, path: Path) -> None:
+    """Write a part's mesh as binary STL.
+
+    Args:
+        part: The part; its mesh is built if it is not yet.
+        path: The file; see :func:`tacbench_cad.util.files.replacing`.
+    """
+    mesh, _ = part.mesh
+    with path.open("wb") as stream:
+        stream.write(_header(part.name))
+        stream.write(np.uint32(len(mesh.triangles)).astype("<u4").tobytes())
+        stream.write(_facets(mesh).view(np.uint8).data)  # unlike tofile, it says why a disk takes no more
+
+
+def _header(name: str) -> bytes:
+    text = f"tacbench-cad {name}".encode("ascii", "replace")
+    return text[:HEADER_BYTES].ljust(HEADER_BYTES, b"\0")
+
+
+def _facets(mesh: Mesh) -> NDArray[np.void]:
+    """The file's records, shape (m,). Normals come from float64 and have length one (zero for a facet without area)."""
+    facets = np.empty(len(mesh.triangles), dtype=_FACET)
+    corners = mesh.vertices[mesh.triangles.ravel()].reshape(-1, 9)
+    facets["corners"] = corners
+    ax, ay, az = (corners[:, 3 + i] - corners[:, i] for i in range(3))
+    bx, by, bz = (corners[:, 6 + i] - corners[:, i] for i in range(3))
+    nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    length = np.sqrt(nx * nx + ny * ny + nz * nz)
+    length[length == 0.0] = 1.0
+    normal = facets["normal"]
+    normal[:, 0], normal[:, 1], normal[:, 2] = nx / length, ny / length, nz / length
+    facets["attribute"] = 0
+    return facets
+
+
+def read_stl(path: Path) -> Mesh:
+    """Read a binary or an ASCII STL.
+
+    Corners with the same float32 coordinates become one vertex; nothing else is repaired.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The mesh, in the file's unit (STL names none; millimetres by custom).
+
+    Raises:
+        InputError: There is no such file, or it is a folder.
+        CheckFailedError: The file is empty, cut off, of another kind, without triangles, has a wrong count of
+            triangles, or a coordinate that is not a finite number.
+    """
+    data = not_empty(path).read_bytes()
+    corners = _binary(path, data) if _is_binary(data) else None
+    if corners is None:
+        corners = _ascii(path, data) if _is_ascii(data) else _refuse(path, data)
+    if len(corners) == 0:
+        raise CheckFailedError(f"{path}: the STL has no triangles")
+    require_finite(path, corners)
+    return Mesh(*weld(corners))
+
+
+def stl_header(path: Path) -> str:
+    """What a binary STL's 80 bytes say, as text without padding; empty for an ASCII one."""
+    with path.open("rb") as stream:
+        data = stream.read(HEADER_BYTES)
+    return data.split(b"\0")[0].decode("ascii", "replace").strip()
+
+
+def _is_binary(data: bytes) -> bool:
+    """Whether length and count agree: the only sure sign, since binary files may begin with ``solid`` too."""
+    return len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
+
+
+def _is_ascii(data: bytes) -> bool:
+    start = data[:1024].lstrip().lower()
+    return start.startswith(b"solid") and b"\0" not in data[:1024]
+
+
+def _binary(path: Path, data: bytes) -> NDArray[np.float32]:
+    facets = np.frombuffer(data, dtype=_FACET, offset=84)
+    return np.ascontiguousarray(facets["corners"]).reshape(-1, 3).astype(np.float32, copy=False)
+
+
+def _refuse(path: Path, data: bytes) -> NDArray[np.float32]:
+    """Say why the bytes are no STL."""
+    for magic, kind in ((b"PK\x03\x04", "a zip or 3MF file"), (b"ISO-10303-21", "a STEP file"), (b"ply", "a PLY file")):
+        if data.startswith(magic):
+            raise CheckFailedError(f"{path}: this is {kind}, not an STL")
+    if len(data) < 84:
+        raise CheckFailedError(f"{path}: {len(data)} bytes is too short for an STL, whose header alone has 84")
+    count, room = int.from_bytes(data[80:84], "little"), (len(data) - 84) / 50.0
+    if room < count and b"\0" in data[:1024]:
+        raise CheckFailedError(
+            f"{path}: the header promises {count} triangles, the file holds {int(room)}: "
+            "it is cut off, its count is wrong, or it is no STL"
+        )
+    raise CheckFailedError(
+        f"{path}: {len(data)} bytes are not what an STL of {count} triangles has ({84 + 50 * count}); "
+        "its count is wrong, or it is no STL"
+    )
+
+
+def _ascii(path: Path, data: bytes) -> NDArray[np.float32]:
+    """Corners of an ASCII STL, shape (3 m, 3)."""
+    lines = [line.split() for line in data.lower().splitlines()]
+    corners = [line[1:] for line in lines if line and line[0] == b"vertex"]
+    begun = sum(1 for line in lines if line and line[0] == b"facet")
+    ended = sum(1 for line in lines if line and line[0] == b"endfacet")
+    closed = any(line and line[0] == b"endsolid" for line in lines)
+    if begun != ended or not closed:
+        raise CheckFailedError(f"{path}: the ASCII STL is cut off: {begun} facets begin, {ended} end")
+    if len(corners) != 3 * begun or any(len(corner) != 3 for corner in corners):
+        raise CheckFailedError(f"{path}: the ASCII STL has {len(corners)} corners for {begun} facets")
+    try:
+        with np.errstate(over="ignore"):
+            return np.array(corners, dtype=np.float64).reshape(-1, 3).astype(np.float32)
+    except ValueError as error:
+        raise CheckFailedError(f"{path}: the ASCII STL has a coordinate that is no number: {error}") from None
+
+
+def require_finite(path: Path, corners: NDArray[np.floating[Any]]) -> None:
+    """Refuse coordinates that are NaN or infinite: what follows (manifold3d above all) may hang on them.
+
+    Args:
+        path: Named in the message.
+        corners: Coordinates, shape (n, 3).
+
+    Raises:
+        CheckFailedError: A coordinate is not finite.
+    """
+    finite = np.isfinite(corners)
+    if not finite.all():
+        bad = int(np.count_nonzero(~finite.all(axis=1)))
+        raise CheckFailedError(f"{path}: {bad} corners have a coordinate that is not a finite number (NaN or infinite)")
+
+
+def weld(corners: NDArray[np.float32]) -> tuple[Floats, Indices]:
+    """Make corners with equal float32 coordinates one vertex.
+
+    Equal means every bit, but -0 is 0. Sorting one 64-bit hash of each corner is several times faster than sorting
+    the corners; a hash shared by different corners is found and then sorted in full.
+
+    Args:
+        corners: Three rows a triangle, shape (3 m, 3).
+
+    Returns:
+        Vertices (n, 3) in float64, and triangles (m, 3).
+    """
+    clean = np.ascontiguousarray(corners, dtype=np.float32) + np.float32(0.0)
+    bits = clean.view(np.uint32).astype(np.uint64)
+    with np.errstate(over="ignore"):
+        key = bits[:, 0] * np.uint64(0x9E3779B97F4A7C15)
+        key ^= key >> np.uint64(29)
+        key = (key + bits[:, 1]) * np.uint64(0xBF58476D1CE4E5B9)
+        key ^= key >> np.uint64(32)
+        key = (key + bits[:, 2]) * np.uint64(0x94D049BB133111EB)
+    order = np.argsort(key)
+    ordered_key, ordered = key[order], clean[order]
+    fresh = np.empty(len(key), dtype=bool)
+    fresh[:1] = True
+    fresh[1:] = ordered_key[1:] != ordered_key[:-1]
+    differs = (ordered[1:] != ordered[:-1]).any(axis=1)
+    if np.any(differs & ~fresh[1:]):
+        vertices, inverse = np.unique(clean, axis=0, return_inverse=True)
+        return vertices.astype(np.float64), inverse.reshape(-1, 3).astype(np.int32)
+    index = np.empty(len(key), dtype=np.int32)
+    index[order] = np.cumsum(fresh, dtype=np.int32) - 1
+    return ordered[fresh].astype(np.float64), index.reshape(-1, 3)

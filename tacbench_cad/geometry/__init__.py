@@ -1,0 +1,1 @@
+"""From a spec to a mesh and to a solid, each with a certificate."""

@@ -1,0 +1,101 @@
+"""A block as a part: its mesh, its solid and what readers of its files must find."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from tacbench_cad.geometry.block_mesh import mesh_of_top
+from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.geometry.meshing.top import textured_top
+from tacbench_cad.geometry.meshing.top_volume import piecewise_volume_mm3, volume_slack_mm3
+from tacbench_cad.geometry.part import Body, Part
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import PressGrid
+from tacbench_cad.spec.sampling import Tolerance
+
+if TYPE_CHECKING:
+    from OCP.TopoDS import TopoDS_Shape
+
+
+def block_part(block: Block, *, step_tolerance_mm: float = 0.001) -> Part:
+    """Wrap a block as a part; nothing is built before it is asked for.
+
+    Args:
+        block: The block.
+        step_tolerance_mm: Distance that the solid keeps from the formula.
+    """
+    from tacbench_cad.geometry.brep import solid_refusal
+
+    def make_mesh() -> tuple[Mesh, Body]:
+        top = textured_top(block)
+        body = Body(
+            volume_mm3=piecewise_volume_mm3(block, top),
+            volume_slack_mm3=volume_slack_mm3(block),
+            certificate=top.certificate,
+            datum_mm=block.datum_mm,
+        )
+        return mesh_of_top(block, top), body
+
+    def make_solid() -> tuple[TopoDS_Shape, Body]:
+        from tacbench_cad.geometry.brep import solid_block
+
+        shape, certificate = solid_block(block, step_tolerance_mm)
+        body = Body(
+            volume_mm3=block.volume_mm3(block.solid_datum_mm),
+            volume_slack_mm3=block.footprint_mm2 * certificate.vertical_mm,
+            certificate=certificate,
+            datum_mm=block.solid_datum_mm,
+        )
+        return shape, body
+
+    refusal = solid_refusal(block)
+    x, y = block.size_mm
+    return Part(
+        name=block.name,
+        kind="block",
+        title=block.title,
+        size_mm=(x, y, block.height_mm),
+        genus=0,
+        make_mesh=make_mesh,
+        make_solid=make_solid if refusal is None else None,
+        spec=block_spec(block),
+        block=block,
+        no_solid=refusal,
+    )
+
+
+def block_spec(block: Block) -> dict[str, Any]:
+    """Everything that went into a block and what follows from it, as plain JSON values; lengths in mm."""
+    sampling = block.sampling
+    extremes = block.extremes
+    grid = PressGrid.paper(block.scale)
+    return {
+        "texture": block.texture.name,
+        "equation": block.texture.equation,
+        "waves": [{"amplitude": w.amplitude, "f": w.f, "g": w.g, "phase": w.phase} for w in block.texture.waves.waves],
+        "preset": block.preset,
+        "scale": block.scale,
+        "size_mm": list(block.size_mm),
+        "height_mm": block.height_mm,
+        "mm_per_unit": list(block.mm_per_unit),
+        "domain": [list(ends) for ends in block.domain],
+        "sampling": {"tolerance_mm": sampling.mm}
+        if isinstance(sampling, Tolerance)
+        else {"grid": [sampling.nx, sampling.ny], "aliases": block.grid_aliases},
+        "key_mm": block.key_mm,
+        "label": list(block.label_words) if block.label else None,
+        "copy": block.copy,
+        "relief_mm": block.relief_mm,
+        "base_mm": block.base_mm,
+        "datum_mm": block.datum_mm,
+        "solid_datum_mm": block.solid_datum_mm,
+        "formula_above_height_mm": block.datum_mm - block.formula_datum_mm,
+        "extremes": {
+            "low_mm": extremes.low,
+            "high_mm": extremes.high,
+            "at_low_mm": list(extremes.at_low),
+            "at_high_mm": list(extremes.at_high),
+            "error_mm": extremes.error,
+        },
+        "press_grid_mm": {"x": list(grid.x_mm), "y": list(grid.y_mm)},
+    }

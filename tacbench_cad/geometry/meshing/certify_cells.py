@@ -1,0 +1,123 @@
+"""Proved bounds for tops whose cells are two triangles each: oblique waves, and sample grids of them.
+
+Every cell is cut into ``s`` by ``s`` parts. On a part the deviation ``e = fit - f`` is at most the largest of its four
+corners and what ``e`` may do between them. A part that a diagonal crosses is split along it, so ``e`` is smooth on each
+right triangle with legs ``a, b`` and within ``(a^2 M_uu + 2 a b M_uv + b^2 M_vv) / 8`` of its linear interpolation,
+where ``M`` bounds the second derivatives of f: their values at the cell's corners and a remainder from the fourth.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.spec.waves import WaveSum
+
+Floats = NDArray[np.float64]
+
+#: Parts of all cells together, at most (unless there are more cells).
+MOST_PARTS = 1_000_000
+#: Parts along each side of a cell, at most.
+MOST_PARTS_A_SIDE = 12
+
+
+@dataclass(frozen=True, eq=False)
+class CellProof:
+    """What is proved of each cell, shape (n - 1, m - 1) each.
+
+    Args:
+        distance: Bound of ``|fit - f| / sqrt(1 + |gradient|^2)`` on the cell.
+        vertical: Bound of ``|fit - f|``.
+    """
+
+    distance: Floats
+    vertical: Floats
+
+
+class Cells:
+    """A formula over the cells of a tensor grid, evaluated once for both choices of the diagonals.
+
+    Args:
+        surface: The formula.
+        x: Lines along x, ascending, shape (n,).
+        y: Lines along y, shape (m,).
+    """
+
+    def __init__(self, surface: WaveSum, x: Floats, y: Floats) -> None:
+        cells = (len(x) - 1) * (len(y) - 1)
+        self._parts = max(1, min(MOST_PARTS_A_SIDE, math.isqrt(MOST_PARTS // cells)))
+        fine_x, fine_y = _refined(x, self._parts), _refined(y, self._parts)
+        self._value = surface.grid(fine_x, fine_y)
+        a, b = np.diff(x)[:, None], np.diff(y)[None, :]
+        uu, uv, vv = (_bend(surface, x, y, a, b, order) for order in ((2, 0), (1, 1), (0, 2)))
+        parts = self._parts
+        self._between = self._spread((uu * a**2 + 2.0 * uv * a * b + vv * b**2) / (8.0 * parts**2))
+        steep = np.zeros_like(self._between)
+        for order, change in (((1, 0), uu * a + uv * b), ((0, 1), uv * a + vv * b)):
+            slope = np.abs(grid_derivative(surface, fine_x, fine_y, order))
+            steep += np.maximum(_largest_corner(slope) - self._spread(change / parts), 0.0) ** 2
+        self._stretch = np.sqrt(1.0 + steep)
+
+    def _spread(self, per_cell: Floats) -> Floats:
+        return np.repeat(np.repeat(per_cell, self._parts, axis=0), self._parts, axis=1)
+
+    def prove(self, z: Floats, rising: bool) -> CellProof:
+        """Bound the deviation of the faceted surface with these heights.
+
+        Args:
+            z: Heights over the formula's zero at the crossings, shape (n, m).
+            rising: Whether diagonals run from (i, j) to (i + 1, j + 1), else from (i + 1, j) to (i, j + 1).
+        """
+        vertical = _largest_corner(np.abs(self._facets(z, rising) - self._value)) + self._between
+        return CellProof(self._largest_part(vertical / self._stretch), self._largest_part(vertical))
+
+    def _largest_part(self, values: Floats) -> Floats:
+        n, m = values.shape[0] // self._parts, values.shape[1] // self._parts
+        return np.asarray(values.reshape(n, self._parts, m, self._parts).max(axis=(1, 3)))
+
+    def _facets(self, z: Floats, rising: bool) -> Floats:
+        """Heights of the facets at the corners of all parts."""
+        parts = self._parts
+        z00, z10, z01, z11 = z[:-1, :-1], z[1:, :-1], z[:-1, 1:], z[1:, 1:]
+        fit = np.empty(self._value.shape)
+        for k in range(parts + 1):
+            for j in range(parts + 1):
+                s, t = k / parts, j / parts
+                if rising:
+                    low = k >= j
+                    value = z00 + s * (z10 - z00) + t * (z11 - z10) if low else z00 + t * (z01 - z00) + s * (z11 - z01)
+                else:
+                    low = k + j <= parts
+                    first = z00 + s * (z10 - z00) + t * (z01 - z00)
+                    value = first if low else z11 + (1.0 - s) * (z01 - z11) + (1.0 - t) * (z10 - z11)
+                fit[k : k + (len(z) - 2) * parts + 1 : parts, j : j + (z.shape[1] - 2) * parts + 1 : parts] = value
+        return fit
+
+
+def grid_derivative(surface: WaveSum, x: Floats, y: Floats, order: tuple[int, int]) -> Floats:
+    """A partial derivative on a tensor grid, shape (n, m)."""
+    amplitude, f, g, phase = surface.table.T
+    weight = amplitude * f ** order[0] * g ** order[1]
+    turn = (order[0] + order[1]) * (math.pi / 2.0)
+    along_x, along_y = np.outer(x, f) + (phase + turn), np.outer(y, g)
+    first = (weight * np.sin(along_x)) @ np.cos(along_y).T
+    return np.asarray(first + (weight * np.cos(along_x)) @ np.sin(along_y).T)
+
+
+def _bend(surface: WaveSum, x: Floats, y: Floats, a: Floats, b: Floats, order: tuple[int, int]) -> Floats:
+    """Bound of a second derivative on each cell."""
+    value = _largest_corner(np.abs(grid_derivative(surface, x, y, order)))
+    remainder = surface.bound(order[0] + 2, order[1]) * a**2 + surface.bound(order[0], order[1] + 2) * b**2
+    return np.asarray(np.minimum(value + remainder / 8.0, surface.bound(*order)))
+
+
+def _refined(lines: Floats, parts: int) -> Floats:
+    return np.interp(np.arange((len(lines) - 1) * parts + 1) / parts, np.arange(len(lines)), lines)
+
+
+def _largest_corner(value: Floats) -> Floats:
+    rows = np.maximum(value[:-1], value[1:])
+    return np.asarray(np.maximum(rows[:, :-1], rows[:, 1:]))

@@ -1,0 +1,169 @@
+"""A faceted top as triangles, with the key's corner cut off where there is one, and its outline side by side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.geometry.meshing.top import Top, single
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int32]
+Flags = NDArray[np.bool_]
+
+#: Vertices this many float32 steps from the cut count as lying on it.
+ON_CUT_STEPS = 8.0
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """An open triangulated surface over a convex outline.
+
+    Args:
+        vertices: Shape (n, 3), float32 values in mm.
+        triangles: Counter-clockwise seen from above, shape (m, 3).
+        sides: The outline counter-clockwise, one run of vertices for each straight side, corners in both runs.
+    """
+
+    vertices: Floats
+    triangles: Indices
+    sides: tuple[Indices, ...]
+
+
+def sheet(top: Top, key_mm: float | None, height_mm: float) -> Sheet:
+    """Triangulate a top.
+
+    Args:
+        top: The top.
+        key_mm: Leg of the corner at (X, 0) that is cut off, or None.
+        height_mm: Height of the highest vertex, a float32 value: vertices on the cut are held down to it.
+    """
+    if key_mm is not None:
+        return _keyed(top, key_mm, height_mm)
+    n, m = len(top.x), len(top.y)
+    index = np.arange(n * m, dtype=np.int32).reshape(n, m)
+    sides = (index[:, 0], index[-1, :], index[::-1, -1], index[0, ::-1])
+    return Sheet(_vertices(top), _cell_triangles(index, top.rising, None), sides)
+
+
+def _vertices(top: Top) -> Floats:
+    n, m = len(top.x), len(top.y)
+    vertices = np.empty((n, m, 3))
+    vertices[:, :, 0] = top.x[:, None]
+    vertices[:, :, 1] = top.y[None, :]
+    vertices[:, :, 2] = top.z
+    return vertices.reshape(-1, 3)
+
+
+def _cell_triangles(index: Indices, rising: Flags | None, chosen: Flags | None) -> Indices:
+    """Two triangles for each cell, or for each chosen one, split along its diagonal."""
+    corners = (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
+    a, b, c, d = (part.ravel() if chosen is None else part[chosen] for part in corners)
+    triangles = np.empty((len(a), 2, 3), dtype=np.int32)
+    for slot, pair in enumerate(((a, b), (b, c), (d, d))):
+        triangles[:, 0, slot], triangles[:, 1, slot] = pair
+    if rising is not None:
+        turned = rising.ravel() if chosen is None else rising[chosen]
+        triangles[turned, 0, 2], triangles[turned, 1, 0] = c[turned], a[turned]
+    return triangles.reshape(-1, 3)
+
+
+def _keyed(top: Top, key_mm: float, height_mm: float) -> Sheet:
+    n, m = len(top.x), len(top.y)
+    cut = top.x[-1] - key_mm
+    index = np.arange(n * m, dtype=np.int32).reshape(n, m)
+    excess = top.x[:, None] - top.y[None, :] - cut
+    excess[np.abs(excess) <= ON_CUT_STEPS * np.spacing(np.float32(max(top.x[-1], top.y[-1])))] = 0.0
+    whole = (excess[1:, :-1] <= 0.0) & (excess[:-1, 1:] < 0.0)
+    crossed = (excess[1:, :-1] > 0.0) & (excess[:-1, 1:] < 0.0)
+    cutter = _Cutter(_vertices(top), excess.ravel())
+    faces = [_cell_triangles(index, top.rising, whole)]
+    for i, j in np.argwhere(crossed):
+        corners = [int(index[k]) for k in ((i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1))]
+        faces.extend(_fan(cutter.keep(polygon)) for polygon in _pieces(top, int(i), int(j), corners))
+    added = np.array(cutter.added).reshape(-1, 3)
+    vertices = np.concatenate([cutter.vertices, added])
+    found = _compact(vertices, np.concatenate(faces), np.append(excess.ravel(), np.zeros(len(added))), top)
+    _crown(found.vertices, height_mm)
+    return found
+
+
+def _pieces(top: Top, i: int, j: int, corners: list[int]) -> list[tuple[int, ...]]:
+    """The planar pieces of a cell: itself, or its two triangles."""
+    a, b, c, d = corners
+    if top.profiles is not None:
+        return [(a, b, c, d)]
+    if top.rising is not None and top.rising[i, j]:
+        return [(a, b, c), (a, c, d)]
+    return [(a, b, d), (b, c, d)]
+
+
+def _crown(vertices: Floats, height_mm: float) -> None:
+    """Hold vertices down to the height; the highest one equals it also where it was moved by rounding the cut."""
+    z = vertices[:, 2]
+    np.minimum(z, height_mm, out=z)
+    z[np.argmax(z)] = height_mm
+
+
+class _Cutter:
+    """Clips polygons by the cut; an edge that several of them share gets one new vertex."""
+
+    def __init__(self, vertices: Floats, excess: Floats) -> None:
+        self.vertices = vertices
+        self.excess = excess
+        self.added: list[Floats] = []
+        self._on_edge: dict[tuple[int, int], int] = {}
+
+    def keep(self, polygon: tuple[int, ...]) -> list[int]:
+        """The part of a convex polygon at or below the cut; fewer than three vertices where nothing is left."""
+        kept: list[int] = []
+        for first, second in zip(polygon, (*polygon[1:], polygon[0]), strict=True):
+            e0, e1 = self.excess[first], self.excess[second]
+            if e0 <= 0.0:
+                kept.append(first)
+            if e0 * e1 < 0.0:
+                kept.append(self._crossing(min(first, second), max(first, second)))
+        return kept if any(v < len(self.excess) and self.excess[v] < 0.0 for v in kept) else []
+
+    def _crossing(self, first: int, second: int) -> int:
+        found = self._on_edge.get((first, second))
+        if found is None:
+            p, q = self.vertices[first], self.vertices[second]
+            share = self.excess[first] / (self.excess[first] - self.excess[second])
+            place = single(p + share * (q - p))
+            # the height belongs to the rounded place, so that an edge along a grid line stays straight
+            along = 0 if abs(q[0] - p[0]) >= abs(q[1] - p[1]) else 1
+            share = (place[along] - p[along]) / (q[along] - p[along])
+            place[2] = single(p[2] + share * (q[2] - p[2]))
+            found = len(self.vertices) + len(self.added)
+            self.added.append(place)
+            self._on_edge[first, second] = found
+        return found
+
+
+def _fan(polygon: list[int]) -> Indices:
+    fan = [(polygon[0], polygon[k], polygon[k + 1]) for k in range(1, len(polygon) - 1)]
+    return np.array(fan, dtype=np.int32).reshape(-1, 3)
+
+
+def _compact(vertices: Floats, triangles: Indices, excess: Floats, top: Top) -> Sheet:
+    """Drop unused vertices and find the five sides."""
+    used = np.zeros(len(vertices), dtype=np.bool_)
+    used[triangles] = True
+    number = np.cumsum(used, dtype=np.int32) - 1
+    kept, on_cut = vertices[used], excess[used] == 0.0
+    x, y = kept[:, 0], kept[:, 1]
+    runs = (
+        (y == 0.0, x),
+        (on_cut, x + y),
+        (x == top.x[-1], y),
+        (y == top.y[-1], -x),
+        (x == 0.0, -y),
+    )
+    sides = []
+    for chosen, order in runs:
+        members = np.flatnonzero(chosen)
+        sides.append(members[np.argsort(order[members], kind="stable")].astype(np.int32))
+    return Sheet(kept, number[triangles], tuple(sides))

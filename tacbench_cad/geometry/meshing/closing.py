@@ -1,0 +1,113 @@
+"""Walls and underside: what turns a textured sheet into a closed body, with no vertex more than it needs."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.geometry.meshing.clip import Sheet
+from tacbench_cad.spec.label import LABEL_DEPTH_MM, Engraving
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+
+def close(sheet: Sheet, engraving: Engraving | None) -> Mesh:
+    """Add walls down to z = 0 and an underside.
+
+    Args:
+        sheet: The top, with heights above zero.
+        engraving: Pockets in the underside, or None.
+
+    Returns:
+        A closed mesh, wound outwards.
+    """
+    count = len(sheet.vertices)
+    corners = sheet.vertices[[side[0] for side in sheet.sides]]
+    corners[:, 2] = 0.0
+    faces = [sheet.triangles]
+    for k, side in enumerate(sheet.sides):
+        start, end = count + k, count + (k + 1) % len(sheet.sides)
+        faces.append(_wall(sheet.vertices, side, start, end))
+    if engraving is None:
+        fan = [(count, count + k + 1, count + k) for k in range(1, len(corners) - 1)]
+        faces.append(np.array(fan, dtype=np.int32))
+        vertices = [sheet.vertices, corners]
+    else:
+        added, triangles = _engraved_underside(corners, engraving, count)
+        faces.append(triangles)
+        vertices = [sheet.vertices, added]
+    return Mesh(np.concatenate(vertices), np.concatenate(faces))
+
+
+def _wall(vertices: Floats, side: Indices, start: int, end: int) -> Indices:
+    """Triangulate the polygon between a run of the top's outline and the straight edge below it.
+
+    The polygon is monotone along the side, so the stack of Garey and others (1978) does it without new vertices.
+
+    Args:
+        vertices: The top's vertices.
+        side: Indices along the side, counter-clockwise seen from above.
+        start: Index of the corner below the first of them.
+        end: Index of the corner below the last of them.
+    """
+    run = vertices[side]
+    first, last = run[0], run[-1]
+    axis = 0 if abs(last[0] - first[0]) >= abs(last[1] - first[1]) else 1
+    chain = [start, *side.tolist()]
+    along = [0.0, *np.abs(run[:, axis] - first[axis]).tolist()]
+    height = [0.0, *run[:, 2].tolist()]
+    triangles: list[tuple[int, int, int]] = []
+    stack = [0]
+    for k in range(1, len(chain)):
+        while len(stack) > 1:
+            i, j = stack[-2], stack[-1]
+            turn = (along[j] - along[i]) * (height[k] - height[i]) - (height[j] - height[i]) * (along[k] - along[i])
+            if turn >= 0.0:
+                break
+            triangles.append((chain[i], chain[k], chain[j]))
+            stack.pop()
+        stack.append(k)
+    # what is left rises ever more steeply from the near corner below: the far corner sees all of it
+    triangles.extend((end, chain[j], chain[i]) for i, j in itertools.pairwise(stack))
+    return np.array(triangles, dtype=np.int32)
+
+
+def _engraved_underside(corners: Floats, engraving: Engraving, count: int) -> tuple[Floats, Indices]:
+    """The underside around the pockets, the pockets' walls and their ceilings.
+
+    Args:
+        corners: The outline, counter-clockwise seen from above, shape (k, 3).
+        engraving: The pockets.
+        count: Index of the first of the vertices that are returned.
+
+    Returns:
+        Vertices (corners first) and triangles with final indices.
+    """
+    from manifold3d import triangulate
+
+    contours = [np.asarray(one, dtype=np.float64) for one in engraving.contours]
+    points = np.concatenate(contours)
+    total = len(points)
+    low = np.column_stack([points, np.zeros(total)])
+    high = np.column_stack([points, np.full(total, float(np.float32(LABEL_DEPTH_MM)))])
+    first_low = count + len(corners)
+    first_high = first_low + total
+    ends = np.cumsum([len(one) for one in contours])
+    runs = [np.arange(stop - len(one), stop) for one, stop in zip(contours, ends, strict=True)]
+    # underside: seen from above the outline is counter-clockwise and the pockets are holes in it
+    reversed_runs = [run[::-1] for run in runs]
+    outline = [corners[:, :2], *(points[run] for run in reversed_runs)]
+    numbers = np.concatenate([count + np.arange(len(corners)), *(first_low + run for run in reversed_runs)])
+    flat = numbers[triangulate(outline)][:, ::-1]
+    ceilings = (first_high + triangulate(contours))[:, ::-1]
+    walls = []
+    for run in runs:
+        a, b = run, np.roll(run, -1)
+        walls.append(np.column_stack([first_low + a, first_high + a, first_high + b]))
+        walls.append(np.column_stack([first_low + a, first_high + b, first_low + b]))
+    faces = np.concatenate([flat, ceilings, *walls]).astype(np.int32)
+    return np.concatenate([corners, low, high]), faces

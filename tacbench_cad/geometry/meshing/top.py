@@ -1,0 +1,287 @@
+"""The textured top of a block as heights over a tensor grid of lines, within a tolerance or on a sample grid."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import astuple, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.geometry.mesh import MOST_TRIANGLES, Certificate
+from tacbench_cad.geometry.meshing.axis import Axis
+from tacbench_cad.geometry.meshing.certify import Allowance, AxisProof, paired, prove_axis, vertical, within
+from tacbench_cad.geometry.meshing.certify_cells import CellProof, Cells, grid_derivative
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.sampling import SampleGrid
+from tacbench_cad.util.errors import InputError
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Profiles:
+    """A separable top's two fits: the height over (x, y) is the datum and both of them.
+
+    Args:
+        a: Heights along x at the lines, shape (n,), in mm.
+        b: Heights along y, shape (m,).
+    """
+
+    a: Floats
+    b: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Top:
+    """A faceted top.
+
+    Args:
+        x: Lines along x, float32 values from 0 to the side, ascending, shape (n,).
+        y: Lines along y, shape (m,).
+        z: Heights at the crossings, float32 values, shape (n, m), in mm.
+        profiles: The two fits where cells are planar; None where each cell is two triangles of their own.
+        rising: Cells whose diagonal runs from (i, j) to (i + 1, j + 1), shape (n - 1, m - 1); the others', and all
+            where this is None, from (i + 1, j) to (i, j + 1).
+        certificate: What is proved of it.
+    """
+
+    x: Floats
+    y: Floats
+    z: Floats
+    profiles: Profiles | None
+    rising: NDArray[np.bool_] | None
+    certificate: Certificate
+
+
+def single(values: Floats) -> Floats:
+    """Round to float32, kept as float64."""
+    return np.asarray(values, dtype=np.float64).astype(np.float32).astype(np.float64)
+
+
+def triangles_of(n: int, m: int) -> int:
+    """Triangles of a block without key and label whose top has n by m lines."""
+    return 2 * (n - 1) * (m - 1) + 2 * (n + m) + 2
+
+
+def refuse_too_many(field: str, value: object, needed: float, advice: str) -> None:
+    """Refuse a mesh above :data:`tacbench_cad.geometry.mesh.MOST_TRIANGLES`.
+
+    Args:
+        field: What asks for so many.
+        value: Its value.
+        needed: The triangles that it takes.
+        advice: What would do.
+
+    Raises:
+        InputError: Says how many it would need.
+    """
+    if needed > MOST_TRIANGLES:
+        raise InputError(
+            field, value, f"the mesh would need {needed:.4g} triangles, {MOST_TRIANGLES:,} at most; {advice}"
+        )
+
+
+def textured_top(block: Block) -> Top:
+    """The top of a block, as its ``sampling`` asks for.
+
+    Raises:
+        InputError: It would take too many triangles, or the tolerance is finer than what single precision can hold.
+    """
+    if isinstance(block.sampling, SampleGrid):
+        return _sampled_top(block, block.sampling)
+    tolerance = block.sampling.mm
+    rounding = _rounding_mm(block)
+    if tolerance < 8.0 * rounding:
+        least = f"{8.0 * rounding:.2g}"
+        raise InputError("tolerance", tolerance, f"must be at least {least} mm: STL files hold single precision")
+    if block.surface.is_separable and _peak_survives(block):
+        return _fitted_top(block, tolerance)
+    return _interpolated_top(block, tolerance)
+
+
+def _rounding_mm(block: Block) -> float:
+    """Largest rounding of a height to float32, in mm."""
+    return float(np.spacing(np.float32(block.height_mm))) / 2.0
+
+
+def _peak_survives(block: Block) -> bool:
+    """Whether the whole rectangle's highest point is on the top that the key leaves."""
+    if block.key_mm is None:
+        return True
+    x, y = block.size_mm
+    whole = block.surface.extremes((0.0, x), (0.0, y))
+    return block.extremes.high >= whole.high - 4.0 * whole.error - 1e-12
+
+
+def _cut_excess(block: Block, x: Floats, y: Floats) -> Floats:
+    """How far each crossing of the lines lies beyond the key's cut: positive for what is cut off."""
+    if block.key_mm is None:
+        return np.full((len(x), len(y)), -np.inf)
+    return np.asarray(x[:, None] - y[None, :] - (x[-1] - block.key_mm))
+
+
+def _crowned(z: Floats, block: Block, kept: NDArray[np.bool_], top: tuple[int, int] | None) -> Floats:
+    """Heights in float32 of which none that is kept passes the block's height, and the one at ``top`` equals it."""
+    height = float(np.float32(block.height_mm))
+    rounded = single(z)
+    rounded[kept] = np.minimum(rounded[kept], height)
+    if top is not None:
+        rounded[top] = height
+    return rounded
+
+
+def _cells_certificate(block: Block, proof: CellProof, z: Floats, excess: Floats) -> Certificate:
+    """The worst of the cells that the block shows.
+
+    Where the cut crosses a cell with a corner above the block's height, the new vertices are held down to it: by no
+    more than the facet's own deviation there, which so counts twice.
+    """
+    shown = excess[:-1, 1:] < 0.0
+    lifted = shown & (excess[1:, :-1] > 0.0) & (_highest_corner(z) > block.height_mm)
+    weight = np.where(shown, np.where(lifted, 2.0, 1.0), 0.0)
+    rounding = (
+        0.0 if block.key_mm is None else 2.0 * float(np.spacing(np.float32(max(*block.size_mm, block.height_mm))))
+    )
+    return Certificate(
+        distance_mm=float((weight * proof.distance).max()) + rounding,
+        vertical_mm=float((weight * proof.vertical).max())
+        + rounding * (1.0 + block.surface.bound(1, 0) + block.surface.bound(0, 1)),
+    )
+
+
+def _highest_corner(z: Floats) -> Floats:
+    rows = np.maximum(z[:-1], z[1:])
+    return np.asarray(np.maximum(rows[:, :-1], rows[:, 1:]))
+
+
+def _sampled_top(block: Block, grid: SampleGrid) -> Top:
+    size = f"{grid.nx}x{grid.ny}"
+    refuse_too_many("grid", size, triangles_of(grid.nx, grid.ny), "take fewer samples")
+    x, y = block.samples_mm
+    surface, datum = block.surface, block.datum_mm
+    lines = (single(x), single(y))
+    excess = _cut_excess(block, *lines)
+    z = _crowned(datum + surface.grid(x, y), block, excess <= 0.0, None)
+    if surface.is_separable:
+        a, b = surface.along_u(x), surface.along_v(y)
+        proofs = prove_axis(surface.along_u, lines[0], a), prove_axis(surface.along_v, lines[1], b)
+        high, rounding = vertical(*proofs), _rounding_mm(block)
+        distance = min(paired(*proofs), high)
+        certificate = Certificate(distance_mm=distance + rounding, vertical_mm=high + rounding)
+        return Top(*lines, z, Profiles(a, b), None, certificate)
+    proof = Cells(surface, *lines).prove(z - datum, rising=False)
+    return Top(*lines, z, None, None, _cells_certificate(block, proof, z, excess))
+
+
+def _fitted_top(block: Block, tolerance: float) -> Top:
+    p, q = _axes(block)
+    rounding = _rounding_mm(block)
+    share = _share(p, q)
+    budget = tolerance - rounding
+    shares = (share, 1.0 - share)
+    _refuse_fine(tolerance, *(_lines_needed(axis, budget, part) for axis, part in zip((p, q), shares, strict=True)))
+    x, a, along_x = _fit(p, budget, share)
+    y, b, along_y = _fit(q, budget, 1.0 - share)
+    proofs = along_x, along_y
+    distance = within(*proofs, budget, share)
+    high = vertical(*proofs)
+    certificate = Certificate(distance_mm=min(distance, high) + rounding, vertical_mm=high + rounding)
+    refuse_too_many("tolerance", tolerance, triangles_of(len(x), len(y)), "take a coarser one")
+    z = block.formula_datum_mm + (a[:, None] + b[None, :])
+    highest = (int(np.argmax(a)), int(np.argmax(b)))
+    everywhere = np.ones(z.shape, dtype=np.bool_)
+    return Top(x, y, _crowned(z, block, everywhere, highest), Profiles(a, b), None, certificate)
+
+
+def _axes(block: Block) -> tuple[Axis, Axis]:
+    found = []
+    sines = (block.surface.along_u, block.surface.along_v)
+    for one, side, place in zip(sines, block.size_mm, block.extremes.at_high, strict=True):
+        length = float(np.float32(side))
+        peak = length if abs(place - length) < 1e-6 * length else place
+        found.append(Axis(sines=one, length_mm=length, peak_mm=peak, peak_height_mm=float(one(place))))
+    return found[0], found[1]
+
+
+def _share(p: Axis, q: Axis) -> float:
+    """The part of the tolerance that x gets."""
+    if q.sines.is_constant:
+        return 1.0
+    return 0.0 if p.sines.is_constant else 0.5
+
+
+def _lines_needed(axis: Axis, tolerance: float, share: float) -> float:
+    return 2.0 if axis.sines.is_constant else axis.links_needed(Allowance(tolerance_mm=tolerance, share=share)) + 1.0
+
+
+def _fit(axis: Axis, tolerance: float, share: float) -> tuple[Floats, Floats, AxisProof]:
+    if axis.sines.is_constant:
+        ends = np.array([0.0, axis.length_mm])
+        height = axis.sines(ends)
+        return ends, height, prove_axis(axis.sines, ends, height)
+    return axis.fit(Allowance(tolerance_mm=tolerance, share=share))
+
+
+def _refuse_fine(tolerance: float, n: float, m: float) -> None:
+    """Refuse before the fit what its estimate puts well above the limit."""
+    needed = triangles_of(math.ceil(n), math.ceil(m))
+    if needed > 1.1 * MOST_TRIANGLES:
+        ratio = needed / MOST_TRIANGLES
+        coarser = tolerance * (ratio if min(n, m) > 2.0 else ratio**2)
+        refuse_too_many("tolerance", tolerance, needed, f"about {coarser:.2g} mm would do")
+
+
+def _interpolated_top(block: Block, tolerance: float) -> Top:
+    """Vertices on the formula, on lines as dense as its second derivatives ask for, through its highest point."""
+    surface, datum = block.surface, block.formula_datum_mm
+    at = block.extremes.at_high
+    finer, best = 1.0, None
+    for attempt in itertools.count():
+        x, y = _tensor_lines(block, tolerance, finer)
+        excess = _cut_excess(block, x, y)
+        highest = (int(np.argmin(np.abs(x - at[0]))), int(np.argmin(np.abs(y - at[1]))))
+        z = _crowned(datum + surface.grid(x, y), block, excess <= 0.0, highest)
+        cells = Cells(surface, x, y)
+        falling, rising = (cells.prove(z - datum, rising=way) for way in (False, True))
+        flip = rising.distance < falling.distance
+        proof = CellProof(*(np.where(flip, r, f) for f, r in zip(astuple(falling), astuple(rising), strict=True)))
+        certificate = _cells_certificate(block, proof, z, excess)
+        if certificate.distance_mm <= tolerance and (best is None or z.size < best.z.size):
+            best = Top(x, y, z, None, flip, certificate)
+        if best is not None and (attempt >= 4 or best.certificate.distance_mm >= 0.97 * tolerance):
+            return best
+        # the bound goes with the square of the step, nearly
+        finer *= 1.003 * math.sqrt(certificate.distance_mm / tolerance)
+    raise AssertionError("unreachable")
+
+
+def _tensor_lines(block: Block, tolerance: float, finer: float) -> tuple[Floats, Floats]:
+    """Lines along x and y with steps that go with ``1 / sqrt(max |f_xx|)`` and ``1 / sqrt(max |f_yy|)``."""
+    surface = block.surface
+    sides = [float(np.float32(side)) for side in block.size_mm]
+    counts = [int(np.clip(3.0 * k * side, 20, 600)) for k, side in zip(surface.highest_frequency, sides, strict=True)]
+    t, s = (np.linspace(0.0, side, count) for side, count in zip(sides, counts, strict=True))
+    along_x = np.abs(grid_derivative(surface, t, s, (2, 0))).max(axis=1)
+    along_y = np.abs(grid_derivative(surface, t, s, (0, 2))).max(axis=0)
+    floor = 1e-4 * max(along_x.max(), along_y.max())
+    per_x, per_y = (finer * np.sqrt((bend + floor) / (6.0 * tolerance)) for bend in (along_x, along_y))
+    needed = triangles_of(math.ceil(float(np.trapezoid(per_x, t))), math.ceil(float(np.trapezoid(per_y, s))))
+    coarser = tolerance * needed / MOST_TRIANGLES
+    refuse_too_many("tolerance", tolerance, needed, f"about {coarser:.2g} mm would do")
+    at = block.extremes.at_high
+    return _lines(t, per_x, at[0]), _lines(s, per_y, at[1])
+
+
+def _lines(t: Floats, per_mm: Floats, through: float) -> Floats:
+    """Lines at equal steps of a density on both sides of a given place; float32 values."""
+    total = np.append(0.0, np.cumsum(np.diff(t) * (per_mm[1:] + per_mm[:-1]) / 2.0))
+    place = float(np.float32(through))
+    gap = 1e-5 * t[-1]
+    ends = [0.0, float(np.interp(place, t, total)), total[-1]] if gap < place < t[-1] - gap else [0.0, total[-1]]
+    runs = [np.linspace(low, high, max(2, math.ceil(high - low) + 1)) for low, high in itertools.pairwise(ends)]
+    lines = np.interp(np.concatenate(runs), total, t)
+    if len(ends) == 3:
+        lines[len(runs[0]) - 1 : len(runs[0]) + 1] = place
+    return np.unique(single(lines))

@@ -1,0 +1,110 @@
+"""Volume below a faceted top in closed form, from its lines and heights alone.
+
+It does not look at triangles, so it checks them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.geometry.meshing.top import Profiles, Top
+from tacbench_cad.spec.block import Block
+
+Floats = NDArray[np.float64]
+
+
+def piecewise_volume_mm3(block: Block, top: Top) -> float:
+    """Volume of the block whose top is this one, key and label taken off.
+
+    Args:
+        block: The block.
+        top: Its top, as :func:`tacbench_cad.geometry.meshing.top.textured_top` makes it.
+    """
+    if top.profiles is not None:
+        volume = _separable(block, top, top.profiles)
+    else:
+        volume = _cells(top) - (0.0 if block.key_mm is None else _corner_of_cells(top, block.key_mm))
+    return volume - (block.engraving.volume_mm3 if block.engraving else 0.0)
+
+
+def volume_slack_mm3(block: Block) -> float:
+    """How far rounding to float32 can take a mesh's volume from the closed form, in mm^3."""
+    x, y = block.size_mm
+    heights = float(np.spacing(np.float32(block.height_mm))) * block.footprint_mm2
+    places = float(np.spacing(np.float32(max(x, y)))) * (2.0 * (block.key_mm or 0.0) * block.height_mm)
+    label = 1e-7 * block.engraving.area_mm2 if block.engraving else 0.0
+    return heights + places + label + 1e-12 * x * y * block.height_mm
+
+
+def _separable(block: Block, top: Top, profiles: Profiles) -> float:
+    """``integral of datum + a(x) + b(y)``: the trapezoid rule is exact on each axis."""
+    x, y, a, b = top.x, top.y, profiles.a, profiles.b
+    volume = block.datum_mm * x[-1] * y[-1] + y[-1] * np.trapezoid(a, x) + x[-1] * np.trapezoid(b, y)
+    if block.key_mm is not None:
+        key = block.key_mm
+        cut = x[-1] - key
+        volume -= block.datum_mm * key**2 / 2.0
+        volume -= _weighted(x, a, cut, x[-1], cut)
+        volume -= _weighted(y, b, 0.0, key, key)
+    return float(volume)
+
+
+def _weighted(t: Floats, height: Floats, low: float, high: float, apex: float) -> float:
+    """``integral of height(t) |t - apex|`` over ``[low, high]``: Simpson's rule is exact between lines."""
+    inner = t[(t > low) & (t < high)]
+    points = np.concatenate([[low], inner, [high]])
+    middle = (points[:-1] + points[1:]) / 2.0
+
+    def value(s: Floats) -> Floats:
+        return np.asarray(np.interp(s, t, height) * np.abs(s - apex))
+
+    return float(np.sum(np.diff(points) * (value(points[:-1]) + 4.0 * value(middle) + value(points[1:]))) / 6.0)
+
+
+def _cells(top: Top) -> float:
+    """Two triangles a cell: the ends of its diagonal count twice."""
+    z = top.z
+    rise, fall = z[:-1, :-1] + z[1:, 1:], z[1:, :-1] + z[:-1, 1:]
+    extra = fall if top.rising is None else np.where(top.rising, rise, fall)
+    return float(np.diff(top.x) @ ((rise + fall + extra) / 6.0) @ np.diff(top.y))
+
+
+def _corner_of_cells(top: Top, key_mm: float) -> float:
+    """What the key cuts off of a top with two triangles a cell."""
+    x, y, z = top.x, top.y, top.z
+    excess = x[:, None] - y[None, :] - (x[-1] - key_mm)
+    area = np.multiply.outer(np.diff(x), np.diff(y)) / 2.0
+    rising = np.zeros(area.shape, dtype=np.bool_) if top.rising is None else top.rising
+    a, b, c, d = np.s_[:-1, :-1], np.s_[1:, :-1], np.s_[1:, 1:], np.s_[:-1, 1:]
+    total = 0.0
+    for corners, used in (((a, b, d), ~rising), ((b, c, d), ~rising), ((a, b, c), rising), ((a, c, d), rising)):
+        touched = used & (excess[b] > 0.0)
+        e = np.stack([excess[corner][touched] for corner in corners])
+        total += _above_cut(e, np.stack([z[corner][touched] for corner in corners]), area[touched])
+    return total
+
+
+def _above_cut(excess: Floats, height: Floats, area: Floats) -> float:
+    """Volume above the parts of triangles on which a linear function is positive.
+
+    Args:
+        excess: The function at the corners, shape (3, k).
+        height: Heights at the corners, shape (3, k).
+        area: Areas, shape (k,).
+    """
+    order = np.argsort(excess, axis=0)
+    e, h = np.take_along_axis(excess, order, axis=0), np.take_along_axis(height, order, axis=0)
+    whole = area * h.mean(axis=0)
+    kept = np.where(e[0] >= 0.0, whole, 0.0)
+    lone_high = (e[0] < 0.0) & (e[1] <= 0.0) & (e[2] > 0.0)
+    lone_low = (e[0] < 0.0) & (e[1] > 0.0)
+    kept[lone_high] = _tip(e[::-1, lone_high], h[::-1, lone_high], area[lone_high])
+    kept[lone_low] = whole[lone_low] - _tip(-e[:, lone_low], h[:, lone_low], area[lone_low])
+    return float(kept.sum())
+
+
+def _tip(excess: Floats, height: Floats, area: Floats) -> Floats:
+    """Volume above the tip of each triangle, cut off at the zero line; the first corner is the only positive one."""
+    share = excess[0] / (excess[0] - excess[1:])
+    return np.asarray(area * share.prod(axis=0) * (height[0] + (share * (height[1:] - height[0])).sum(axis=0) / 3.0))

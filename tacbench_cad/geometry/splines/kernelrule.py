@@ -1,0 +1,80 @@
+"""How far off the kernel's default area of a patch will be, known before there is a patch.
+
+Asked for an area or a volume, Open CASCADE takes Gauss' rule with as many points along each axis of a face as its
+degree and knots suggest, but never more than :data:`KERNEL_POINTS`. The area of steep waves needs many; this module
+does the kernel's sum on the formula, so that a block can be cut into patches on which it comes out right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+
+import numpy as np
+from numpy.polynomial.legendre import leggauss
+from numpy.typing import NDArray
+
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.waves import WaveSum
+
+Floats = NDArray[np.float64]
+
+#: The most Gauss points that the kernel's default area and volume take along an axis of a face.
+KERNEL_POINTS = 61
+#: Pieces along an axis that are looked at.
+_MOST_PIECES_LOOKED_AT = 14
+#: Rows of points summed in one array operation.
+_ROWS_AT_A_TIME = 64
+
+
+def area_error(block: Block, pieces: tuple[int, int]) -> float:
+    """Error of the top's area by the kernel's rule on so many pieces, against twice as many along each axis.
+
+    Relative to the area of the whole block. Of a large block's top only the corner at the origin is looked at.
+    """
+    areas = []
+    for more in (1, 2):
+        taken = [min(count, _MOST_PIECES_LOOKED_AT) for count in pieces]
+        ends = [side * few / count for side, few, count in zip(block.size_mm, taken, pieces, strict=True)]
+        (x, weight_x), (y, weight_y) = (_gauss(end, more * few) for end, few in zip(ends, taken, strict=True))
+        areas.append(sum(float(np.dot(weight_x[rows], area)) for rows, area in _strips(block.surface, x, y, weight_y)))
+    (x_side, y_side), flat = block.size_mm, ends[0] * ends[1]
+    rest = (x_side * y_side + 2.0 * (x_side + y_side) * block.solid_datum_mm) * flat / (x_side * y_side)
+    return abs(areas[0] - areas[1]) / (areas[1] + rest)
+
+
+def _strips(surface: WaveSum, x: Floats, y: Floats, weight_y: Floats) -> Iterator[tuple[slice, Floats]]:
+    """``sqrt(1 + |gradient|^2)`` integrated along y at each x, some rows at a time so that they stay in the cache.
+
+    In single precision and without threads: it is a matter of 1e-5, and of milliseconds.
+    """
+    amplitude, f, g, phase = surface.table.T
+    weights = weight_y.astype(np.float32)
+    separable = surface.is_separable
+    squares_x = (surface.along_u(x, 1) ** 2 + 1.0).astype(np.float32) if separable else None
+    squares_y = (surface.along_v(y, 1) ** 2).astype(np.float32) if separable else None
+    along_y = None if separable else np.exp(1j * np.outer(g, y))
+    for start in range(0, len(x), _ROWS_AT_A_TIME):
+        rows = slice(start, start + _ROWS_AT_A_TIME)
+        if squares_x is not None and squares_y is not None:
+            stretch = np.add.outer(squares_x[rows], squares_y)
+        else:
+            along_x = np.exp(1j * (np.outer(x[rows], f) + phase)) * amplitude
+            slopes = [np.real((along_x * k) @ along_y).astype(np.float32) for k in (f, g)]
+            stretch = slopes[0] ** 2 + slopes[1] ** 2 + np.float32(1.0)
+        np.sqrt(stretch, out=stretch)
+        yield rows, np.einsum("ij,j->i", stretch, weights).astype(np.float64)
+
+
+def _gauss(length: float, pieces: int) -> tuple[Floats, Floats]:
+    """Places and weights of Gauss' rule with :data:`KERNEL_POINTS` points on each piece of [0, length]."""
+    points, weights = _rule()
+    width = length / pieces
+    places = (np.arange(pieces)[:, None] + (points + 1.0) / 2.0) * width
+    return places.ravel(), np.tile(weights * width / 2.0, pieces)
+
+
+@cache
+def _rule() -> tuple[Floats, Floats]:
+    points, weights = leggauss(KERNEL_POINTS)
+    return points, weights

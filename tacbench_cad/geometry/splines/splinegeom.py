@@ -1,0 +1,225 @@
+"""Open CASCADE's spline curves and surfaces of a block's patches."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from OCP.Geom import Geom_BSplineCurve, Geom_BSplineSurface
+from OCP.GeomFill import GeomFill_BSplineCurves, GeomFill_FillingStyle
+from OCP.gp import gp_Pnt, gp_Vec
+from OCP.TColgp import TColgp_Array1OfPnt, TColgp_Array2OfPnt
+from OCP.TColStd import TColStd_Array1OfInteger, TColStd_Array1OfReal
+
+from tacbench_cad.geometry.splines.patches import Patches
+from tacbench_cad.geometry.splines.spline import Axis
+
+Floats = NDArray[np.float64]
+
+
+class SplineGeometry:
+    """Curves and surfaces of the patches; a curve that two patches share is made once.
+
+    Args:
+        relief: The patches.
+    """
+
+    def __init__(self, relief: Patches) -> None:
+        self._relief = relief
+        self._made_x: dict[tuple[int, int], Geom_BSplineCurve] = {}
+        self._made_y: dict[tuple[int, int], Geom_BSplineCurve] = {}
+        self._profiles_x: dict[int, Geom_BSplineCurve] = {}
+        self._profiles_y: dict[int, Geom_BSplineCurve] = {}
+
+    def corner_height_mm(self, i: int, j: int) -> float:
+        """Height z at the crossing of line i of x and line j of y, in mm."""
+        if self._relief.profiles_mm is not None:
+            return _at_line(self._relief.profiles_mm[0], i) + _at_line(self._relief.profiles_mm[1], j)
+        last = i == self._relief.x.pieces
+        return float(self._row_along_x(i - last, j)[-1 if last else 0])
+
+    def curve_x(self, i: int, j: int) -> Geom_BSplineCurve:
+        """The curve of piece i of x at line j of y; its parameter is x in mm."""
+        if (i, j) not in self._made_x:
+            axis, y = self._relief.x, float(self._relief.y.lines[j])
+            if self._relief.profiles_mm is None:
+                poles = _points(axis.abscissae_mm(i), y, self._row_along_x(i, j))
+                self._made_x[i, j] = _curve(poles, *_knots(axis, i), axis.basis.degree)
+            else:
+                if i not in self._profiles_x:
+                    poles = _points(axis.abscissae_mm(i), 0.0, self._relief.profiles_mm[0][i])
+                    self._profiles_x[i] = _curve(poles, *_knots(axis, i), axis.basis.degree)
+                rise = _at_line(self._relief.profiles_mm[1], j)
+                self._made_x[i, j] = self._profiles_x[i].Translated(gp_Vec(0.0, y, rise))
+        return self._made_x[i, j]
+
+    def curve_y(self, i: int, j: int) -> Geom_BSplineCurve:
+        """The curve of piece j of y at line i of x; its parameter is y in mm."""
+        if (i, j) not in self._made_y:
+            axis, x = self._relief.y, float(self._relief.x.lines[i])
+            if self._relief.profiles_mm is None:
+                poles = _points(x, axis.abscissae_mm(j), self._column_along_y(i, j))
+                self._made_y[i, j] = _curve(poles, *_knots(axis, j), axis.basis.degree)
+            else:
+                if j not in self._profiles_y:
+                    poles = _points(0.0, axis.abscissae_mm(j), self._relief.profiles_mm[1][j])
+                    self._profiles_y[j] = _curve(poles, *_knots(axis, j), axis.basis.degree)
+                rise = _at_line(self._relief.profiles_mm[0], i)
+                self._made_y[i, j] = self._profiles_y[j].Translated(gp_Vec(x, 0.0, rise))
+        return self._made_y[i, j]
+
+    def surface(self, i: int, j: int) -> Geom_BSplineSurface:
+        """The surface of patch (i, j); its parameters are x and y in mm.
+
+        For ``p(x) + q(y)`` the poles are ``(X_i, Y_j, a_i + b_j)``, and that is just what the kernel's Coons patch of
+        the four boundary curves has: it is made there, without a loop over the poles here.
+        """
+        if self._relief.profiles_mm is not None:
+            return _coons(self.curve_x(i, j), self.curve_y(i + 1, j), self.curve_x(i, j + 1), self.curve_y(i, j))
+        x, y = self._relief.x, self._relief.y
+        poles = (x.abscissae_mm(i), y.abscissae_mm(j), self._relief.heights_mm(i, j))
+        return _surface(*poles, _knots(x, i), _knots(y, j), (x.basis.degree, y.basis.degree))
+
+    def curve_diagonal(self, i: int, j: int) -> Geom_BSplineCurve:
+        """The curve over the diagonal of the square patch (i, j); its parameter is ``sqrt(2) y`` in mm.
+
+        On the diagonal the surface is a spline again: its knots are those of both axes, its degree the greater of the
+        two degrees where the surface is separable, else their sum, and it is as smooth at a knot as the axis that the
+        knot comes from. Interpolation in that space gives it exactly.
+        """
+        from scipy.interpolate import BSpline
+
+        x, y = self._relief.x.basis, self._relief.y.basis
+        degrees = (x.degree, y.degree)
+        degree = max(degrees) if self._relief.profiles_mm is not None else sum(degrees)
+        count = {(one, basis.spans): basis.degree for basis in (x, y) for one in range(1, basis.spans)}
+        breaks: dict[float, int] = {}
+        for (one, spans), own in count.items():
+            place = one / spans
+            breaks[place] = max(breaks.get(place, 1), degree - own + 1)
+        inner = np.repeat(sorted(breaks), [breaks[place] for place in sorted(breaks)])
+        knots = np.concatenate([np.zeros(degree + 1), inner, np.ones(degree + 1)])
+        greville = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree).mean(axis=1)
+        greville = np.clip(greville, 0.0, 1.0)
+        heights = np.einsum("ki,ij,kj->k", x.values(greville), self._relief.heights_mm(i, j), y.values(greville))
+        z = np.linalg.solve(BSpline.design_matrix(greville, knots, degree).toarray(), heights)
+        z[0], z[-1] = heights[0], heights[-1]
+        lines_x, lines_y = self._relief.x.lines, self._relief.y.lines
+        poles = _points(
+            lines_x[i] + (lines_x[i + 1] - lines_x[i]) * greville,
+            lines_y[j] + (lines_y[j + 1] - lines_y[j]) * greville,
+            z,
+        )
+        places = np.array([0.0, *sorted(breaks), 1.0])
+        ends = math.sqrt(2.0) * lines_y[j : j + 2]
+        along = ends[0] + (ends[1] - ends[0]) * places
+        along[-1] = ends[1]
+        return _curve(poles, along, [degree + 1, *(breaks[one] for one in sorted(breaks)), degree + 1], degree)
+
+    def whole_surface(self) -> Geom_BSplineSurface:
+        """All patches as one surface with C1 at the joints; its parameters are x and y in mm."""
+        x, y = self._relief.x, self._relief.y
+        knots_x, keep_x = _joined(x)
+        knots_y, keep_y = _joined(y)
+        at_x = np.concatenate([x.abscissae_mm(i) for i in range(x.pieces)])[keep_x]
+        at_y = np.concatenate([y.abscissae_mm(j) for j in range(y.pieces)])[keep_y]
+        degrees = (x.basis.degree, y.basis.degree)
+        if self._relief.profiles_mm is None:
+            rows = [np.hstack([self._relief.heights_mm(i, j) for j in range(y.pieces)]) for i in range(x.pieces)]
+            heights = np.vstack(rows)[np.ix_(keep_x, keep_y)]
+            return _surface(at_x, at_y, heights, knots_x, knots_y, degrees)
+        a, b = (profile.ravel()[keep] for profile, keep in zip(self._relief.profiles_mm, (keep_x, keep_y), strict=True))
+        sides_x = [_curve(_points(at_x, at_y[j], a + b[j]), *knots_x, degrees[0]) for j in (0, -1)]
+        sides_y = [_curve(_points(at_x[i], at_y, a[i] + b), *knots_y, degrees[1]) for i in (0, -1)]
+        return _coons(sides_x[0], sides_y[1], sides_x[1], sides_y[0])
+
+    def _row_along_x(self, i: int, j: int) -> Floats:
+        """Heights z of the poles of piece i of x at line j of y, in mm."""
+        last = j == self._relief.y.pieces
+        return self._relief.heights_mm(i, j - last)[:, -1 if last else 0]
+
+    def _column_along_y(self, i: int, j: int) -> Floats:
+        last = i == self._relief.x.pieces
+        return self._relief.heights_mm(i - last, j)[-1 if last else 0, :]
+
+
+def _at_line(profile: Floats, line: int) -> float:
+    """Value of a profile (pieces, count) at a line between pieces."""
+    return float(profile[line, 0] if line < len(profile) else profile[-1, -1])
+
+
+def _points(x: Floats | float, y: Floats | float, z: Floats) -> Floats:
+    return np.column_stack(np.broadcast_arrays(x, y, z))
+
+
+def _knots(axis: Axis, piece: int) -> tuple[Floats, list[int]]:
+    """Knots of a piece and how often each counts."""
+    ends = axis.basis.degree + 1
+    return axis.knots_mm(piece), [ends, *([1] * (axis.basis.spans - 1)), ends]
+
+
+def _joined(axis: Axis) -> tuple[tuple[Floats, list[int]], NDArray[np.bool_]]:
+    """Knots of the whole axis with C1 at the joints, how often each counts, and which of all poles stay.
+
+    A joint's own pole is a mean of its neighbours and goes.
+    """
+    degree, spans, count = axis.basis.degree, axis.basis.spans, axis.basis.count
+    keep = np.ones((axis.pieces, count), dtype=np.bool_)
+    keep[1:, 0] = False
+    keep[:-1, -1] = False
+    knots = np.concatenate([axis.lines[:1], *(axis.knots_mm(i)[1:] for i in range(axis.pieces))])
+    times = np.ones(len(knots), dtype=np.intp)
+    times[::spans] = degree - 1
+    times[[0, -1]] = degree + 1
+    return (knots, times.tolist()), keep.ravel()
+
+
+def _curve(poles: Floats, knots: Floats, times: Sequence[int], degree: int) -> Geom_BSplineCurve:
+    """A curve from poles (n, 3)."""
+    points = TColgp_Array1OfPnt(1, len(poles))
+    for i, pole in enumerate(poles.tolist(), start=1):
+        points.SetValue(i, gp_Pnt(*pole))
+    return Geom_BSplineCurve(points, _reals(knots), _integers(times), degree, False)
+
+
+def _surface(
+    x: Floats,
+    y: Floats,
+    z: Floats,
+    knots_x: tuple[Floats, Sequence[int]],
+    knots_y: tuple[Floats, Sequence[int]],
+    degrees: tuple[int, int],
+) -> Geom_BSplineSurface:
+    """A surface from abscissae x (n,), y (m,) and heights z (n, m) of its poles."""
+    points = TColgp_Array2OfPnt(1, len(x), 1, len(y))
+    across = y.tolist()
+    for i, (at, row) in enumerate(zip(x.tolist(), z.tolist(), strict=True), start=1):
+        for j, height in enumerate(row, start=1):
+            points.SetValue(i, j, gp_Pnt(at, across[j - 1], height))
+    (at_x, times_x), (at_y, times_y) = knots_x, knots_y
+    return Geom_BSplineSurface(
+        points, _reals(at_x), _reals(at_y), _integers(times_x), _integers(times_y), *degrees, False, False
+    )
+
+
+def _coons(
+    low: Geom_BSplineCurve, right: Geom_BSplineCurve, high: Geom_BSplineCurve, left: Geom_BSplineCurve
+) -> Geom_BSplineSurface:
+    """The bilinearly blended patch of four boundary curves."""
+    return GeomFill_BSplineCurves(low, right, high, left, GeomFill_FillingStyle.GeomFill_StretchStyle).Surface()
+
+
+def _reals(values: Floats) -> TColStd_Array1OfReal:
+    made = TColStd_Array1OfReal(1, len(values))
+    for i, value in enumerate(values.tolist(), start=1):
+        made.SetValue(i, value)
+    return made
+
+
+def _integers(values: Sequence[int]) -> TColStd_Array1OfInteger:
+    made = TColStd_Array1OfInteger(1, len(values))
+    for i, value in enumerate(values, start=1):
+        made.SetValue(i, value)
+    return made

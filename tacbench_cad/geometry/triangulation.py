@@ -1,0 +1,62 @@
+"""Triangles of any shape from the CAD kernel, face by face: for fixtures, whose faces are simple, and for pictures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.util.errors import CheckFailedError
+
+if TYPE_CHECKING:
+    from OCP.TopoDS import TopoDS_Shape
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+
+def triangulate(shape: TopoDS_Shape, deflection_mm: float, angle_rad: float) -> tuple[Floats, Indices]:
+    """Nodes and triangles of all faces, each face with nodes of its own.
+
+    Args:
+        shape: An Open CASCADE shape; it is left as it is.
+        deflection_mm: Distance by which chords may miss their curves; the kernel does not prove it for rich faces.
+        angle_rad: Largest angle between neighbouring chords.
+
+    Returns:
+        Nodes in mm, shape (n, 3), and triangles as indices of them, seen from outside counter-clockwise, shape (m, 3).
+
+    Raises:
+        CheckFailedError: The kernel left a face without a mesh.
+    """
+    from OCP.BRep import BRep_Tool
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
+    from OCP.BRepMesh import BRepMesh_IncrementalMesh
+    from OCP.TopAbs import TopAbs_Orientation, TopAbs_ShapeEnum
+    from OCP.TopExp import TopExp_Explorer
+    from OCP.TopLoc import TopLoc_Location
+    from OCP.TopoDS import TopoDS
+
+    # A copy without the meshes of earlier calls: the kernel keeps one on the shape and would hand it out again.
+    own = BRepBuilderAPI_Copy(shape, True, False).Shape()
+    BRepMesh_IncrementalMesh(own, deflection_mm, False, angle_rad, False)
+    nodes: list[tuple[float, float, float]] = []
+    triangles: list[tuple[int, int, int]] = []
+    explorer = TopExp_Explorer(own, TopAbs_ShapeEnum.TopAbs_FACE)
+    while explorer.More():
+        face = TopoDS.Face_s(explorer.Current())
+        explorer.Next()
+        place = TopLoc_Location()
+        mesh = BRep_Tool.Triangulation_s(face, place)
+        if mesh is None:
+            raise CheckFailedError("the CAD kernel left a face without a mesh")
+        first, move = len(nodes), place.Transformation()
+        for i in range(1, mesh.NbNodes() + 1):
+            point = mesh.Node(i).Transformed(move)
+            nodes.append((point.X(), point.Y(), point.Z()))
+        reverse = face.Orientation() == TopAbs_Orientation.TopAbs_REVERSED
+        for i in range(1, mesh.NbTriangles() + 1):
+            a, b, c = (first + k - 1 for k in mesh.Triangle(i).Get())
+            triangles.append((a, c, b) if reverse else (a, b, c))
+    return np.array(nodes, dtype=np.float64).reshape(-1, 3), np.array(triangles, dtype=np.int32).reshape(-1, 3)

@@ -1,0 +1,1 @@
+"""What a sensor can tell apart: protocols, splits, accuracies."""

@@ -1,0 +1,248 @@
+"""What decides every number of a classification, and the estimators by name."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad import __version__
+from tacbench_cad.lab.analysis.classification.augment import Augmentation
+from tacbench_cad.lab.analysis.classification.splits import FOLDS, RUNGS
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.rig.plugin import is_plugin, load
+from tacbench_cad.util.errors import InputError, TacbenchError, nearest, one_of
+
+#: The protocols: ``sound`` keeps all of the test set out of training, ``paper`` does as the paper's text says.
+PROTOCOLS = ("sound", "paper")
+#: Estimators of our own: the paper's two.
+ESTIMATORS = ("forest", "network")
+#: Share of the augmented rows that the paper's protocol holds back.
+TEST_SHARE = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """A classification; together with the data it decides every number.
+
+    Args:
+        protocol: ``sound`` or ``paper``.
+        estimators: ``forest``, ``network`` or ``module:name``.
+        resolution: Share of an image's width and height that is kept.
+        components: Principal components that the estimators get; None: the readings themselves.
+        augmentation: Copies of training readings.
+        clip: Round and clip the copies to whole counts of 0 to 255, as image tools save them (``paper`` only).
+        seed: Everything random follows from it and the trial's number.
+        rungs: Rungs of the ladder (``sound`` only).
+        folds: Folds of presses and of positions (``sound`` only).
+        copies: Prints of each texture and combination in training; None: all (``sound`` only).
+        epochs: Epochs of the network.
+        batch_size: Rows of a step of the network.
+        depth: Largest depth of the forest's trees.
+        train_on: Combinations that are trained on, one at a time (``paper`` only).
+
+    Raises:
+        InputError: A value is not allowed.
+    """
+
+    protocol: str = "sound"
+    estimators: tuple[str, ...] = ("forest",)
+    resolution: float = 0.4
+    components: int | None = 25
+    augmentation: Augmentation = field(default_factory=Augmentation)
+    clip: bool = False
+    seed: int = 0
+    rungs: tuple[str, ...] = RUNGS
+    folds: int = FOLDS
+    copies: int | None = None
+    epochs: int = 1500
+    batch_size: int = 200
+    depth: int = 50
+    train_on: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        one_of("protocol", self.protocol, PROTOCOLS)
+        for name in self.estimators:
+            if not is_plugin(name) and name not in ESTIMATORS:
+                hint = nearest(name, ESTIMATORS)
+                raise InputError("estimator", name, f"must be forest, network or module:name; {hint}")
+        if not self.estimators or len(set(self.estimators)) < len(self.estimators):
+            raise InputError("estimator", list(self.estimators), "must be names, each once")
+        for rung in self.rungs:
+            one_of("rungs", rung, RUNGS)
+        for key, value, least in (
+            ("components", self.components, 1),
+            ("seed", self.seed, 0),
+            ("folds", self.folds, 2),
+            ("copies", self.copies, 1),
+            ("epochs", self.epochs, 1),
+            ("batch-size", self.batch_size, 1),
+            ("depth", self.depth, 1),
+        ):
+            if value is not None and value < least:
+                raise InputError(key, value, f"must be at least {least}")
+        if self.protocol == "paper" and self.components is None:
+            raise InputError("components", "none", "the paper's protocol has principal components; 25 of them")
+        if self.clip and self.protocol == "sound":
+            raise InputError("clip", True, "is the paper's protocol only; sound leaves its copies unclipped")
+
+    def key(self, data: str) -> str:
+        """Names the numbers that follow from these settings, from the data and from the programs that compute them.
+
+        Args:
+            data: Names the data, see :func:`data_key`.
+        """
+        import sklearn
+
+        programs = [__version__, np.__version__, sklearn.__version__]
+        sources = [_source(name) for name in self.estimators if is_plugin(name)]
+        text = json.dumps([asdict(self), data, programs, sources], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def estimator(self, name: str, seed: int) -> Any:
+        """A new estimator with its seeds set.
+
+        Args:
+            name: One of ours, or ``module:name`` of your own.
+            seed: The seed.
+
+        Raises:
+            InputError: ``module:name`` cannot be loaded or is no estimator.
+        """
+        if name == "forest":
+            from sklearn.ensemble import RandomForestClassifier
+
+            return RandomForestClassifier(max_depth=self.depth, random_state=seed)
+        if name == "network":
+            from tacbench_cad.lab.analysis.classification.network import NetworkClassifier
+
+            return NetworkClassifier(max_iter=self.epochs, batch_size=self.batch_size, random_state=seed)
+        return _own(name, seed)
+
+
+def _own(name: str, seed: int) -> Any:
+    """A user's estimator: an object, or a class or function that makes one when it is called with nothing."""
+    from sklearn.base import clone
+
+    made = _loaded(name)
+    try:
+        made = made() if inspect.isclass(made) or not hasattr(made, "fit") else clone(made)
+        seeds = [one for one in made.get_params() if one == "random_state" or one.endswith("__random_state")]
+        made.set_params(**dict.fromkeys(seeds, seed))
+    except TacbenchError:
+        raise
+    except Exception as error:
+        what = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise InputError("estimator", name, f"is no scikit-learn estimator and makes none: {what}") from error
+    for needed in ("fit", "predict"):
+        if not callable(getattr(made, needed, None)):
+            raise InputError("estimator", name, f"gives a {type(made).__name__}, which has no {needed}")
+    return made
+
+
+def _loaded(name: str) -> Any:
+    try:
+        return load(name)
+    except InputError as error:
+        raise InputError("estimator", error.value, error.allowed) from error
+
+
+def _source(name: str) -> str:
+    """The SHA-256 of the file that a user's estimator comes from, so that a changed one is computed anew."""
+    thing = _loaded(name)
+    module = inspect.getmodule(thing if inspect.isclass(thing) or inspect.isfunction(thing) else type(thing))
+    names = (name.partition(":")[0], module.__name__ if module else "")
+    files = {getattr(sys.modules.get(one), "__file__", None) for one in names}
+    return " ".join(hashlib.sha256(Path(one).read_bytes()).hexdigest() for one in sorted(filter(None, files)))
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Matrix products on one thread: their rounding must not depend on the machine, and processes share its cores."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=1):
+        yield
+
+
+def data_key(collection: Collection) -> str:
+    """Names the presses of a collection by the checksums of their readings."""
+    digest = hashlib.sha256()
+    sums = [{row.number: row.image_sha256 for row in run.rows} for run in collection.runs]
+    for run, number in zip(collection.run.tolist(), collection.number.tolist(), strict=True):
+        digest.update(f"{collection.runs[run].info.printed.name} {number} {sums[run][number]}\n".encode())
+    return digest.hexdigest()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Outcome:
+    """What one estimator said in one fold.
+
+    Args:
+        estimator: Its name.
+        train_on: What it was trained on.
+        tested_on: What it was tested on.
+        rung: The rung, or ``train``, ``test`` or ``unseen`` in the paper's protocol.
+        trial: From 1.
+        press: Index of each tested row's press, (m,).
+        copied: Which copy of the press each row was, as an index of ``Augmentation.names``, (m,).
+        predicted: Index of the texture that was said, in sorted order, (m,).
+    """
+
+    estimator: str
+    train_on: str
+    tested_on: str
+    rung: str
+    trial: int
+    press: NDArray[np.int64]
+    copied: NDArray[np.int64]
+    predicted: NDArray[np.int64]
+
+    def as_dict(self) -> dict[str, Any]:
+        """As plain values."""
+        plain = {key: getattr(self, key) for key in ("estimator", "train_on", "tested_on", "rung", "trial")}
+        return plain | {key: getattr(self, key).tolist() for key in ("press", "copied", "predicted")}
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Outcome:
+        """From plain values."""
+        arrays = {key: np.array(values[key], dtype=np.int64) for key in ("press", "copied", "predicted")}
+        return cls(**{**values, **arrays})
+
+
+def predicted_index(estimator: str, said: Any, count: int, textures: Sequence[str], where: str) -> NDArray[np.int64]:
+    """What an estimator said, as indices of textures.
+
+    Raises:
+        InputError: It is not one of the textures for each row.
+    """
+    words = np.asarray(said)
+    if words.shape != (count,) or not np.isin(words, textures).all():
+        what = f"predicts {words.dtype} {words.shape} in {where}; must be one of the textures for each of {count} rows"
+        raise InputError("estimator", estimator, what)
+    return np.searchsorted(np.array(textures), words)
+
+
+def guarded(estimator: str, where: str, call: Any) -> Any:
+    """The value of a call of an estimator.
+
+    Raises:
+        InputError: The call raises; the message names estimator and place.
+    """
+    try:
+        return call()
+    except TacbenchError:
+        raise
+    except Exception as error:
+        text = str(error).strip()
+        what = f"{type(error).__name__}: {text.splitlines()[0] if text else 'without a message'}"
+        raise InputError("estimator", estimator, f"raised {what} in {where}") from error

@@ -1,0 +1,1 @@
+"""How well it printed: the variance table, its intervals, components and tests."""

@@ -1,0 +1,278 @@
+"""Variance components of the nested design: repeat within print, print within printer, printer within texture, texture.
+
+What the streaming pass hands over. For each (force level, position), with n presses, each pixel holds one value a
+press; all sums are over presses and means over pixels (so the unit is the reading's, squared). The four sums of squares
+are those of nested means, outermost first::
+
+    texture   sum over textures  t of n_t |mean_t - mean|^2
+    printer   sum over printers  c of n_c |mean_c - mean of its texture|^2     (a "printer" is a printer-filament)
+    print     sum over prints    b of n_b |mean_b - mean of its printer|^2
+    repeat    sum over presses     of     |press  - mean of its print|^2
+
+where ``|.|^2`` is the mean over pixels. They come out of merging Welford accumulators in the order of nesting and need
+one image for each level of nesting. ``NestedSums.of(labels, squares)`` takes them with the labels of the presses that
+were there, and ``+`` pools positions (and force levels): sums of squares, their expected coefficients and degrees of
+freedom all add, so presses may be missing anywhere.
+
+Estimator: each sum of squares has expectation ``sum over levels of coefficient x component``, and the components are
+what solves these equations (ANOVA estimators, Henderson's method 1; Searle, Casella and McCulloch, "Variance
+Components", section 5.3). They are unbiased for any design, balanced or not. An unbiased estimate of a small component
+is negative now and then: it is reported as estimated, since cutting it at 0 would make means over studies too large,
+and beside it ``truncated``, which is what standard deviations are made of.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tacbench_cad.util.errors import InputError
+
+Floats = NDArray[np.float64]
+
+#: Levels of the nesting, outermost first.
+LEVELS = ("texture", "printer", "print", "repeat")
+#: Heads of ``components.csv``; V is in the reading's unit squared.
+COLUMNS = ("force_level", "component", "variance", "truncated", "low", "high", "degrees_of_freedom", "includes", "note")
+#: 95 % of differences between two readings lie within so many standard deviations (ISO 5725-6: 1.96 x sqrt(2)).
+LIMIT_FACTOR = 2.8
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NestedSums:
+    """Sums of squares of one position, or of many added up.
+
+    Args:
+        squares: Sums of squares by level, shape (4,), in the order of :data:`LEVELS`.
+        coefficients: ``coefficients[m, l]`` is what one unit of component l adds to the expected sum of squares m,
+            shape (4, 4), upper triangular.
+        dof: Degrees of freedom by level, summed over positions, shape (4,).
+        groups: Textures, printers (over all textures), prints and presses, shape (4,): the most at any position.
+    """
+
+    squares: Floats
+    coefficients: Floats
+    dof: NDArray[np.int64]
+    groups: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, labels: ArrayLike, squares: ArrayLike) -> NestedSums:
+        """The sums of one position.
+
+        Args:
+            labels: Texture, printer-filament and copy of each press as whole numbers, shape (n, 3). Copies and
+                printers may be numbered anew within each texture: a print is what all three say.
+            squares: Sums of squares by level, shape (4,).
+
+        Raises:
+            InputError: A shape is wrong, or a sum is not a finite number from 0.
+        """
+        names, sums = np.asarray(labels), np.asarray(squares, dtype=np.float64)
+        if names.ndim != 2 or names.shape[1] != 3 or not len(names):
+            raise InputError("labels", list(names.shape), "must be texture, printer and copy of at least one press")
+        if sums.shape != (4,) or not (np.isfinite(sums).all() and (sums >= 0.0).all()):
+            raise InputError("squares", sums.tolist(), "must be four finite numbers from 0")
+        members = _members(names)
+        totals = np.array([[_share(members[level], members[within]) for level in range(1, 5)] for within in range(5)])
+        counts = np.array([len(np.unique(one)) for one in members])
+        return cls(
+            squares=sums,
+            coefficients=np.triu(np.diff(totals, axis=0)),
+            dof=np.diff(counts),
+            groups=counts[1:],
+        )
+
+    def __add__(self, other: NestedSums) -> NestedSums:
+        return NestedSums(
+            squares=self.squares + other.squares,
+            coefficients=self.coefficients + other.coefficients,
+            dof=self.dof + other.dof,
+            groups=np.maximum(self.groups, other.groups),
+        )
+
+
+def _members(labels: NDArray[Any]) -> list[NDArray[np.int64]]:
+    """Which group each press belongs to, for the whole and for each level, 5 arrays (n,)."""
+    n = len(labels)
+    groups = [np.zeros(n, dtype=np.int64)]
+    groups += [np.unique(labels[:, : depth + 1], axis=0, return_inverse=True)[1].reshape(n) for depth in range(3)]
+    return [*groups, np.arange(n)]
+
+
+def _share(level: NDArray[np.int64], within: NDArray[np.int64]) -> float:
+    """What one unit of a level's component adds to the sum over groups g of ``n_g |mean_g|^2``.
+
+    For a level finer than g it is the sum over g of ``sum over its h of n_h^2 / n_g``; a level that is as coarse or
+    coarser is the same for all of g, which gives n.
+    """
+    sizes, outer = np.bincount(level), np.bincount(within)
+    parent = np.zeros(len(sizes), dtype=np.int64)
+    parent[level] = within
+    if len(sizes) < len(outer):
+        return float(len(level))
+    return float((sizes.astype(np.float64) ** 2 / outer[parent]).sum())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Component:
+    """One variance component.
+
+    Args:
+        name: Its level, one of :data:`LEVELS`.
+        variance: Unbiased estimate, may be negative; None where the design cannot tell it.
+        dof: Degrees of freedom of its level, summed over positions.
+        includes: Finer levels that the design cannot tell from it and that are therefore in it.
+        note: Why there is no estimate, or what stands out; empty otherwise.
+    """
+
+    name: str
+    variance: float | None
+    dof: int
+    includes: tuple[str, ...] = ()
+    note: str = ""
+
+    @property
+    def truncated(self) -> float | None:
+        """The estimate, 0 where it is negative."""
+        return None if self.variance is None else max(0.0, self.variance)
+
+
+def components(sums: NestedSums) -> tuple[Component, ...]:
+    """The four components, outermost first.
+
+    A level at which every group has one member (one print of each texture, one repeat, one printer) has no degree of
+    freedom. What it holds is then in the next coarser level that has some, which says so in ``includes``.
+
+    Args:
+        sums: Pooled sums of squares.
+    """
+    active = [i for i in range(4) if sums.dof[i] > 0]
+    found = dict(zip(active, _solved(sums, active), strict=True)) if active else {}
+    result = []
+    for i, name in enumerate(LEVELS):
+        includes: tuple[str, ...] = ()
+        if i in found:
+            nearest = next((j for j in active if j > i), 4)
+            includes = LEVELS[i + 1 : nearest]
+        note = "" if i in found else _reason(i, active)
+        if i in found and found[i] < 0.0:
+            note = "negative: not distinguishable from 0"
+        result.append(Component(name=name, variance=found.get(i), dof=int(sums.dof[i]), includes=includes, note=note))
+    return tuple(result)
+
+
+def _solved(sums: NestedSums, active: Sequence[int]) -> list[float]:
+    matrix = sums.coefficients[np.ix_(active, active)]
+    return [float(one) for one in np.linalg.solve(matrix, sums.squares[active])]
+
+
+def _reason(level: int, active: Sequence[int]) -> str:
+    alone = ("one texture only", "one printer-filament only", "one print of each block only", "one repeat only")[level]
+    coarser = [LEVELS[j] for j in active if j < level]
+    return f"{alone}; it is in the component of the {coarser[-1]}" if coarser else f"{alone}; no estimate"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Precision:
+    """ISO 5725's standard deviations, in the reading's unit; None where the design cannot tell one.
+
+    The item is the texture's design and the "laboratory" a printer: what is printed and pressed again elsewhere.
+
+    Args:
+        repeatability: Same print pressed again.
+        intermediate: Another print from the same printer and filament.
+        reproducibility: Another print from another printer or filament.
+    """
+
+    repeatability: float | None
+    intermediate: float | None
+    reproducibility: float | None
+
+    @property
+    def limits(self) -> Mapping[str, float | None]:
+        """Two single readings differ by less than this in 95 of 100 cases: 2.8 standard deviations (ISO 5725-6)."""
+        named = {
+            "repeatability": self.repeatability,
+            "intermediate": self.intermediate,
+            "reproducibility": self.reproducibility,
+        }
+        return {name: None if sd is None else LIMIT_FACTOR * sd for name, sd in named.items()}
+
+
+def precision(found: Sequence[Component]) -> Precision:
+    """Repeatability and reproducibility from components; a negative one counts as 0 (ISO 5725-2, 7.4.5.4).
+
+    A sum needs each of its levels, alone or within a coarser one that is itself in the sum.
+
+    Args:
+        found: The four of :func:`components`.
+    """
+    by_name = {one.name: one for one in found}
+
+    def deviation(*levels: str) -> float | None:
+        parts = [by_name[name] for name in levels]
+        covered = {name for one in parts if one.variance is not None for name in (one.name, *one.includes)}
+        if covered != set(levels):
+            return None
+        return math.sqrt(sum(one.truncated or 0.0 for one in parts))
+
+    return Precision(
+        repeatability=deviation("repeat"),
+        intermediate=deviation("print", "repeat"),
+        reproducibility=deviation("printer", "print", "repeat"),
+    )
+
+
+def component_rows(
+    force_level: int | str,
+    found: Sequence[Component],
+    intervals: Mapping[str, tuple[float, float]] | None = None,
+) -> list[dict[str, Any]]:
+    """Rows of ``components.csv``: the components, then ISO 5725's variances as sums of truncated components.
+
+    Args:
+        force_level: Level from 1, or ``all``.
+        found: The four of :func:`components`.
+        intervals: Low and high by component, where there are some (print and repeat; printers and textures are chosen
+            and few, so that an interval of their component would say nothing).
+    """
+    ends = intervals or {}
+    rows: list[dict[str, Any]] = []
+    for one in found:
+        low, high = ends.get(one.name, (None, None))
+        rows.append(
+            {
+                "force_level": force_level,
+                "component": one.name,
+                "variance": one.variance,
+                "truncated": one.truncated,
+                "low": low,
+                "high": high,
+                "degrees_of_freedom": one.dof,
+                "includes": " ".join(one.includes),
+                "note": one.note,
+            }
+        )
+    spread = precision(found)
+    for name in ("repeatability", "intermediate", "reproducibility"):
+        sd = getattr(spread, name)
+        limit = spread.limits[name]
+        rows.append(
+            {
+                "force_level": force_level,
+                "component": name,
+                "variance": None if sd is None else sd**2,
+                "truncated": None if sd is None else sd**2,
+                "low": None,
+                "high": None,
+                "degrees_of_freedom": None,
+                "includes": "",
+                "note": "" if limit is None else f"standard deviation {sd:.6g}, limit {limit:.6g} (ISO 5725)",
+            }
+        )
+    return rows

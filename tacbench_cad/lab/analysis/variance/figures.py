@@ -1,0 +1,432 @@
+"""The figures of the variance table: the table itself, heat maps of pixels and positions, matrices between textures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure, save, styled
+from tacbench_cad.lab.analysis.published import ROW_NAMES, VARIANCE
+from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, Cell
+from tacbench_cad.lab.analysis.variance.components import LEVELS
+from tacbench_cad.lab.analysis.variance.streaming import levels_with_most_prints
+from tacbench_cad.lab.analysis.variance.table import Level, VarianceResult
+from tacbench_cad.util.text import counted
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.float64]
+
+#: Names of the figures' files, without suffix.
+TABLE, PIXELS, POSITIONS, TEXTURES, COMPONENTS = (
+    "variance",
+    "variance_pixels",
+    "variance_positions",
+    "between_textures",
+    "components",
+)
+#: Share of the values that a colour scale spans; a few stray pixels must not darken all others.
+_SPAN = 99.5
+#: An interval's end so many times above the largest estimate is cut, with an arrow.
+_CUT = 6.0
+_MARKERS = "osD^vP*X<>"
+
+
+def draw_all(result: VarianceResult, folder: Path) -> list[Path]:
+    """Draw every figure into a folder, each as PNG and PDF.
+
+    Args:
+        result: The table.
+        folder: The folder, which must exist.
+
+    Returns:
+        The files.
+
+    Raises:
+        MissingToolError: matplotlib is not installed.
+        InputError: A file cannot be written.
+    """
+    drawn: list[Path] = []
+    with styled():
+        for stem, draw in (
+            (TABLE, table_figure),
+            (PIXELS, pixel_figure),
+            (POSITIONS, position_figure),
+            (TEXTURES, texture_figure),
+            (COMPONENTS, component_figure),
+        ):
+            drawn += save(draw(result), folder / stem, result.collection.simulated)
+    return drawn
+
+
+def name_of(combination: str) -> str:
+    """A printer-filament as figures and tables call it: as the paper does, where it is one of the paper's."""
+    printer, filament = combination.split("_", 1)
+    return ROW_NAMES.get((printer, filament), f"{printer} {filament}")
+
+
+def short_texture(texture: str) -> str:
+    """``4`` for ``texture-4``; a user's own name as it is."""
+    return texture.removeprefix("texture-")
+
+
+def level_name(result: VarianceResult, level: Level) -> str:
+    """A force level as figures and tables call it: ``1.91 N``, ``1.70 mm deep``, ``mean of all forces``."""
+    protocol = result.collection.info.protocol
+    if not isinstance(level, int):
+        return "mean of all forces" if protocol.contact == "force" else "mean of all depths"
+    if protocol.contact == "force":
+        return f"{protocol.forces_n[level - 1]:.2f} N"
+    return f"{protocol.depths_mm[level - 1]:.2f} mm deep"
+
+
+def squared_unit(result: VarianceResult) -> str:
+    """The unit of a variance, for labels."""
+    return f"{result.collection.units}$^2$"
+
+
+def shown_levels(result: VarianceResult) -> tuple[Level, ...]:
+    """The levels that are shown: all of them and their mean, or the only one."""
+    levels = result.force_levels
+    return levels[:1] if len(levels) == 2 else levels
+
+
+def compared_levels(result: VarianceResult) -> tuple[Level, ...]:
+    """The levels that figures compare prints at: those with two prints of something, and the mean if all have."""
+    singles = [one for one in result.force_levels if one != ALL_LEVELS]
+    with_prints = [
+        level for level in singles if any(one.prints > 1 for one in result.cells if one.force_level == level)
+    ]
+    if not with_prints or len(with_prints) == len(singles):
+        return shown_levels(result)
+    return tuple(with_prints)
+
+
+def compared(result: VarianceResult) -> list[str]:
+    """The combinations that figures compare: those with two prints of something; all, if none has.
+
+    One print shows how the sensor repeats, and nothing of how prints differ.
+    """
+    prints: dict[str, int] = {}
+    for one in result.cells:
+        prints[one.combination] = max(prints.get(one.combination, 0), one.prints)
+    most = max(prints.values())
+    return [one for one in result.collection.combinations if prints.get(one, 0) > (most > 1)]
+
+
+def _left_out(result: VarianceResult) -> str:
+    """What a figure does not show, in words."""
+    count = len({one.combination for one in result.cells}) - len(compared(result))
+    return f"{counted(count, 'printer-filament')} with one print not shown" if count else ""
+
+
+def table_figure(result: VarianceResult) -> Figure:
+    """The table as points with intervals, a panel a force, with the floor and the paper's own figures."""
+    levels, combinations = compared_levels(result), compared(result)
+    columns = 1 if len(levels) == 1 else 2
+    rows = math.ceil(len(levels) / columns)
+    figure = new_figure(PAGE_IN, 0.55 + 2.35 * rows)
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    top = _CUT * max(one.variance for one in result.cells if one.force_level in levels)
+    for axes, level in zip(panels, levels, strict=False):
+        _table_panel(axes, result, level, combinations, top)
+        axes.set_title(_titled(level_name(result, level), _left_out(result)), loc="left")
+    for axes in panels[len(levels) :]:
+        axes.set_visible(False)
+    figure.supylabel(f"variance ({squared_unit(result)})", fontsize=8.0)
+    figure.supxlabel("texture", fontsize=8.0)
+    figure.legend(handles=_table_legend(result, combinations), loc="outside upper left", ncols=3)
+    return figure
+
+
+def _titled(title: str, left_out: str) -> str:
+    return f"{title} ({left_out})" if left_out else title
+
+
+def _table_panel(axes: Axes, result: VarianceResult, level: Level, combinations: Sequence[str], top: float) -> None:
+    textures = result.collection.textures
+    step = 0.8 / len(combinations)
+    least = math.inf
+    for i, combination in enumerate(combinations):
+        colour, marker = _look(i)
+        for j, texture in enumerate(textures):
+            cell = result.cell(level, combination, texture)
+            if cell is None:
+                continue
+            x = j + (i - (len(combinations) - 1) / 2.0) * step
+            noise = result.noise_alone(cell)
+            least = min([least, *(one for one in (cell.variance, noise) if one)])
+            _point(axes, cell, noise, x, step, colour, marker, top)
+        printer, filament = combination.split("_", 1)
+        paper = VARIANCE.get((printer, filament))
+        for j, texture in enumerate(textures):
+            number = short_texture(texture)
+            if paper is not None and number.isdigit() and 1 <= int(number) <= len(paper) and _is_paper(result):
+                x = j + (i - (len(combinations) - 1) / 2.0) * step + 0.32 * step
+                axes.plot(x, paper[int(number) - 1], marker, markersize=4.0, color=colour, markerfacecolor="none")
+    axes.set_yscale("log")
+    axes.set(xlim=(-0.5, len(textures) - 0.5), xticks=range(len(textures)))
+    axes.set_xticklabels([short_texture(one) for one in textures])
+    if math.isfinite(least):
+        axes.set_ylim(0.7 * least, top)
+    axes.yaxis.set_major_formatter(_plain_numbers)
+    axes.yaxis.set_minor_formatter(_plain_minor)
+    axes.grid(axis="y", color="#dddddd", linewidth=0.4)
+    axes.set_axisbelow(True)
+    for j in range(1, len(textures)):
+        axes.axvline(j - 0.5, color="#dddddd", linewidth=0.4)
+
+
+def _point(
+    axes: Axes, cell: Cell, noise: float | None, x: float, step: float, colour: str, marker: str, top: float
+) -> None:
+    """A cell: its figure, its interval (cut, with an arrow, where it leaves the panel) and what noise alone gives."""
+    if cell.low is not None and cell.high is not None:
+        ends = [max(cell.low, 1e-12), min(cell.high, top)]
+        axes.plot([x, x], ends, color=colour, linewidth=0.9, alpha=0.6, zorder=2.0)
+        if cell.high > top:
+            axes.plot(x, top / 1.04, "^", markersize=3.0, color=colour, zorder=2.0, clip_on=False)
+    if noise:
+        axes.plot([x - 0.4 * step, x + 0.4 * step], [noise] * 2, color=INK, linewidth=1.0, zorder=1.5)
+    if cell.variance > 0.0:
+        axes.plot(x, cell.variance, marker, markersize=4.5, color=colour, zorder=3.0)
+
+
+def _look(i: int) -> tuple[str, str]:
+    return COLOURS[i % (len(COLOURS) - 1)], _MARKERS[i % len(_MARKERS)]
+
+
+def _is_paper(result: VarianceResult) -> bool:
+    """Whether the paper's own figures may stand beside ours: both are in squared counts of an image."""
+    return result.collection.units == "counts"
+
+
+def _table_legend(result: VarianceResult, combinations: Sequence[str]) -> list[Any]:
+    from matplotlib.lines import Line2D
+
+    handles = []
+    for i, combination in enumerate(combinations):
+        colour, marker = _look(i)
+        handles.append(Line2D([], [], color=colour, marker=marker, markersize=4.5, label=name_of(combination)))
+    if any(one.floor for one in result.cells):
+        handles.append(Line2D([], [], color=INK, linewidth=1.0, label="what noise alone gives"))
+    if _is_paper(result) and any(tuple(one.split("_", 1)) in VARIANCE for one in combinations):
+        hollow: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 4.0, "markerfacecolor": "none"}
+        handles.append(Line2D([], [], color=INK, label="hollow: the paper's table", **hollow))
+    return handles
+
+
+def _plain_numbers(value: float, _: float) -> str:
+    return f"{value:g}"
+
+
+def _plain_minor(value: float, _: float) -> str:
+    """Labels of 2 and 5 between powers of ten."""
+    lead = value / 10.0 ** math.floor(math.log10(value))
+    return f"{value:g}" if round(lead) in (2, 5) else ""
+
+
+def pixel_figure(result: VarianceResult) -> Figure:
+    """Which pixels vary: a map for each combination and texture, mean over positions and forces."""
+    pictures = _cropped({key: one for key, one in result.maps.items() if key[0] in compared(result)})
+    what = f"variance of a pixel ({squared_unit(result)})"
+    return _mosaic(result, pictures, what, ratio=_ratio(pictures), outline=False)
+
+
+def _cropped(pictures: dict[tuple[str, str], Floats]) -> dict[tuple[str, str], Floats]:
+    """The pictures without the margins in which no pixel of any of them varies."""
+    most = np.max(list(pictures.values()), axis=0)
+    strong = most > 0.05 * np.percentile(most, _SPAN)
+    ranges = []
+    for axis in (0, 1):
+        inside = np.flatnonzero(strong.any(axis=1 - axis))
+        margin = max(1, len(inside) // 40)
+        ends = (max(0, inside[0] - margin), inside[-1] + margin + 1) if len(inside) else (0, most.shape[axis])
+        ranges.append(slice(*ends))
+    return {key: one[ranges[0], ranges[1]] for key, one in pictures.items()}
+
+
+def position_figure(result: VarianceResult) -> Figure:
+    """Which positions vary: the press grid for each combination and texture, mean over forces."""
+    grid = result.collection.info.protocol.grid
+    shape = (len(grid.y_mm), len(grid.x_mm))
+    pictures: dict[tuple[str, str], Floats] = {}
+    drawn = levels_with_most_prints({key: one.design.tolist() for key, one in result.sums.items()})
+    for key in (one for one in result.maps if one[0] in compared(result)):
+        levels = [result.positions[level, key] for level in drawn[key]]
+        if levels:
+            # Rows run from low y: upwards in the figure, as on the block.
+            pictures[key] = np.mean(levels, axis=0).reshape(shape)[::-1]
+    figure = _mosaic(result, pictures, f"variance ({squared_unit(result)})", ratio=1.0, outline=True)
+    first = figure.axes[0]
+    first.annotate("", (1.0, -0.06), (0.0, -0.06), xycoords="axes fraction", arrowprops=_ARROW, annotation_clip=False)
+    first.annotate("", (-0.06, 1.0), (-0.06, 0.0), xycoords="axes fraction", arrowprops=_ARROW, annotation_clip=False)
+    sides = f"x {grid.x_mm[0]:g} to {grid.x_mm[-1]:g} mm, y {grid.y_mm[0]:g} to {grid.y_mm[-1]:g} mm"
+    figure.suptitle(f"press grid (arrows): {sides}", x=0.01, ha="left", fontsize=8.0)
+    return figure
+
+
+_ARROW = {"arrowstyle": "->", "linewidth": 0.6, "color": INK, "shrinkA": 0.0, "shrinkB": 0.0}
+
+
+def _ratio(pictures: dict[tuple[str, str], Floats]) -> float:
+    """Height over width of the pictures, kept within what fits on a page."""
+    shape = next(iter(pictures.values())).shape
+    return float(min(2.0, max(0.25, shape[0] / shape[1])))
+
+
+def _mosaic(
+    result: VarianceResult, pictures: dict[tuple[str, str], Floats], what: str, *, ratio: float, outline: bool
+) -> Figure:
+    """Pictures with one colour scale: a row a combination, a column a texture."""
+    textures, combinations = result.collection.textures, compared(result)
+    columns, rows = len(textures), len(combinations)
+    width = min(1.05, (PAGE_IN - 1.6) / columns)
+    figure = new_figure(max(4.0, 1.9 + width * columns), max(1.8, 0.3 + rows * (width * ratio + 0.05)))
+    panels = figure.subplots(rows, columns, squeeze=False)
+    everything = np.concatenate([one[np.isfinite(one)].ravel() for one in pictures.values()])
+    high = float(np.percentile(everything, _SPAN)) if everything.size else 1.0
+    low = float(everything.min()) if outline and everything.size else 0.0
+    drawn = None
+    for i, combination in enumerate(combinations):
+        for j, texture in enumerate(textures):
+            axes = panels[i, j]
+            axes.set(xticks=[], yticks=[])
+            for spine in axes.spines.values():
+                spine.set_visible(False)
+            picture = pictures.get((combination, texture))
+            if picture is None:
+                axes.text(0.5, 0.5, "none", ha="center", va="center", transform=axes.transAxes, color="#888888")
+            else:
+                drawn = axes.imshow(picture, vmin=low, vmax=max(high, low + 1e-12), aspect=_aspect(picture, ratio))
+            if i == 0:
+                axes.set_title(f"texture {short_texture(texture)}" if short_texture(texture).isdigit() else texture)
+            if j == 0:
+                axes.set_ylabel(_broken(name_of(combination)), rotation=0, ha="right", va="center", labelpad=6.0)
+    if drawn is not None:
+        above = "max" if everything.max() > high else "neither"
+        bar = figure.colorbar(
+            drawn, ax=panels, shrink=0.9, aspect=max(12.0, 9.0 * rows), extend=above, extendfrac=0.03, pad=0.01
+        )
+        bar.set_label(what)
+        bar.outline.set_linewidth(0.5)
+    return figure
+
+
+def _aspect(picture: Floats, ratio: float) -> float:
+    """What gives the picture the ratio of its panel: 1 for square pixels."""
+    return float(ratio * picture.shape[1] / picture.shape[0])
+
+
+def _broken(name: str) -> str:
+    """A printer-filament on two lines."""
+    return "\n".join(name.rsplit(" ", 1))
+
+
+def texture_figure(result: VarianceResult) -> Figure:
+    """The matrices between textures, one for each combination, with one colour scale; mean over the forces."""
+    level, shown = compared_levels(result)[-1], compared(result)
+    matrices = [one for one in result.matrices if one.force_level == level and one.combination in shown]
+    columns = min(3, len(matrices))
+    rows = math.ceil(len(matrices) / columns)
+    side = min(2.6, (PAGE_IN - 0.8) / columns)
+    figure = new_figure(0.9 + side * columns, 0.5 + side * 1.1 * rows)
+    figure.set_layout_engine("constrained", h_pad=0.08)
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    values = np.concatenate([one.variance[np.isfinite(one.variance)] for one in matrices])
+    high = float(values.max()) if values.size and values.max() > 0.0 else 1.0
+    names = [short_texture(one) for one in result.collection.textures]
+    drawn = None
+    for axes, one in zip(panels, matrices, strict=False):
+        drawn = axes.imshow(one.variance, vmin=0.0, vmax=high)
+        axes.set(xticks=range(len(names)), yticks=range(len(names)))
+        axes.set_xticklabels(names)
+        axes.set_yticklabels(names)
+        axes.tick_params(length=0.0)
+        axes.set_title(name_of(one.combination), loc="left")
+        for spine in axes.spines.values():
+            spine.set_visible(False)
+        if len(names) <= 10:
+            _numbers(axes, one.variance, high)
+    for axes in panels[len(matrices) :]:
+        axes.set_visible(False)
+    figure.supxlabel("texture", fontsize=8.0)
+    figure.supylabel("texture", fontsize=8.0)
+    if drawn is not None:
+        bar = figure.colorbar(drawn, ax=panels, shrink=0.8, pad=0.01, aspect=25.0)
+        bar.set_label(f"variance over both textures ({squared_unit(result)})")
+        bar.outline.set_linewidth(0.5)
+    figure.suptitle(_titled(level_name(result, level), _left_out(result)), x=0.01, ha="left", fontsize=8.0)
+    return figure
+
+
+def _numbers(axes: Axes, values: Floats, high: float) -> None:
+    for (i, j), value in np.ndenumerate(values):
+        if np.isfinite(value):
+            colour = "white" if value < 0.6 * high else INK
+            text = f"{value:.0f}" if value >= 99.5 else f"{value:.1f}" if value >= 0.995 else f"{value:.2g}"
+            axes.text(j, i, text, ha="center", va="center", fontsize=6.5, color=colour)
+
+
+def component_figure(result: VarianceResult) -> Figure:
+    """Where the variance comes from: the components of the nested design at each force, with their intervals."""
+    from matplotlib.lines import Line2D
+
+    levels = shown_levels(result)
+    names = LEVELS
+    rows = {(one["force_level"], one["component"]): one for one in result.components}
+    figure = new_figure(PAGE_IN, 2.5)
+    axes = figure.add_subplot()
+    floor = float(np.mean([one.floor for one in result.cells if one.floor is not None] or [np.nan]))
+    shown = [one["truncated"] for key, one in rows.items() if key[1] in names and one["truncated"]]
+    if not shown:
+        axes.text(0.5, 0.5, "the design tells no component apart", ha="center", transform=axes.transAxes)
+        axes.set_axis_off()
+        return figure
+    if floor > 0.0:
+        shown.append(floor)
+        axes.axhline(floor, color=INK, linewidth=0.8, linestyle=(0, (4, 3)), label="mean noise floor", zorder=1.0)
+    bottom, top = 0.4 * min(shown), 3.0 * max(shown)
+    for j, name in enumerate(names):
+        for i, level in enumerate(levels):
+            _component(axes, rows[level, name], i + 0.2 * (j - 1.5), j, (bottom, top))
+    handles = [
+        Line2D([], [], linestyle="", marker=_MARKERS[j], markersize=5.0, color=COLOURS[j], label=name)
+        for j, name in enumerate(("texture", "printer-filament", "print", "repeat"))
+    ]
+    axes.set_yscale("log")
+    axes.set(xlim=(-0.5, len(levels) - 0.5), ylim=(bottom, top), xticks=range(len(levels)))
+    axes.set_xticklabels([level_name(result, level) for level in levels])
+    axes.tick_params(axis="x", length=0.0)
+    for i in range(1, len(levels)):
+        axes.axvline(i - 0.5, color="#dddddd", linewidth=0.4)
+    axes.yaxis.set_major_formatter(_plain_numbers)
+    axes.yaxis.set_minor_formatter(_plain_minor)
+    axes.set_ylabel(f"variance component ({squared_unit(result)})")
+    figure.legend(handles=[*handles, *axes.get_legend_handles_labels()[0]], loc="outside upper left", ncols=5)
+    return figure
+
+
+def _component(axes: Axes, row: Mapping[str, Any], x: float, number: int, ends: tuple[float, float]) -> None:
+    """One component: its estimate, its interval, and in words what there is no point for."""
+    value = row["truncated"]
+    if not value:
+        text = "not told apart" if value is None else "0"
+        axes.text(x, 1.15 * ends[0], text, ha="center", va="bottom", fontsize=6.5, rotation=90 if value is None else 0)
+        return
+    above = value
+    if row["low"] is not None:
+        interval = [max(row["low"], ends[0]), min(row["high"], ends[1])]
+        axes.plot([x, x], interval, color=COLOURS[number], linewidth=1.0, alpha=0.6)
+        above = max(value, interval[1])
+    axes.plot(x, value, _MARKERS[number], markersize=5.0, color=COLOURS[number])
+    card = {"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.85}
+    place: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "bottom", "bbox": card}
+    axes.annotate(f"{value:.3g}", (x, above), (0.0, 4.5), fontsize=6.5, **place)

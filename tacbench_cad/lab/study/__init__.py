@@ -1,0 +1,1 @@
+"""What is pressed, how and on which rig: the values and the file that they are read from."""

@@ -1,0 +1,91 @@
+"""The presses of one block in the order in which they are made."""
+
+from __future__ import annotations
+
+import hashlib
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from tacbench_cad.lab.study.spec import PlannedBlock, Protocol, Study
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Press:
+    """One press of a block.
+
+    Args:
+        number: Its place in the plan, from 1: the reading it gives is ``image_<number>``.
+        force_level: From 1, rising.
+        repeat: From 1.
+        position: From 1, row by row from low y, each row from low x.
+        x_mm: The summit's place in the block frame.
+        y_mm: Likewise.
+        target_n: Target force, or None in depth mode.
+        band_n: Half width of the band around it, or None.
+        depth_mm: Target depth below first touch, or None in force mode.
+    """
+
+    number: int
+    force_level: int
+    repeat: int
+    position: int
+    x_mm: float
+    y_mm: float
+    target_n: float | None
+    band_n: float | None
+    depth_mm: float | None
+
+
+def plan(protocol: Protocol, levels: Sequence[int], block_name: str) -> tuple[Press, ...]:
+    """The presses of a block: for each force, for each repeat, every position.
+
+    Args:
+        protocol: The protocol.
+        levels: The force levels that are pressed, rising.
+        block_name: Name of the run; a shuffled order is another one for each block, force and repeat.
+
+    Returns:
+        ``len(levels) * repeats * positions`` presses, numbered from 1.
+    """
+    places = [(number, float(x), float(y)) for number, (x, y) in enumerate(protocol.grid.positions_mm, start=1)]
+    presses: list[Press] = []
+    for level in levels:
+        for repeat in range(1, protocol.repeats + 1):
+            order = places
+            if protocol.order == "random":
+                order = shuffled(places, protocol.seed, f"{block_name} {level} {repeat}")
+            for position, x, y in order:
+                force = protocol.contact == "force"
+                presses.append(
+                    Press(
+                        number=len(presses) + 1,
+                        force_level=level,
+                        repeat=repeat,
+                        position=position,
+                        x_mm=x,
+                        y_mm=y,
+                        target_n=protocol.target_n(level),
+                        band_n=protocol.bands_n[level - 1] if force else None,
+                        depth_mm=None if force else protocol.depths_mm[level - 1],
+                    )
+                )
+    return tuple(presses)
+
+
+def block_order(study: Study) -> tuple[PlannedBlock, ...]:
+    """The study's blocks in the order in which they are put into the rig."""
+    if study.protocol.block_order == "paper":
+        return study.blocks
+    return tuple(shuffled(study.blocks, study.protocol.seed, "blocks"))
+
+
+def shuffled(items: Sequence[T], seed: int, what: str) -> list[T]:
+    """The items in an order that only ``seed`` and ``what`` decide, the same on every machine."""
+    digest = hashlib.sha256(f"{seed} {what}".encode()).digest()
+    made = list(items)
+    random.Random(int.from_bytes(digest, "big")).shuffle(made)
+    return made

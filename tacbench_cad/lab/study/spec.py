@@ -1,0 +1,426 @@
+"""What a data run is made of, as values: the printed block, the protocol, the holder and the devices of the rig.
+
+Everything in the lab reads these; nothing here touches a file or a device. Millimetres, newtons, seconds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import FORCE_SPREADS_N, FORCES_N, REPEATS, PressGrid
+from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.util.errors import InputError, one_of
+
+Contact = Literal["force", "depth"]
+Touch = Literal["gauge", "sensor", "taught"]
+Order = Literal["paper", "random"]
+Point = tuple[float, float, float]
+
+#: The contact force that ends any run, in newtons.
+HARD_LIMIT_N = 5.0
+#: Depths below first touch for a rig without a gauge: what the three forces sink the simulated dome into a flat
+#: plate, rounded; a rig's own calibration is better.
+DEPTHS_MM = (0.35, 1.7, 2.2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrintedBlock:
+    """One printed block: what it is and where it came from.
+
+    Args:
+        block: Its geometry.
+        printer: Printer, in the spelling of :mod:`tacbench_cad.lab.study.names`.
+        filament: Filament, likewise.
+        copy: Number of this copy, from 1.
+    """
+
+    block: Block
+    printer: str
+    filament: str
+    copy: int = 1
+
+    def __post_init__(self) -> None:
+        if isinstance(self.copy, bool) or not isinstance(self.copy, int) or not 1 <= self.copy <= 999:
+            raise InputError("copy", self.copy, "must be a whole number from 1 to 999")
+
+    @property
+    def texture(self) -> str:
+        """Name of its texture: ``texture-4``."""
+        return self.block.texture.name
+
+    @property
+    def object_label(self) -> int | str:
+        """The label that classifiers learn: 1 to 6, or the name of a user's own texture."""
+        return self.block.texture.number or self.texture
+
+    @property
+    def combination(self) -> str:
+        """Printer and filament in one word: ``bambu-p1p_pla-minus``."""
+        return f"{self.printer}_{self.filament}"
+
+    @property
+    def name(self) -> str:
+        """Name of its run folder: ``texture-4_paper_x1_bambu-p1p_pla-minus_copy01``."""
+        stem = self.block.name.split("_copy")[0]
+        return f"{stem}_{self.combination}_copy{self.copy:02d}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for ``run.json``; :mod:`tacbench_cad.lab.runs` makes the block again from them."""
+        block, texture = self.block, self.block.texture
+        return {
+            "texture": texture.name,
+            "number": texture.number,
+            "equation": texture.equation,
+            "waves": [[w.amplitude, w.f, w.g, w.phase] for w in texture.waves.waves],
+            "preset": block.preset,
+            "scale": block.scale,
+            "nominal_size_mm": list(block.nominal_size_mm),
+            "nominal_height_mm": block.nominal_height_mm,
+            "nominal_mm_per_unit": list(block.nominal_mm_per_unit),
+            "origin_uv": list(block.origin_uv),
+            "key_mm": block.key_mm,
+            "sampling": (
+                {"tolerance_mm": block.sampling.mm}
+                if isinstance(block.sampling, Tolerance)
+                else {"grid": [block.sampling.nx, block.sampling.ny]}
+            ),
+            "label": block.label,
+            "engraved_copy": block.copy,
+            "printer": self.printer,
+            "filament": self.filament,
+            "copy": self.copy,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Protocol:
+    """How a block is pressed. The defaults are the paper's, and ours where the paper is silent.
+
+    Args:
+        contact: ``force``: press to a target force; ``depth``: to a depth below first touch, on a rig without gauge.
+        forces_n: Target forces, rising; in depth mode their number is that of the depths and they are not used.
+        bands_n: Half width of the band around each target that counts as reached.
+        depths_mm: Depths below first touch, rising (``contact = "depth"`` only).
+        touch: How first touch is found in depth mode: by the gauge, by a change of the sensor, or taught by hand.
+        repeats: Readings at each position and force.
+        grid: The positions in the block frame at scale 1 of the paper's grid, already scaled.
+        order: Positions as in the paper or shuffled, anew for each force and repeat.
+        block_order: The study's blocks as written or shuffled.
+        seed: Seed of both shuffles.
+        reference_every_s: A new reading without contact after so long, to see drift.
+        stationary_frames: Readings in contact, and as many without, at the start and the end of a block.
+        clearance_mm: Height of travel above the highest of block and rim.
+        depth_limit_mm: The sensor's summit never goes further below the block's highest point.
+        hard_limit_n: Force that stops the run.
+        approach_step_mm: Step of the approach below the travel height's last stretch.
+        fine_step_mm: Smallest step of the search.
+        search_steps: Most steps of the search for one press.
+        settle_s: Wait after a step before anything is read.
+        force_window_s: Time over which a force is averaged.
+        misses_allowed: So many presses in a row outside of the band end the run.
+    """
+
+    contact: Contact = "force"
+    forces_n: tuple[float, ...] = FORCES_N
+    bands_n: tuple[float, ...] = FORCE_SPREADS_N
+    depths_mm: tuple[float, ...] = DEPTHS_MM
+    touch: Touch = "gauge"
+    repeats: int = REPEATS
+    grid: PressGrid = field(default_factory=PressGrid.paper)
+    order: Order = "paper"
+    block_order: Order = "paper"
+    seed: int = 0
+    reference_every_s: float = 600.0
+    stationary_frames: int = 30
+    clearance_mm: float = 5.0
+    depth_limit_mm: float = 7.0
+    hard_limit_n: float = HARD_LIMIT_N
+    approach_step_mm: float = 0.1
+    fine_step_mm: float = 0.001
+    search_steps: int = 40
+    settle_s: float = 0.2
+    force_window_s: float = 0.1
+    misses_allowed: int = 5
+
+    def __post_init__(self) -> None:
+        one_of("contact", self.contact, ("force", "depth"))
+        one_of("touch", self.touch, ("gauge", "sensor", "taught"))
+        for name in ("order", "block_order"):
+            one_of(name, getattr(self, name), ("paper", "random"))
+        if not 0.0 < self.hard_limit_n <= 50.0:
+            raise InputError("hard_limit_n", self.hard_limit_n, "must be above 0 and at most 50 N")
+        self._rising("forces_n", self.forces_n, self.hard_limit_n, "N, the hard limit")
+        self._rising("depths_mm", self.depths_mm, self.depth_limit_mm, "mm, the depth limit")
+        if len(self.bands_n) != len(self.forces_n):
+            raise InputError("bands_n", list(self.bands_n), f"must be {len(self.forces_n)} numbers, one for each force")
+        for band, force in zip(self.bands_n, self.forces_n, strict=True):
+            if not 0.0 < band < force:
+                raise InputError("bands_n", band, f"must be above 0 and below its force, {force:g} N")
+        for name, least, most in (
+            ("repeats", 1, 1000),
+            ("stationary_frames", 0, 10_000),
+            ("search_steps", 1, 10_000),
+            ("misses_allowed", 1, 10_000),
+            ("seed", 0, 2**32 - 1),
+        ):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+                raise InputError(name, value, f"must be a whole number from {least} to {most}")
+        for name, low, high in (
+            ("reference_every_s", 0.001, 1e7),
+            ("clearance_mm", 0.5, 200.0),
+            ("depth_limit_mm", 0.01, 100.0),
+            ("approach_step_mm", 1e-4, 1.0),
+            ("fine_step_mm", 1e-5, 0.1),
+            ("settle_s", 0.0, 60.0),
+            ("force_window_s", 0.0, 60.0),
+        ):
+            number = getattr(self, name)
+            if not (math.isfinite(number) and low <= number <= high):
+                raise InputError(name, number, f"must be from {low:g} to {high:g}")
+
+    @staticmethod
+    def _rising(name: str, values: tuple[float, ...], limit: float, what: str) -> None:
+        if not values or any(not math.isfinite(v) or v <= 0.0 for v in values) or list(values) != sorted(set(values)):
+            raise InputError(name, list(values), "must be positive numbers, rising")
+        if values[-1] >= limit:
+            raise InputError(name, values[-1], f"must be below {limit:g} {what}")
+
+    @property
+    def levels(self) -> int:
+        """Number of force (or depth) levels; they are counted from 1."""
+        return len(self.forces_n) if self.contact == "force" else len(self.depths_mm)
+
+    def target_n(self, level: int) -> float | None:
+        """Target force of a level from 1, in N; None in depth mode."""
+        return self.forces_n[level - 1] if self.contact == "force" else None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for ``run.json``."""
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "grid"}
+        values["grid"] = {"x_mm": list(self.grid.x_mm), "y_mm": list(self.grid.y_mm)}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class HolderRim:
+    """What of the holder the sensor can touch.
+
+    Args:
+        rim_mm: How far the holder's top lies below the block's highest point.
+        gap_mm: Clearance between block and pocket on each side.
+    """
+
+    rim_mm: float = 1.18
+    gap_mm: float = 0.2
+
+    def __post_init__(self) -> None:
+        for name, most in (("rim_mm", 100.0), ("gap_mm", 10.0)):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and -most <= value <= most):
+                raise InputError(name, value, f"must be from {-most:g} to {most:g} mm")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkFrame:
+    """The work frame in the stage's frame.
+
+    Work frame: x and y are the block's own; z is 0 at the block's highest point and grows upwards. A pose is where the
+    sensor's summit is.
+
+    Args:
+        origin_mm: The stage's x, y, z with the summit at the block's lower corner, at the height of its highest point.
+        quarter_turns: Quarter turns counter-clockwise by which the block lies on the stage.
+    """
+
+    origin_mm: Point
+    quarter_turns: int = 0
+
+    def __post_init__(self) -> None:
+        if self.quarter_turns not in (0, 1, 2, 3):
+            raise InputError("quarter_turns", self.quarter_turns, "must be 0, 1, 2 or 3")
+        if not all(math.isfinite(one) for one in self.origin_mm):
+            raise InputError("origin_mm", list(self.origin_mm), "must be three finite numbers")
+
+    def to_stage(self, pose_mm: Point) -> Point:
+        """A point of the work frame in the stage's frame."""
+        cos, sin = self._turn
+        (x, y, z), (ox, oy, oz) = pose_mm, self.origin_mm
+        return (ox + cos * x - sin * y, oy + sin * x + cos * y, oz + z)
+
+    def to_work(self, point_mm: Point) -> Point:
+        """A point of the stage's frame in the work frame."""
+        cos, sin = self._turn
+        x, y, z = (a - b for a, b in zip(point_mm, self.origin_mm, strict=True))
+        return (cos * x + sin * y, -sin * x + cos * y, z)
+
+    def shifted(self, offset_mm: Point) -> WorkFrame:
+        """The frame of another slot of a tray, ``offset_mm`` away in the stage's frame."""
+        x, y, z = (a + b for a, b in zip(self.origin_mm, offset_mm, strict=True))
+        return WorkFrame(origin_mm=(x, y, z), quarter_turns=self.quarter_turns)
+
+    @property
+    def _turn(self) -> tuple[int, int]:
+        return ((1, 0), (0, 1), (-1, 0), (0, -1))[self.quarter_turns]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageSettings:
+    """The stage, as ``[stage]`` describes it.
+
+    Args:
+        driver: ``grbl``, ``marlin``, ``arduino``, ``virtual-grbl``, ``virtual-marlin`` or ``module:name``.
+        port: A port by its stable name, or a pyserial URL; None for a virtual stage or to take the only candidate.
+        baud: Symbols per second; None for the driver's own.
+        origin_mm: See :class:`WorkFrame`.
+        quarter_turns: See :class:`WorkFrame`.
+        limits_mm: Lowest and highest x, y, z that the stage may be sent to, in its own frame.
+        travel_mm_s: Speed above the clearance height.
+        approach_mm_s: Speed of every step towards and in contact.
+        slots_mm: Offsets of a tray's slots from the origin, in the stage's frame; one slot by default.
+        home: Whether the stage is homed when it is opened.
+        timeout_s: Longest silence that is waited through.
+        options: What only one driver knows: ``steps_per_mm`` of ``arduino``, ``speed`` of the virtual ones, or the
+            keyword arguments of a ``module:name``.
+    """
+
+    driver: str
+    port: str | None = None
+    baud: int | None = None
+    origin_mm: Point = (0.0, 0.0, 0.0)
+    quarter_turns: int = 0
+    limits_mm: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+    travel_mm_s: float = 20.0
+    approach_mm_s: float = 2.0
+    slots_mm: tuple[Point, ...] = ((0.0, 0.0, 0.0),)
+    home: bool = True
+    timeout_s: float = 10.0
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for axis, (low, high) in zip("xyz", self.limits_mm, strict=True):
+            if not (math.isfinite(low) and math.isfinite(high) and low < high):
+                raise InputError(f"limits_mm {axis}", [low, high], "must be two numbers, the lower one first")
+        for name in ("travel_mm_s", "approach_mm_s"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and 0.001 <= value <= 1000.0):
+                raise InputError(name, value, "must be from 0.001 to 1000 mm/s")
+        if not (math.isfinite(self.timeout_s) and 0.1 <= self.timeout_s <= 600.0):
+            raise InputError("timeout_s", self.timeout_s, "must be from 0.1 to 600 s")
+
+    @property
+    def frame(self) -> WorkFrame:
+        """The work frame of the tray's first slot."""
+        return WorkFrame(origin_mm=self.origin_mm, quarter_turns=self.quarter_turns)
+
+    @property
+    def is_virtual(self) -> bool:
+        """Whether the stage is a simulator of ours."""
+        return self.driver.startswith("virtual-")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaugeSettings:
+    """The force gauge, as ``[gauge]`` describes it.
+
+    Args:
+        driver: ``serial``, ``simulated`` or ``none``.
+        port: As the stage's.
+        baud: Symbols per second.
+        calibration: File written by ``tacbench rig calibrate-force``; None where the gauge sends newtons.
+        timeout_s: Longest silence that is waited through.
+        options: What only one driver knows.
+    """
+
+    driver: str = "none"
+    port: str | None = None
+    baud: int | None = None
+    calibration: str | None = None
+    timeout_s: float = 2.0
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorSettings:
+    """The tactile sensor, as ``[sensor]`` describes it.
+
+    Args:
+        driver: ``opencv``, ``taxels``, ``simulated`` or ``module:name``.
+        device: Camera or port by its stable name.
+        options: Settings that the driver knows by name: exposure, focus, width, height of a camera; columns, baud of
+            taxels; keyword arguments of a ``module:name``.
+    """
+
+    driver: str
+    device: str | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigSettings:
+    """The three devices and the holder under them.
+
+    Args:
+        stage: The stage.
+        gauge: The force gauge.
+        sensor: The tactile sensor.
+        holder: What surrounds the block.
+    """
+
+    stage: StageSettings
+    gauge: GaugeSettings
+    sensor: SensorSettings
+    holder: HolderRim = field(default_factory=HolderRim)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedBlock:
+    """A block of a study and the force levels that it is pressed at.
+
+    Args:
+        printed: The block.
+        levels: The levels, from 1; all of them as a rule.
+    """
+
+    printed: PrintedBlock
+    levels: tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """A whole study: its blocks in the order they are pressed, one protocol, one rig.
+
+    Args:
+        blocks: What is pressed; the names of the run folders are all different.
+        protocol: How.
+        holder: What surrounds the blocks.
+        grid_spacing: Which of the paper's two readings of the grid was taken, or ``own``.
+    """
+
+    blocks: tuple[PlannedBlock, ...]
+    protocol: Protocol
+    holder: HolderRim = field(default_factory=HolderRim)
+    grid_spacing: str = "even"
+
+    def __post_init__(self) -> None:
+        names = [one.printed.name for one in self.blocks]
+        if not names:
+            raise InputError("study", None, "has no block")
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise InputError("study", twice, "is in it twice; give the copies different numbers")
+        for one in self.blocks:
+            self.protocol.grid.require_on(one.printed.block)
+            wrong = [level for level in one.levels if not 1 <= level <= self.protocol.levels]
+            if wrong:
+                raise InputError("force_levels", wrong[0], f"must be from 1 to {self.protocol.levels}")
+
+    @property
+    def presses(self) -> int:
+        """Presses in the whole study."""
+        places = len(self.protocol.grid.positions_mm)
+        return sum(len(one.levels) * self.protocol.repeats * places for one in self.blocks)

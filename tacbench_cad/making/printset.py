@@ -1,0 +1,280 @@
+"""Making a print set: build each part, write it, check what was written, rename it, and keep the manifest."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, as_completed
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tacbench_cad import __version__
+from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.making import manifest
+from tacbench_cad.making.assembly import make_assembly
+from tacbench_cad.making.plan import LeftOut, Plan
+from tacbench_cad.making.request import Request, plan
+from tacbench_cad.making.sources import Source
+from tacbench_cad.making.writing import Failure, Made, file_name, make_files, make_in_child
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError, MissingToolError, TacbenchError
+from tacbench_cad.util.files import TEMPORARY_PREFIX, locked
+from tacbench_cad.util.packages import require, why_missing
+from tacbench_cad.util.processes import Workers, cpu_count, why_not_importable
+from tacbench_cad.util.text import report
+
+__all__ = ["PREVIEW_NAME", "Failure", "LeftOut", "Plan", "Request", "Result", "build", "plan"]
+
+#: The picture sheet's file name in the output folder.
+PREVIEW_NAME = "preview.png"
+
+#: From this many triangles on, over all files, meshes are shared out among processes: a second's work.
+SHARED_FROM = 500_000
+
+#: Which formats of a source a job makes.
+Formats = Callable[[Source], tuple[str, ...]]
+
+#: Called with what was just done, how many steps are done, and how many there are.
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(kw_only=True)
+class Result:
+    """What a call made.
+
+    Attributes:
+        out: The output folder.
+        rows: Manifest rows of the files made, by name.
+        failures: Files that failed their checks, so that they were not put in place.
+        left_out: What was not made, and why.
+        preview: Whether the picture sheet was made.
+    """
+
+    out: Path
+    rows: list[manifest.Row] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
+    left_out: list[LeftOut] = field(default_factory=list)
+    preview: bool = False
+
+    @property
+    def ok(self) -> bool:
+        """Whether everything that was made passed its checks."""
+        return not self.failures
+
+    def __str__(self) -> str:
+        """A line for each file: how far it is from its formula, or what is wrong with it; then what was left out."""
+        lines = []
+        for row in self.rows:
+            deviation = row["deviation_mm"]
+            far = "" if deviation is None else f", {deviation:.2g} mm from the formula at most"
+            lines.append((str(row["file"]), f"{len(row['checks'])} checks passed{far}"))
+        lines += [(one.file, f"not made: {'; '.join(one.faults)}") for one in self.failures]
+        lines += [(one.what, f"left out: {one.reason}") for one in self.left_out]
+        return report(f"{len(self.rows)} file{'' if len(self.rows) == 1 else 's'} in {self.out}", lines)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "version": __version__,
+            "ok": self.ok,
+            "files": self.rows,
+            "failed": [one.as_dict() for one in self.failures],
+            "left_out": [one.as_dict() for one in self.left_out],
+            "preview": PREVIEW_NAME if self.preview else None,
+        }
+
+
+def build(request: Request, progress: Progress = lambda message, done, total: None) -> Result:
+    """Make everything that a request means.
+
+    Every refusal comes before the first file is written. Each file is written under a temporary name, examined as it
+    lies on disk, and renamed only if nothing is wrong with it. An interruption leaves whole files and a manifest that
+    is true of them.
+
+    Args:
+        request: The options.
+        progress: Told after each step.
+
+    Returns:
+        What was made; files that failed their checks are named in it and not in the folder.
+
+    Raises:
+        InputError: An option, or the output folder, is not allowed.
+        MissingToolError: Something asked for by name cannot be made here.
+    """
+    wanted = plan(request)
+    if request.full:
+        require("verify = 'full':", "pymeshlab")
+    with Workers(cpu_count()) as workers:
+        progress("loading the CAD kernel" if wanted.needs_kernel else "meshing", 0, wanted.file_count)
+        wanted = _with_kernel(request, wanted, workers)
+        if not wanted.sources:
+            raise InputError("parts", None, "nothing can be made: " + "; ".join(one.reason for one in wanted.left_out))
+        for source in wanted.sources:
+            if isinstance(source.maker, Block):
+                _ = source.part.mesh  # refuses a tolerance that is too fine before anything is written
+        with locked(request.out):
+            return _Making(request, wanted, workers, progress).run()
+
+
+def _with_kernel(request: Request, wanted: Plan, workers: Workers) -> Plan:
+    """Find out, in the children that will need it, whether the CAD kernel loads; if not, do without or refuse."""
+    modules = wanted.needs_kernel
+    if not modules:
+        return wanted
+    first = workers.submit(why_not_importable, modules, first_child=True)
+    # The other children load the kernel at the same time; nobody waits for them here.
+    for _ in range(min(cpu_count() - 1, sum(1 for source in wanted.sources if "step" in source.formats))):
+        workers.submit(why_not_importable, modules[:1])
+    reason = first.result()
+    if reason is None:
+        return wanted
+    message = f"the CAD kernel does not load ({reason}); tacbench doctor shows the repair"
+    asked = (
+        "step" in (request.formats or ())
+        or set(request.parts or ()) - {"blocks"}
+        or request.jig is not None
+        or request.assembly
+    )
+    if asked:
+        raise MissingToolError(message)
+    return wanted.without_kernel(message)
+
+
+class _Making:
+    """One run in a folder that is held.
+
+    Args:
+        request: The options.
+        wanted: What to make.
+        workers: Children for what needs the kernel.
+        progress: Told after each file.
+    """
+
+    def __init__(self, request: Request, wanted: Plan, workers: Workers, progress: Progress) -> None:
+        self._out, self._full = request.out, request.full
+        self._wanted, self._workers, self._progress = wanted, workers, progress
+        self._result = Result(out=request.out, left_out=list(wanted.left_out))
+        self._fixture_meshes: dict[str, Mesh] = {}
+        self._old = manifest.read_rows(request.out)
+        for name in (manifest.MANIFEST_NAME, PREVIEW_NAME):
+            if (self._out / name).is_dir():
+                raise InputError("output file", str(self._out / name), "is a folder; move it away")
+
+    def run(self) -> Result:
+        """Make the files, the picture sheet and the manifest."""
+        try:
+            slow, shared = self._start_slow(), self._share_light()
+            together = [
+                self._workers.submit(make_assembly, one, self._out, first_child=True) for one in self._wanted.assemblies
+            ]
+            for source in self._wanted.sources:
+                if not source.part.mesh_needs_cad and (source not in shared or shared[source].cancel()):
+                    self._take(make_files(source.part, source.mesh_formats, self._out, self._full))
+                    shared.pop(source, None)
+            self._finish({job: [source] for source, job in shared.items()}, _mesh_formats)
+            with_meshes = {job: sources for job, sources in slow.items() if sources[0].part.mesh_needs_cad}
+            self._finish(with_meshes, _slow_formats)
+            self._preview()  # while the children are still at the solids
+            self._finish({job: sources for job, sources in slow.items() if job not in with_meshes}, _slow_formats)
+            for job in together:
+                self._take(job.result())
+            if self._result.failures:
+                self._preview()
+        finally:
+            self._workers.close()
+            for leftover in self._out.glob(f"{TEMPORARY_PREFIX}*"):
+                with contextlib.suppress(OSError):
+                    leftover.unlink()
+            self._write_manifest()
+        return self._result
+
+    def _start_slow(self) -> dict[Future[Any], list[Source]]:
+        """Hand what needs the kernel to the children: the fixtures to the first, and the longest solids first."""
+        jobs: dict[Future[Any], list[Source]] = {}
+        fixtures = [source for source in self._wanted.sources if source.part.mesh_needs_cad]
+        if fixtures:
+            jobs[self._submit(fixtures, _slow_formats, first_child=True)] = fixtures
+        solids = [one for one in self._wanted.sources if not one.part.mesh_needs_cad and "step" in one.formats]
+        for source in sorted(solids, key=lambda one: -one.effort):
+            jobs[self._submit([source], _slow_formats)] = [source]
+        return jobs
+
+    def _share_light(self) -> dict[Source, Future[Any]]:
+        """Offer large meshes to the children as well: they take from the end what this process has not begun."""
+        light = [source for source in self._wanted.sources if not source.part.mesh_needs_cad and source.mesh_formats]
+        triangles = sum(len(source.part.mesh[0].triangles) * len(source.mesh_formats) for source in light)
+        if triangles < SHARED_FROM or len(light) < 2:
+            return {}
+        return {source: self._submit([source], _mesh_formats) for source in reversed(light)}
+
+    def _submit(self, sources: Sequence[Source], formats_of: Formats, first_child: bool = False) -> Future[Any]:
+        orders = tuple((one.maker, one.step_tolerance_mm, formats_of(one)) for one in sources)
+        return self._workers.submit(make_in_child, orders, self._out, self._full, first_child=first_child)
+
+    def _finish(self, jobs: dict[Future[Any], list[Source]], formats_of: Formats) -> None:
+        """Take the results of children as they come."""
+        for job in as_completed(jobs):
+            sources = jobs[job]
+            try:
+                results = job.result()
+            except TacbenchError as error:
+                if error.exit_code != 1:
+                    raise
+                lost = [file_name(source.part, name) for source in sources for name in formats_of(source)]
+                self._take([Failure(file=name, faults=(str(error),)) for name in lost])
+                continue
+            for source, (made, mesh) in zip(sources, results, strict=True):
+                if mesh is not None:
+                    self._fixture_meshes[source.name] = mesh
+                self._take(made)
+
+    def _take(self, made: Sequence[Made]) -> None:
+        for one in made:
+            if isinstance(one, Failure):
+                self._result.failures.append(one)
+            else:
+                self._result.rows.append(one)
+            name = one.file if isinstance(one, Failure) else str(one["file"])
+            done = len(self._result.rows) + len(self._result.failures)
+            self._progress(name, done, self._wanted.file_count)
+
+    def _preview(self) -> None:
+        """Draw every part of which a file was made, or will be as far as is known."""
+        failed = {one.file for one in self._result.failures}
+        items = []
+        for source in self._wanted.sources:
+            part = source.part
+            mesh = self._fixture_meshes.get(part.name) if part.mesh_needs_cad else part.mesh[0]
+            if mesh is not None and any(file_name(part, name) not in failed for name in source.formats):
+                size = " x ".join(f"{side:.4g}" for side in part.size_mm)
+                items.append((f"{part.name}\n{size} mm", mesh))
+        reason = why_missing("matplotlib")
+        if reason and not any(one.what == PREVIEW_NAME for one in self._result.left_out):
+            self._result.left_out.append(LeftOut(what=PREVIEW_NAME, reason=reason))
+        if items and not reason:
+            from tacbench_cad.render.pictures import preview_sheet
+
+            preview_sheet(items, self._out / PREVIEW_NAME)
+            self._result.preview = True
+        elif self._result.preview:
+            (self._out / PREVIEW_NAME).unlink()
+            self._result.preview = False
+
+    def _write_manifest(self) -> None:
+        """Rows of this run, and of earlier ones whose file is still there unchanged."""
+        rows = manifest.merge(self._old, self._result.rows)
+        if rows:
+            manifest.write_manifest(self._out, manifest.unchanged(self._out, rows))
+        self._result.rows.sort(key=lambda row: str(row["file"]))
+
+
+def _slow_formats(source: Source) -> tuple[str, ...]:
+    """Those formats of a source that need the kernel."""
+    return source.formats if source.part.mesh_needs_cad else tuple(name for name in source.formats if name == "step")
+
+
+def _mesh_formats(source: Source) -> tuple[str, ...]:
+    """Those formats of a block that do not."""
+    return source.mesh_formats

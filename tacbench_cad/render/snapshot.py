@@ -1,0 +1,129 @@
+"""A picture of any part without a window: CadQuery, build123d and kernel objects, ours or your own.
+
+A block as PNG::
+
+    from tacbench_cad.bd import TextureBlock
+    from tacbench_cad.render.snapshot import snapshot
+
+    snapshot(TextureBlock(4), "block.png")
+
+Colours are those of the objects: of a build123d compound's children, and of the parts of a CadQuery assembly. Needs
+matplotlib (extra ``plot``) and the CAD kernel. Blocks, holder and jig alone are drawn better, from our own meshes, by
+:mod:`tacbench_cad.render.pictures`; to look at them from all sides there is :mod:`tacbench_cad.render.viewing`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.geometry.triangulation import triangulate
+from tacbench_cad.render.raster import ABOVE, Camera, render
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.plotting import new_figure, save_figure, styled
+
+if TYPE_CHECKING:
+    from OCP.TopLoc import TopLoc_Location
+    from OCP.TopoDS import TopoDS_Shape
+
+Colour = tuple[float, float, float]
+
+#: Largest angle between neighbouring chords of what is drawn, in radians for each mm of the tolerance.
+ANGLE_RAD_PER_MM = 10.0
+#: Colour where the object has none: the renderer's usual material, as sRGB from 0 to 1.
+GREY: Colour = (0.775, 0.816, 0.856)
+_DPI = 100
+
+
+def snapshot(
+    shape: Any,
+    path: Path | str,
+    camera: Camera = ABOVE,
+    size_px: tuple[int, int] = (1080, 620),
+    tolerance_mm: float = 0.02,
+) -> None:
+    """Draw a shaded picture of a part, or of several together.
+
+    Args:
+        shape: A Workplane, Shape or Assembly of CadQuery; a Shape or BuildPart of build123d; a ``TopoDS_Shape`` of the
+            kernel; or several of these in a list.
+        path: The PNG file.
+        camera: Where it is seen from.
+        size_px: Width and height of the picture in pixels.
+        tolerance_mm: Distance by which the triangles that are drawn may miss the faces, in mm. They are the kernel's:
+            textures 4 and 6 take it minutes at 0.02 mm and a second or two at 0.2 mm.
+
+    Raises:
+        InputError: There is nothing to draw in it, or the file cannot be written.
+        MissingToolError: matplotlib is not installed.
+    """
+    if not tolerance_mm > 0.0:
+        raise InputError("tolerance", tolerance_mm, "must be above 0 mm")
+    vertices: list[NDArray[np.float64]] = []
+    triangles: list[NDArray[np.int32]] = []
+    materials: list[NDArray[np.float64]] = []
+    for piece, colour in _pieces(shape):
+        nodes, corners = triangulate(piece, tolerance_mm, ANGLE_RAD_PER_MM * tolerance_mm)
+        triangles.append(corners + np.int32(sum(map(len, vertices))))
+        vertices.append(nodes)
+        materials.append(np.tile(np.array(colour) ** 2.2, (len(corners), 1)))
+    if not sum(map(len, triangles)):
+        raise InputError("shape", type(shape).__name__, "has no face to draw")
+    mesh = Mesh(np.concatenate(vertices), np.concatenate(triangles))
+    width, height = size_px
+    image = render(mesh, width, height, camera, np.concatenate(materials))
+    with styled():
+        figure = new_figure((width / _DPI, height / _DPI), _DPI)
+        figure.figimage(image, 0, 0, origin="upper")
+        save_figure(figure, Path(path))
+
+
+def _pieces(shape: Any) -> Iterator[tuple[TopoDS_Shape, Colour]]:
+    """Kernel shapes in their places with their colours. The packages are told apart by what their objects have."""
+    if hasattr(shape, "traverse") and hasattr(shape, "toCompound"):  # cq.Assembly
+        for piece, _, place, colour in shape:
+            yield piece.moved(place).wrapped, GREY if colour is None else _rgb(colour.toTuple())
+    elif hasattr(shape, "vals"):  # cq.Workplane
+        yield from _each(shape.vals())
+    elif hasattr(shape, "part") and not hasattr(shape, "wrapped"):  # bd.BuildPart
+        yield from _pieces(shape.part)
+    elif getattr(shape, "children", ()):  # an assembly of build123d
+        yield from _children(shape, None)
+    elif hasattr(shape, "wrapped"):
+        colour = getattr(shape, "color", None)
+        if shape.wrapped is not None and hasattr(shape.wrapped, "ShapeType"):
+            yield shape.wrapped, GREY if colour is None else _rgb(colour)
+    elif hasattr(shape, "ShapeType"):
+        yield shape, GREY
+    elif isinstance(shape, list | tuple):
+        yield from _each(shape)
+    else:
+        allowed = "must be a CadQuery, build123d or kernel shape, or a list of them"
+        raise InputError("shape", type(shape).__name__, allowed)
+
+
+def _each(shapes: Iterable[Any]) -> Iterator[tuple[TopoDS_Shape, Colour]]:
+    for one in shapes:
+        yield from _pieces(one)
+
+
+def _children(parent: Any, place: TopLoc_Location | None) -> Iterator[tuple[TopoDS_Shape, Colour]]:
+    """The leaves of a build123d tree: each child's place counts from its parent's."""
+    own = parent.location.wrapped
+    place = own if place is None else place.Multiplied(own)
+    for child in parent.children:
+        if child.children:
+            yield from _children(child, place)
+        else:
+            for piece, colour in _pieces(child):
+                yield piece.Moved(place), colour
+
+
+def _rgb(colour: Iterable[float]) -> Colour:
+    red, green, blue, *_ = colour
+    return (red, green, blue)

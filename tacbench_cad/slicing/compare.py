@@ -1,0 +1,363 @@
+"""How far the surface that a slicer's G-code will print lies from the formula.
+
+Where the surface is flatter than 45 degrees the height error counts; on steeper walls the same error in height means
+little, and the sideways error counts: how far along the line of steepest slope the formula has the printed height.
+The edge of the block, where every bead has a round shoulder, is left out of all numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.slicing.gcode import Sliced
+from tacbench_cad.slicing.surface import PITCH_MM, Frame, frames_of, points_of, printed_heights, staircase
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.textures import Texture, catalogue
+from tacbench_cad.util.errors import InputError
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Slope above which a wall counts as steep.
+STEEP = 1.0
+#: Width of the edge that is left out, in mm.
+EDGE_MM = 0.5
+#: The misplacement whose effect is shown, in mm.
+MISPLACED_MM = 0.1
+#: A peak's printed top, and a valley's floor, may lie this far beside it, in mm.
+NEAR_MM = 0.15
+#: Above this share of the relief's own spread, the print is not of this texture.
+UNLIKE = 0.5
+#: How far sideways the formula's height is looked for, in steps, in mm; and how many steep points are asked.
+_REACH_MM, _STEP_MM, _MOST_STEEP = 0.8, 0.02, 20_000
+#: Points that are enough to tell the quarter turns, and the textures, apart: their distance in mm.
+_COARSE_MM = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extrema:
+    """What became of the peaks, or of the valleys.
+
+    Args:
+        count: How many the formula has away from the edge.
+        missed: How many are off by more than one layer: peaks lost, valleys filled.
+        mean_mm: How far they are off in the mean: peaks too low, valleys too high.
+        worst_mm: How far the worst one is off.
+        missed_mm: Where the missed ones are, shape (k, 2) in the block's frame.
+    """
+
+    count: int
+    missed: int
+    mean_mm: float
+    worst_mm: float
+    missed_mm: Floats
+
+    def as_dict(self) -> dict[str, float]:
+        """For JSON."""
+        return {"count": self.count, "missed": self.missed, "mean_mm": self.mean_mm, "worst_mm": self.worst_mm}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sideways:
+    """Sideways error on steep walls.
+
+    Args:
+        rms_mm: Root mean square of it, where the formula reaches the printed height nearby.
+        ideal_rms_mm: The same for the ideal staircase.
+        missing_share: Share of the steep top where the formula has no such height within reach.
+    """
+
+    rms_mm: float
+    ideal_rms_mm: float
+    missing_share: float
+
+    def as_dict(self) -> dict[str, float]:
+        """For JSON."""
+        return {"rms_mm": self.rms_mm, "ideal_rms_mm": self.ideal_rms_mm, "missing_share": self.missing_share}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AsSliced:
+    """The printed surface beside the formula.
+
+    Args:
+        sliced: The G-code.
+        block: The block.
+        frame: Where it lies on the bed.
+        x_mm: Places along x, shape (n,).
+        y_mm: Places along y, shape (m,).
+        printed_mm: Heights as printed, shape (n, m).
+        formula_mm: The formula's.
+        ideal_mm: The ideal staircase's.
+    """
+
+    sliced: Sliced
+    block: Block
+    frame: Frame
+    x_mm: Floats
+    y_mm: Floats
+    printed_mm: Floats
+    formula_mm: Floats
+    ideal_mm: Floats
+
+    @cached_property
+    def inside(self) -> Mask:
+        """Where the comparison holds: away from the edge and from the key's cut."""
+        return _inside(self.block, self.x_mm, self.y_mm)
+
+    @cached_property
+    def slope(self) -> Floats:
+        """Steepness of the formula."""
+        along_x, along_y = self.block.surface.gradient(self.x_mm[:, None], self.y_mm[None, :])
+        return np.hypot(along_x, along_y)
+
+    @cached_property
+    def flat(self) -> Mask:
+        """Where the height error counts."""
+        return self.inside & (self.slope < STEEP)
+
+    @property
+    def flat_share(self) -> float:
+        """Share of the inside that is flatter than :data:`STEEP`."""
+        return float(self.flat.sum() / self.inside.sum())
+
+    @cached_property
+    def rms_mm(self) -> float | None:
+        """Root mean square of the height error on the flat part; None where there is none."""
+        return _rms((self.printed_mm - self.formula_mm)[self.flat])
+
+    @property
+    def mean_mm(self) -> float | None:
+        """Mean of the height error there: above 0 where too much is printed."""
+        return float((self.printed_mm - self.formula_mm)[self.flat].mean()) if self.flat.any() else None
+
+    @cached_property
+    def ideal_rms_mm(self) -> float | None:
+        """What the ideal staircase has in place of :attr:`rms_mm`."""
+        return _rms((self.ideal_mm - self.formula_mm)[self.flat])
+
+    @cached_property
+    def misplaced_rms_mm(self) -> float | None:
+        """The largest height error (rms) with the frame 0.1 mm beside where it was found, along x or y."""
+        found = []
+        for dx, dy in ((MISPLACED_MM, 0.0), (-MISPLACED_MM, 0.0), (0.0, MISPLACED_MM), (0.0, -MISPLACED_MM)):
+            moved = self.block.datum_mm + self.block.surface.grid(self.x_mm + dx, self.y_mm + dy)
+            found.append(_rms((self.printed_mm - moved)[self.flat]))
+        return max((one for one in found if one is not None), default=None)
+
+    @cached_property
+    def sideways(self) -> Sideways | None:
+        """Sideways error on the steep part; None where there is none."""
+        i, j = np.nonzero(self.inside & (self.slope >= STEEP))
+        if len(i) == 0:
+            return None
+        every = math.ceil(len(i) / _MOST_STEEP)
+        i, j = i[::every], j[::every]
+        x, y = self.x_mm[i], self.y_mm[j]
+        printed, ideal = (_sideways(self.block, x, y, heights[i, j]) for heights in (self.printed_mm, self.ideal_mm))
+        return Sideways(
+            rms_mm=_rms(printed[np.isfinite(printed)]) or 0.0,
+            ideal_rms_mm=_rms(ideal[np.isfinite(ideal)]) or 0.0,
+            missing_share=float(np.isnan(printed).mean()),
+        )
+
+    @cached_property
+    def peaks(self) -> Extrema:
+        """The formula's local maxima: a ridge or a saddle-free summit counts once."""
+        return self._extrema(1.0)
+
+    @cached_property
+    def valleys(self) -> Extrema:
+        """The formula's local minima."""
+        return self._extrema(-1.0)
+
+    def _extrema(self, sign: float) -> Extrema:
+        from scipy import ndimage
+
+        formula, printed = sign * self.formula_mm, sign * self.printed_mm
+        # A texture along one axis has equal heights along its ridges, up to rounding.
+        highest = formula >= ndimage.maximum_filter(formula, size=3) - 1e-9
+        labels, count = ndimage.label(highest & self.inside, structure=np.ones((3, 3)))
+        if count == 0:
+            return Extrema(count=0, missed=0, mean_mm=0.0, worst_mm=0.0, missed_mm=np.zeros((0, 2)))
+        radius = max(1, round(NEAR_MM / (self.x_mm[1] - self.x_mm[0])))
+        near = ndimage.maximum_filter(printed, size=2 * radius + 1)
+        each = np.arange(1, count + 1)
+        short = np.asarray(ndimage.mean(formula - near, labels, each))
+        missed = short > self.sliced.layer_mm
+        middles = np.array(ndimage.center_of_mass(labels > 0, labels, each)).astype(int).reshape(-1, 2)[missed]
+        return Extrema(
+            count=count,
+            missed=int(missed.sum()),
+            mean_mm=float(short.mean()),
+            worst_mm=float(short.max()),
+            missed_mm=np.column_stack([self.x_mm[middles[:, 0]], self.y_mm[middles[:, 1]]]),
+        )
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should know of the file, the block or the numbers."""
+        sliced, block = self.sliced, self.block
+        said = []
+        first = float(sliced.layer_tops_mm[0] - sliced.floor_mm)
+        layers = (block.height_mm - first) / sliced.layer_mm
+        if abs(layers - round(layers)) * sliced.layer_mm > 0.002:
+            below, above = (first + count * sliced.layer_mm for count in (math.floor(layers), math.ceil(layers)))
+            said.append(
+                f"the block's height of {block.height_mm:.6g} mm is no whole number of layers: a first one of "
+                f"{first:.4g} mm and others of {sliced.layer_mm:.4g} mm end at {below:.6g} or {above:.6g} mm"
+            )
+        steps = np.diff(sliced.layer_tops_mm)
+        if len(steps) and float(np.ptp(steps)) > 0.002:
+            said.append(f"the layers are from {steps.min():.4g} to {steps.max():.4g} mm high")
+        if sliced.filament_assumed:
+            said.append(
+                f"the file does not name its filament's diameter, {sliced.filament_mm:g} mm is assumed (--filament): "
+                f"beads are then {float(np.median(sliced.beads.width_mm)):.3g} mm wide"
+            )
+        if sliced.unknown:
+            said.append(f"counted as part of the block though unknown to {sliced.dialect}: {', '.join(sliced.unknown)}")
+        if self.frame.outline_mm is not None:
+            sides = block.size_mm if self.frame.quarters % 2 == 0 else block.size_mm[::-1]
+            off = max(abs(one - side) for one, side in zip(self.frame.outline_mm, sides, strict=True))
+            if off > 0.1:
+                said.append(f"the outline is {off:.2g} mm off the block's sides; was it scaled, or shrunk for its fit?")
+        if block.grid_aliases:
+            said.append("the published surface draws another shape than its formula; the formula is compared here")
+        return tuple(said)
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON: lengths in mm, shares from 0 to 1."""
+        sliced = self.sliced
+        return {
+            "file": sliced.path.name,
+            "block": self.block.name,
+            "dialect": sliced.dialect,
+            "layers": len(sliced.layer_tops_mm),
+            "layer_mm": sliced.layer_mm,
+            "bead_width_mm": float(np.median(sliced.beads.width_mm)),
+            "filament_mm": sliced.filament_mm,
+            "filament_assumed": sliced.filament_assumed,
+            "left_out": dict(sliced.left_out),
+            "frame": self.frame.as_dict(),
+            "edge_mm": EDGE_MM,
+            "height": {
+                "share": self.flat_share,
+                "rms_mm": self.rms_mm,
+                "mean_mm": self.mean_mm,
+                "ideal_rms_mm": self.ideal_rms_mm,
+                "misplaced_rms_mm": self.misplaced_rms_mm,
+                "misplaced_by_mm": MISPLACED_MM,
+            },
+            "sideways": None if self.sideways is None else self.sideways.as_dict(),
+            "peaks": self.peaks.as_dict(),
+            "valleys": self.valleys.as_dict(),
+            "warnings": list(self.warnings),
+        }
+
+
+def compare(sliced: Sliced, block: Block, frame: Frame | None = None, *, pitch_mm: float = PITCH_MM) -> AsSliced:
+    """Compare what a G-code file prints with its block.
+
+    Args:
+        sliced: The G-code.
+        block: What it should be.
+        frame: Where the block lies on the bed; None to take it from the outer walls of the low layers.
+        pitch_mm: Distance of the points that are compared.
+
+    Raises:
+        InputError: The G-code is of another part, or has nothing where the frame says.
+    """
+    frames = [frame] if frame is not None else frames_of(sliced, block)
+    x, y = points_of(block, _COARSE_MM)
+    looks = [printed_heights(sliced, block, one, x, y) for one in frames]
+    inside = _inside(block, x, y)
+    best = min(range(len(frames)), key=lambda i: _distance(block, block.texture, x, y, looks[i], inside))
+    _require_likeness(sliced, block, x, y, looks[best], inside)
+    x, y = points_of(block, pitch_mm)
+    formula = block.datum_mm + block.surface.grid(x, y)
+    return AsSliced(
+        sliced=sliced,
+        block=block,
+        frame=frames[best],
+        x_mm=x,
+        y_mm=y,
+        printed_mm=printed_heights(sliced, block, frames[best], x, y),
+        formula_mm=formula,
+        ideal_mm=staircase(sliced, formula),
+    )
+
+
+def _inside(block: Block, x: Floats, y: Floats) -> Mask:
+    across, down = block.size_mm
+    inside = ((x > EDGE_MM) & (x < across - EDGE_MM))[:, None] & ((y > EDGE_MM) & (y < down - EDGE_MM))[None, :]
+    if block.keep is not None:
+        inside &= block.keep.excess(x[:, None], y[None, :]) < -EDGE_MM * math.sqrt(2.0)
+    if not inside.any():
+        raise InputError("texture", block.name, f"is smaller than the edge of {EDGE_MM:g} mm that is left out")
+    return inside
+
+
+def _distance(block: Block, texture: Texture, x: Floats, y: Floats, printed: Floats, inside: Mask) -> float:
+    """Spread of the height error, were the block's texture this one: the height of the whole does not count."""
+    along_x, along_y, up = block.mm_per_unit
+    formula = texture.waves.mapped((along_x, along_y), up, block.origin_uv).grid(x, y)
+    return float(np.std((printed - formula)[inside]))
+
+
+def _require_likeness(sliced: Sliced, block: Block, x: Floats, y: Floats, printed: Floats, inside: Mask) -> None:
+    if not printed[inside].any():
+        raise InputError("frame", None, f"{sliced.path} prints nothing there; name the block's corner on the bed")
+    own = _distance(block, block.texture, x, y, printed, inside)
+    others = {
+        one.name: _distance(block, one, x, y, printed, inside)
+        for one in catalogue(block.preset)
+        if one.name != block.texture.name
+    }
+    name = min(others, key=others.__getitem__)
+    nearer = others[name] < 0.5 * own
+    spread = float(np.std(block.surface.grid(x, y)[inside]))
+    if own > UNLIKE * spread or (nearer and own > sliced.layer_mm):
+        hint = f", {name} fits better with {others[name]:.3g} mm" if nearer else ""
+        raise InputError(
+            "file",
+            str(sliced.path),
+            f"is of another part: its top is {own:.3g} mm rms from {block.texture.name}{hint}; "
+            "name its own --texture, --preset and --scale",
+        )
+
+
+def _rms(values: Floats) -> float | None:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else None
+
+
+def _sideways(block: Block, x: Floats, y: Floats, heights: Floats) -> Floats:
+    """Distance along the line of steepest slope to where the formula has a height; NaN where it is out of reach.
+
+    Args:
+        block: The block.
+        x: Places, shape (n,).
+        y: Places, shape (n,).
+        heights: The heights looked for, shape (n,).
+    """
+    along_x, along_y = block.surface.gradient(x, y)
+    slope = np.hypot(along_x, along_y)
+    ux, uy = along_x / slope, along_y / slope
+    found = np.full(len(x), np.nan)
+    at_zero = block.height_at(x, y) - heights
+    for sign in (1.0, -1.0):
+        before = at_zero
+        for k in range(1, round(_REACH_MM / _STEP_MM) + 1):
+            away = sign * k * _STEP_MM
+            here = block.height_at(x + away * ux, y + away * uy) - heights
+            crossed = (before * here <= 0.0) & (before != here)
+            share = np.where(crossed, before / np.where(crossed, before - here, 1.0), 0.0)
+            distance = (k - 1 + share) * _STEP_MM
+            found = np.where(crossed, np.fmin(found, distance), found)
+            before = here
+    return found

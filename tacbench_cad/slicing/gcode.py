@@ -1,0 +1,355 @@
+"""A slicer's G-code, read as beads: straight pieces of plastic with a cross-section, a height and a role.
+
+The cross-section of a bead follows from the filament that it takes: ``area = E pi/4 d^2 / length``, or ``E / length``
+where E is a volume (``M200``). Absolute and relative axes and extrusion (G90, G91, M82, M83), G92 and arcs (G2, G3)
+are followed. Only M82 and M83 set the mode of E: firmwares disagree on what G90 and G91 do to it, and slicers write
+both. Flow that the printer is told to change (M221) calibrates its extruder and does not count.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.slicing.dialects import Dialect, Role, dialect_of
+from tacbench_cad.util.errors import InputError
+
+Floats = NDArray[np.float64]
+
+#: Arcs become chords that stay within this distance of them, in mm.
+CHORD_MM = 0.005
+#: The filament that is assumed where neither the file nor the user names one, in mm.
+USUAL_FILAMENT_MM = 1.75
+#: Larger files are refused, in bytes.
+MOST_BYTES = 1 << 30
+
+_WORD = re.compile(r"([A-Za-z])\s*([-+]?(?:\d+\.?\d*|\.\d+))")
+_FILAMENT = re.compile(r"^;\s*filament_diameter\s*[=:]\s*([\d.]+)")
+_HEIGHT = re.compile(r"^;\s*(?:LAYER_)?HEIGHT\s*:\s*([\d.]+)\s*$")
+_COMMENT_OF_FEATURE = re.compile(r"^;(TYPE:| FEATURE: )(.+?)\s*$")
+
+
+@dataclass(frozen=True, eq=False)
+class Beads:
+    """The beads of a part, in the printer's coordinates, in the order of the file.
+
+    Args:
+        start_mm: Where each begins, shape (n, 2).
+        end_mm: Where each ends, shape (n, 2).
+        top_mm: z of the nozzle, which is each bead's top; shape (n,).
+        height_mm: Its height; shape (n,).
+        area_mm2: Its cross-section; shape (n,).
+        wall: Whether it is an outer wall; shape (n,).
+    """
+
+    start_mm: Floats
+    end_mm: Floats
+    top_mm: Floats
+    height_mm: Floats
+    area_mm2: Floats
+    wall: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.top_mm)
+
+    @property
+    def width_mm(self) -> Floats:
+        """Width of each bead, a rectangle with round ends: ``area = (width - height) height + pi/4 height^2``.
+
+        A bead too thin for that is a round string: as wide as high.
+        """
+        round_mm2 = math.pi / 4.0 * self.height_mm**2
+        flat = (self.area_mm2 - round_mm2) / self.height_mm
+        return np.where(flat >= 0.0, flat + self.height_mm, np.sqrt(4.0 / math.pi * self.area_mm2))
+
+
+@dataclass(frozen=True, eq=False)
+class Sliced:
+    """What a G-code file prints.
+
+    Args:
+        path: The file.
+        dialect: Name of the dialect.
+        beads: The part's beads.
+        layer_tops_mm: z of the top of each of the part's layers, ascending; shape (m,).
+        floor_mm: z of the part's underside: above 0 on a raft.
+        filament_mm: Diameter of the filament.
+        filament_assumed: Whether neither the file nor the user said so.
+        left_out: Features that were left out, with the number of their moves.
+        unknown: Features that the dialect is not known to have; they count as the part.
+    """
+
+    path: Path
+    dialect: str
+    beads: Beads
+    layer_tops_mm: Floats
+    floor_mm: float
+    filament_mm: float
+    filament_assumed: bool
+    left_out: dict[str, int]
+    unknown: tuple[str, ...]
+
+    @property
+    def layer_mm(self) -> float:
+        """The usual layer height."""
+        steps = np.diff(self.layer_tops_mm)
+        return float(np.median(steps)) if len(steps) else float(self.layer_tops_mm[0] - self.floor_mm)
+
+
+def read_gcode(path: Path, filament_mm: float | None = None) -> Sliced:
+    """Read the beads of a sliced part.
+
+    Args:
+        path: The file, of PrusaSlicer, Cura, Bambu Studio or OrcaSlicer.
+        filament_mm: Diameter of the filament; None for what the file says, or 1.75 mm.
+
+    Raises:
+        InputError: The file cannot be read, is empty or binary, its dialect is not known, a number in it is broken,
+            or it extrudes nothing.
+    """
+    if filament_mm is not None and not 0.5 <= filament_mm <= 5.0:
+        raise InputError("filament", filament_mm, "must be from 0.5 to 5 mm")
+    lines = _lines(path)
+    dialect = dialect_of({found[1] + found[2] for line in lines if (found := _COMMENT_OF_FEATURE.match(line))})
+    if dialect is None:
+        known = "PrusaSlicer, Cura, Bambu Studio and OrcaSlicer name their features in comments, this file has none"
+        raise InputError("file", str(path), f"is of an unknown dialect: {known}")
+    machine = _Machine(path=path, dialect=dialect)
+    stated = None
+    for number, line in enumerate(lines, start=1):
+        if line.startswith(";"):
+            machine.comment(line)
+            diameter = _FILAMENT.match(line)
+            if diameter is not None:
+                stated = _stated(path, number, diameter[1])
+        else:
+            machine.command(line.partition(";")[0], number)
+    diameter_mm = filament_mm or stated or USUAL_FILAMENT_MM
+    return machine.result(diameter_mm, assumed=filament_mm is None and stated is None and not machine.volumetric)
+
+
+def _stated(path: Path, number: int, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.5 <= value <= 5.0:
+        raise InputError(f"{path}: line {number}", text, "a filament has a diameter from 0.5 to 5 mm")
+    return value
+
+
+def _lines(path: Path) -> list[str]:
+    if path.is_dir():
+        raise InputError("file", str(path), "is a folder; name a G-code file")
+    if not path.exists():
+        raise InputError("file", str(path), "there is no such file")
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise InputError("file", str(path), f"is larger than {MOST_BYTES >> 20} MB")
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError("file", str(path), f"cannot be read: {error.strerror}") from None
+    if not content.strip():
+        raise InputError("file", str(path), "is empty; name a G-code file")
+    if content.startswith(b"PK\x03\x04"):
+        raise InputError("file", str(path), "is a ZIP archive; take the plain .gcode file out of it")
+    if content.startswith(b"GCDE") or b"\x00" in content:
+        raise InputError("file", str(path), "is binary; let the slicer write plain-text G-code")
+    return content.decode("utf-8", errors="replace").splitlines()
+
+
+@dataclass
+class _Machine:
+    """A printer's head that follows G-code and notes the beads."""
+
+    path: Path
+    dialect: Dialect
+    place: dict[str, float] = field(default_factory=lambda: dict.fromkeys("XYZE", 0.0))
+    #: What G92 has added to the printer's own coordinates.
+    offset: dict[str, float] = field(default_factory=lambda: dict.fromkeys("XYZ", 0.0))
+    absolute: bool = True
+    absolute_e: bool = True
+    volumetric: bool = False
+    extruded: bool = False
+    role: Role = "other"
+    feature: str = "before the first feature"
+    stated_height: float = 0.0
+    rows: list[tuple[float, ...]] = field(default_factory=list)
+    left_out: dict[str, int] = field(default_factory=dict)
+    unknown: dict[str, None] = field(default_factory=dict)
+
+    def comment(self, line: str) -> None:
+        """Take note of a feature's or a layer height's comment."""
+        found = _COMMENT_OF_FEATURE.match(line)
+        if found is not None and found[1] == self.dialect.feature:
+            self.feature = found[2]
+            role = self.dialect.roles.get(self.feature.lower())
+            if role is None:
+                self.unknown[self.feature] = None
+            self.role = role or "part"
+            return
+        height = _HEIGHT.match(line)
+        if height is not None:
+            try:
+                self.stated_height = float(height[1])
+            except ValueError:
+                self.stated_height = 0.0
+
+    def command(self, text: str, number: int) -> None:
+        """Follow one line."""
+        text = text.partition("*")[0].strip()
+        if not text:
+            return
+        words = [(letter.upper(), float(value)) for letter, value in _WORD.findall(text)]
+        if words and words[0][0] == "N":
+            words = words[1:]
+        if not words or words[0][0] not in "GM":
+            return
+        code = f"{words[0][0]}{words[0][1]:g}"
+        if code in ("G0", "G1", "G2", "G3", "G92"):
+            self._require_clean(text, number)
+        values = dict(words[1:])
+        if code in ("G0", "G1"):
+            self._move([self._target(values)], values)
+        elif code in ("G2", "G3"):
+            self._move(list(self._arc(values, clockwise=code == "G2", number=number)), values)
+        elif code == "G92":
+            self._set(values)
+        elif code in ("G90", "G91"):
+            self.absolute = code == "G90"
+        elif code in ("M82", "M83"):
+            self.absolute_e = code == "M82"
+        elif code == "M200":
+            self.volumetric = values.get("D", 0.0) > 0.0 and values.get("S", 1.0) != 0.0
+        elif code in ("G20", "G18", "G19"):
+            what = "inches (G20)" if code == "G20" else f"arcs in another plane than XY ({code})"
+            raise InputError(f"{self.path}: line {number}", text, f"{what} are not read; slicers write G21 and G17")
+
+    def _require_clean(self, text: str, number: int) -> None:
+        rest = _WORD.sub("", text).strip()
+        if rest:
+            raise InputError(f"{self.path}: line {number}", text, f"{rest!r} is no letter with a number")
+
+    def _target(self, values: dict[str, float]) -> tuple[float, float, float]:
+        x, y, z = (
+            values.get(axis, self.place[axis] if self.absolute else 0.0) + (0.0 if self.absolute else self.place[axis])
+            for axis in "XYZ"
+        )
+        return x, y, z
+
+    def _set(self, values: dict[str, float]) -> None:
+        for axis in values.keys() & set("XYZ"):
+            self.offset[axis] += self.place[axis] - values[axis]
+            self.place[axis] = values[axis]
+        if "E" in values:
+            self.place["E"] = values["E"]
+
+    def _arc(self, values: dict[str, float], *, clockwise: bool, number: int) -> Iterator[tuple[float, float, float]]:
+        """Points along an arc, its end included and its start not."""
+        x0, y0, z0 = (self.place[axis] for axis in "XYZ")
+        x1, y1, z1 = self._target(values)
+        where = f"{self.path}: line {number}"
+        if "R" in values:
+            radius, chord = values["R"], math.hypot(x1 - x0, y1 - y0)
+            if chord == 0.0 or chord > 2.0 * abs(radius) + 1e-3:
+                raise InputError(where, radius, "no arc of this radius R joins the two ends")
+            away = math.sqrt(max(0.0, radius * radius - chord * chord / 4.0))
+            side = away if clockwise == (radius < 0.0) else -away
+            centre = ((x0 + x1) / 2.0 - side * (y1 - y0) / chord, (y0 + y1) / 2.0 + side * (x1 - x0) / chord)
+        elif "I" in values or "J" in values:
+            centre = (x0 + values.get("I", 0.0), y0 + values.get("J", 0.0))
+        else:
+            raise InputError(where, None, "an arc needs I and J, or R")
+        radius = math.hypot(x0 - centre[0], y0 - centre[1])
+        begin = math.atan2(y0 - centre[1], x0 - centre[0])
+        turn = math.atan2(y1 - centre[1], x1 - centre[0]) - begin
+        turn = turn % (2.0 * math.pi) or 2.0 * math.pi  # ends where it begins: a whole circle
+        if clockwise:
+            turn = turn - 2.0 * math.pi or -2.0 * math.pi
+        step = 2.0 * math.acos(max(0.0, 1.0 - CHORD_MM / radius)) if radius > CHORD_MM else math.pi
+        count = max(1, math.ceil(abs(turn) / step))
+        for i in range(1, count):
+            angle = begin + turn * i / count
+            share = i / count
+            yield centre[0] + radius * math.cos(angle), centre[1] + radius * math.sin(angle), z0 + share * (z1 - z0)
+        yield x1, y1, z1
+
+    def _move(self, points: list[tuple[float, float, float]], values: dict[str, float]) -> None:
+        filament = 0.0
+        if "E" in values:
+            filament = values["E"] - self.place["E"] if self.absolute_e else values["E"]
+            self.place["E"] += filament
+        begin = (self.place["X"], self.place["Y"], self.place["Z"])
+        self.place["X"], self.place["Y"], self.place["Z"] = points[-1]
+        if filament <= 0.0:
+            return
+        path = [begin, *points]
+        lengths = [math.dist(a[:2], b[:2]) for a, b in pairwise(path)]
+        total = sum(lengths)
+        if total < 1e-6:
+            return  # the filament is pushed back after a retraction
+        self.extruded = True
+        if self.role == "other":
+            self.left_out[self.feature] = self.left_out.get(self.feature, 0) + 1
+            return
+        dx, dy, dz = (self.offset[axis] for axis in "XYZ")
+        per_mm, wall = filament / total, float(self.role == "wall")
+        volume = float(self.volumetric)
+        for (a, b), length in zip(pairwise(path), lengths, strict=True):
+            if length > 1e-6:
+                if abs(a[2] - b[2]) > 1e-3:
+                    raise InputError("file", str(self.path), "climbs while it prints (spiral vase); it has no layers")
+                row = (a[0] + dx, a[1] + dy, b[0] + dx, b[1] + dy, b[2] + dz, self.stated_height, per_mm, wall, volume)
+                self.rows.append(row)
+
+    def result(self, filament_mm: float, *, assumed: bool) -> Sliced:
+        """The beads, once the whole file was followed."""
+        if not self.rows:
+            what = "extrudes only what is no part: " + ", ".join(self.left_out) if self.extruded else "extrudes nothing"
+            raise InputError("file", str(self.path), f"{what}; slice a block and name its G-code")
+        table = np.array(self.rows)
+        tops = np.unique(np.round(table[:, 4], 3))
+        if tops[0] <= 0.0:
+            raise InputError("file", str(self.path), f"prints at z = {tops[0]:g} mm, below or on the bed")
+        steps = np.diff(tops, prepend=0.0)
+        usual = float(np.median(steps[1:])) if len(steps) > 1 else float(steps[0])
+        stated = table[:, 5] > 0.0
+        lowest = np.round(table[:, 4], 3) == tops[0]
+        if (lowest & stated).any():
+            steps[0] = float(np.median(table[lowest & stated, 5]))
+            floor = float(tops[0] - steps[0])
+        elif steps[0] > 2.5 * usual:
+            # The part stands on a raft. Cura presses it together with its first layer, so the upper layers tell.
+            steps[steps < 0.5 * usual] = steps[0] = usual
+            order = np.unique(np.round(table[:, 4], 3), return_index=True)[1].argsort()
+            floor = float(np.median(tops[order] - usual * np.arange(1, len(tops) + 1)))
+        else:
+            floor = 0.0
+        layer = steps[np.searchsorted(tops, np.round(table[:, 4], 3))]
+        per_unit = np.where(table[:, 8] > 0.0, 1.0, math.pi / 4.0 * filament_mm**2)
+        beads = Beads(
+            start_mm=table[:, 0:2],
+            end_mm=table[:, 2:4],
+            top_mm=table[:, 4],
+            height_mm=np.where(stated, table[:, 5], layer),
+            area_mm2=table[:, 6] * per_unit,
+            wall=table[:, 7] > 0.0,
+        )
+        return Sliced(
+            path=self.path,
+            dialect=self.dialect.name,
+            beads=beads,
+            layer_tops_mm=tops,
+            floor_mm=max(0.0, floor),
+            filament_mm=filament_mm,
+            filament_assumed=assumed,
+            left_out=self.left_out,
+            unknown=tuple(self.unknown),
+        )

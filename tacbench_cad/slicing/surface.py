@@ -1,0 +1,208 @@
+"""The top surface that a print will have, from its beads, and where the block lies on the bed.
+
+Each bead is as wide as its area needs at its layer's height: a rectangle with round ends.
+The surface at a point is the highest bead there: its top over the flat part, its round shoulder beside that.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.slicing.gcode import Beads, Sliced
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError
+
+Floats = NDArray[np.float64]
+
+#: The outline of a block may differ from its sides by this much, in mm: more is another part.
+OUTLINE_MM = 0.5
+#: Distance of the points at which surfaces are compared, in mm, and the most points that are taken.
+PITCH_MM, MOST_POINTS = 0.05, 1_000_000
+#: Long beads are cut into pieces of this length, so that their boxes hold few points, in mm.
+_PIECE_MM = 1.0
+#: Points that are looked at in one go.
+_CHUNK = 1_500_000
+#: Layers below this share of the base tell where the block lies.
+_LOW_SHARE = 0.95
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """Where the block lies on the bed.
+
+    Args:
+        x_mm: Smallest x of the block's outline on the bed.
+        y_mm: Smallest y of it.
+        quarters: Quarter turns, counter-clockwise, that the block was turned by.
+        source: ``outer walls`` or ``given``.
+        outline_mm: Sides of the outline that the outer walls show, along the bed's x and y; None where it was given.
+    """
+
+    x_mm: float
+    y_mm: float
+    quarters: int = 0
+    source: str = "given"
+    outline_mm: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.x_mm) and math.isfinite(self.y_mm)):
+            raise InputError("frame", (self.x_mm, self.y_mm), "must be finite numbers")
+        if self.quarters not in (0, 1, 2, 3):
+            raise InputError("frame", self.quarters * 90, "a block is turned by 0, 90, 180 or 270 degrees")
+
+    def to_block(self, points_mm: Floats, size_mm: tuple[float, float]) -> Floats:
+        """Points (n, 2) on the bed as points in the block's frame.
+
+        Args:
+            points_mm: Points on the bed.
+            size_mm: The block's sides in its own frame.
+        """
+        x, y = points_mm[:, 0] - self.x_mm, points_mm[:, 1] - self.y_mm
+        across, down = size_mm
+        turned = {0: (x, y), 1: (y, down - x), 2: (across - x, down - y), 3: (across - y, x)}[self.quarters]
+        return np.column_stack(turned)
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON."""
+        return {
+            "x_mm": self.x_mm,
+            "y_mm": self.y_mm,
+            "turned_degrees": 90 * self.quarters,
+            "source": self.source,
+            "outline_mm": None if self.outline_mm is None else list(self.outline_mm),
+        }
+
+
+def frames_of(sliced: Sliced, block: Block) -> list[Frame]:
+    """The frames that the outer walls of the low layers allow: one for each quarter turn that fits the sides.
+
+    A layer's outline is the box around its outer walls, half a bead's width outside of their middle. The median over
+    the layers below the relief counts; the first layer does not, if there are others: slicers shrink it.
+
+    Raises:
+        InputError: The outline is not the block's.
+    """
+    beads = sliced.beads
+    low = sliced.floor_mm + _LOW_SHARE * block.base_mm
+    tops = [top for top in sliced.layer_tops_mm if top <= low][1:] or [float(sliced.layer_tops_mm[0])]
+    boxes = []
+    for top in tops:
+        walls = beads.wall & (np.abs(beads.top_mm - top) < 1e-3)
+        if walls.any():
+            ends = np.stack([beads.start_mm[walls], beads.end_mm[walls]])
+            half = beads.width_mm[walls, None] / 2.0
+            boxes.append([*(ends - half).min(axis=(0, 1)), *(ends + half).max(axis=(0, 1))])
+    if not boxes:
+        raise InputError("file", str(sliced.path), "has no outer walls in its low layers; give --frame X,Y")
+    x0, y0, x1, y1 = np.median(np.array(boxes), axis=0).tolist()
+    outline = (x1 - x0, y1 - y0)
+    found = []
+    for quarters in range(4):
+        sides = block.size_mm if quarters % 2 == 0 else block.size_mm[::-1]
+        if max(abs(one - side) for one, side in zip(outline, sides, strict=True)) <= OUTLINE_MM:
+            corner = ((x0 + x1 - sides[0]) / 2.0, (y0 + y1 - sides[1]) / 2.0)
+            found.append(
+                Frame(x_mm=corner[0], y_mm=corner[1], quarters=quarters, source="outer walls", outline_mm=outline)
+            )
+    if not found:
+        want = " x ".join(f"{side:.4g}" for side in block.size_mm)
+        raise InputError(
+            "file",
+            str(sliced.path),
+            f"is of another part: its outer walls span {outline[0]:.4g} x {outline[1]:.4g} mm, {block.name} has {want} "
+            "mm; name its --texture, --preset and --scale, or give --frame X,Y where a plate holds more than one block",
+        )
+    return found
+
+
+def points_of(block: Block, pitch_mm: float = PITCH_MM) -> tuple[Floats, Floats]:
+    """Middles x (n,) and y (m,) of the cells into which the block's top is divided, in mm."""
+    x, y = block.size_mm
+    pitch = max(pitch_mm, math.sqrt(x * y / MOST_POINTS))
+    counts = (max(1, round(side / pitch)) for side in (x, y))
+    across, down = ((np.arange(count) + 0.5) * side / count for count, side in zip(counts, (x, y), strict=True))
+    return across, down
+
+
+def printed_heights(sliced: Sliced, block: Block, frame: Frame, x: Floats, y: Floats) -> Floats:
+    """Height of the printed top above the part's underside at the points of a grid; 0 where no bead is.
+
+    Args:
+        sliced: The G-code.
+        block: The block.
+        frame: Where it lies.
+        x: Evenly spaced, shape (n,), in the block's frame.
+        y: Evenly spaced, shape (m,).
+
+    Returns:
+        Heights in mm, shape (n, m).
+    """
+    beads = replace(
+        sliced.beads,
+        start_mm=frame.to_block(sliced.beads.start_mm, block.size_mm),
+        end_mm=frame.to_block(sliced.beads.end_mm, block.size_mm),
+        top_mm=sliced.beads.top_mm - sliced.floor_mm,
+    )
+    heights = np.zeros(len(x) * len(y))
+    for index, height in _covered(beads, x, y):
+        np.maximum.at(heights, index, height)
+    return heights.reshape(len(x), len(y))
+
+
+def _covered(beads: Beads, x: Floats, y: Floats) -> Iterator[tuple[NDArray[np.int64], Floats]]:
+    """Points under beads, as indices into the flattened grid, and the height of the bead there, in chunks."""
+    run = beads.end_mm - beads.start_mm
+    pieces = np.maximum(1, np.ceil(np.hypot(run[:, 0], run[:, 1]) / _PIECE_MM)).astype(np.int64)
+    of = np.repeat(np.arange(len(beads)), pieces)
+    nth = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    step = run[of] / pieces[of, None]
+    start = beads.start_mm[of] + nth[:, None] * step
+    end = start + step
+    width, height = beads.width_mm[of], beads.height_mm[of]
+    round_mm = np.minimum(width, height) / 2.0
+    flat = width / 2.0 - round_mm
+    pitch = np.array([x[1] - x[0], y[1] - y[0]])
+    origin, most = np.array([x[0], y[0]]), np.array([len(x), len(y)]) - 1
+    low = np.ceil((np.minimum(start, end) - width[:, None] / 2.0 - origin) / pitch).astype(np.int64)
+    high = np.floor((np.maximum(start, end) + width[:, None] / 2.0 - origin) / pitch).astype(np.int64)
+    low, high = np.maximum(low, 0), np.minimum(high, most)
+    spans = np.maximum(high - low + 1, 0)
+    counts = spans[:, 0] * spans[:, 1]
+    bounds = np.concatenate([[0], np.cumsum(counts)])
+    first = 0
+    while first < len(of):
+        last = max(first + 1, int(np.searchsorted(bounds, bounds[first] + _CHUNK, side="right")) - 1)
+        these = np.arange(first, last)
+        piece = np.repeat(these, counts[these])
+        local = np.arange(len(piece)) - np.repeat(bounds[these] - bounds[first], counts[these])
+        i, j = low[piece, 0] + local // spans[piece, 1], low[piece, 1] + local % spans[piece, 1]
+        away = np.column_stack([x[i], y[j]]) - start[piece]
+        along = step[piece]
+        square = np.maximum((along**2).sum(axis=1), 1e-18)
+        share = np.clip((away * along).sum(axis=1) / square, 0.0, 1.0)
+        off = away - share[:, None] * along
+        beyond = np.maximum(np.hypot(off[:, 0], off[:, 1]) - flat[piece], 0.0)
+        radius = round_mm[piece]
+        under = beyond < radius
+        drop = radius[under] - np.sqrt(radius[under] ** 2 - beyond[under] ** 2)
+        yield i[under] * len(y) + j[under], beads.top_mm[of[piece[under]]] - drop
+        first = last
+
+
+def staircase(sliced: Sliced, formula_mm: Floats) -> Floats:
+    """What layers make of a surface at best: at each point the layers whose middle lies below it.
+
+    Args:
+        sliced: The G-code, whose layers are taken; above its last one they go on at the same height.
+        formula_mm: Heights above the underside, any shape.
+    """
+    tops = sliced.layer_tops_mm - sliced.floor_mm
+    missing = max(0, math.ceil((float(formula_mm.max()) - tops[-1]) / sliced.layer_mm + 0.5))
+    edges = np.concatenate([[0.0], tops, tops[-1] + sliced.layer_mm * np.arange(1, missing + 1)])
+    middles = (edges[1:] + edges[:-1]) / 2.0
+    return np.asarray(edges[np.searchsorted(middles, formula_mm, side="right")], dtype=np.float64)

@@ -1,0 +1,141 @@
+"""The files of plates: a 3MF that was read back, a layout, and a print record to fill in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tacbench_cad.formats import threemf
+from tacbench_cad.geometry.block_part import block_part
+from tacbench_cad.geometry.part import Part
+from tacbench_cad.slicing.plates import Plate, write_layout
+from tacbench_cad.spec.printrecord import form
+from tacbench_cad.spec.textures import read_texture
+from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError
+from tacbench_cad.util.files import locked, replacing
+
+#: A corner may come back this far from where it was put, by single precision, in mm.
+_PLACE_MM = 1e-4
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlateFiles:
+    """Where a plate's files are.
+
+    Args:
+        model: The 3MF.
+        layout: The CSV that ``tacbench acquire`` reads.
+        record: The print record to fill in.
+        picture: Where the layout's picture goes.
+    """
+
+    model: Path
+    layout: Path
+    record: Path
+    picture: Path
+
+    @classmethod
+    def of(cls, plate: Plate, filament: str, folder: Path) -> PlateFiles:
+        """Where the files of a plate go: ``bambu-p1p_petg_plate02.3mf`` and so on."""
+        printer, _, number = plate.name.rpartition("_")
+        stem = f"{printer}_{filament}_{number}"
+        return cls(
+            model=folder / f"{stem}.3mf",
+            layout=folder / f"{stem}.csv",
+            record=folder / f"{stem}_print.toml",
+            picture=folder / f"{stem}.png",
+        )
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """What :func:`write_plates` writes."""
+        return (self.model, self.layout, self.record)
+
+
+def write_plates(
+    plates: Sequence[Plate], filament: str, out: Path, texture_files: Sequence[Path] = ()
+) -> list[PlateFiles]:
+    """Write each plate's 3MF, layout and record. A record that is there already stays: somebody may have filled it in.
+
+    Args:
+        plates: The plates.
+        filament: What they are printed of.
+        out: The folder; it is made if it is not there.
+        texture_files: Users' texture files; copies of them lie beside the layouts, which name them.
+
+    Raises:
+        MissingToolError: lib3mf is not there.
+        InputError: The folder cannot be written, another process writes to it, or it holds further plates of this
+            printer and filament; or two texture files have one name.
+        CheckFailedError: A 3MF does not come back as it was meant.
+    """
+    if (reason := threemf.why_missing()) is not None:
+        raise MissingToolError(f"3MF: {reason}")
+    names = {read_texture(path).texture.name: path.name for path in texture_files}
+    if len(set(names.values())) < len(texture_files):
+        raise InputError("texture", [path.name for path in texture_files], "two files have one name; rename one")
+    wanted = [PlateFiles.of(plate, filament, out) for plate in plates]
+    with locked(out):
+        _require_no_others(wanted, f"{plates[0].printer.name}_{filament}_plate", out)
+        for path in texture_files:
+            content = path.read_bytes()
+            with replacing(out / path.name) as temporary:
+                temporary.write_bytes(content)
+        for plate, files in zip(plates, wanted, strict=True):
+            _write_model(plate, files.model.stem, files.model)
+            write_layout(plate, filament, files.layout, names)
+            if not files.record.exists():
+                with replacing(files.record) as temporary:
+                    temporary.write_text(_record(plate, filament, files), encoding="utf-8")
+    return wanted
+
+
+def _require_no_others(wanted: Sequence[PlateFiles], stem: str, out: Path) -> None:
+    """Refuse a folder with further plates of this printer and filament: who slices all of them prints too many.
+
+    They are of an earlier request for more, and may be printed and pressed already, so that they are not removed here.
+    """
+    known = {path for files in wanted for path in (files.model, files.layout)}
+    others = sorted(
+        path.name for end in (".3mf", ".csv") for path in out.glob(f"{stem}[0-9]*{end}") if path not in known
+    )
+    if others:
+        raise InputError(
+            "output folder",
+            str(out),
+            f"holds plates of an earlier, larger request: {', '.join(others)}; move them away or name another folder",
+        )
+
+
+def _write_model(plate: Plate, name: str, path: Path) -> None:
+    placed: list[tuple[Part, tuple[float, float]]] = [
+        (block_part(one.block), (one.x_mm, one.y_mm)) for one in plate.blocks
+    ]
+    with replacing(path) as temporary:
+        threemf.write_plate(placed, name, temporary)
+        _require_as_meant(placed, temporary)
+
+
+def _require_as_meant(placed: Sequence[tuple[Part, tuple[float, float]]], path: Path) -> None:
+    """Read the file back: every part's vertices lie where they belong, and all triangles are there."""
+    found, _ = threemf.read_3mf(path)
+    wanted = [np.add(part.mesh[0].vertices, (*place, 0.0)) for part, place in placed]
+    triangles = sum(len(part.mesh[0].triangles) for part, _ in placed)
+    vertices = np.concatenate(wanted)
+    if found.vertices.shape != vertices.shape or len(found.triangles) != triangles:
+        raise CheckFailedError(f"{path.name}: the plate came back with other triangles than it was written with")
+    if float(np.abs(found.vertices - vertices).max()) > _PLACE_MM:
+        raise CheckFailedError(f"{path.name}: a block came back at another place than it was put")
+
+
+def _record(plate: Plate, filament: str, files: PlateFiles) -> str:
+    """The form of a print record, for all blocks of a plate at once."""
+    about = (
+        f"Record of plate {plate.number} on {plate.printer.name}: {len(plate.blocks)} blocks, "
+        f"places and labels in {files.layout.name}.\n"
+        "Copy it into each block's run folder as print.toml, with the block's own scores and photos."
+    )
+    return form(about, plate.printer.name, filament)

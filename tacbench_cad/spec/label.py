@@ -1,0 +1,295 @@
+"""The label engraved in a block's underside: glyphs as strokes of our own, the same in mesh and solid."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.spec.glyphs import GLYPHS, UNITS_HIGH
+from tacbench_cad.util.errors import InputError
+
+Floats = NDArray[np.float64]
+
+#: Depth of the engraving, in mm.
+LABEL_DEPTH_MM = 0.4
+#: Width of a stroke, in mm.
+STROKE_MM = 0.8
+#: Least height of a glyph, in mm.
+LEAST_GLYPH_MM = 3.0
+#: Height that no glyph passes, however much room there is, in mm.
+MOST_GLYPH_MM = 5.0
+#: Room between the strokes and the block's outline, in mm: the least wall of the fixtures.
+MARGIN_MM = 1.6
+#: Heights are tried in such steps, in mm.
+_STEP_MM = 0.05
+#: Gaps between glyphs, words and lines as shares of the glyph's height (0.6, 2.7 and 0.9 mm at the least height).
+_GLYPH_GAP, _WORD_GAP, _LINE_GAP = 0.2, 0.9, 0.3
+#: Coordinates are rounded to this, in mm, and the outline is simplified to twenty times as much, so that no edge is
+#: shorter than 0.01 mm.
+_ROUND_MM = 0.001
+_SIMPLIFY_MM = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Engraving:
+    """Flat-bottomed pockets in the underside.
+
+    Args:
+        contours: Closed outlines in the block frame, each (n, 2) in mm without a repeated end: outer ones
+            counter-clockwise, islands clockwise (both seen from above).
+        glyph_mm: Height of the glyphs in mm.
+    """
+
+    contours: tuple[Floats, ...]
+    glyph_mm: float = LEAST_GLYPH_MM
+
+    @property
+    def area_mm2(self) -> float:
+        """Area of the pockets in mm^2 (islands taken off)."""
+        return sum(signed_area_mm2(c) for c in self.contours)
+
+    @property
+    def volume_mm3(self) -> float:
+        """Volume of the pockets in mm^3."""
+        return self.area_mm2 * LABEL_DEPTH_MM
+
+
+def signed_area_mm2(contour: Floats) -> float:
+    """Area inside a closed contour (n, 2) in mm^2, positive where it runs counter-clockwise."""
+    n = np.roll(contour, -1, axis=0)
+    return float(np.sum(contour[:, 0] * n[:, 1] - n[:, 0] * contour[:, 1])) / 2.0
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Lines of text at one height, set in a frame (a, b): a to the right, b up, as the reader sees them.
+
+    Args:
+        lines: The lines, top one first; words are separated by spaces.
+        height: Height of the glyphs in mm.
+    """
+
+    lines: tuple[str, ...]
+    height: float
+
+    @property
+    def width(self) -> float:
+        return max(_width(line, self.height) for line in self.lines)
+
+    @property
+    def depth(self) -> float:
+        return self.height * (len(self.lines) + _LINE_GAP * (len(self.lines) - 1))
+
+
+@dataclass(frozen=True)
+class _Page:
+    """The underside as its reader sees it: turned over about the block's x axis, then turned so that lines run along a.
+
+    Args:
+        size_mm: Sides x, y of the block.
+        key_mm: Leg of the key, 0 without one.
+        along_y: Whether lines run along the block's y, else along x.
+    """
+
+    size_mm: tuple[float, float]
+    key_mm: float
+    along_y: bool
+
+    @property
+    def width(self) -> float:
+        return self.size_mm[1] if self.along_y else self.size_mm[0]
+
+    @property
+    def depth(self) -> float:
+        return self.size_mm[0] if self.along_y else self.size_mm[1]
+
+    def to_block(self, a: float, b: float) -> tuple[float, float]:
+        """Block frame x, y of a point of the page: mirrored, because the page is seen from below."""
+        x, y = self.size_mm
+        return (x - b, y - a) if self.along_y else (a, y - b)
+
+    def place(self, layout: _Layout) -> list[tuple[float, float]] | None:
+        """Lower left corner of each line on the page, or None where the layout does not fit.
+
+        Lines are centred; where the key is in the way they move to the corner opposite to it.
+        """
+        if layout.width > self.width - 2 * MARGIN_MM + 1e-9 or layout.depth > self.depth - 2 * MARGIN_MM + 1e-9:
+            return None
+        for centred in (True, False):
+            corners = self._corners(layout, centred)
+            if all(self._clear(layout, line, at) for line, at in zip(layout.lines, corners, strict=True)):
+                return corners
+        return None
+
+    def _corners(self, layout: _Layout, centred: bool) -> list[tuple[float, float]]:
+        # The key is at x high, y low: on the page that is a high, and b high (lines along x) or b low (along y).
+        bottom = self.depth - MARGIN_MM - layout.depth if self.along_y else MARGIN_MM
+        top = (self.depth - layout.depth) / 2.0 + layout.depth if centred else bottom + layout.depth
+        step = layout.height * (1.0 + _LINE_GAP)
+        corners = []
+        for i, line in enumerate(layout.lines):
+            room = self.width - _width(line, layout.height)
+            a = room / 2.0 if centred else MARGIN_MM
+            corners.append((a, top - layout.height - i * step))
+        return corners
+
+    def _clear(self, layout: _Layout, line: str, at: tuple[float, float]) -> bool:
+        if not self.key_mm:
+            return True
+        (a, b), width = at, _width(line, layout.height)
+        ends = (self.to_block(p, q) for p in (a, a + width) for q in (b, b + layout.height))
+        most = self.size_mm[0] - self.key_mm - MARGIN_MM * math.sqrt(2.0)
+        return all(x - y <= most + 1e-9 for x, y in ends)
+
+
+def engrave(words: tuple[str, ...], size_mm: tuple[float, float], key_mm: float) -> Engraving:
+    """Set words on the underside, as large as they fit (3 to 5 mm), to be read from below.
+
+    Words keep their order, one or more on a line; lines run along the side that allows the larger glyphs. A word may
+    be broken after a hyphen. The text is mirrored: turn the block over about its x axis (front to back) and it reads
+    upright, along x; where it runs along y, give the block a quarter turn clockwise as well.
+
+    Args:
+        words: The words: A to Z, 0 to 9, hyphen and full stop; small letters are written as capitals.
+        size_mm: Sides x, y of the underside in mm.
+        key_mm: Leg of the chamfered corner at (x, 0) in mm; 0 for none.
+
+    Returns:
+        The pockets in the block frame, equal on every run; coordinates are float32 values and no edge is shorter than
+        0.01 mm.
+
+    Raises:
+        InputError: A character has no glyph, or the words do not fit at 3 mm.
+    """
+    text = " ".join(words).upper()
+    for character in text:
+        if character not in GLYPHS and character != " ":
+            raise InputError("label", text, f"has no glyph for {character!r}; allowed: A to Z, 0 to 9, - and .")
+    if not text.strip():
+        raise InputError("label", text, "needs at least one character")
+    pages = (_Page(size_mm, key_mm, False), _Page(size_mm, key_mm, True))
+    breaks = _breaks(text)
+    steps = round((MOST_GLYPH_MM - LEAST_GLYPH_MM) / _STEP_MM)
+    for step in range(steps + 1):
+        height = round(MOST_GLYPH_MM - step * _STEP_MM, 2)
+        for page in pages:
+            for lines in breaks:
+                layout = _Layout(lines, height)
+                corners = page.place(layout)
+                if corners is not None:
+                    return Engraving(_outlines(layout, page, corners), height)
+    raise InputError("label", text, _refusal(breaks, pages))
+
+
+def _refusal(breaks: list[tuple[str, ...]], pages: tuple[_Page, _Page]) -> str:
+    """What the least room at the least height is, against what is there."""
+    needs = []
+    for lines in breaks:
+        layout = _Layout(lines, LEAST_GLYPH_MM)
+        for page in pages:
+            need = (layout.width + 2 * MARGIN_MM, layout.depth + 2 * MARGIN_MM)
+            needs.append((max(need[0] / page.width, need[1] / page.depth), need[::-1] if page.along_y else need))
+    _, (x, y) = min(needs)
+    have = f"{pages[0].size_mm[0]:.4g} x {pages[0].size_mm[1]:.4g} mm"
+    key = pages[0].key_mm
+    return (
+        f"needs an underside of {math.ceil(10 * x) / 10:g} x {math.ceil(10 * y) / 10:g} mm for glyphs of "
+        f"{LEAST_GLYPH_MM:g} mm, clear of the outline by {MARGIN_MM:g} mm; this one has {have}"
+        + (f" and a key of {key:g} mm" if key else "")
+    )
+
+
+def _width(line: str, height: float) -> float:
+    """Width of a line in mm, from the outside of its first stroke to that of its last."""
+    unit = (height - STROKE_MM) / UNITS_HIGH
+    total, gap = 0.0, 0.0
+    for character in line:
+        if character == " ":
+            gap = _WORD_GAP * height
+            continue
+        total += gap + GLYPHS[character].width * unit + STROKE_MM
+        gap = _GLYPH_GAP * height
+    return total
+
+
+def _breaks(text: str) -> list[tuple[str, ...]]:
+    """Every way to fill lines up to some width, those with the most lines first."""
+    pieces = [piece for word in text.split() for piece in _at_hyphens(word)]
+    widths = {
+        _width("".join(pieces[i : j + 1]), LEAST_GLYPH_MM) for i in range(len(pieces)) for j in range(i, len(pieces))
+    }
+    found = dict.fromkeys(_fill(pieces, width) for width in sorted(widths))
+    return sorted(found, key=len, reverse=True)
+
+
+def _at_hyphens(word: str) -> Iterator[str]:
+    """The parts of a word that may stand on lines of their own: of ``HEX-WIDE`` they are ``HEX-`` and ``WIDE``."""
+    start = 0
+    for i, character in enumerate(word):
+        if character == "-" and 0 < i < len(word) - 1:
+            yield word[start : i + 1]
+            start = i + 1
+    yield word[start:] + " "
+
+
+def _fill(pieces: list[str], width: float) -> tuple[str, ...]:
+    """Lines filled one after the other up to a width in mm at the least height; a longer piece has its own line."""
+    lines = [pieces[0]]
+    for piece in pieces[1:]:
+        if _width(lines[-1] + piece, LEAST_GLYPH_MM) <= width + 1e-9:
+            lines[-1] += piece
+        else:
+            lines.append(piece)
+    return tuple(line.strip() for line in lines)
+
+
+def _outlines(layout: _Layout, page: _Page, corners: list[tuple[float, float]]) -> tuple[Floats, ...]:
+    """Union of all strokes in the block frame, in an order of its own."""
+    from manifold3d import CrossSection, FillRule
+
+    strokes = [
+        _stroke(page.to_block(*start), page.to_block(*end))
+        for line, at in zip(layout.lines, corners, strict=True)
+        for start, end in _segments(line, layout.height, at)
+    ]
+    union = CrossSection(strokes, FillRule.NonZero).simplify(_SIMPLIFY_MM)
+    return tuple(sorted((_settled(np.asarray(c)) for c in union.to_polygons()), key=lambda c: c.tolist()))
+
+
+def _settled(contour: Floats) -> Floats:
+    """The contour with rounded float32 coordinates, beginning at its lowest x (and y)."""
+    steps = np.rint(contour / _ROUND_MM)
+    first = int(np.lexsort((steps[:, 1], steps[:, 0]))[0])
+    return (np.roll(steps, -first, axis=0) * _ROUND_MM).astype(np.float32).astype(np.float64)
+
+
+def _segments(line: str, height: float, at: tuple[float, float]) -> Iterator[tuple[tuple[float, float], ...]]:
+    """Ends of the centre lines of a line's strokes on the page, in mm."""
+    unit, half = (height - STROKE_MM) / UNITS_HIGH, STROKE_MM / 2.0
+    for i, character in enumerate(line):
+        if character == " ":
+            continue
+        before = line[: i + 1].rstrip()
+        left = at[0] + _width(before, height) - GLYPHS[character].width * unit - half
+        for points in GLYPHS[character].lines:
+            placed = [(left + x * unit, at[1] + half + y * unit) for x, y in points]
+            yield from zip(placed, placed[1:] or placed, strict=False)
+
+
+def _stroke(start: tuple[float, float], end: tuple[float, float]) -> Floats:
+    """A stroke's outline, counter-clockwise: the hull of two octagons.
+
+    Octagons with sides along the axes and at 45 degrees, as all strokes run: the stroke is exactly a pen wide.
+
+    Returns:
+        Shape (8, 2) in mm.
+    """
+    along = math.atan2(end[1] - start[1], end[0] - start[0])
+    radius = STROKE_MM / 2.0 / math.cos(math.pi / 8.0)
+    turns = along + math.pi / 8.0 * np.arange(-3, 13, 2)  # first half about the far end, second half about the near one
+    octagon = radius * np.column_stack([np.cos(turns), np.sin(turns)])
+    return np.concatenate([octagon[:4] + end, octagon[4:] + start])

@@ -1,0 +1,117 @@
+"""A print's record: what only the person at the printer knows. Written once as a form, read and never changed again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.settings import Table, read_toml
+
+#: Every field with what to write there. An empty text is a field that nobody has filled in.
+FIELDS: Mapping[str, str] = {
+    "printer": "the printer",
+    "printer_serial": "its serial number",
+    "filament": "material and maker of the filament or resin",
+    "filament_batch": "batch number on the spool or bottle",
+    "slicer": "slicer with its version",
+    "slicer_profile": "name of the profile; keep the profile's file too",
+    "nozzle_mm": "diameter of the nozzle in mm",
+    "layer_height_mm": "layer height in mm",
+    "nozzle_temperature_c": "temperature of the nozzle in degrees Celsius",
+    "bed_temperature_c": "temperature of the bed in degrees Celsius",
+    "infill_percent": "infill in percent",
+    "orientation": "how the block lay: relief up, turned by ... degrees",
+    "bed_position": "where on the bed: centre, or x, y in mm",
+    "date": "day of the print, as 2026-01-31",
+    "humidity_percent": "relative humidity at the printer in percent",
+    "stringing_score": "0 to 3, by the steps above",
+    "peaks_score": "0 to 3, by the steps above",
+    "photos": 'a list of files in this folder: ["top.jpg"]',
+}
+#: The steps of the two visual scores.
+SCORES: Mapping[str, tuple[str, ...]] = {
+    "stringing_score": (
+        "0: no strings, at arm's length or close up",
+        "1: single hairs that a finger wipes off",
+        "2: strings across some valleys that a finger does not wipe off",
+        "3: strings or blobs over most of the relief",
+    ),
+    "peaks_score": (
+        "0: every peak is there and looks like its neighbours",
+        "1: tips slightly rounded or of uneven gloss",
+        "2: some peaks visibly lower, split or missing",
+        "3: most peaks lower, split or missing",
+    ),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrintRecord:
+    """A print's record.
+
+    Args:
+        values: What was filled in, by the names of :data:`FIELDS`.
+        empty: The fields that were left empty, in the order of :data:`FIELDS`.
+    """
+
+    values: Mapping[str, Any]
+    empty: tuple[str, ...]
+
+
+def form(about: str, printer: str, filament: str) -> str:
+    """The form: printer and filament are known, everything else is empty.
+
+    Args:
+        about: What it is a record of, as one line or several of comment at its head.
+        printer: The printer.
+        filament: What it is printed of.
+
+    Returns:
+        The text of a TOML file.
+    """
+    known = {"printer": printer, "filament": filament}
+    lines = [
+        *(f"# {line}" for line in about.splitlines()),
+        '# Fill in what you know and leave "" where you do not: empty fields stay empty and are named in reports.',
+        "# Numbers stand without quotes. tacbench never changes this file.",
+        "",
+    ]
+    for name, meaning in FIELDS.items():
+        for step in SCORES.get(name, ()):
+            lines.append(f"#   {step}")
+        empty = "[]" if name == "photos" else '""'
+        value = f'"{known[name]}"' if name in known else empty
+        lines.append(f"{name} = {value}  # {meaning}")
+    return "\n".join(lines) + "\n"
+
+
+def read_record(path: Path) -> PrintRecord:
+    """Read a record.
+
+    Raises:
+        InputError: It is missing or not TOML, or a field is unknown or not of its kind.
+    """
+    return read_toml(path, "print record", _record)
+
+
+def _record(document: Table) -> PrintRecord:
+    document.only(*FIELDS)
+    values, empty = {}, []
+    for name in FIELDS:
+        value = document.values.get(name, "")
+        if value in ("", []):
+            empty.append(name)
+            continue
+        if name in SCORES:
+            document.whole(name, least=0, most=3)
+        elif name == "photos":
+            document.texts(name)
+        elif name.endswith(("_mm", "_c", "_percent")):
+            document.number(name)
+        elif isinstance(value, (dict, list)):
+            raise InputError(name, value, "must be a text")
+        values[name] = value
+    return PrintRecord(values=values, empty=tuple(empty))

@@ -1,0 +1,260 @@
+"""The six textures of the paper, the families they belong to, and textures that a user writes in a TOML file."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.settings import Table, read_toml
+
+Law = Literal["triangle", "square"]
+Terms = Literal["highest", "count"]
+Axes = Literal["x", "y", "xy"]
+
+#: The highest odd multiple that is taken before a series is refused.
+MOST_TERMS = 100_001
+#: Names that a user's texture may not take, because other parts of a print set bear them.
+RESERVED = ("holder", "jig", "coupon", "preview", "manifest", "all")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Texture:
+    """A named surface.
+
+    Args:
+        name: Lower-case name, used in file names: ``texture-4``, ``hex``.
+        waves: The formula.
+        equation: The same for people to read; left out, it is written from the waves.
+        number: 1 to 6 for the paper's own, else None.
+
+    Raises:
+        InputError: The name is not allowed or is taken, or the surface is flat.
+    """
+
+    name: str
+    waves: WaveSum
+    equation: str = ""
+    number: int | None = None
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,30}[a-z0-9])?", self.name):
+            raise InputError("texture name", self.name, "use 1 to 32 of a-z, 0-9 and inner hyphens")
+        if self.number is None and (self.name in RESERVED or re.fullmatch(r"(texture-?)?\d+", self.name)):
+            raise InputError("texture name", self.name, "this name is taken by a part of the print set")
+        if all(w.amplitude == 0.0 or (w.f, w.g) == (0.0, 0.0) for w in self.waves.waves):
+            raise InputError("texture", self.name, "is flat; at least one wave needs an amplitude and a frequency")
+        if not self.equation:
+            object.__setattr__(self, "equation", str(self.waves))
+
+
+def equation1(A1: float, A2: float, f1: float, f2: float, phase: float = 0.0) -> WaveSum:  # noqa: N803 (the paper's)
+    """The paper's first equation, ``A1 sin(f1 u) + A2 sin(f2 v + phase)``.
+
+    Args:
+        A1: Amplitude along u, in the unit of height.
+        A2: Amplitude along v.
+        f1: Frequency along u, in radians a unit of u.
+        f2: Frequency along v.
+        phase: Phase of the wave along v, in radians.
+    """
+    return WaveSum(
+        (Wave(amplitude=A1, f=f1, g=0.0, phase=0.0), Wave(amplitude=A2, f=0.0, g=f2, phase=phase)),
+    )
+
+
+def series(law: Law, N: int, terms: Terms = "highest", axes: Axes = "xy") -> WaveSum:  # noqa: N803
+    """A Fourier series over odd multiples, the paper's second equation.
+
+    Args:
+        law: ``triangle``: ``8/pi^2 (-1)^((i-1)/2) / i^2``; ``square``: ``4/(pi i)``.
+        N: The highest odd multiple, or the number of terms.
+        terms: What ``N`` is: the ``highest`` multiple (as in the released files) or the ``count`` of terms.
+        axes: The axes along which the series runs.
+
+    Raises:
+        InputError: ``N`` is not a positive whole number, or is even where it is the highest multiple.
+    """
+    if isinstance(N, bool) or not isinstance(N, int) or N < 1:
+        raise InputError("N", N, "must be a whole number of at least 1")
+    one_of("terms", terms, ("highest", "count"))
+    one_of("law", law, ("triangle", "square"))
+    one_of("axes", axes, ("x", "y", "xy"))
+    if terms == "highest" and N % 2 == 0:
+        raise InputError("N", N, f'must be odd where terms = "highest"; {N - 1} and {N + 1} are')
+    highest = N if terms == "highest" else 2 * N - 1
+    if highest > MOST_TERMS:
+        raise InputError("N", N, f"the highest multiple may be {MOST_TERMS} at most")
+    odd = range(1, highest + 1, 2)
+    if law == "triangle":
+        weights = [(i, 8.0 / math.pi**2 * (-1.0) ** ((i - 1) // 2) / i**2) for i in odd]
+    else:
+        weights = [(i, 4.0 / (math.pi * i)) for i in odd]
+    along_x = [Wave(amplitude=w, f=float(i), g=0.0) for i, w in weights if "x" in axes]
+    along_y = [Wave(amplitude=w, f=0.0, g=float(i)) for i, w in weights if "y" in axes]
+    return WaveSum(tuple(along_x + along_y))
+
+
+def plane_waves(*waves: tuple[float, float, float] | tuple[float, float, float, float]) -> WaveSum:
+    """Any waves, oblique ones too, each as ``(amplitude, f, g)`` or ``(amplitude, f, g, phase)``.
+
+    >>> print(plane_waves((0.6, 2.0, 1.0), (0.6, 2.0, -1.0)))
+    0.6 sin(2u + v) + 0.6 sin(2u - v)
+
+    Raises:
+        InputError: A wave has another count of numbers, or one that is not finite.
+    """
+    made = []
+    for one in waves:
+        if len(one) not in (3, 4):
+            raise InputError("wave", one, "must be (amplitude, f, g) or (amplitude, f, g, phase)")
+        amplitude, f, g, phase = (*one, 0.0)[:4]
+        made.append(Wave(amplitude=amplitude, f=f, g=g, phase=phase))
+    return WaveSum(tuple(made))
+
+
+def _series_texture(number: int, law: Law, highest: int, axes: Axes) -> Texture:
+    weight = "8/pi^2 (-1)^((i-1)/2)/i^2" if law == "triangle" else "4/(pi i)"
+    shape = "(sin iu + sin iv)" if axes == "xy" else "sin iu"
+    text = f"sum of {weight} {shape}, odd i = 1..{highest}"
+    return Texture(name=f"texture-{number}", number=number, equation=text, waves=series(law, highest, axes=axes))
+
+
+def catalogue(preset: str = "paper") -> tuple[Texture, ...]:
+    """The paper's six textures; ``released`` has N = 101 in textures 4 and 6, as the published files."""
+    square = 101 if preset == "released" else 25
+    return (
+        Texture(name="texture-1", number=1, equation="sin u", waves=equation1(1.0, 0.0, 1.0, 1.0, math.pi / 2)),
+        Texture(
+            name="texture-2",
+            number=2,
+            equation="sin u + sin(v + pi/2)",
+            waves=equation1(1.0, 1.0, 1.0, 1.0, math.pi / 2),
+        ),
+        _series_texture(3, "triangle", 25, "xy"),
+        _series_texture(4, "square", square, "xy"),
+        _series_texture(5, "triangle", 25, "x"),
+        _series_texture(6, "square", square, "x"),
+    )
+
+
+def texture(name: str | int, preset: str = "paper") -> Texture:
+    """One of the six by its number or name.
+
+    Args:
+        name: ``4``, ``"4"`` or ``"texture-4"``.
+        preset: ``paper`` or ``released``.
+
+    Raises:
+        InputError: There is no such texture.
+    """
+    wanted = str(name).strip().lower()
+    known = catalogue(preset)
+    for one in known:
+        if wanted in (str(one.number), one.name):
+            return one
+    raise InputError("texture", str(name), "allowed: 1 to 6, texture-1 to texture-6, a TOML file or all")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlockTable:
+    """What a texture file may say of its block; None where it says nothing.
+
+    Args:
+        size_mm: Sides x, y in mm.
+        height_mm: Height of the highest point in mm.
+        mm_per_unit: Millimetres per unit of u, v and height.
+        domain: ``((u low, u high), (v low, v high))``.
+    """
+
+    size_mm: tuple[float, float] | None = None
+    height_mm: float | None = None
+    mm_per_unit: tuple[float, float, float] | None = None
+    domain: tuple[tuple[float, float], tuple[float, float]] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class TextureFile:
+    """A texture read from a TOML file, with the block it asks for.
+
+    Args:
+        texture: The texture.
+        block: What the file says of its block.
+    """
+
+    texture: Texture
+    block: BlockTable = field(default_factory=BlockTable)
+
+
+def read_texture(path: Path) -> TextureFile:
+    """Read a texture and its block from a TOML file.
+
+    Args:
+        path: The file. ``docs/textures.md`` lists the keys.
+
+    Raises:
+        InputError: The file cannot be read, or a key or a value in it is not allowed; the message names all three.
+    """
+    return read_toml(path, "texture", _texture_file)
+
+
+_FAMILY_KEYS = {
+    "equation1": ("A1", "A2", "f1", "f2", "phase"),
+    "series": ("law", "N", "terms", "axes"),
+    "plane-waves": (),
+}
+
+
+def _texture_file(document: Table) -> TextureFile:
+    document.only("texture", "block", "wave")
+    spec = document.table("texture")
+    spec.only(*dict.fromkeys(["name", "family", *(key for keys in _FAMILY_KEYS.values() for key in keys)]))
+    family = spec.text("family", allowed=_FAMILY_KEYS)
+    spec.only("name", "family", *_FAMILY_KEYS[family])
+    name = spec.text("name")
+    if family != "plane-waves" and "wave" in document:
+        raise InputError("[[wave]]", None, f'belongs to family = "plane-waves", this is "{family}"')
+    reader = {"equation1": _read_equation1, "series": _read_series, "plane-waves": _read_waves}[family]
+    waves, text = reader(spec, document)
+    block = _read_block(document.table("block")) if "block" in document else BlockTable()
+    return TextureFile(texture=Texture(name=name, equation=text, waves=waves), block=block)
+
+
+def _read_equation1(spec: Table, _: Table) -> tuple[WaveSum, str]:
+    a1, a2, phase = spec.number("A1", 1.0), spec.number("A2", 1.0), spec.number("phase", 0.0)
+    waves = equation1(a1, a2, spec.number("f1"), spec.number("f2"), phase)
+    return waves, str(waves)
+
+
+def _read_series(spec: Table, _: Table) -> tuple[WaveSum, str]:
+    if "N" not in spec:
+        raise InputError("[texture] N", None, "is missing; a whole number")
+    law = spec.text("law", allowed=("triangle", "square"))
+    terms = spec.text("terms", "highest", ("highest", "count"))
+    axes = spec.text("axes", "xy", ("x", "y", "xy"))
+    highest = spec.values["N"]
+    return series(law, highest, terms, axes), f"{law} series along {axes}, {terms} = {highest}"
+
+
+def _read_waves(_: Table, document: Table) -> tuple[WaveSum, str]:
+    found = []
+    for one in document.tables("wave"):
+        one.only("amplitude", "f", "g", "phase")
+        amplitude, f, g = (one.number(key) for key in ("amplitude", "f", "g"))
+        found.append((amplitude, f, g, one.number("phase", 0.0)))
+    waves = plane_waves(*found)
+    return waves, str(waves)
+
+
+def _read_block(spec: Table) -> BlockTable:
+    spec.only("size_mm", "height_mm", "mm_per_unit", "domain")
+    return BlockTable(
+        size_mm=spec.numbers("size_mm", 2, None),
+        height_mm=spec.number("height_mm", None),
+        mm_per_unit=spec.numbers("mm_per_unit", 3, None),
+        domain=spec.rows("domain", 2, 2, None),
+    )

@@ -1,0 +1,387 @@
+"""Finite sums of plane waves: the formula from which everything else is derived.
+
+A surface of the benchmark is ``z(u, v) = sum A sin(f u + g v + phase)``. This module knows such sums exactly:
+values, derivatives, bounds on any derivative, integrals in closed form and extremes with a proved error. It is
+plain NumPy and has no units; :class:`tacbench_cad.spec.block.Block` uses the same class in millimetres.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tacbench_cad.spec.extremes import Extremes, HalfPlane, clipped_rectangle, search_interval, search_rectangle
+from tacbench_cad.util.errors import InputError
+
+Floats = NDArray[np.float64]
+
+#: Extremes of separable sums and of parallel waves are proved to this absolute error.
+EXTREMES_ERROR = 1e-9
+#: Extremes of any other sum are proved to this share of the sum of the amplitudes.
+EXTREMES_SHARE = 1e-7
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wave:
+    """One plane wave ``amplitude * sin(f u + g v + phase)``.
+
+    Args:
+        amplitude: Half the peak-to-peak height.
+        f: Angular frequency along u, in radians per unit.
+        g: Angular frequency along v, in radians per unit.
+        phase: Phase in radians.
+
+    Raises:
+        InputError: A number is not finite.
+    """
+
+    amplitude: float
+    f: float
+    g: float
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("amplitude", "f", "g", "phase"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+                raise InputError(f"wave {name}", value, "must be a finite number")
+
+
+@dataclass(frozen=True, eq=False)
+class Sines:
+    """A sum of sines of one variable, ``s(t) = sum A sin(k t + phase)``.
+
+    Args:
+        amplitude: Amplitudes, shape (n,).
+        frequency: Angular frequencies k, shape (n,).
+        phase: Phases in radians, shape (n,).
+    """
+
+    amplitude: Floats
+    frequency: Floats
+    phase: Floats
+
+    @classmethod
+    def of(cls, terms: Iterable[tuple[float, float, float]]) -> Sines:
+        """Build from ``(amplitude, frequency, phase)`` triples; no triple gives the zero function."""
+        table = np.array(list(terms), dtype=np.float64).reshape(-1, 3)
+        return cls(table[:, 0].copy(), table[:, 1].copy(), table[:, 2].copy())
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether the sum does not depend on its variable."""
+        return not np.any((self.amplitude != 0.0) & (self.frequency != 0.0))
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> Floats:
+        """Value (or derivative of the given order) at ``t``; same shape as ``t``."""
+        points = np.asarray(t, dtype=np.float64)
+        total = np.zeros(points.shape)
+        turn = order * (math.pi / 2.0)
+        for a, k, phase in zip(self.amplitude, self.frequency, self.phase, strict=True):
+            weight = a * k**order if order else a
+            if weight != 0.0:
+                total += weight * np.sin(k * points + (phase + turn))
+        return total
+
+    def bound(self, order: int) -> float:
+        """An upper bound of ``|s^(order)|`` over the whole line: ``sum |A| |k|^order``."""
+        return float(np.sum(np.abs(self.amplitude) * np.abs(self.frequency) ** order))
+
+    def integral(self, low: float, high: float) -> float:
+        """The integral from ``low`` to ``high``, in closed form.
+
+        ``integral of sin(k t + c) = (high - low) sin(k mid + c) sinc(k half)``, which stays exact as k goes to 0.
+
+        Args:
+            low: Where it begins, in the units of ``t``.
+            high: Where it ends.
+        """
+        mid, half = (low + high) / 2.0, (high - low) / 2.0
+        means = np.sin(self.frequency * mid + self.phase) * np.sinc(self.frequency * half / math.pi)
+        return float((high - low) * np.sum(self.amplitude * means))
+
+    def extremes(self, low: float, high: float, error: float = EXTREMES_ERROR) -> Extremes:
+        """Lowest and highest value over ``[low, high]``, each proved to within ``error``.
+
+        Args:
+            low: Where the interval begins, in the units of ``t``.
+            high: Where it ends.
+            error: How far a value may lie from the true one.
+
+        Returns:
+            The values and the points ``(t,)`` at which they are reached.
+        """
+        return search_interval(self, self.bound(2), low, high, error)
+
+
+@dataclass(frozen=True)
+class WaveSum:
+    """A finite sum of plane waves over the plane.
+
+    Args:
+        waves: The waves; an empty sum is the zero function.
+    """
+
+    waves: tuple[Wave, ...]
+
+    def __str__(self) -> str:
+        """The formula for people, cut short after three waves: ``0.6 sin(2u + v) + sin(2u - v)``."""
+        shown = [w for w in self.waves if w.amplitude != 0.0]
+        text = _joined([(w.amplitude, _sine(w)) for w in shown[:3]]) or "0"
+        return text + (f" + {len(shown) - 3} more waves" if len(shown) > 3 else "")
+
+    @cached_property
+    def table(self) -> Floats:
+        """The waves as rows ``amplitude, f, g, phase``; shape (n, 4)."""
+        rows = [(w.amplitude, w.f, w.g, w.phase) for w in self.waves]
+        return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+    @cached_property
+    def amplitude_sum(self) -> float:
+        """Sum of the absolute amplitudes: no value ever passes it."""
+        return float(np.sum(np.abs(self.table[:, 0])))
+
+    @cached_property
+    def highest_frequency(self) -> tuple[float, float]:
+        """The largest ``|f|`` and the largest ``|g|`` among waves that count."""
+        used = self.table[self.table[:, 0] != 0.0]
+        if len(used) == 0:
+            return (0.0, 0.0)
+        return (float(np.max(np.abs(used[:, 1]))), float(np.max(np.abs(used[:, 2]))))
+
+    @cached_property
+    def is_separable(self) -> bool:
+        """Whether ``z = p(u) + q(v)``: every wave runs along one of the axes."""
+        return all(w.f == 0.0 or w.g == 0.0 or w.amplitude == 0.0 for w in self.waves)
+
+    @cached_property
+    def along_u(self) -> Sines:
+        """``p(u)`` of a separable sum, the constant terms included."""
+        return Sines.of((w.amplitude, w.f, w.phase) for w in self.waves if w.g == 0.0 and w.amplitude != 0.0)
+
+    @cached_property
+    def along_v(self) -> Sines:
+        """``q(v)`` of a separable sum."""
+        return Sines.of(
+            (w.amplitude, w.g, w.phase) for w in self.waves if w.f == 0.0 and w.g != 0.0 and w.amplitude != 0.0
+        )
+
+    @cached_property
+    def _common_direction(self) -> tuple[float, float] | None:
+        """Unit direction shared by all oblique waves and every other wave, or None."""
+        moving = [w for w in self.waves if w.amplitude != 0.0 and (w.f, w.g) != (0.0, 0.0)]
+        if not moving:
+            return None
+        length = math.hypot(moving[0].f, moving[0].g)
+        direction = (moving[0].f / length, moving[0].g / length)
+        for w in moving:
+            if abs(w.f * direction[1] - w.g * direction[0]) > 1e-15 * math.hypot(w.f, w.g):
+                return None
+        return direction
+
+    def __call__(self, u: ArrayLike, v: ArrayLike, order: tuple[int, int] = (0, 0)) -> Floats:
+        """Value, or the partial derivative of the given order, at the points ``(u, v)``.
+
+        Args:
+            u: Coordinates, any shape that broadcasts with ``v``.
+            v: Coordinates.
+            order: Order of the derivative along u and along v.
+
+        Returns:
+            Values of the broadcast shape.
+        """
+        uu, vv = np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64)
+        total = np.zeros(np.broadcast_shapes(uu.shape, vv.shape))
+        turn = (order[0] + order[1]) * (math.pi / 2.0)
+        for a, f, g, phase in self.table:
+            weight = a * f ** order[0] * g ** order[1]
+            if weight != 0.0:
+                total += weight * np.sin(f * uu + g * vv + (phase + turn))
+        return total
+
+    def grid(self, u: Floats, v: Floats) -> Floats:
+        """Values on a grid, much faster than calling with a mesh grid.
+
+        Args:
+            u: Shape (n,).
+            v: Shape (m,).
+
+        Returns:
+            Shape (n, m).
+        """
+        if self.is_separable:
+            return self.along_u(u)[:, None] + self.along_v(v)[None, :]
+        amplitude, f, g, phase = self.table.T
+        along_u = np.outer(u, f) + phase
+        along_v = np.outer(v, g)
+        first = (amplitude * np.sin(along_u)) @ np.cos(along_v).T
+        return np.asarray(first + (amplitude * np.cos(along_u)) @ np.sin(along_v).T, dtype=np.float64)
+
+    def gradient(self, u: ArrayLike, v: ArrayLike) -> tuple[Floats, Floats]:
+        """Both partial derivatives at some points.
+
+        Args:
+            u: Places along u.
+            v: Places along v; must broadcast with ``u``.
+
+        Returns:
+            Along u and along v, each of the broadcast shape.
+        """
+        return self(u, v, (1, 0)), self(u, v, (0, 1))
+
+    def bound(self, order_u: int, order_v: int) -> float:
+        """An upper bound of ``|d^(i+j) z / du^i dv^j|`` over the plane: ``sum |A| |f|^i |g|^j``.
+
+        Args:
+            order_u: The order i along u.
+            order_v: The order j along v.
+        """
+        a, f, g = np.abs(self.table[:, 0]), np.abs(self.table[:, 1]), np.abs(self.table[:, 2])
+        return float(np.sum(a * f**order_u * g**order_v))
+
+    def integral(self, u: tuple[float, float], v: tuple[float, float]) -> float:
+        """The integral over a rectangle, in closed form.
+
+        Args:
+            u: Its low and high end along u.
+            v: Likewise along v.
+        """
+        a, f, g, phase = self.table.T
+        mid_u, half_u = (u[0] + u[1]) / 2.0, (u[1] - u[0]) / 2.0
+        mid_v, half_v = (v[0] + v[1]) / 2.0, (v[1] - v[0]) / 2.0
+        shrink = np.sinc(f * half_u / math.pi) * np.sinc(g * half_v / math.pi)
+        return float(4.0 * half_u * half_v * np.sum(a * np.sin(f * mid_u + g * mid_v + phase) * shrink))
+
+    def integral_triangle(self, corners: Sequence[tuple[float, float]]) -> float:
+        """The integral over a triangle, in closed form.
+
+        By the Hermite-Genocchi formula the mean of ``exp(i s)`` over a triangle with phases ``s0, s1, s2`` at its
+        corners is twice the divided difference ``exp[i s0, i s1, i s2]``.
+
+        Args:
+            corners: Three points ``(u, v)``; their order does not matter.
+        """
+        (u0, v0), (u1, v1), (u2, v2) = corners
+        area = abs((u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0)) / 2.0
+        total = 0.0
+        for a, f, g, phase in self.table:
+            total += a * _mean_sine(*(f * u + g * v + phase for u, v in corners))
+        return area * total
+
+    def extremes(self, u: tuple[float, float], v: tuple[float, float], keep: HalfPlane | None = None) -> Extremes:
+        """Lowest and highest value over a rectangle, with a proved error.
+
+        The error is at most :data:`EXTREMES_ERROR` where the sum is separable or all waves are parallel, else
+        :data:`EXTREMES_SHARE` of the sum of the amplitudes. Points are ``(u, v)``.
+
+        Args:
+            u: Lower and upper end along u.
+            v: Lower and upper end along v.
+            keep: Only the part of the rectangle in this half-plane counts.
+        """
+        return _extremes(self, (u[0], u[1]), (v[0], v[1]), keep)
+
+    def _extremes_parallel(self, region: list[tuple[float, float]], direction: tuple[float, float]) -> Extremes:
+        """Extremes over a convex region when all waves run one way: only the distance along that way matters."""
+        c, s = direction
+        along = Sines.of((w.amplitude, w.f * c + w.g * s, w.phase) for w in self.waves)
+        start = min(region, key=lambda point: c * point[0] + s * point[1])
+        end = max(region, key=lambda point: c * point[0] + s * point[1])
+        low, high = c * start[0] + s * start[1], c * end[0] + s * end[1]
+        found = along.extremes(low, high)
+
+        def place(t: float) -> tuple[float, float]:
+            share = 0.0 if high == low else (t - low) / (high - low)
+            return (start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1]))
+
+        return Extremes(found.low, found.high, place(found.at_low[0]), place(found.at_high[0]), found.error)
+
+    def mapped(
+        self, per_unit: tuple[float, float], height_per_unit: float, origin: tuple[float, float] = (0.0, 0.0)
+    ) -> WaveSum:
+        """The same surface over other coordinates: ``x = (u - origin_u) * per_unit_x`` and so on.
+
+        Args:
+            per_unit: New length units per unit along u and v.
+            height_per_unit: New length units per unit of height.
+            origin: The point (u, v) that becomes (0, 0).
+        """
+        return WaveSum(
+            tuple(
+                Wave(
+                    amplitude=w.amplitude * height_per_unit,
+                    f=w.f / per_unit[0],
+                    g=w.g / per_unit[1],
+                    phase=w.phase + w.f * origin[0] + w.g * origin[1],
+                )
+                for w in self.waves
+            )
+        )
+
+
+# A study has many blocks of few textures, and each block asks for the same.
+@lru_cache(maxsize=256)
+def _extremes(waves: WaveSum, u: tuple[float, float], v: tuple[float, float], keep: HalfPlane | None) -> Extremes:
+    if keep is None and waves.is_separable:
+        return _sum_of(
+            waves.along_u.extremes(u[0], u[1], EXTREMES_ERROR / 2.0),
+            waves.along_v.extremes(v[0], v[1], EXTREMES_ERROR / 2.0),
+        )
+    if waves._common_direction is not None:
+        return waves._extremes_parallel(clipped_rectangle(u, v, keep), waves._common_direction)
+    bounds = (waves.bound(2, 0), waves.bound(1, 1), waves.bound(0, 2))
+    error = EXTREMES_SHARE * waves.amplitude_sum
+    return search_rectangle(waves, bounds, u, v, error, keep)
+
+
+def _sum_of(first: Extremes, second: Extremes) -> Extremes:
+    return Extremes(
+        first.low + second.low,
+        first.high + second.high,
+        first.at_low + second.at_low,
+        first.at_high + second.at_high,
+        first.error + second.error,
+    )
+
+
+def _mean_sine(s0: float, s1: float, s2: float) -> float:
+    """Mean of ``sin`` over a triangle on which the phase is linear with these values at the corners."""
+    low, mid, high = sorted((s0, s1, s2))
+    if high - low < 0.05:  # the divided difference would cancel: expand about the mean phase instead
+        centre = (low + mid + high) / 3.0
+        a, b, c = low - centre, mid - centre, high - centre
+        e2, e3 = a * b + b * c + c * a, a * b * c
+        even = 1.0 + e2 / 12.0 + e2 * e2 / 360.0
+        odd = -e3 / 60.0 - e2 * e3 / 1260.0
+        return math.sin(centre) * even + math.cos(centre) * odd
+
+    def first_difference(a: float, b: float) -> complex:
+        half, centre = (b - a) / 2.0, (a + b) / 2.0
+        return complex(math.cos(centre), math.sin(centre)) * float(np.sinc(half / math.pi))
+
+    difference = (first_difference(mid, high) - first_difference(low, mid)) / (1j * (high - low))
+    return 2.0 * difference.imag
+
+
+def _sine(wave: Wave) -> str:
+    """A wave without its amplitude: ``sin u``, ``sin(2u - v + 0.5)``."""
+    inner = _joined([(wave.f, "u"), (wave.g, "v"), (wave.phase, "")]) or "0"
+    return f"sin {inner}" if inner in ("u", "v") else f"sin({inner})"
+
+
+def _joined(terms: Sequence[tuple[float, str]]) -> str:
+    """A sum of multiples, those by 0 left out: ``2u - v + 0.5``."""
+    text = ""
+    for factor, what in terms:
+        if factor == 0.0:
+            continue
+        size = "" if what and abs(factor) == 1.0 else f"{abs(factor):g}"
+        gap = " " if size and len(what) > 1 else ""
+        sign = (" - " if factor < 0.0 else " + ") if text else ("-" if factor < 0.0 else "")
+        text += f"{sign}{size}{gap}{what}"
+    return text

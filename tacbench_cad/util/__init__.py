@@ -1,0 +1,1 @@
+"""What every part of the project uses: errors, files, settings, processes, optional packages."""

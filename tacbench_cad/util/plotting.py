@@ -1,0 +1,98 @@
+"""Drawing with matplotlib in a style of our own, whatever the user's settings say, to files without a date."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from tacbench_cad.util.errors import MissingToolError
+from tacbench_cad.util.files import replacing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox
+
+#: Colours that people with any colour vision tell apart (after Okabe and Ito).
+ORANGE, BLUE, GREEN, INK = "#d55e00", "#0072b2", "#009e73", "#222222"
+#: Dots per inch of a picture.
+DPI = 150
+_STYLE = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.linewidth": 0.7,
+    "axes.edgecolor": INK,
+    "axes.titlesize": 9.0,
+    "xtick.direction": "out",
+}
+#: What no file may hold: a date, or the names of the programs that wrote it.
+_METADATA: dict[str, dict[str, None]] = {
+    "png": {"Software": None},
+    "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
+    "svg": {"Date": None, "Creator": None},
+}
+#: Suffixes of the files that a figure can be written to.
+SUFFIXES = tuple(f".{kind}" for kind in _METADATA)
+
+
+@contextlib.contextmanager
+def only_style(what: str, style: Mapping[str, Any]) -> Iterator[None]:
+    """Draw with matplotlib's own defaults and these changes to them; afterwards all is as it was.
+
+    Args:
+        what: What is drawn, for the message where matplotlib is missing: ``pictures``.
+        style: Changes to matplotlib's defaults.
+
+    Raises:
+        MissingToolError: matplotlib is not installed.
+    """
+    try:
+        import matplotlib
+    except ImportError:
+        raise MissingToolError(f'{what} need matplotlib: pip install "tacbench-cad[plot]"') from None
+    with matplotlib.rc_context({**matplotlib.rcParamsDefault, "backend": matplotlib.rcParams["backend"], **style}):
+        yield
+
+
+@contextlib.contextmanager
+def styled() -> Iterator[None]:
+    """Draw in the style of our pictures.
+
+    Raises:
+        MissingToolError: matplotlib is not installed.
+    """
+    with only_style("pictures", _STYLE):
+        yield
+
+
+def new_figure(inches: tuple[float, float], dpi: int = DPI, layout: Literal["constrained"] | None = None) -> Figure:
+    """A figure of its own, which no window knows of.
+
+    Args:
+        inches: Width and height.
+        dpi: Dots per inch of its files.
+        layout: matplotlib's layout engine; None where everything has its place.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=inches, dpi=dpi, facecolor="white", layout=layout)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save_figure(figure: Figure, path: Path, kind: str = "png", box: Bbox | None = None) -> None:
+    """Write a figure, whole or not at all, without a date.
+
+    Args:
+        figure: The figure, with its own dots per inch.
+        path: The file.
+        kind: ``png``, ``pdf`` or ``svg``.
+        box: What of the plane is written, in inches; None for the figure itself.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format=kind, bbox_inches=box, metadata=_METADATA[kind])

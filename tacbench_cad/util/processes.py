@@ -1,0 +1,219 @@
+"""Child processes that run slow work: CAD, and the blocks of a simulated study.
+
+The Open CASCADE kernel keeps Python's lock while it computes and takes seconds to import, so parts are built side by
+side in processes of their own, and the command itself never loads it. A child can be ended at any time, in the middle
+of a computation too, which is what makes an interruption quick. Children are plain ``python`` processes that speak
+pickles over their pipes: unlike ``multiprocessing`` they never import the caller's ``__main__`` again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any
+
+from tacbench_cad.util.errors import CheckFailedError, TacbenchError
+
+
+class RefusedError(TacbenchError):
+    """A :class:`~tacbench_cad.util.errors.TacbenchError` raised in a child, with its message and exit code."""
+
+    def __init__(self, message: str, exit_code: int) -> None:
+        self.exit_code = exit_code
+        super().__init__(message)
+
+
+def cpu_count() -> int:
+    """Processors that this process may use, or what ``PYTHON_CPU_COUNT`` says, which Python 3.13 and later obey too."""
+    told = os.environ.get("PYTHON_CPU_COUNT", "")
+    if told.isdecimal() and int(told):
+        return int(told)
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@dataclass(frozen=True, eq=False)
+class _Call:
+    """A call on its way to a child."""
+
+    module: str
+    function: str
+    arguments: tuple[Any, ...]
+    first_child: bool
+    future: Future[Any]
+
+
+class Workers:
+    """A set of child processes. Use it as a context manager: leaving it ends them, whatever they do.
+
+    Args:
+        count: Most children at a time; each starts when there is work for it.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count = max(1, count)
+        self._changed = threading.Condition()
+        self._calls: list[_Call] = []
+        self._threads: list[threading.Thread] = []
+        self._children: list[subprocess.Popen[bytes]] = []
+        self._closed = False
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the children, whatever they do. Can be called twice."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+            children = list(self._children)
+        for child in children:
+            child.kill()
+        for thread in self._threads:
+            thread.join()
+        for child in children:
+            child.wait()
+            for pipe in (child.stdin, child.stdout):
+                if pipe is not None:
+                    with contextlib.suppress(OSError):
+                        pipe.close()
+
+    def submit(self, function: Callable[..., Any], *arguments: Any, first_child: bool = False) -> Future[Any]:
+        """Run a module-level function in a child.
+
+        Args:
+            function: Found in the child by its module and name.
+            arguments: Anything that pickles, as must the result.
+            first_child: Only the first child may take it, before any other call: for work that needs what only that
+                one has imported.
+
+        Returns:
+            A future, which can be cancelled until a child takes it. Its exception is a :class:`RefusedError` for a
+            message meant for the user, the ``OSError`` that the function raised, or a ``CheckFailedError`` where the
+            child was lost.
+        """
+        future: Future[Any] = Future()
+        with self._changed:
+            self._calls.append(_Call(function.__module__, function.__name__, arguments, first_child, future))
+            if len(self._threads) < self._count:
+                number = len(self._threads)
+                thread = threading.Thread(target=self._attend, args=(number,), name=f"tacbench-{number}", daemon=True)
+                self._threads.append(thread)
+                thread.start()
+            self._changed.notify_all()
+        return future
+
+    def _attend(self, number: int) -> None:
+        """What a thread does: hand one call after another to its own child."""
+        child: subprocess.Popen[bytes] | None = None
+        while True:
+            call = self._next(number)
+            if call is None:
+                return
+            if not call.future.set_running_or_notify_cancel():
+                continue
+            try:
+                child = child or self._start()
+                call.future.set_result(self._ask(child, call))
+            except BaseException as error:
+                if child is not None and child.poll() is not None:
+                    child = None
+                call.future.set_exception(error)
+
+    def _next(self, number: int) -> _Call | None:
+        """The next call for a thread; waits for one. None when all is over."""
+
+        def mine() -> _Call | None:
+            own = [call for call in self._calls if number == 0 or not call.first_child]
+            return min(own, key=lambda call: not call.first_child, default=None)
+
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or mine() is not None)
+            call = None if self._closed else mine()
+            if call is not None:
+                self._calls.remove(call)
+            return call
+
+    def _ask(self, child: subprocess.Popen[bytes], call: _Call) -> Any:
+        assert child.stdin is not None and child.stdout is not None, "both are pipes"
+        try:
+            pickle.dump((call.module, call.function, call.arguments), child.stdin)
+            child.stdin.flush()
+            outcome, value = pickle.load(child.stdout)
+        except (EOFError, BrokenPipeError, pickle.UnpicklingError):
+            code = child.wait()
+            how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
+            hint = "; was the memory full?" if code == -int(getattr(signal, "SIGKILL", 9)) else ""
+            raise CheckFailedError(f"the process at work on {call.function} {how}{hint}") from None
+        if outcome == "done":
+            return value
+        if outcome == "refused":
+            raise RefusedError(*value)
+        if outcome == "os":
+            raise value
+        raise RuntimeError(f"in a child process:\n{value}")
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        # The child gets exactly our module path: -P keeps a stray numpy.py of the current folder out of it.
+        code = f"import sys; sys.path[:] = {sys.path!r}; from tacbench_cad.util.processes import serve; serve()"
+        with self._changed:
+            if self._closed:
+                raise EOFError
+            child = subprocess.Popen([sys.executable, "-P", "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+            self._children.append(child)
+        return child
+
+
+def serve() -> None:
+    """What a child does: read a call, run it, write its outcome, until the pipe closes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interruption is the parent's to handle: it ends us
+    answers = os.fdopen(os.dup(1), "wb")
+    # The kernel prints to the standard output at will; that must reach neither our answers nor the user's JSON.
+    quiet = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(quiet, 1)
+    while True:
+        try:
+            module, name, arguments = pickle.load(sys.stdin.buffer)
+        except EOFError:
+            return
+        try:
+            outcome = ("done", getattr(importlib.import_module(module), name)(*arguments))
+        except TacbenchError as error:
+            outcome = ("refused", (str(error), error.exit_code))
+        except OSError as error:
+            outcome = ("os", error)
+        except Exception:
+            outcome = ("failed", traceback.format_exc())
+        pickle.dump(outcome, answers, protocol=pickle.HIGHEST_PROTOCOL)
+        answers.flush()
+
+
+def why_not_importable(modules: tuple[str, ...]) -> str | None:
+    """Import modules, to find out whether that works here; meant to be run in a child.
+
+    Returns:
+        The reason why one of them cannot be imported, or None.
+    """
+    for name in modules:
+        try:
+            importlib.import_module(name)
+        except ImportError as error:
+            return f"{name}: {' '.join(str(error).split())}"
+    return None

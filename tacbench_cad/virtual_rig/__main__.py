@@ -1,0 +1,88 @@
+"""The virtual rig as a program, for anyone who wants to try a host of their own against it."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from dataclasses import fields
+
+from tacbench_cad.util.errors import TacbenchError
+from tacbench_cad.virtual_rig.faults import KINDS as FAULTS
+from tacbench_cad.virtual_rig.faults import Fault, settings_of
+from tacbench_cad.virtual_rig.server import Server, serve_launcher
+from tacbench_cad.virtual_rig.setup import KINDS, Setup
+
+
+def main() -> int:
+    """Parse the command line and serve.
+
+    Returns:
+        The exit code.
+    """
+    parser = argparse.ArgumentParser(
+        prog="python -m tacbench_cad.virtual_rig",
+        description="Simulated stage firmware and load cell on pseudo-terminals or TCP ports. No hardware is involved.",
+        epilog="Example: %(prog)s grbl --speed 10 --fault 'drop at_s=30 count=3 direction=in'",
+    )
+    parser.add_argument("kind", nargs="?", choices=KINDS, default="grbl", help="which firmware (grbl)")
+    parser.add_argument("--speed", type=float, default=1.0, help="times faster than real time (1)")
+    parser.add_argument("--seed", type=int, default=0, help="of everything left to chance (0)")
+    parser.add_argument("--tcp", action="store_true", help="TCP ports instead of pseudo-terminals")
+    parser.add_argument("--no-reset-on-open", action="store_true", help="opening the port does not reset the board")
+    parser.add_argument("--check-baud", action="store_true", help="a host at another speed gets garbage (Linux)")
+    parser.add_argument(
+        "--flat", nargs=2, type=float, metavar=("Z_MM", "N_PER_MM"), help="a flat spring under the carriage"
+    )
+    parser.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="'KIND KEY=VALUE ...'",
+        help=f"kinds: {', '.join(FAULTS)}; keys: {', '.join(one.name for one in fields(Fault)[1:])}",
+    )
+    for name, of in (("--option", "the firmware, as emergency_parser=1"), ("--gauge", "the load cell, as newtons=1")):
+        parser.add_argument(name, action="append", default=[], metavar="KEY=VALUE", help=f"a setting of {of}")
+    parser.add_argument("--launched", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    # The end of the process by a signal goes through the same cleaning up.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    # An interruption of the terminal goes to a whole group of processes; the launcher decides when its rig ends.
+    signal.signal(signal.SIGINT, signal.SIG_IGN if options.launched else signal.default_int_handler)
+    if options.launched:
+        serve_launcher()
+        return 0
+    try:
+        setup = Setup(
+            kind=options.kind,
+            speed=options.speed,
+            seed=options.seed,
+            tcp=options.tcp,
+            resets_on_open=not options.no_reset_on_open,
+            check_baud=options.check_baud,
+            stimulus=None if options.flat is None else {"flat_z_mm": options.flat[0], "n_per_mm": options.flat[1]},
+            faults=tuple(Fault.parse(one) for one in options.fault),
+            firmware=settings_of(options.option),
+            gauge=settings_of(options.gauge),
+        )
+        server = Server(setup)
+    except TacbenchError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    print(
+        f"SIMULATED {options.kind} stage on {server.stage.name}\n"
+        f"SIMULATED load cell on {server.gauge.name}\nCtrl-C ends it.",
+        file=sys.stderr,
+        flush=True,
+    )
+    try:
+        server.run(None, lambda answer: None)
+    except KeyboardInterrupt:
+        return 130
+    finally:
+        server.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

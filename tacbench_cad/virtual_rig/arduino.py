@@ -1,0 +1,130 @@
+"""The paper's own stage firmware (an Arduino sketch), as far as its protocol is known.
+
+Known: 921600 baud; lines of ASCII ended by a line feed; ``RESET``, ``CALIB``, ``ZERO``, ``MOVE,x,y,z,step``,
+``CENTRE`` and ``SHOW``; a reply ends with a line that holds ``done``; units are motor steps. Our reading of the rest:
+x, y, z are steps from the zero, ``step`` is the pause between two steps in microseconds, ``SHOW`` gives the three
+counters, ``RESET`` leaves a closed end stop before it looks for it, ``CALIB`` is ``RESET`` and then ``CENTRE``. As in a
+plain sketch, it reads nothing while it moves, checks nothing, takes a missing number for 0, passes over what it does
+not know, and cannot be stopped but by its reset.
+"""
+
+from __future__ import annotations
+
+import re
+
+from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.virtual_rig.base import Firmware, Program
+from tacbench_cad.virtual_rig.machine import Carriage
+
+_LINE_SIGNS = 200
+_PEAK_MM_S = 40.0
+_HOME_MM_S = 20.0
+_ACCELERATION_MM_S2 = 400.0
+#: Way off a closed end stop before homing: more than an axis can go behind it.
+_BACK_OFF_MM = 5.0
+_MOST_STEPS = 2**31 - 1
+
+
+class Arduino(Firmware):
+    """The authors' firmware.
+
+    Args:
+        carriage: What it moves; ``RESET`` sets the counters to 0 at the end stops, z at the top.
+        boot_s: Seconds from a reset until it listens. It says nothing then.
+    """
+
+    baud = 921600
+    rx_bytes = 64
+
+    def __init__(self, carriage: Carriage, *, boot_s: float = 1.0) -> None:
+        super().__init__(carriage, boot_s=boot_s)
+
+    @property
+    def reported(self) -> Point:
+        """The counters, in mm."""
+        return self.carriage.counted(self.now_s)
+
+    def alarm(self, now_s: float) -> None:
+        """It hangs: nothing but the reset wakes it."""
+        self.advance(now_s)
+        self.carriage.halt(self.now_s)
+        self._listening = False
+        self._run(iter(()))
+
+    def _forget(self) -> None:
+        self._homing: int | None = None
+
+    def _end_stop(self, axis: int) -> None:
+        if axis == self._homing:
+            self.carriage.halt(self.now_s)
+
+    def _main(self) -> Program:
+        line = ""
+        while True:
+            yield lambda: bool(self._rx)
+            sign = chr(self._rx.pop(0))
+            if sign != "\n":
+                line += sign if len(line) < _LINE_SIGNS else ""
+                continue
+            command, line = line.strip(), ""
+            yield from self._do(command)
+
+    def _do(self, command: str) -> Program:
+        word, *rest = command.split(",")
+        if word == "RESET":
+            yield from self._home()
+        elif word == "CALIB":
+            yield from self._home()
+            yield from self._centre()
+        elif word == "ZERO":
+            self.carriage.count_as((0.0, 0.0, 0.0))
+        elif word == "MOVE":
+            numbers = [_whole(one) for one in [*rest, "", "", "", ""][:4]]
+            yield from self._move(numbers[:3], numbers[3])
+        elif word == "CENTRE":
+            yield from self._centre()
+        elif word == "SHOW":
+            x, y, z = self._steps()
+            self._send(f"{x},{y},{z}\n")
+        else:
+            return
+        self._send("done\n")
+
+    def _steps(self) -> list[int]:
+        counted = self.carriage.counted(self.now_s)
+        return [round(value * axis.steps_per_mm) for value, axis in zip(counted, self.carriage.axes, strict=True)]
+
+    def _move(self, steps: list[int], pause_us: int) -> Program:
+        x, y, z = (count / axis.steps_per_mm for count, axis in zip(steps, self.carriage.axes, strict=True))
+        per_mm = min(axis.steps_per_mm for axis in self.carriage.axes)
+        speed = min(_PEAK_MM_S, 1e6 / (max(1, pause_us) * per_mm))
+        self.carriage.go((x, y, z), speed, _ACCELERATION_MM_S2, self.now_s)
+        yield self._at_rest
+
+    def _centre(self) -> Program:
+        x, y, _ = ((axis.low_mm + axis.high_mm) / 2.0 * axis.steps_per_mm for axis in self.carriage.axes)
+        yield from self._move([round(x), round(y), self._steps()[2]], 1)
+
+    def _home(self) -> Program:
+        for i in (2, 0, 1):
+            axis = self.carriage.axes[i]
+            self._homing = i
+            # Off the end stop first: a carriage that was driven past it would else have its zero there.
+            away = [-_BACK_OFF_MM] if i in self.carriage.pressed(self.now_s) else []
+            for by_mm in (*away, 1.5 * axis.travel_mm):
+                target = list(self.carriage.counted(self.now_s))
+                target[i] += by_mm * axis.home
+                self.carriage.go((target[0], target[1], target[2]), _HOME_MM_S, _ACCELERATION_MM_S2, self.now_s)
+                yield self._at_rest
+        self._homing = None
+        self.carriage.count_as((0.0, 0.0, 0.0))
+
+    def _at_rest(self) -> bool:
+        return not self.carriage.moving
+
+
+def _whole(text: str) -> int:
+    """The whole number at the start of a text, 0 without one, within 32 bits."""
+    found = re.match(r"\s*(-?\d{1,12})", text, re.ASCII)
+    number = int(found.group(1)) if found else 0
+    return max(-_MOST_STEPS, min(_MOST_STEPS, number))

@@ -1,0 +1,192 @@
+"""A board: a firmware at the end of a serial line that has a speed, and on which faults happen."""
+
+from __future__ import annotations
+
+import random
+from collections import deque
+from collections.abc import Iterable
+
+from tacbench_cad.virtual_rig.base import OUTPUT_BYTES, Firmware
+from tacbench_cad.virtual_rig.faults import BYTE_KINDS, Fault, Spoiler
+
+#: The host's own send buffer; beyond it the host's writing blocks.
+SEND_BYTES = 4096
+_BITS_PER_BYTE = 10
+
+
+class Board:
+    """Carries bytes to and from a firmware, each at the instant at which a serial line would deliver it.
+
+    Args:
+        firmware: What runs on it.
+        seed: Of the faults' chance.
+        faults: Faults that happen at their time.
+
+    Attributes:
+        plugged: Whether the cable is in.
+        host_baud: Symbols per second that the host has set; another than the firmware's garbles everything. None where
+            it is not known.
+        now_s: Rig time.
+    """
+
+    def __init__(self, firmware: Firmware, *, seed: int = 0, faults: Iterable[Fault] = ()) -> None:
+        self.firmware = firmware
+        self.plugged = True
+        self.host_baud: int | None = None
+        self.now_s = 0.0
+        self._random = random.Random(seed)
+        self._spoiler = Spoiler(self._random)
+        self._in: deque[tuple[float, int]] = deque()
+        self._out: deque[tuple[float, bytes]] = deque()
+        self._out_bytes = 0
+        self._out_free_s = 0.0
+        self._received = 0
+        self._waiting: list[Fault] = list(faults)
+        self._ends: list[tuple[float, Fault]] = []
+
+    @property
+    def room(self) -> int:
+        """How many more bytes the host can write before its writing blocks."""
+        return max(0, SEND_BYTES - len(self._in))
+
+    def write(self, data: bytes, now_s: float) -> None:
+        """The host writes; what exceeds :attr:`room` is lost."""
+        self.advance(now_s)
+        if not self.plugged:
+            return
+        per_byte = _BITS_PER_BYTE / self.firmware.baud
+        arrival = max(now_s, self._in[-1][0] if self._in else 0.0)
+        for byte in data[: self.room]:
+            arrival += per_byte
+            self._in.append((arrival, byte))
+
+    def read(self, now_s: float) -> bytes:
+        """What has reached the host by now."""
+        self.advance(now_s)
+        found = bytearray()
+        while self._out and self._out[0][0] <= now_s:
+            found += self._out.popleft()[1]
+        self._out_bytes -= len(found)
+        return bytes(found)
+
+    def inject(self, fault: Fault, now_s: float) -> None:
+        """Give it another fault."""
+        self.advance(now_s)
+        if fault.at_s is None and fault.after_bytes is None:
+            self._begin(fault)
+        else:
+            self._waiting.append(fault)
+
+    def opened(self, *, resets: bool, now_s: float) -> None:
+        """The host opens the port: what was on its way is gone, and the board may be reset by it."""
+        self.advance(now_s)
+        self._in.clear()
+        self._drop_output()
+        if resets:
+            self.firmware.power_up(now_s)
+
+    def next_event_s(self) -> float | None:
+        """When something will happen by itself."""
+        times = [fault.at_s for fault in self._waiting if fault.at_s is not None]
+        times += [when for when, _ in self._ends]
+        if self._in:
+            times.append(self._in[0][0])
+        if self._out:
+            times.append(self._out[0][0])
+        firmware = self.firmware.next_event_s()
+        return min([*times, *([] if firmware is None else [firmware])], default=None)
+
+    def advance(self, now_s: float) -> None:
+        """Let time pass: deliver, run, fail, in the order of time."""
+        while True:
+            pending = self._in[0][0] if self._in else None
+            times = [one for one in (pending, self.firmware.next_event_s(), self._fault_s()) if one is not None]
+            when = min(times, default=None)
+            if when is None or when > now_s:
+                break
+            self.now_s = max(self.now_s, when)
+            self._change_faults()
+            if self._in and self._in[0][0] <= when:
+                self._deliver(self._in.popleft()[1])
+                self._change_faults()
+            else:
+                self.firmware.advance(self.now_s)
+            self._collect()
+        self.now_s = max(self.now_s, now_s)
+        self._change_faults()
+        self.firmware.advance(self.now_s)
+        self._collect()
+
+    def _deliver(self, byte: int) -> None:
+        self._received += 1
+        data = self._spoiler.spoil(self._at_baud(bytes((byte,))), "in", self.now_s)
+        self.firmware.receive(data, self.now_s)
+
+    def _collect(self) -> None:
+        data = self.firmware.take()
+        if not data or not self.plugged:
+            return
+        data = self._spoiler.spoil(self._at_baud(data), "out", self.now_s)
+        data = data[: max(0, OUTPUT_BYTES - self._out_bytes)]
+        self._out_free_s = max(self.now_s, self._out_free_s) + len(data) * _BITS_PER_BYTE / self.firmware.baud
+        self._out.append((self._out_free_s, data))
+        self._out_bytes += len(data)
+
+    def _at_baud(self, data: bytes) -> bytes:
+        """What a receiver at another speed makes of the bytes."""
+        if self.host_baud is None or self.host_baud == self.firmware.baud:
+            return data
+        return bytes(byte ^ self._random.randint(1, 255) for byte in data)
+
+    def _drop_output(self) -> None:
+        self._out.clear()
+        self._out_bytes = 0
+        self._out_free_s = 0.0
+
+    # Faults
+
+    def _fault_s(self) -> float | None:
+        times = [fault.at_s for fault in self._waiting if fault.at_s is not None]
+        return min([*times, *(when for when, _ in self._ends)], default=None)
+
+    def _change_faults(self) -> None:
+        for when, fault in [one for one in self._ends if one[0] <= self.now_s]:
+            self._ends.remove((when, fault))
+            self._end(fault)
+        for fault in [one for one in self._waiting if self._is_due(one)]:
+            self._waiting.remove(fault)
+            self._begin(fault)
+
+    def _is_due(self, fault: Fault) -> bool:
+        if fault.after_bytes is not None:
+            return self._received >= fault.after_bytes
+        return fault.at_s is None or self.now_s >= fault.at_s
+
+    def _begin(self, fault: Fault) -> None:
+        self.firmware.advance(self.now_s)
+        self._collect()
+        carriage, axis = self.firmware.carriage, "xyz".index(fault.axis)
+        if fault.kind in BYTE_KINDS:
+            self._spoiler.add(fault, self.now_s)
+            return
+        if fault.kind == "reset":
+            self.firmware.power_up(self.now_s)
+        elif fault.kind == "alarm":
+            self.firmware.alarm(self.now_s)
+        elif fault.kind == "slip":
+            carriage.slip(axis, fault.mm, self.now_s)
+        elif fault.kind == "stall":
+            carriage.turn_only(axis, 0.0, self.now_s)
+        elif fault.kind == "unplug":
+            self.plugged = False
+            self._in.clear()
+            self._drop_output()
+        if fault.seconds is not None:
+            self._ends.append((self.now_s + fault.seconds, fault))
+        self._collect()
+
+    def _end(self, fault: Fault) -> None:
+        if fault.kind == "stall":
+            self.firmware.carriage.turn_only("xyz".index(fault.axis), 1.0, self.now_s)
+        elif fault.kind == "unplug":
+            self.plugged = True

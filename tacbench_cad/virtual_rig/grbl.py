@@ -1,0 +1,195 @@
+"""GRBL 1.1h as a state machine, with the traits that hosts stumble over.
+
+What is not here: arcs, probing, check and sleep modes, overrides of feed and spindle (their bytes are taken and do
+nothing). Motion stops between lines: there is no look-ahead over corners.
+"""
+
+from __future__ import annotations
+
+from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.virtual_rig.base import Program
+from tacbench_cad.virtual_rig.grbl_core import PLANNER_LINES, GrblCore
+from tacbench_cad.virtual_rig.grbl_gcode import Block, GcodeError, parse
+from tacbench_cad.virtual_rig.machine import Stroke
+
+
+class Grbl(GrblCore):
+    """GRBL 1.1h. The arguments are those of its base class."""
+
+    def _execute(self, line: str, too_long: bool) -> Program:
+        try:
+            if too_long:
+                raise GcodeError(11)
+            if line.startswith("$"):
+                yield from self._system(line)
+            elif line:
+                if self.state in ("Alarm", "Jog"):
+                    raise GcodeError(9)
+                yield from self._gcode(parse(line, self.modal))
+        except GcodeError as error:
+            self._send(f"error:{error.code}\r\n")
+        else:
+            self._send("ok\r\n")
+
+    def _system(self, line: str) -> Program:
+        if line.startswith("$J"):
+            if self.state not in ("Idle", "Jog"):
+                raise GcodeError(8)
+            if not line.startswith("$J="):
+                raise GcodeError(3)
+            yield from self._jog(parse(line[3:], self.modal, jog=True))
+        elif line == "$":
+            self._send("[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]\r\n")
+        elif line == "$G":
+            self._send(self.modal.report() + "\r\n")
+        elif self.state not in ("Idle", "Alarm"):
+            raise GcodeError(8)
+        elif line == "$$":
+            self._send(self.settings.listed())
+        elif line == "$#":
+            self._send(self.settings.parameters(self._shift))
+        elif line == "$I":
+            self._send(f"{self.dialect.version}\r\n{self.dialect.options}\r\n")
+        elif line == "$X":
+            if self.state == "Alarm":
+                self._send("[MSG:Caution: Unlocked]\r\n")
+                self.state = "Idle"
+        elif line == "$H":
+            if not self.settings[22]:
+                raise GcodeError(5)
+            yield from self._home()
+        else:
+            self.settings.store(line)
+
+    # Lines of G-code
+
+    def _gcode(self, block: Block) -> Program:
+        if block.action == "move":
+            target = self._target(block)
+            if self.settings[20] and not self._within(target):
+                yield from self._soft_limit()
+                return
+            self.modal = block.modal
+            yield from self._move(target, None if block.rapid else block.modal.feed_mm_min, "Run")
+            return
+        self.modal = block.modal
+        if block.action in ("dwell", "offset", "pause", "end"):
+            yield self._at_rest
+        if block.action == "dwell":
+            yield block.values["P"]
+        elif block.action == "offset":
+            self._offset(block)
+        elif block.action == "clear":
+            self._shift = (0.0, 0.0, 0.0)
+        elif block.action == "pause":
+            self._feed_hold()
+        elif block.action == "end":
+            self._send("[MSG:Pgm End]\r\n")
+
+    def _jog(self, block: Block) -> Program:
+        target = self._target(block)
+        if self.settings[20] and not self._within(target):
+            raise GcodeError(15)
+        yield from self._move(target, block.modal.feed_mm_min, "Jog")
+
+    def _move(self, target: Point, feed_mm_min: float | None, state: str) -> Program:
+        yield lambda: self.carriage.queued + len(self._held) < PLANNER_LINES
+        start, self._position = self._position, target
+        along = [abs(b - a) for a, b in zip(start, target, strict=True)]
+        length = sum(one * one for one in along) ** 0.5
+        if length == 0.0:
+            return
+        shares = [(i, one / length) for i, one in enumerate(along) if one > 0.0]
+        speed = min(self.settings[110 + i] / share for i, share in shares) / 60.0
+        if feed_mm_min is not None:
+            speed = min(speed, feed_mm_min / 60.0)
+        acceleration = min(self.settings[120 + i] / share for i, share in shares)
+        if self.state == "Hold":
+            last = self._held[-1].end if self._held else self.carriage.planned
+            self._held.append(
+                Stroke(start=last, end=target, peak_mm_s=speed, acceleration_mm_s2=acceleration, begin_s=self.now_s)
+            )
+        elif self.carriage.go(target, speed, acceleration, self.now_s):
+            self.state = state
+            self._idle_s = None
+
+    def _soft_limit(self) -> Program:
+        """A line beyond the limits: come to rest, then ALARM:2."""
+        if self.state == "Run":
+            self.state = "Hold"
+            self._hold_strokes()
+        yield lambda: not self.carriage.moving
+        yield from self._critical(2)
+
+    def _target(self, block: Block) -> Point:
+        offset = self.settings.offsets[block.modal.system_index]
+        target = list(self._position)
+        for i, value in block.axes.items():
+            if block.machine:
+                target[i] = value
+            elif block.modal.distance == "G91":
+                target[i] += value
+            else:
+                target[i] = value + offset[i] + self._shift[i]
+        return (target[0], target[1], target[2])
+
+    def _within(self, target: Point) -> bool:
+        # Compared in steps, as a target at the very limit is inside.
+        return all(
+            axis.stepped(axis.low_mm) <= axis.stepped(value) <= axis.stepped(axis.high_mm)
+            for axis, value in zip(self.carriage.axes, target, strict=True)
+        )
+
+    def _offset(self, block: Block) -> None:
+        index = int(block.values.get("P", 0.0)) - 1
+        index = block.modal.system_index if index < 0 else index
+        base = self._shift if "G92" in block.values else self.settings.offsets[index]
+        other = self.settings.offsets[index] if "G92" in block.values else self._shift
+        made = list(base)
+        for i, value in block.axes.items():
+            made[i] = value if block.values.get("L") == 2.0 else self._position[i] - other[i] - value
+        point = (made[0], made[1], made[2])
+        if "G92" in block.values:
+            self._shift = point
+        else:
+            self.settings.offsets[index] = point
+
+    def _at_rest(self) -> bool:
+        return not self.carriage.moving and not self._held and self.state != "Hold"
+
+    # Homing
+
+    def _home(self) -> Program:
+        self.state, self._deaf = "Home", True
+        for i in (2, 0, 1):
+            axis = self.carriage.axes[i]
+            self._homing = i
+            pull_off, seek, slow = self.settings[27], self.settings[25] / 60.0, self.settings[24] / 60.0
+            for reach, speed in ((1.5 * axis.travel_mm, seek), (5.0 * pull_off, slow)):
+                if i not in self.carriage.pressed(self.now_s):
+                    self._shove(i, reach * axis.home, speed)
+                    yield lambda: not self.carriage.moving
+                    if i not in self.carriage.pressed(self.now_s):
+                        self._abort(9)
+                        yield lambda: False
+                yield self.settings[26] / 1000.0
+                self._shove(i, -pull_off * axis.home, speed)
+                yield lambda: not self.carriage.moving
+                if i in self.carriage.pressed(self.now_s):
+                    self._abort(8)
+                    yield lambda: False
+            made = list(self.carriage.counted(self.now_s))
+            made[i] = axis.stepped(axis.switch_at_mm - pull_off * axis.home)
+            self.carriage.count_as((made[0], made[1], made[2]))
+        self._homing = None
+        self._position = self.carriage.counted(self.now_s)
+        if self._status_s is not None:
+            self._report()
+        self._deaf = False
+        self.state = "Idle"
+
+    def _shove(self, axis: int, by_mm: float, speed_mm_s: float) -> None:
+        target = list(self.carriage.counted(self.now_s))
+        target[axis] += by_mm
+        speed = min(speed_mm_s, self.settings[110 + axis] / 60.0)
+        self.carriage.go((target[0], target[1], target[2]), speed, self.settings[120 + axis], self.now_s)

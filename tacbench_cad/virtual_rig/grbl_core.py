@@ -1,0 +1,282 @@
+"""What GRBL does beside its lines: real-time bytes, holds, alarms, resets, status reports."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+
+from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.virtual_rig.base import Firmware, Program
+from tacbench_cad.virtual_rig.grbl_gcode import Modal
+from tacbench_cad.virtual_rig.grbl_memory import Dialect, Memory, triple
+from tacbench_cad.virtual_rig.machine import Carriage, Stroke
+
+#: Lines that the planner holds, and signs that a line may have.
+PLANNER_LINES = 15
+_LINE_SIGNS = 79
+#: The step generator works so far ahead: the reported speed is that of a moment later, and Idle comes late.
+_AHEAD_S = 0.05
+_TAIL_S = 0.01
+#: Time to parse a line.
+_LINE_S = 0.001
+
+
+class GrblCore(Firmware):
+    """GRBL without an understanding of its lines.
+
+    Args:
+        carriage: What it moves; its axes tell the machine frame, with the origin set at the homing switches' side
+            (``[OPT:VZ``: compiled with HOMING_FORCE_SET_ORIGIN).
+        settings: ``$`` settings that differ from :data:`tacbench_cad.virtual_rig.grbl_memory.SETTINGS`.
+        boot_s: Seconds from a reset to the banner.
+        dialect: GRBL itself, or a descendant.
+    """
+
+    baud = 115200
+
+    def __init__(
+        self,
+        carriage: Carriage,
+        *,
+        settings: Mapping[int, float] | None = None,
+        boot_s: float = 1.2,
+        dialect: Dialect | None = None,
+    ) -> None:
+        self.dialect = dialect or Dialect()
+        self.settings = Memory(carriage.axes, settings or {})
+        self._fresh = bool(self.dialect.fresh_memory)
+        super().__init__(carriage, boot_s=boot_s)
+
+    # What others see
+
+    @property
+    def reported(self) -> Point:
+        """Machine position as the status report has it."""
+        return self.carriage.counted(self.now_s)
+
+    def alarm(self, now_s: float) -> None:
+        """An end stop closes (touched, or a wire that picks up noise): ALARM:1. Not while it boots."""
+        self.advance(now_s)
+        if self._listening:
+            self._run(self._critical(1))
+            self._pump()
+
+    # Memory
+
+    def _forget(self) -> None:
+        self.state = "Alarm" if self.settings[22] else "Idle"
+        self._forget_line()
+        self._since_report = {"WCO": 0, "Ov": 1}
+
+    def _forget_line(self) -> None:
+        """What every reset, soft or hard, puts back."""
+        self.modal = Modal()
+        self._shift: Point = (0.0, 0.0, 0.0)
+        self._held: list[Stroke] = []
+        self._deaf = False
+        self._in_line = False
+        self._critical_alarm = False
+        self._status_s: float | None = None
+        self._idle_s: float | None = None
+        self._position = self.carriage.counted(self.now_s)
+        self._homing: int | None = None
+        self._rx.clear()
+
+    # The receive interrupt
+
+    def _arrived(self, byte: int) -> None:
+        if byte == 0x18:
+            self._soft_reset()
+        elif byte == ord("?"):
+            # In an alarm that waits for a reset, questions are taken and never answered.
+            lost = self._critical_alarm and not self.dialect.status_in_alarm
+            if self._status_s is None and not lost:
+                self._status_s = self.now_s + self.dialect.status_s
+        elif byte == ord("!"):
+            self._feed_hold()
+        elif byte == ord("~"):
+            self._cycle_start()
+        elif byte == 0x85:
+            if self.state == "Jog":
+                self._cancel_jog()
+        elif byte < 0x80:
+            super()._arrived(byte)
+
+    def _soft_reset(self) -> None:
+        if self._critical_alarm:
+            if not self._deaf:
+                self._run(self._restart(late_ok=self._in_line, pause_s=0.0))
+        elif self._homing is not None:
+            self._abort(6)
+        elif self._deaf:
+            return
+        elif self.carriage.moving or self.state in ("Run", "Jog"):
+            if self.dialect.abort_alarm:
+                self._abort(3)
+            else:
+                self.carriage.halt(self.now_s)
+                self._run(self._restart(late_ok=False, pause_s=0.0))
+        else:
+            self._run(self._restart(late_ok=False, pause_s=0.0))
+
+    def _abort(self, code: int) -> None:
+        """Kill the steppers, say so, and start anew; a line that was waiting still gets its ``ok``."""
+        self.carriage.halt(self.now_s)
+        self.state = "Alarm"
+        self._send(f"ALARM:{code}\r\n")
+        self._run(self._restart(late_ok=self._in_line, pause_s=self.dialect.alarm_pause_s))
+
+    def _feed_hold(self) -> None:
+        if self.state == "Jog":
+            self._cancel_jog()
+        elif self.state in ("Idle", "Run"):
+            self.state = "Hold"
+            self._hold_strokes()
+
+    def _hold_strokes(self) -> None:
+        self._held = self.carriage.slow_down(self.now_s)
+
+    def _cycle_start(self) -> None:
+        if self.state != "Hold" or self.carriage.moving:
+            return
+        held, self._held = self._held, []
+        for stroke in held:
+            self.carriage.go(stroke.end, stroke.peak_mm_s, stroke.acceleration_mm_s2, self.now_s)
+        self.state = "Run" if self.carriage.moving else "Idle"
+
+    def _cancel_jog(self) -> None:
+        self.carriage.slow_down(self.now_s)
+        self._position = self.carriage.planned
+        if not self.carriage.moving:
+            self._stopped()
+
+    # Events
+
+    def _timer_s(self) -> float | None:
+        status = None if self._deaf else self._status_s
+        times = [one for one in (status, self._idle_s) if one is not None]
+        return min(times, default=None)
+
+    def _timers(self) -> None:
+        if self._idle_s is not None and self.now_s >= self._idle_s:
+            self._idle_s = None
+            if self.state in ("Run", "Jog") and not self.carriage.moving:
+                self.state = "Idle"
+        if self._status_s is not None and self.now_s >= self._status_s and not self._deaf:
+            self._report()
+
+    def _stopped(self) -> None:
+        if self.state in ("Run", "Jog"):
+            self._idle_s = self.now_s + _TAIL_S
+
+    def _end_stop(self, axis: int) -> None:
+        if self._homing is not None:
+            if axis == self._homing:
+                self.carriage.halt(self.now_s)
+        elif self.settings[21]:
+            self._run(self._critical(1))
+
+    # The programs
+
+    def _main(self) -> Program:
+        if self._fresh:
+            self._fresh = False
+            self._send(self.dialect.fresh_memory + "\r\n")
+        yield from self._loop()
+
+    def _restart(self, *, late_ok: bool, pause_s: float) -> Program:
+        self._deaf = True
+        yield pause_s
+        if late_ok:
+            self._send("ok\r\n")
+        if self.state not in ("Alarm", "Home"):
+            self.state = "Idle"
+        self._forget_line()
+        yield 0.002
+        yield from self._loop()
+
+    def _critical(self, code: int) -> Program:
+        """ALARM:1 or 2: everything stands still until Ctrl-X."""
+        self.carriage.halt(self.now_s)
+        self.state = "Alarm"
+        self._critical_alarm = self._deaf = True
+        self._send(f"ALARM:{code}\r\n")
+        yield self.dialect.alarm_pause_s
+        self._send("[MSG:Reset to continue]\r\n")
+        self._status_s = None
+        self._deaf = False
+        yield lambda: False
+
+    def _loop(self) -> Program:
+        self._send(f"\r\n{self.dialect.banner}\r\n")
+        if self.settings[21] and self.carriage.pressed(self.now_s):
+            self.state = "Alarm"
+            self._send("[MSG:Check Limits]\r\n")
+        if self.state == "Alarm":
+            self._send("[MSG:'$H'|'$X' to unlock]\r\n")
+        line, too_long, comment = "", False, ""
+        while True:
+            yield lambda: bool(self._rx)
+            sign = chr(self._rx.pop(0))
+            if sign in "\r\n":
+                self._in_line = True
+                yield _LINE_S
+                yield from self._execute(line, too_long)
+                self._in_line = False
+                line, too_long, comment = "", False, ""
+            elif comment:
+                comment = "" if comment == "(" and sign == ")" else comment
+            elif sign in "(;":
+                comment = sign
+            elif sign > " " and sign != "/":
+                too_long = too_long or len(line) >= _LINE_SIGNS
+                line += sign.upper() if not too_long else ""
+
+    @abstractmethod
+    def _execute(self, line: str, too_long: bool) -> Program:
+        """Obey a line and answer it.
+
+        Args:
+            line: Without blanks and comments, upper case.
+            too_long: It was longer than GRBL can hold.
+        """
+
+    # Status
+
+    def _report(self) -> None:
+        self._status_s = None
+        state = self.state
+        if state == "Hold":
+            state = "Hold:1" if self.carriage.moving else "Hold:0"
+        offset = self.settings.offsets[self.modal.system_index]
+        work: Point = tuple(a + b for a, b in zip(offset, self._shift, strict=True))  # type: ignore[assignment]
+        position = self.reported
+        fields = [state]
+        if int(self.settings[10]) & 1:
+            fields.append(f"MPos:{triple(position)}")
+        else:
+            shown: Point = tuple(a - b for a, b in zip(position, work, strict=True))  # type: ignore[assignment]
+            fields.append(f"WPos:{triple(shown)}")
+        if int(self.settings[10]) & 2 or self.dialect.buffer_field:
+            room = PLANNER_LINES - self.carriage.queued - len(self._held)
+            fields.append(f"Bf:{max(0, room)},{self.rx_bytes - len(self._rx)}")
+        fields.append(f"FS:{self.carriage.speed_mm_s(self.now_s + _AHEAD_S) * 60.0:.0f},0")
+        closed = "".join("XYZ"[i] for i in self.carriage.pressed(self.now_s))
+        if closed:
+            fields.append(f"Pn:{closed}")
+        fields += self._now_and_then(work)
+        self._send(f"<{'|'.join(fields)}{self.dialect.more_fields}>\r\n")
+
+    def _now_and_then(self, work: Point) -> list[str]:
+        """Fields that come every tenth report (every thirtieth in motion), offsets first, then overrides."""
+        fields: list[str] = []
+        for name, text in (("WCO", f"WCO:{triple(work)}"), ("Ov", "Ov:100,100,100")):
+            if self._since_report[name] > 0:
+                self._since_report[name] -= 1
+                continue
+            if name == "Ov" and fields:
+                self._since_report[name] = 1
+                continue
+            self._since_report[name] = 29 if self.state in ("Run", "Hold", "Jog", "Home") else 9
+            fields.append(text)
+        return fields

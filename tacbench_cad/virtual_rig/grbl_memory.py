@@ -1,0 +1,109 @@
+"""What GRBL keeps in its permanent memory, and how its descendants differ from it on the wire."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.virtual_rig.grbl_gcode import GcodeError
+from tacbench_cad.virtual_rig.machine import Axis
+
+#: Settings in the order of ``$$``. The flags 20, 21 and 22 are on: a stage for pressing is set up so.
+SETTINGS: Mapping[int, float] = {
+    0: 10, 1: 25, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0, 10: 1, 11: 0.010, 12: 0.002, 13: 0, 20: 1, 21: 1, 22: 1, 23: 3,
+    24: 100, 25: 1500, 26: 250, 27: 1, 30: 1000, 31: 0, 32: 0, 100: 400, 101: 400, 102: 1600, 110: 3000, 111: 3000,
+    112: 900, 120: 200, 121: 200, 122: 100, 130: 200, 131: 200, 132: 100,
+}  # fmt: skip
+_WHOLE = (0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dialect:
+    """Where GRBL and its descendants differ on the wire."""
+
+    #: What is said after a reset.
+    banner: str = "Grbl 1.1h ['$' for help]"
+    #: First line of the answer to ``$I``.
+    version: str = "[VER:1.1h.20190830:SIMULATED]"
+    #: Its second line.
+    options: str = "[OPT:VZ,15,128]"
+    #: A fresh memory says so before the banner.
+    fresh_memory: str = ""
+    #: Whether the status is answered while an alarm waits for a reset.
+    status_in_alarm: bool = False
+    #: An alarm's message is followed by so long a pause, in which nothing is read.
+    alarm_pause_s: float = 0.5
+    #: Whether a reset in motion locks with ALARM:3.
+    abort_alarm: bool = True
+    #: Fields at the end of each status report.
+    more_fields: str = ""
+    #: Whether a status report says how much room the buffers have.
+    buffer_field: bool = False
+    #: From the question mark to the report; another one within it is the same one.
+    status_s: float = 0.0005
+
+
+class Memory:
+    """Settings and work offsets.
+
+    Args:
+        axes: Their steps and travel fill settings 100 to 102 and 130 to 132.
+        changed: Settings that differ from :data:`SETTINGS`.
+    """
+
+    def __init__(self, axes: Sequence[Axis], changed: Mapping[int, float]) -> None:
+        self._settings: dict[int, float] = {**SETTINGS, **changed}
+        for i, axis in enumerate(axes):
+            self._settings[100 + i], self._settings[130 + i] = axis.steps_per_mm, axis.travel_mm
+        self.offsets: list[Point] = [(0.0, 0.0, 0.0)] * 6
+
+    def __getitem__(self, number: int) -> float:
+        return self._settings[number]
+
+    def store(self, line: str) -> None:
+        """Obey ``$20=1``.
+
+        Raises:
+            GcodeError: GRBL would refuse it.
+        """
+        name, equals, value = line[1:].partition("=")
+        if not (equals and name.isascii() and name.isdigit()):
+            raise GcodeError(3)
+        try:
+            number = float(value)
+        except ValueError:
+            raise GcodeError(2) from None
+        if not 0.0 <= number <= 1e7:
+            raise GcodeError(4)
+        if int(name) not in self._settings:
+            raise GcodeError(3)
+        if int(name) == 20 and number and not self._settings[22]:
+            raise GcodeError(10)
+        self._settings[int(name)] = number
+        if int(name) == 22 and not number:
+            self._settings[20] = 0
+
+    def listed(self) -> str:
+        """The answer to ``$$``."""
+        lines = []
+        for number, value in self._settings.items():
+            shown = f"{value:.0f}" if number in _WHOLE else f"{value:.3f}"
+            lines.append(f"${number}={shown}\r\n")
+        return "".join(lines)
+
+    def parameters(self, shift: Point) -> str:
+        """The answer to ``$#``.
+
+        Args:
+            shift: The offset of G92, which is not kept.
+        """
+        zero = triple((0.0, 0.0, 0.0))
+        lines = [f"[G{54 + index}:{triple(offset)}]" for index, offset in enumerate(self.offsets)]
+        lines += [f"[G28:{zero}]", f"[G30:{zero}]", f"[G92:{triple(shift)}]", "[TLO:0.000]", f"[PRB:{zero}:0]"]
+        return "".join(f"{line}\r\n" for line in lines)
+
+
+def triple(point: Point) -> str:
+    """A point as reports have it, without a sign before zero."""
+    return ",".join(f"{value + 0.0:.3f}" for value in point)

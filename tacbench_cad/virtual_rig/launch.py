@@ -1,0 +1,161 @@
+"""Starts a virtual rig as a process of its own and speaks with it beside the ports."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from tacbench_cad.lab.rig.errors import DeviceLostError
+from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.virtual_rig.faults import Fault
+from tacbench_cad.virtual_rig.setup import Setup
+
+_MODULE = "tacbench_cad.virtual_rig"
+
+
+class VirtualRig(Closing):
+    """A running virtual rig. It ends with :meth:`close`, and by itself when this process dies.
+
+    Attributes:
+        port: The stage's port: a path, or ``socket://...``.
+        gauge_port: The load cell's.
+        setup: What was launched.
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        self.setup = setup
+        self._lock = threading.Lock()
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", _MODULE, "--launched"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        try:
+            ports = self._ask(setup.as_dict())
+        except BaseException:
+            self.close()
+            raise
+        self.port = str(ports["port"])
+        self.gauge_port = str(ports["gauge_port"])
+
+    def inject(self, fault: Fault) -> None:
+        """Give it a fault, now or at the fault's time.
+
+        Raises:
+            DeviceLostError: The process is gone.
+        """
+        self._ask({"do": "inject", "fault": fault.as_dict()})
+
+    def put(self, stimulus: Mapping[str, Any] | None) -> None:
+        """Put something else under the carriage; None for nothing."""
+        self._ask({"do": "put", "stimulus": stimulus})
+
+    def true_position(self) -> Point:
+        """Where the carriage truly is, in mm of the frame that the firmware has after homing."""
+        x, y, z = self._ask({"do": "look"})["true_mm"]
+        return (x, y, z)
+
+    def reported_position(self) -> Point:
+        """Where the firmware believes the carriage to be, in mm."""
+        x, y, z = self._ask({"do": "look"})["reported_mm"]
+        return (x, y, z)
+
+    def force_n(self) -> float:
+        """The true force on the load cell, without noise."""
+        return float(self._ask({"do": "look"})["force_n"])
+
+    def now_s(self) -> float:
+        """Its rig time."""
+        return float(self._ask({"do": "look"})["now_s"])
+
+    @property
+    def process_id(self) -> int:
+        """Of the process."""
+        return self._process.pid
+
+    def close(self) -> None:
+        """End the process. Never raises; a second call does nothing."""
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None:
+                with contextlib.suppress(OSError):
+                    stream.close()
+        try:
+            self._process.wait(timeout=2.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _ask(self, order: Mapping[str, Any]) -> dict[str, Any]:
+        stdin, stdout = self._process.stdin, self._process.stdout
+        line = ""
+        if stdin is not None and stdout is not None:
+            with self._lock, contextlib.suppress(OSError, ValueError):
+                print(json.dumps(order), file=stdin, flush=True)
+                line = stdout.readline()
+        if not line:
+            raise DeviceLostError("the virtual rig's process has ended")
+        answer: dict[str, Any] = json.loads(line)
+        if "error" in answer:
+            raise InputError("virtual rig", None, str(answer["error"]))
+        return answer
+
+
+def launch(
+    kind: str,
+    *,
+    speed: float = 1.0,
+    seed: int = 0,
+    faults: Iterable[Fault | Mapping[str, Any] | str] = (),
+    tcp: bool = False,
+    stimulus: Mapping[str, Any] | None = None,
+    resets_on_open: bool = True,
+    check_baud: bool = False,
+    start_mm: Point | None = None,
+    gauge: Mapping[str, Any] | None = None,
+    **firmware: Any,
+) -> VirtualRig:
+    """Start a virtual rig. Use it in a ``with`` statement.
+
+    Args:
+        kind: Which firmware: ``grbl``, ``grblhal``, ``marlin`` or ``arduino``.
+        speed: How many times faster than real time it runs.
+        seed: Of everything that is left to chance.
+        faults: Faults that happen at their time; also as plain values or texts, as a configuration file has them.
+        tcp: TCP ports instead of pseudo-terminals.
+        stimulus: What lies under the carriage, see :func:`tacbench_cad.virtual_rig.loadcell.stimulus_from`.
+        resets_on_open: Whether opening the port resets the board, as on most Arduino boards.
+        check_baud: Whether a host that set another speed gets garbage (pseudo-terminals of Linux only).
+        start_mm: Where the carriage truly stands at the start, in the frame after homing; None for the default.
+        gauge: Keyword arguments of :class:`~tacbench_cad.virtual_rig.loadcell.CellSettings`.
+        **firmware: Keyword arguments of the firmware: ``settings`` of ``grbl``, ``emergency_parser`` of ``marlin``.
+
+    Raises:
+        InputError: An argument is wrong.
+        DeviceLostError: The process ended at once.
+    """
+    return VirtualRig(
+        Setup(
+            kind=kind,
+            speed=speed,
+            seed=seed,
+            faults=tuple(_fault(one) for one in faults),
+            tcp=tcp,
+            stimulus=stimulus,
+            resets_on_open=resets_on_open,
+            check_baud=check_baud,
+            start_mm=start_mm,
+            gauge=gauge or {},
+            firmware=firmware,
+        )
+    )
+
+
+def _fault(one: Fault | Mapping[str, Any] | str) -> Fault:
+    if isinstance(one, Fault):
+        return one
+    return Fault.parse(one) if isinstance(one, str) else Fault.from_dict(one)

@@ -1,0 +1,182 @@
+"""Marlin 2.1 as a state machine, with the traits that hosts stumble over.
+
+What is not here: arcs, heaters (``M105`` answers room temperature), bed levelling, inches. Motion stops between
+lines: there is no look-ahead over corners. Homing goes to the upper end of z first, as builds with ``Z_HOME_DIR 1``
+do, since a sensor must not be homed into a block.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.virtual_rig.base import Program
+from tacbench_cad.virtual_rig.gcode import words
+from tacbench_cad.virtual_rig.marlin_core import VERSION, MarlinCore
+
+#: Strokes that the planner holds.
+_PLANNER_STROKES = 15
+#: Highest speeds, accelerations and speeds of homing by axis, in mm and s.
+_PEAK: Point = (100.0, 100.0, 10.0)
+_ACCELERATION: Point = (500.0, 500.0, 100.0)
+_HOME: Point = (50.0, 50.0, 8.0)
+_BUMP_MM = 5.0
+#: Of the extruder, which is not there: Marlin's own defaults.
+_EXTRUDER_STEPS_PER_MM = 500.0
+_EXTRUDER_MM_S = 25.0
+#: Commands that are accepted and change nothing here.
+_IGNORED = (
+    *("G17", "G94", "M17", "M18", "M82", "M83", "M84", "M104", "M106", "M107"),
+    *("M113", "M140", "M155", "M220", "M420"),
+)
+
+
+class Marlin(MarlinCore):
+    """Marlin 2.1.2.7. The arguments are those of its base class."""
+
+    def _do(self, line: str) -> Program:
+        found = words(line.upper().replace(" ", ""), flags=True) or []
+        if not found or found[0].letter not in "GM" or found[0].value is None:
+            self._unknown(line)
+            return
+        name = f"{found[0].letter}{found[0].value:g}"
+        values = {word.letter: word.value for word in found[1:]}
+        if name in ("G0", "G1"):
+            yield from self._move(values)
+        elif name == "G4":
+            yield self._at_rest
+            yield max(0.0, (values.get("P") or 0.0) / 1000.0 + (values.get("S") or 0.0))
+        elif name == "G28":
+            yield from self._home([i for i, letter in enumerate("XYZ") if letter in values] or [0, 1, 2])
+        elif name in ("G90", "G91"):
+            self._absolute = name == "G90"
+        elif name == "G92":
+            self._set_position(values)
+        elif name == "M400":
+            yield self._at_rest
+        elif name == "M114":
+            yield from self._where("R" in values)
+        elif name == "M115":
+            self._identify()
+        elif name == "M92" and not values:
+            self._axes_as("M92", [axis.steps_per_mm for axis in self.carriage.axes], _EXTRUDER_STEPS_PER_MM)
+        elif name == "M203" and not values:
+            self._axes_as("M203", _PEAK, _EXTRUDER_MM_S)
+        elif name == "M119":
+            self._end_stops()
+        elif name == "M154":
+            # A whole number of seconds that fits a byte.
+            self._auto_every_s = float(min(255, int(max(0.0, values.get("S") or 0.0))))
+            self._auto_s = self.now_s + self._auto_every_s if self._auto_every_s > 0.0 else None
+        elif name == "M105":
+            self._send(" T:20.00 /0.00 @:0\n")
+        elif name not in (*_IGNORED, "M110", "M410", "M108"):
+            self._unknown(line)
+
+    def _unknown(self, line: str) -> None:
+        self._send(f'echo:Unknown command: "{line}"\n')
+
+    # Motion
+
+    def _move(self, values: dict[str, float | None]) -> Program:
+        feed = values.get("F")
+        if feed is not None and feed > 0.0:
+            self._feed_mm_s = feed / 60.0
+        target = list(self._planned)
+        for i, letter in enumerate("XYZ"):
+            value = values.get(letter)
+            if value is None:
+                continue
+            target[i] = value if self._absolute else target[i] + value
+            if self._homed[i]:
+                axis, shift = self.carriage.axes[i], self._shift[i]
+                # Soft end stops clamp without a word, and only on axes that are homed.
+                target[i] = min(axis.high_mm - shift, max(axis.low_mm - shift, target[i]))
+        yield lambda: self.carriage.queued < _PLANNER_STROKES
+        self._go((target[0], target[1], target[2]), self._feed_mm_s)
+
+    def _go(self, target: Point, speed_mm_s: float) -> None:
+        along = [abs(b - a) for a, b in zip(self._planned, target, strict=True)]
+        length = sum(one * one for one in along) ** 0.5
+        self._planned = target
+        if length == 0.0:
+            return
+        shares = [(i, one / length) for i, one in enumerate(along) if one > 0.0]
+        speed = min(speed_mm_s, *(_PEAK[i] / share for i, share in shares))
+        acceleration = min(_ACCELERATION[i] / share for i, share in shares)
+        self.carriage.go(self._native(target), speed, acceleration, self.now_s)
+
+    def _set_position(self, values: dict[str, float | None]) -> None:
+        native = self._native(self._planned)
+        planned = list(self._planned)
+        for i, letter in enumerate("XYZ"):
+            value = values.get(letter)
+            if value is not None:
+                planned[i] = value
+        self._planned = (planned[0], planned[1], planned[2])
+        x, y, z = (a - b for a, b in zip(native, self._planned, strict=True))
+        self._shift = (x, y, z)
+
+    def _home(self, axes: list[int]) -> Program:
+        yield self._at_rest
+        for i in sorted(axes, key=(2, 0, 1).index):
+            axis, speed = self.carriage.axes[i], _HOME[i]
+            self._homing = i
+            for reach, share in ((1.5 * axis.travel_mm, 1.0), (2.0 * _BUMP_MM, 0.25)):
+                if i not in self.carriage.pressed(self.now_s):
+                    self._shove(i, reach * axis.home, speed * share)
+                    yield self._at_rest
+                    if i not in self.carriage.pressed(self.now_s):
+                        self._send("echo:Homing Failed\n")
+                        self._kill()
+                        yield lambda: False
+                if share == 1.0:
+                    self._shove(i, -_BUMP_MM * axis.home, speed)
+                    yield self._at_rest
+            made = list(self.carriage.counted(self.now_s))
+            made[i] = axis.stepped(axis.switch_at_mm)
+            self.carriage.count_as((made[0], made[1], made[2]))
+            self._homed[i] = True
+            shift = list(self._shift)
+            shift[i] = 0.0
+            self._shift = (shift[0], shift[1], shift[2])
+        self._homing = None
+        self._planned = self._logical(self.carriage.counted(self.now_s))
+        self._report()
+
+    def _shove(self, axis: int, by_mm: float, speed_mm_s: float) -> None:
+        target = list(self.carriage.counted(self.now_s))
+        target[axis] += by_mm
+        acceleration = _ACCELERATION[axis]
+        self.carriage.go((target[0], target[1], target[2]), speed_mm_s, acceleration, self.now_s)
+
+    # Reports
+
+    def _where(self, realtime: bool) -> Program:
+        if realtime and self.m114_realtime:
+            self._report(self.carriage.counted(self.now_s))
+        else:
+            # Without the compile option the letter is passed over.
+            self._report()
+        yield 0.0
+
+    def _identify(self) -> None:
+        self._send(
+            f"FIRMWARE_NAME:Marlin {VERSION} (Jan  1 2026 00:00:00) SOURCE_CODE_URL:github.com/MarlinFirmware/Marlin"
+            " PROTOCOLVERSION:1.0 MACHINE_TYPE:SIMULATED EXTRUDER_COUNT:1"
+            " UUID:cede2a2f-41a2-4748-9b12-c55c62f367ff\n"
+            "Cap:SERIAL_XON_XOFF:0\nCap:BINARY_FILE_TRANSFER:0\nCap:EEPROM:0\nCap:AUTOREPORT_POS:1\n"
+            f"Cap:EMERGENCY_PARSER:{int(self.emergency_parser)}\nCap:HOST_ACTION_COMMANDS:0\n"
+        )
+
+    def _axes_as(self, name: str, axes: Sequence[float], extruder: float) -> None:
+        """A setting with a number for each axis, in the layout of Marlin 2.1 (2.0 puts ``echo:`` in front)."""
+        x, y, z = axes
+        self._send(f"  {name} X{x:.2f} Y{y:.2f} Z{z:.2f} E{extruder:.2f}\n")
+
+    def _end_stops(self) -> None:
+        pressed = self.carriage.pressed(self.now_s)
+        self._send("Reporting endstop status\n")
+        for i, axis in enumerate(self.carriage.axes):
+            end = "max" if axis.home > 0 else "min"
+            self._send(f"{'xyz'[i]}_{end}: {'TRIGGERED' if i in pressed else 'open'}\n")

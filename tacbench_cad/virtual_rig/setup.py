@@ -1,0 +1,138 @@
+"""Which virtual rig is wanted, as one value that a launcher can hand to the process."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import random
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.util.errors import InputError, nearest, one_of
+from tacbench_cad.virtual_rig.arduino import Arduino
+from tacbench_cad.virtual_rig.base import Firmware
+from tacbench_cad.virtual_rig.board import Board
+from tacbench_cad.virtual_rig.faults import Fault
+from tacbench_cad.virtual_rig.grbl import Grbl
+from tacbench_cad.virtual_rig.grblhal import GrblHal
+from tacbench_cad.virtual_rig.loadcell import CellSettings
+from tacbench_cad.virtual_rig.machine import Axis, Carriage
+from tacbench_cad.virtual_rig.marlin import Marlin
+
+#: The firmware that there is.
+KINDS = ("grbl", "grblhal", "marlin", "arduino")
+#: Where the carriage stands when the power comes on, in the frame after homing, unless told.
+_START_MM = {
+    "grbl": (60.0, 45.0, -20.0),
+    "grblhal": (60.0, 45.0, -20.0),
+    "marlin": (60.0, 45.0, 80.0),
+    "arduino": (60.0, 45.0, -20.0),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setup:
+    """A virtual rig.
+
+    Frames after homing, all with z upwards and its end stop at the top: ``grbl`` and ``grblhal`` x and y 0 to 200,
+    z -100 to 0 mm, homed at (0, 0, 0); ``marlin`` x and y 0 to 200, z 0 to 100 mm, homed at (0, 0, 100); ``arduino`` as
+    ``grbl``, in steps (400 a millimetre on each axis). The simulated end stops close between two steps, so the
+    reported position may differ from the true one by a step.
+
+    Args:
+        kind: Which firmware: ``grbl``, ``grblhal``, ``marlin`` or ``arduino``.
+        speed: How many times faster than real time it runs.
+        seed: Of everything that is left to chance.
+        faults: Faults that happen at their time.
+        tcp: TCP ports instead of pseudo-terminals.
+        resets_on_open: Whether opening the port resets the board, as on most Arduino boards.
+        check_baud: Whether a host that set another speed gets garbage (pseudo-terminals of Linux only).
+        start_mm: Where the carriage truly stands at the start, in the frame after homing; None for the default.
+        stimulus: What lies under the carriage, see :func:`tacbench_cad.virtual_rig.loadcell.stimulus_from`.
+        gauge: Keyword arguments of :class:`~tacbench_cad.virtual_rig.loadcell.CellSettings`.
+        firmware: Keyword arguments of the firmware: ``settings`` of ``grbl``, ``emergency_parser`` of ``marlin``.
+    """
+
+    kind: str
+    speed: float = 1.0
+    seed: int = 0
+    faults: tuple[Fault, ...] = ()
+    tcp: bool = False
+    resets_on_open: bool = True
+    check_baud: bool = False
+    start_mm: Point | None = None
+    stimulus: Mapping[str, Any] | None = None
+    gauge: Mapping[str, Any] = field(default_factory=dict)
+    firmware: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        one_of("kind", self.kind, KINDS)
+        if not (math.isfinite(self.speed) and 0.01 <= self.speed <= 1000.0):
+            raise InputError("speed", self.speed, "must be from 0.01 to 1000")
+        allowed = {one.name for one in fields(CellSettings)}
+        for key in self.gauge:
+            if key not in allowed:
+                raise InputError("gauge", key, nearest(key, allowed))
+
+    @property
+    def cell(self) -> CellSettings:
+        """The load cell's settings."""
+        return CellSettings(**self.gauge)
+
+    def board(self) -> Board:
+        """The board, with its firmware, carriage and faults; the load cell's faults are not its own."""
+        start = self.start_mm or _START_MM[self.kind]
+        random_ = random.Random(self.seed)
+        faults = [one for one in self.faults if not one.of_gauge]
+        return Board(_firmware(self.kind, start, random_, dict(self.firmware)), seed=self.seed + 1, faults=faults)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        values = {**asdict(self), "faults": [fault.as_dict() for fault in self.faults]}
+        values["firmware"] = {
+            name: sorted(value.items()) if isinstance(value, Mapping) else value
+            for name, value in self.firmware.items()
+        }
+        return values
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Setup:
+        """The setup again from plain values, also after JSON."""
+        made = dict(values)
+        made["faults"] = tuple(Fault.from_dict(one) for one in values.get("faults", ()))
+        if values.get("start_mm") is not None:
+            x, y, z = values["start_mm"]
+            made["start_mm"] = (x, y, z)
+        firmware = dict(values.get("firmware", {}))
+        if "settings" in firmware:
+            firmware["settings"] = {int(number): value for number, value in firmware["settings"]}
+        made["firmware"] = firmware
+        return cls(**made)
+
+
+def _firmware(kind: str, start: Point, random_: random.Random, options: dict[str, Any]) -> Firmware:
+    maker, axes = _MAKERS[kind]
+    allowed = list(inspect.signature(maker).parameters)[1:]
+    for key in options:
+        if key not in allowed:
+            raise InputError(f"option of {kind}", key, nearest(key, allowed))
+        if isinstance(options[key], str):
+            raise InputError(f"option {key} of {kind}", options[key], "must be a number")
+    return maker(Carriage(axes, start, random_), **options)
+
+
+def _axes(z_low_mm: float, z_high_mm: float, switch_mm: float, xy_steps: float, z_steps: float) -> tuple[Axis, ...]:
+    """Axes x and y from 0 to 200 mm with their end stops at 0, z with its end stop at the top."""
+    flat = Axis(low_mm=0.0, high_mm=200.0, home=-1, switch_mm=switch_mm, steps_per_mm=xy_steps)
+    return flat, flat, Axis(low_mm=z_low_mm, high_mm=z_high_mm, home=1, switch_mm=switch_mm, steps_per_mm=z_steps)
+
+
+#: GRBL's machine frame has z = 0 at the top; Marlin's has z = 100 there.
+_MAKERS: Mapping[str, tuple[Callable[..., Firmware], tuple[Axis, ...]]] = {
+    "grbl": (Grbl, _axes(-100.0, 0.0, 1.0, 400.0, 1600.0)),
+    "grblhal": (GrblHal, _axes(-100.0, 0.0, 1.0, 400.0, 1600.0)),
+    "marlin": (Marlin, _axes(0.0, 100.0, 0.0, 80.0, 400.0)),
+    "arduino": (Arduino, _axes(-100.0, 0.0, 0.0, 400.0, 400.0)),
+}

@@ -1,0 +1,235 @@
+"""How a host reaches a virtual device: a pseudo-terminal behind a link of a stable name, or a TCP port."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import select
+import socket
+import struct
+import sys
+from pathlib import Path
+from typing import Protocol
+
+from tacbench_cad.util.errors import MissingToolError
+
+#: Linux: read a terminal's settings with its speed as a plain number (struct termios2).
+_TCGETS2 = 0x802C542A
+
+
+class Endpoint(Protocol):
+    """One port of the virtual rig.
+
+    Attributes:
+        name: What a host opens.
+        opened: Whether a host has it open.
+    """
+
+    name: str
+    opened: bool
+
+    def watched(self) -> socket.socket | int | None:
+        """What to select on; None where nothing can be waited for and :meth:`look` must be called now and then."""
+        ...
+
+    def look(self) -> bool:
+        """Notice hosts that come and go; whether one has come since the last look."""
+        ...
+
+    def read(self, most: int) -> bytes:
+        """At most so many bytes that the host wrote; nothing if there are none."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Send; what a host does not fetch is lost."""
+        ...
+
+    def host_baud(self) -> int | None:
+        """The speed that the host set, if it can be known."""
+        ...
+
+    def unplug(self) -> None:
+        """The cable is pulled: the host's port dies."""
+        ...
+
+    def plug(self) -> None:
+        """The cable is put back: the same name can be opened again."""
+        ...
+
+    def close(self) -> None:
+        """Leave nothing behind."""
+        ...
+
+
+class Pty:
+    """A pseudo-terminal. A link of a stable name leads to it, as ``/dev/serial/by-id`` does.
+
+    Args:
+        link: Path of the link.
+
+    Raises:
+        MissingToolError: This system has no pseudo-terminals.
+    """
+
+    def __init__(self, link: Path) -> None:
+        self.name = str(link)
+        self.opened = False
+        self._link = link
+        self._master: int | None = None
+        self.plug()
+
+    def watched(self) -> int | None:
+        """See :class:`Endpoint`. A closed terminal reports a hang-up without end, so it is looked at instead."""
+        return self._master if self.opened else None
+
+    def look(self) -> bool:
+        """See :class:`Endpoint`."""
+        if self._master is None or self.opened:
+            return False
+        poll = select.poll()
+        poll.register(self._master, select.POLLIN)
+        events = poll.poll(0)
+        self.opened = not events or bool(events[0][1] & select.POLLIN)
+        return self.opened
+
+    def read(self, most: int) -> bytes:
+        """See :class:`Endpoint`."""
+        if self._master is None or most <= 0:
+            return b""
+        try:
+            data = os.read(self._master, most)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            if error.errno != errno.EIO:
+                raise
+            data = b""
+        # The last host closed it: an error on Linux, an end of file elsewhere.
+        self.opened = bool(data)
+        return data
+
+    def write(self, data: bytes) -> None:
+        """See :class:`Endpoint`."""
+        if self._master is not None and self.opened:
+            with contextlib.suppress(OSError):
+                os.write(self._master, data)
+
+    def host_baud(self) -> int | None:
+        """See :class:`Endpoint`."""
+        if self._master is None or not sys.platform.startswith("linux"):
+            return None
+        import fcntl
+
+        try:
+            raw = fcntl.ioctl(self._master, _TCGETS2, bytes(64))
+        except OSError:
+            return None
+        return int(struct.unpack_from("4I20B2I", raw)[-1])
+
+    def unplug(self) -> None:
+        """See :class:`Endpoint`."""
+        if self._master is not None:
+            os.close(self._master)
+            self._master = None
+        self._link.unlink(missing_ok=True)
+        self.opened = False
+
+    def plug(self) -> None:
+        """See :class:`Endpoint`."""
+        try:
+            import tty
+
+            self._master, slave = os.openpty()
+        except (ImportError, AttributeError) as error:
+            raise MissingToolError("this system has no pseudo-terminals; use --tcp") from error
+        tty.setraw(slave)
+        device = os.ttyname(slave)
+        # Kept closed here, so that a host's opening and closing can be seen.
+        os.close(slave)
+        os.set_blocking(self._master, False)
+        self._link.unlink(missing_ok=True)
+        self._link.symlink_to(device)
+
+    def close(self) -> None:
+        """See :class:`Endpoint`."""
+        self.unplug()
+
+
+class Tcp:
+    """A TCP port on this machine that serves one host at a time.
+
+    Args:
+        port: Number of the port; 0 takes a free one.
+    """
+
+    def __init__(self, port: int = 0) -> None:
+        self.opened = False
+        self._port = port
+        self._listener: socket.socket | None = None
+        self._host: socket.socket | None = None
+        self.plug()
+        self.name = f"socket://127.0.0.1:{self._port}"
+
+    def watched(self) -> socket.socket | None:
+        """See :class:`Endpoint`."""
+        return self._host if self._host is not None else self._listener
+
+    def look(self) -> bool:
+        """See :class:`Endpoint`."""
+        if self._listener is None or self._host is not None:
+            return False
+        try:
+            self._host, _ = self._listener.accept()
+        except BlockingIOError:
+            return False
+        self._host.setblocking(False)
+        self._host.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.opened = True
+        return True
+
+    def read(self, most: int) -> bytes:
+        """See :class:`Endpoint`."""
+        if self._host is None or most <= 0:
+            return b""
+        try:
+            data = self._host.recv(most)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self._hang_up()
+        return data
+
+    def write(self, data: bytes) -> None:
+        """See :class:`Endpoint`."""
+        if self._host is not None:
+            with contextlib.suppress(OSError):
+                self._host.send(data)
+
+    def host_baud(self) -> int | None:
+        """See :class:`Endpoint`."""
+        return None
+
+    def unplug(self) -> None:
+        """See :class:`Endpoint`."""
+        self._hang_up()
+        if self._listener is not None:
+            self._listener.close()
+            self._listener = None
+
+    def plug(self) -> None:
+        """See :class:`Endpoint`."""
+        self._listener = socket.create_server(("127.0.0.1", self._port))
+        self._listener.setblocking(False)
+        self._port = self._listener.getsockname()[1]
+
+    def close(self) -> None:
+        """See :class:`Endpoint`."""
+        self.unplug()
+
+    def _hang_up(self) -> None:
+        if self._host is not None:
+            self._host.close()
+        self._host, self.opened = None, False

@@ -1,0 +1,364 @@
+"""Files that are not what they should be: one clear message each, the right exit code, nothing lost."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.shapes import box_mesh, mesh_part, write_soup
+
+from tacbench_cad.checks.identify import examine
+from tacbench_cad.checks.verify import verify
+from tacbench_cad.formats import FORMATS, format_of
+from tacbench_cad.formats.step import read_step
+from tacbench_cad.formats.stl import read_stl
+from tacbench_cad.formats.threemf import read_3mf, write_3mf
+from tacbench_cad.geometry.block_part import block_part
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import CheckFailedError, InputError, TacbenchError
+from tacbench_cad.util.files import LOCK_NAME, TEMPORARY_PREFIX, locked, replacing, sha256
+
+READERS: dict[str, Callable[[Path], object]] = {"stl": read_stl, "3mf": read_3mf, "step": read_step}
+
+
+def _stl_bytes() -> bytes:
+    corners = box_mesh().corners.astype("<f4")
+    facets = np.zeros(12, dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
+    facets["v"] = corners
+    return b"x".ljust(80, b"\0") + np.uint32(12).tobytes() + facets.tobytes()
+
+
+def _with_count(count: int) -> bytes:
+    data = bytearray(_stl_bytes())
+    data[80:84] = np.uint32(count).tobytes()
+    return bytes(data)
+
+
+def _with_value(value: float) -> bytes:
+    data = bytearray(_stl_bytes())
+    data[84 + 12 : 84 + 16] = np.float32(value).tobytes()
+    return bytes(data)
+
+
+def _zip(entries: dict[str, bytes]) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as packed:
+        for name, content in entries.items():
+            packed.writestr(name, content)
+    return stream.getvalue()
+
+
+def _threemf(change: Callable[[bytes], bytes]) -> bytes:
+    """A 3MF of ours with its model changed."""
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        write_3mf(mesh_part(box_mesh()), Path(folder) / "a.3mf")
+        with zipfile.ZipFile(Path(folder) / "a.3mf") as packed:
+            entries = {name: packed.read(name) for name in packed.namelist()}
+    model = entries["3D/3dmodel.model"]
+    changed = change(model)
+    assert changed != model
+    return _zip({**entries, "3D/3dmodel.model": changed})
+
+
+STEP_HEAD = b"ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\nFILE_NAME('','',(''),(''),'','','');\n"
+STEP_SCHEMA = b"FILE_SCHEMA(('AUTOMOTIVE_DESIGN'));\nENDSEC;\n"
+STEP_END = b"END-ISO-10303-21;\n"
+ASCII_STL = b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+
+BAD: dict[str, tuple[str, Callable[[], bytes], str]] = {
+    "stl empty": ("stl", lambda: b"", "empty"),
+    "stl short": ("stl", lambda: b"short", "too short"),
+    "stl header only": ("stl", lambda: _stl_bytes()[:84], "promises 12 triangles, the file holds 0"),
+    "stl cut off": ("stl", lambda: _stl_bytes()[:-25], "promises 12 triangles, the file holds 11"),
+    "stl count too high": ("stl", lambda: _with_count(13), "promises 13 triangles, the file holds 12"),
+    "stl count too low": ("stl", lambda: _with_count(11), "not what an STL of 11 triangles has"),
+    "stl count absurd": ("stl", lambda: _with_count(2**32 - 1), "promises 4294967295"),
+    "stl zero facets": ("stl", lambda: b"x".ljust(80, b"\0") + b"\0\0\0\0", "no triangles"),
+    "stl NaN": ("stl", lambda: _with_value(float("nan")), "not a finite number"),
+    "stl infinite": ("stl", lambda: _with_value(float("-inf")), "not a finite number"),
+    "stl is a zip": ("stl", lambda: _zip({"a": b"b" * 200}), "zip or 3MF"),
+    "stl is a STEP": ("stl", lambda: STEP_HEAD, "a STEP file"),
+    "stl is text": ("stl", lambda: b"Dear reader,\n" * 30, "no STL"),
+    "stl is an image": ("stl", lambda: b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 3, "no STL"),
+    "ascii cut off": ("stl", lambda: ASCII_STL, "cut off"),
+    "ascii no facets": ("stl", lambda: b"solid a\nendsolid a\n", "no triangles"),
+    "ascii lost corner": ("stl", lambda: ASCII_STL.replace(b"vertex 1 0 0\n", b"") + b"endsolid", "2 corners"),
+    "ascii word": ("stl", lambda: ASCII_STL.replace(b"vertex 1", b"vertex one") + b"endsolid", "no number"),
+    "ascii NaN": ("stl", lambda: ASCII_STL.replace(b"vertex 1", b"vertex nan") + b"endsolid", "not a finite"),
+    "ascii too large": ("stl", lambda: ASCII_STL.replace(b"vertex 1", b"vertex 1e99") + b"endsolid", "not a finite"),
+    "3mf empty": ("3mf", lambda: b"", "empty"),
+    "3mf is an STL": ("3mf", _stl_bytes, "no 3MF"),
+    "3mf cut off": ("3mf", lambda: _threemf(lambda m: m + b" ")[:-40], "no 3MF"),
+    "3mf other zip": ("3mf", lambda: _zip({"mimetype": b"application/epub+zip"}), "no 3MF model"),
+    "3mf bomb": ("3mf", lambda: _zip({"3D/3dmodel.model": b" " * 30_000_000}), "no 3MF model packs like that"),
+    "3mf broken xml": ("3mf", lambda: _threemf(lambda m: m[: len(m) // 2]), "refuses"),
+    "3mf damaged": ("3mf", lambda: _threemf(lambda m: m + b" ").replace(b"PK\x03\x04", b"PK\x03\x05"), "3MF"),
+    "3mf no triangles": (
+        "3mf",
+        lambda: _threemf(lambda m: m[: m.index(b"<item")] + m[m.index(b"</build>") :]),
+        "no triangles",
+    ),
+    "3mf index out of range": ("3mf", lambda: _threemf(lambda m: m.replace(b'v1="0"', b'v1="99"', 1)), "refuses"),
+    "3mf NaN": ("3mf", lambda: _threemf(lambda m: m.replace(b'x="2"', b'x="nan"', 1)), "refuses|finite"),
+    "3mf infinite": ("3mf", lambda: _threemf(lambda m: m.replace(b'x="2"', b'x="1e60"', 1)), "refuses|finite"),
+    "3mf unknown element": (
+        "3mf",
+        lambda: _threemf(lambda m: m.replace(b"<build", b"<blob/><build", 1)),
+        "refuses|warns",
+    ),
+    "step empty": ("step", lambda: b"", "empty"),
+    "step is an STL": ("step", _stl_bytes, "no STEP file"),
+    "step cut off": ("step", lambda: STEP_HEAD + STEP_SCHEMA + b"DATA;\n#1 = CARTESIAN_POINT('',(0.,", "cut off"),
+    "step no shape": (
+        "step",
+        lambda: STEP_HEAD + STEP_SCHEMA + b"DATA;\nENDSEC;\nEND-ISO-10303-21;\n",
+        "no shape|cannot read",
+    ),
+    "step garbage within": ("step", lambda: STEP_HEAD + b"\xff\x00" * 500 + STEP_END, "STEP"),
+}
+
+
+def _need(form: str) -> None:
+    if FORMATS[form].why_missing() is not None:
+        pytest.skip(f"no {form} here")
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_file_is_refused_in_one_line(name: str, tmp_path: Path) -> None:
+    form, content, words = BAD[name]
+    _need(form)
+    path = tmp_path / f"a.{form}"
+    path.write_bytes(content())
+    with pytest.raises(CheckFailedError, match=words) as caught:
+        READERS[form](path)
+    assert caught.value.exit_code == 1
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_check_reports_it_instead_of_failing(name: str, tmp_path: Path) -> None:
+    form, content, _ = BAD[name]
+    _need(form)
+    path = tmp_path / f"a.{form}"
+    path.write_bytes(content())
+    for report in (examine(path), verify(mesh_part(box_mesh()), path)):
+        assert not report.ok
+        assert [check.name for check in report.checks] == ["file"]
+        assert report.size_mm is None
+
+
+@pytest.mark.parametrize("form", ["stl", "3mf", "step"])
+def test_no_file_and_a_folder_are_bad_input(form: str, tmp_path: Path) -> None:
+    _need(form)
+    (tmp_path / f"folder.{form}").mkdir()
+    for name, words in (("missing", "no such file"), ("folder", "is a folder")):
+        with pytest.raises(InputError, match=words) as caught:
+            examine(tmp_path / f"{name}.{form}")
+        assert caught.value.exit_code == 2
+
+
+def test_unknown_ending_is_bad_input(tmp_path: Path) -> None:
+    (tmp_path / "a.slt").write_bytes(_stl_bytes())
+    with pytest.raises(InputError, match=r"\.stl"):
+        format_of(tmp_path / "a.slt")
+    with pytest.raises(InputError, match="ending"):
+        examine(tmp_path / "a.slt")
+
+
+def test_step_with_two_solids_is_found(tmp_path: Path) -> None:
+    _need("step")
+    from OCP.BRep import BRep_Builder
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
+    from OCP.gp import gp_Pnt
+    from OCP.TopoDS import TopoDS_Compound
+
+    from tacbench_cad.formats.step import write_shape
+
+    both, builder = TopoDS_Compound(), BRep_Builder()
+    builder.MakeCompound(both)
+    builder.Add(both, BRepPrimAPI_MakeBox(1.0, 2.0, 3.0).Shape())
+    builder.Add(both, BRepPrimAPI_MakeBox(gp_Pnt(5.0, 0.0, 0.0), 1.0, 2.0, 3.0).Shape())
+    write_shape(both, "two", "Two boxes", tmp_path / "a.step")
+    report = examine(tmp_path / "a.step")
+    assert not report.ok
+    assert "2 solids" in next(check.detail for check in report.faults if check.name == "one solid")
+
+
+def test_step_of_a_face_alone_is_found(tmp_path: Path) -> None:
+    _need("step")
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
+    from OCP.gp import gp_Pln
+
+    from tacbench_cad.formats.step import write_shape
+
+    write_shape(BRepBuilderAPI_MakeFace(gp_Pln(), 0.0, 1.0, 0.0, 1.0).Face(), "face", "A face", tmp_path / "a.step")
+    assert "one solid" in {check.name for check in examine(tmp_path / "a.step").faults}
+
+
+# --- files are whole or not there ---------------------------------------------------------------------------------
+
+
+def test_replacing_keeps_the_old_file_when_anything_goes_wrong(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    for wrong in (RuntimeError, KeyboardInterrupt, SystemExit):
+        with pytest.raises(wrong), replacing(path) as temporary:
+            temporary.write_text("half")
+            raise wrong
+    assert path.read_text() == "old"
+    assert [one.name for one in tmp_path.iterdir()] == ["a.txt"]
+    with replacing(path) as temporary:
+        assert temporary.suffix == ".txt"
+        assert temporary.parent == tmp_path
+        temporary.write_text("new")
+        assert path.read_text() == "old"
+    assert path.read_text() == "new"
+    assert [one.name for one in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_replacing_refuses_what_cannot_be(tmp_path: Path) -> None:
+    (tmp_path / "a.stl").mkdir()
+    with pytest.raises(InputError, match="is a folder"), replacing(tmp_path / "a.stl"):
+        pass
+    with pytest.raises(InputError, match="does not exist"), replacing(tmp_path / "no" / "a.stl"):
+        pass
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="not a folder"), replacing(tmp_path / "file" / "a.stl"):
+        pass
+
+
+def _raise(code: int) -> None:
+    raise OSError(code, os.strerror(code))
+
+
+@pytest.mark.parametrize(
+    ("code", "words"), [(errno.ENOSPC, "full"), (errno.EACCES, "not writable"), (errno.EROFS, "cannot")]
+)
+def test_a_full_or_unwritable_folder_is_named(code: int, words: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=words) as caught, replacing(tmp_path / "a.stl"):
+        _raise(code)
+    assert str(tmp_path) in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+@pytest.mark.parametrize("form", ["stl", "3mf", "step"])
+def test_a_device_that_is_really_full(form: str, tmp_path: Path) -> None:
+    _need(form)
+    part = block_part(Block.of(2))
+    link = tmp_path / f"link.{form}"
+    link.symlink_to("/dev/full")
+    with pytest.raises(InputError, match="output folder"), replacing(tmp_path / f"a.{form}"):
+        FORMATS[form].write(part, link)
+    assert not (tmp_path / f"a.{form}").exists()
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_without_permission(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(InputError, match="not writable"), locked(tmp_path):
+        pass
+
+
+def test_locked_makes_the_folder_and_leaves_nothing(tmp_path: Path) -> None:
+    folder = tmp_path / "a" / "b"
+    with locked(folder):
+        (folder / "kept").write_text("")
+    assert [one.name for one in folder.iterdir()] == ["kept"]
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="not a folder"), locked(tmp_path / "file"):
+        pass
+
+
+def test_locked_takes_away_what_it_made_for_nothing(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    for name in ("there", "there/a/b", "new/c"):
+        with locked(tmp_path / name):
+            pass
+    assert [one.name for one in tmp_path.rglob("*")] == ["there"]
+
+
+_HOLD = """
+import sys, time
+from pathlib import Path
+from tacbench_cad.util.files import locked
+with locked(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_second_process_is_refused_and_a_killed_one_is_forgotten(tmp_path: Path) -> None:
+    holder = subprocess.Popen([sys.executable, "-c", _HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+    try:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "held\n"
+        with pytest.raises(InputError, match="another tacbench"), locked(tmp_path):
+            pass
+        (tmp_path / f"{TEMPORARY_PREFIX}1-a.stl").write_text("half")
+        holder.send_signal(signal.SIGKILL)
+        holder.wait(timeout=10)
+        assert (tmp_path / LOCK_NAME).exists()  # the file outlives a killed process, the lock on it does not
+        with locked(tmp_path):
+            assert not (tmp_path / f"{TEMPORARY_PREFIX}1-a.stl").exists()
+        assert list(tmp_path.iterdir()) == []
+    finally:
+        holder.kill()
+        holder.wait()
+
+
+def test_the_lock_is_one_even_while_it_is_handed_over(tmp_path: Path) -> None:
+    """Several processes take turns; never are two inside at once."""
+    script = """
+import os, sys, time
+from pathlib import Path
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.files import locked
+folder, inside, done = Path(sys.argv[1]), Path(sys.argv[2]), 0
+end = time.monotonic() + 30
+while done < 40 and time.monotonic() < end:
+    try:
+        with locked(folder):
+            os.close(os.open(inside, os.O_CREAT | os.O_EXCL))
+            os.unlink(inside)
+            done += 1
+    except InputError:
+        time.sleep(0.0002)
+sys.exit(0 if done == 40 else 3)
+"""
+    arguments = [sys.executable, "-c", script, str(tmp_path / "out"), str(tmp_path / "inside")]
+    running = [subprocess.Popen(arguments) for _ in range(3)]
+    assert [one.wait(timeout=60) for one in running] == [0, 0, 0]
+
+
+def test_sha256_is_the_standard_one(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"abc")
+    assert sha256(tmp_path / "a") == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+
+
+def test_infinite_coordinates_end_quickly(tmp_path: Path) -> None:
+    """manifold3d hangs on them, so they must be found before."""
+    corners = box_mesh().corners.copy()
+    corners[0, 0, 0] = np.inf
+    begun = time.monotonic()
+    report = examine(write_soup(tmp_path / "a.stl", corners))
+    assert not report.ok
+    assert time.monotonic() - begun < 60.0  # a hang, not a speed, is what this is about
+
+
+def test_all_our_errors_are_one_line() -> None:
+    assert issubclass(CheckFailedError, TacbenchError)
+    assert "\n" not in str(InputError("file", "a", "b"))

@@ -1,0 +1,350 @@
+"""``examine``: files of any origin are named, and so is each of their faults."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.shapes import box_mesh, changed, mesh_part, published, write_soup
+
+from tacbench_cad.checks.candidates import scale_of
+from tacbench_cad.checks.claim import claimed_block
+from tacbench_cad.checks.identify import examine
+from tacbench_cad.checks.report import Check, Report
+from tacbench_cad.formats import FORMATS
+from tacbench_cad.formats.threemf import write_plate
+from tacbench_cad.geometry.block_part import block_part
+from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.geometry.part import Part
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.util.errors import InputError
+
+
+@cache
+def _part(number: int = 2, preset: str = "paper", **more: Any) -> Part:
+    return block_part(Block.of(number, preset, **more))
+
+
+def _anonymous(mesh: Mesh, path: Path) -> Path:
+    """The mesh in a file that does not say what it is."""
+    return write_soup(path, mesh.corners)
+
+
+def _line(report: Report, name: str) -> Check:
+    return next(check for check in report.checks if check.name == name)
+
+
+def _faults(report: Report) -> set[str]:
+    return {check.name for check in report.faults}
+
+
+def _turn(mesh: Mesh, quarters: int, upside_down: bool = False) -> Mesh:
+    """Turned about z, and if asked then by half a turn about x, and moved away from the origin."""
+    c, s = round(np.cos(quarters * np.pi / 2)), round(np.sin(quarters * np.pi / 2))
+    about_z = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    about_x = np.diag([1.0, -1.0, -1.0]) if upside_down else np.eye(3)
+    return changed(mesh, lambda vertices: vertices @ (about_x @ about_z).T + [3.0, -100.0, 12.5])
+
+
+@pytest.mark.parametrize("number", range(1, 7))
+def test_names_each_texture_without_being_told(number: int, tmp_path: Path) -> None:
+    report = examine(_anonymous(_part(number).mesh[0], tmp_path / "a.stl"), full=False)
+    assert report.ok, report.faults
+    assert f"texture-{number}, preset paper, scale 1:" in _line(report, "relief").detail
+    assert report.deviation_mm is not None
+    assert 0.005 < report.deviation_mm <= 0.0101
+
+
+@pytest.mark.parametrize("scale", [0.5, 2.0, 0.33])
+def test_names_preset_and_scale(scale: float, tmp_path: Path) -> None:
+    part = block_part(Block.of(3, "released", scale=scale))
+    report = examine(_anonymous(part.mesh[0], tmp_path / "a.stl"), full=False)
+    assert report.ok, report.faults
+    assert f"texture-3, preset released on its sample grid, scale {scale:g}:" in _line(report, "relief").detail
+    assert report.deviation_mm is not None
+    assert report.deviation_mm < 5e-6
+
+
+def test_tells_formula_from_sample_grid(tmp_path: Path) -> None:
+    part = block_part(Block.of(4, sampling="grid"))
+    report = examine(_anonymous(part.mesh[0], tmp_path / "a.stl"), full=False)
+    assert report.ok, report.faults
+    assert "texture-4, preset paper on its sample grid" in _line(report, "relief").detail
+
+
+@pytest.mark.parametrize("quarters", range(4))
+@pytest.mark.parametrize("number", [2, 6])
+def test_origin_and_quarter_turns_do_not_matter(number: int, quarters: int, tmp_path: Path) -> None:
+    report = examine(_anonymous(_turn(_part(number).mesh[0], quarters), tmp_path / "a.stl"), full=False)
+    assert report.ok, report.faults
+    assert f"texture-{number}," in _line(report, "relief").detail
+    placement = _line(report, "placement").detail
+    assert "12.5 mm" in placement
+    assert ("turned by" in placement) == (quarters != 0)
+    if quarters:
+        assert f"turned by {90 * quarters} degrees" in placement
+
+
+@pytest.mark.parametrize("quarters", [0, 1])
+def test_upside_down_is_named(quarters: int, tmp_path: Path) -> None:
+    mesh = _turn(block_part(Block.of(2, label=True, key_mm=3.0)).mesh[0], quarters, upside_down=True)
+    report = examine(_anonymous(mesh, tmp_path / "a.stl"), full=False)
+    assert _faults(report) == {"placement"}
+    assert "upside down" in _line(report, "placement").detail
+    assert "texture-2, preset paper" in _line(report, "relief").detail
+    assert "3 mm at the corner (X, 0)" in _line(report, "key").detail
+
+
+def test_mirrored_is_named(tmp_path: Path) -> None:
+    mesh = changed(_part(3).mesh[0], lambda vertices: vertices * [-1.0, 1.0, 1.0])
+    mesh = Mesh(mesh.vertices, np.ascontiguousarray(mesh.triangles[:, ::-1]))
+    report = examine(_anonymous(mesh, tmp_path / "a.stl"), full=False)
+    assert _faults(report) == {"placement"}
+    assert "mirrored" in _line(report, "placement").detail
+
+
+def _flip(mesh: Mesh) -> Mesh:
+    triangles = mesh.triangles.copy()
+    triangles[11] = triangles[11][::-1]
+    return Mesh(mesh.vertices, triangles)
+
+
+def _raise_vertex(mesh: Mesh) -> Mesh:
+    def move(vertices: np.ndarray) -> np.ndarray:
+        inner = np.all((vertices[:, :2] > 5.0) & (vertices[:, :2] < 20.0), axis=1) & (vertices[:, 2] > 1.0)
+        vertices[np.nonzero(inner)[0][0], 2] -= 0.05
+        return vertices
+
+    return changed(mesh, move)
+
+
+def _thicker(mesh: Mesh) -> Mesh:
+    return changed(mesh, lambda vertices: vertices + np.array([0.0, 0.0, 0.3]) * (vertices[:, 2:] > 1.0))
+
+
+def _dent_wall(mesh: Mesh) -> Mesh:
+    """A vertical edge of a wall moved inwards: still closed, and the relief hardly differs."""
+
+    def move(vertices: np.ndarray) -> np.ndarray:
+        wall = np.nonzero((vertices[:, 0] == 0.0) & (vertices[:, 1] > 10.0) & (vertices[:, 1] < 20.0))[0]
+        edge = wall[np.argmin(np.abs(vertices[wall, 1] - 15.0))]
+        vertices[edge, 0] = 0.02
+        return vertices
+
+    return changed(mesh, move)
+
+
+@pytest.mark.parametrize(
+    ("fault", "name", "words"),
+    [
+        (lambda mesh: Mesh(mesh.vertices, mesh.triangles[1:]), "closed", "3 open edges"),
+        (_flip, "winding", "inconsistent winding along 3 edges"),
+        (lambda mesh: Mesh(mesh.vertices, mesh.triangles[:, ::-1].copy()), "volume", "inside out"),
+        (_raise_vertex, "relief", "wrong relief"),
+        (_thicker, "size", "z by +0.3 mm"),
+        (_thicker, "relief", "stands 0.3 mm too high"),
+        (lambda mesh: changed(mesh, lambda v: v * 1.01), "size", "1.01 times as large as wanted"),
+        (lambda mesh: changed(mesh, lambda v: v * [1.0, 1.02, 1.0]), "size", "y by +0.6 mm"),
+        (lambda mesh: changed(mesh, lambda v: v * 25.4), "size", "25.4 times as large as wanted"),
+    ],
+)
+def test_every_fault_is_named(fault: Callable[[Mesh], Mesh], name: str, words: str, tmp_path: Path) -> None:
+    path = _anonymous(fault(_part().mesh[0]), tmp_path / "a.stl")
+    report = examine(path, texture="2", preset="paper", scale=1.0, full=False)
+    assert not _line(report, name).ok
+    assert words in _line(report, name).detail
+
+
+def test_faults_in_the_mesh_do_not_hide_the_relief(tmp_path: Path) -> None:
+    report = examine(_anonymous(_flip(_part().mesh[0]), tmp_path / "a.stl"), full=False)
+    assert _faults(report) == {"winding"}
+    assert _line(report, "relief").ok
+
+
+def test_a_scaled_file_shows_without_being_told(tmp_path: Path) -> None:
+    mesh = changed(_part().mesh[0], lambda vertices: vertices * 1.01)
+    report = examine(_anonymous(mesh, tmp_path / "a.stl"), full=False)
+    assert _faults(report) == {"size"}
+    assert "1.01 times" in _line(report, "size").detail
+    assert "texture-2, preset paper, scale 1:" in _line(report, "relief").detail
+
+
+def test_a_file_in_metres_is_a_fault(tmp_path: Path) -> None:
+    mesh = changed(_part().mesh[0], lambda vertices: vertices / 1000.0)
+    report = examine(_anonymous(mesh, tmp_path / "a.stl"), full=False)
+    assert not report.ok
+    assert report.size_mm is not None
+    assert report.size_mm[2] < 0.01
+
+
+def test_a_dented_wall_is_found(tmp_path: Path) -> None:
+    report = examine(_anonymous(_dent_wall(_part().mesh[0]), tmp_path / "a.stl"), full=False)
+    assert _faults(report) & {"sides", "relief"}
+
+
+def test_another_texture_than_asked_for_is_named(tmp_path: Path) -> None:
+    report = examine(_anonymous(_part(3).mesh[0], tmp_path / "a.stl"), texture="2", full=False)
+    assert _faults(report) == {"relief"}
+    assert "the nearest known is texture-3, preset paper, scale 1" in _line(report, "relief").detail
+
+
+def test_a_file_of_ours_is_held_to_its_own_name(tmp_path: Path) -> None:
+    """The same bytes pass under the right name and fail under another's."""
+    part = block_part(Block.of(2, size_mm=(40.0, 35.0), height_mm=8.0, key_mm=2.5, sampling=Tolerance(mm=0.05)))
+    FORMATS["stl"].write(part, tmp_path / "a.stl")
+    assert examine(tmp_path / "a.stl", full=False).ok
+    data = (tmp_path / "a.stl").read_bytes()
+    for other, fault in (
+        ("texture-3_paper_x1_40x35x8_key2.5_tol0.05", "relief"),
+        ("texture-2_paper_x1_40x35x8.5_key2.5_tol0.05", "size"),
+        ("texture-2_paper_x1_40x35x8_key3_tol0.05", "key"),
+        ("texture-2_paper_x1_40x35x8_tol0.05", "key"),
+        ("texture-2_paper_x1_40x35x8_key2.5", "relief"),
+    ):
+        (tmp_path / "b.stl").write_bytes(f"tacbench-cad {other}".encode().ljust(80, b"\0") + data[80:])
+        assert fault in _faults(examine(tmp_path / "b.stl", full=False)), other
+
+
+@pytest.mark.parametrize("form", ["stl", "3mf", "step"])
+def test_key_label_and_height_of_ours_are_no_faults(form: str, tmp_path: Path) -> None:
+    if FORMATS[form].why_missing() is not None:
+        pytest.skip(f"no {form} here")
+    part = block_part(Block.of(1, height_mm=8.0, key_mm=3.0, copy=7))
+    path = tmp_path / f"a.{form}"
+    FORMATS[form].write(part, path)
+    report = examine(path, full=False)
+    assert report.ok, report.faults
+    assert "3 mm at the corner (X, 0)" in _line(report, "key").detail
+    assert "0.4 mm" in _line(report, "label").detail
+
+
+def test_name_and_claim_are_inverse() -> None:
+    for block in (
+        Block.of(4),
+        Block.of(2, "released", scale=0.35),
+        Block.of(1, size_mm=(41.5, 30.25), height_mm=9.0, scale=1.5, key_mm=2.0),
+        Block.of(3, sampling="grid"),
+        Block.of(6, mm_per_unit=(1.5, 2.0, 0.5), sampling=Tolerance(mm=0.005)),
+    ):
+        assert claimed_block(block.name) == block
+    assert claimed_block("holder_x1") is None
+    assert claimed_block("hex_paper_x1") is None
+
+
+@pytest.mark.parametrize("number", [4, *(pytest.param(n, marks=pytest.mark.long) for n in (1, 2, 3, 5, 6))])
+def test_the_published_files_match_to_single_precision(number: int, tmp_path: Path) -> None:
+    corners = published(number)
+    assert len(corners) == 353_972
+    path = write_soup(tmp_path / "z.stl", corners)
+    for options in ({}, {"preset": "released"}, {"texture": str(number), "preset": "released"}):
+        report = examine(path, full=False, **options)
+        assert _faults(report) == {"winding"}
+        assert f"texture-{number}, preset released on its sample grid" in _line(report, "relief").detail
+        assert report.deviation_mm is not None
+        assert report.deviation_mm < 2e-6
+    sound = write_soup(tmp_path / "sound.stl", published(number, flipped_walls=False))
+    assert examine(sound, full=False).ok
+
+
+def test_a_part_without_relief_is_said_to_have_none(tmp_path: Path) -> None:
+    path = tmp_path / "a.stl"
+    FORMATS["stl"].write(mesh_part(box_mesh((30.0, 40.0, 5.0)), name="holder_x1"), path)
+    report = examine(path, full=False)
+    assert report.ok, report.faults
+    assert "none: a part of 30 x 40 x 5 mm" in _line(report, "texture").detail
+    asked = examine(path, texture="1", full=False)
+    assert not asked.ok
+
+
+def test_several_bodies_are_named(tmp_path: Path) -> None:
+    both = np.concatenate([box_mesh().corners, box_mesh(at=(10.0, 0.0, 0.0)).corners])
+    report = examine(write_soup(tmp_path / "a.stl", both), full=False)
+    assert "2 separate bodies" in _line(report, "bodies").detail
+    assert not report.ok
+
+
+def test_each_body_of_a_plate_is_examined_under_its_name(tmp_path: Path) -> None:
+    pytest.importorskip("lib3mf")
+    parts = [block_part(Block.of(number, copy=1)) for number in (1, 2)]
+    foot = mesh_part(box_mesh((20.0, 30.0, 5.0)), name="foot")
+    placed = [(part, (30.0 * i, 1.0)) for i, part in enumerate((*parts, foot))]
+    write_plate(placed, "plate", tmp_path / "a.3mf")
+    report = examine(tmp_path / "a.3mf", full=False)
+    assert report.ok, report.faults
+    assert _line(report, "bodies").detail == "3, 2 of them with a relief; each is examined by itself"
+    assert "0 through holes" in _line(report, "manifold").detail
+    for part in parts:
+        assert part.name.split("_")[0] in _line(report, f"{part.name}: relief").detail
+    # What is asked of the file is asked of its blocks.
+    assert _faults(examine(tmp_path / "a.3mf", texture="2", full=False)) == {f"{parts[0].name}: relief"}
+    wrong = [(replace(parts[0], name=parts[1].name), (0.0, 0.0)), (foot, (30.0, 0.0))]
+    write_plate(wrong, "plate", tmp_path / "b.3mf")
+    assert _faults(examine(tmp_path / "b.3mf", full=False)) == {f"{parts[1].name}: relief"}
+    write_plate([(foot, (0.0, 0.0)), (replace(foot, name="head"), (30.0, 0.0))], "plate", tmp_path / "c.3mf")
+    assert examine(tmp_path / "c.3mf", full=False).ok
+    assert _faults(examine(tmp_path / "c.3mf", texture="2", full=False)) == {"bodies"}
+
+
+def test_unknown_texture_or_preset_is_refused(tmp_path: Path) -> None:
+    path = _anonymous(box_mesh(), tmp_path / "a.stl")
+    with pytest.raises(InputError, match="texture"):
+        examine(path, texture="9")
+    with pytest.raises(InputError, match="preset"):
+        examine(path, preset="papier")
+
+
+def test_texture_from_a_file(tmp_path: Path) -> None:
+    from tacbench_cad.spec.textures import read_texture
+
+    toml = tmp_path / "hex.toml"
+    waves = [(0.5, 1.0, 0.0), (0.5, -0.5, 0.866), (0.5, -0.5, -0.866)]
+    tables = "".join(f"[[wave]]\namplitude = {a}\nf = {f}\ng = {g}\n" for a, f, g in waves)
+    toml.write_text(f'[texture]\nname = "hex"\nfamily = "plane-waves"\n{tables}')
+    part = block_part(Block.of(read_texture(toml).texture))
+    FORMATS["stl"].write(part, tmp_path / "a.stl")
+    report = examine(tmp_path / "a.stl", texture=str(toml), full=False)
+    assert report.ok, report.faults
+    assert "hex, preset paper" in _line(report, "relief").detail
+    assert not examine(tmp_path / "a.stl", full=False).ok  # unknown to the catalogue
+
+
+def test_scale_is_read_from_the_sides() -> None:
+    block = Block.of(1)
+    x, y = block.size_mm
+    assert scale_of(block, (x * 0.5, y * 0.5)) == 0.5
+    assert scale_of(block, (x * 0.33, y * 0.33)) == 0.33
+    assert scale_of(block, (x * 1.01, y * 1.01)) == 1.0
+    assert scale_of(block, (x * 1.5, y * 1.4)) == 1.0
+
+
+def test_full_check_runs_by_default(tmp_path: Path) -> None:
+    pytest.importorskip("pymeshlab")
+    report = examine(_anonymous(_part(1).mesh[0], tmp_path / "a.stl"))
+    assert "pymeshlab" in _line(report, "self-intersection").detail
+
+
+def test_step_of_ours_and_of_others(tmp_path: Path) -> None:
+    pytest.importorskip("OCP")
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform
+    from OCP.gp import gp_Ax1, gp_Dir, gp_Pnt, gp_Trsf, gp_Vec
+    from OCP.STEPControl import STEPControl_StepModelType, STEPControl_Writer
+
+    shape, _ = _part(2).solid
+    turn, move = gp_Trsf(), gp_Trsf()
+    turn.SetRotation(gp_Ax1(gp_Pnt(0.0, 0.0, 0.0), gp_Dir(0.0, 0.0, 1.0)), np.pi / 2)
+    move.SetTranslation(gp_Vec(4.0, 5.0, 6.0))
+    moved = BRepBuilderAPI_Transform(shape, move.Multiplied(turn), True).Shape()
+    writer = STEPControl_Writer()
+    writer.Transfer(moved, STEPControl_StepModelType.STEPControl_AsIs)
+    writer.Write(str(tmp_path / "a.step"))
+    report = examine(tmp_path / "a.step")
+    assert report.ok, report.faults
+    assert "texture-2, preset paper, scale 1" in _line(report, "relief").detail
+    assert "turned by 90 degrees" in _line(report, "placement").detail
+    assert not examine(tmp_path / "a.step", texture="3").ok

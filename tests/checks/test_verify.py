@@ -1,0 +1,343 @@
+"""``verify``: sound files pass, and every fault put into one is found and named."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.shapes import box_mesh, changed, mesh_part
+
+from tacbench_cad.checks import meshcheck
+from tacbench_cad.checks.report import Check, Report
+from tacbench_cad.checks.verify import verify
+from tacbench_cad.formats import FORMATS
+from tacbench_cad.formats.stl import write_stl
+from tacbench_cad.geometry.block_part import block_part
+from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.geometry.part import Part
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.spec.textures import Texture, plane_waves
+
+
+@cache
+def _part(number: int = 2, preset: str = "paper") -> Part:
+    return block_part(Block.of(number, preset))
+
+
+def _write_as(part: Part, mesh: Mesh, path: Path) -> Path:
+    """A file for a part that holds another mesh."""
+    write_stl(dataclasses.replace(part, make_mesh=lambda: (mesh, part.mesh[1])), path)
+    return path
+
+
+def _faults(report: Report) -> set[str]:
+    return {check.name for check in report.faults}
+
+
+def test_a_report_is_printed_with_every_check() -> None:
+    checks = (Check(name="file", ok=True, detail="read back"), Check(name="edges", ok=False, detail="3 open"))
+    report = Report(path=Path("folder/block.stl"), checks=checks)
+    assert str(report).splitlines() == ["block.stl: failed", "  file   read back", "  edges  WRONG: 3 open"]
+    assert str(Report(path=Path("block.stl"), checks=checks[:1])).startswith("block.stl: passed\n")
+
+
+@pytest.mark.parametrize("form", ["stl", "3mf"])
+@pytest.mark.parametrize(
+    "block",
+    [
+        Block.of(1),
+        Block.of(3, scale=0.5),
+        Block.of(5, key_mm=3.0),
+        Block.of(2, label=True),
+        Block.of(Texture(name="weave", waves=plane_waves((0.7, 1.0, 0.5), (0.7, 1.0, -0.5))), key_mm=3.0),
+        Block.of(6, sampling="grid"),
+        Block.of(1, "released"),
+        Block.of(2, copy=4, key_mm=2.0, scale=1.5, sampling=Tolerance(mm=0.05)),
+    ],
+    ids=lambda block: block.name,
+)
+def test_our_own_files_pass(block: Block, form: str, tmp_path: Path) -> None:
+    part = block_part(block)
+    path = tmp_path / f"a.{form}"
+    FORMATS[form].write(part, path)
+    report = verify(part, path)
+    assert report.ok, report.faults
+    certificate = part.mesh[1].certificate
+    assert certificate is not None
+    assert report.deviation_mm is not None
+    assert 0.2 * certificate.distance_mm < report.deviation_mm <= certificate.distance_mm + 1e-5
+    assert report.triangles == len(part.mesh[0].triangles)
+    np.testing.assert_allclose(report.size_mm, part.size_mm, rtol=1e-6)
+
+
+def _drop_triangle(mesh: Mesh) -> Mesh:
+    return Mesh(mesh.vertices, mesh.triangles[1:])
+
+
+def _flip_triangle(mesh: Mesh) -> Mesh:
+    triangles = mesh.triangles.copy()
+    triangles[7] = triangles[7][::-1]
+    return Mesh(mesh.vertices, triangles)
+
+
+def _inside_out(mesh: Mesh) -> Mesh:
+    return Mesh(mesh.vertices, np.ascontiguousarray(mesh.triangles[:, ::-1]))
+
+
+def _repeat_triangle(mesh: Mesh) -> Mesh:
+    return Mesh(mesh.vertices, np.vstack([mesh.triangles, mesh.triangles[:1]]))
+
+
+def _flat_triangle(mesh: Mesh) -> Mesh:
+    """One edge gets a triangle of no area on each side: still closed and wound."""
+    a, b, c = mesh.triangles[0].tolist()
+    middle = ((mesh.vertices[a] + mesh.vertices[b]) / 2.0).astype(np.float32).astype(np.float64)
+    n = len(mesh.vertices)
+    extra = [[a, n, c], [n, b, c], [a, b, n]]
+    return Mesh(np.vstack([mesh.vertices, middle]), np.vstack([mesh.triangles[1:], np.array(extra, np.int32)]))
+
+
+def _move_top_vertex(mesh: Mesh) -> Mesh:
+    def move(vertices: np.ndarray) -> np.ndarray:
+        inner = np.all((vertices[:, :2] > 5.0) & (vertices[:, :2] < 20.0), axis=1) & (vertices[:, 2] > 1.0)
+        vertices[np.nonzero(inner)[0][0], 2] += 0.05
+        return vertices
+
+    return changed(mesh, move)
+
+
+def _too_high(mesh: Mesh) -> Mesh:
+    return changed(mesh, lambda vertices: vertices + [0.0, 0.0, 0.1] * (vertices[:, 2:] > 1.0))
+
+
+def _just_below(mesh: Mesh) -> Mesh:
+    """The highest vertex misses the height by little, as after clipping: a resin slicer would drop a layer."""
+    return changed(mesh, lambda vertices: np.minimum(vertices, [np.inf, np.inf, 6.9999]))
+
+
+def _scaled(mesh: Mesh) -> Mesh:
+    return changed(mesh, lambda vertices: vertices * 1.01)
+
+
+def _moved(mesh: Mesh) -> Mesh:
+    return changed(mesh, lambda vertices: vertices + np.array([5.0, 0.0, 0.0]))
+
+
+def _mirrored(mesh: Mesh) -> Mesh:
+    mirror = changed(mesh, lambda vertices: vertices * [-1.0, 1.0, 1.0] + [23.3, 0.0, 0.0])
+    return _inside_out(mirror)
+
+
+def _another_texture(_: Mesh) -> Mesh:
+    return _part(3).mesh[0]
+
+
+@pytest.mark.parametrize(
+    ("fault", "named"),
+    [
+        (_drop_triangle, "closed"),
+        (_flip_triangle, "winding"),
+        (_inside_out, "volume"),
+        (_repeat_triangle, "edges"),
+        (_flat_triangle, "triangles"),
+        (_move_top_vertex, "relief"),
+        (_too_high, "box"),
+        (_just_below, "box"),
+        (_scaled, "box"),
+        (_moved, "box"),
+        (_mirrored, "relief"),
+        (_another_texture, "relief"),
+    ],
+)
+def test_every_fault_is_found(fault: Callable[[Mesh], Mesh], named: str, tmp_path: Path) -> None:
+    part = _part()
+    report = verify(part, _write_as(part, fault(part.mesh[0]), tmp_path / "a.stl"))
+    assert not report.ok
+    assert named in _faults(report)
+
+
+def test_a_moved_sample_is_found_where_the_grid_itself_is_coarse(tmp_path: Path) -> None:
+    part = _part(4, "released")
+    certificate = part.mesh[1].certificate
+    assert certificate is not None
+    assert certificate.distance_mm > 0.05  # so the distance from the formula alone would not show it
+    report = verify(part, _write_as(part, _move_top_vertex(part.mesh[0]), tmp_path / "a.stl"))
+    assert "samples" in _faults(report)
+
+
+def test_zero_thickness_is_found(tmp_path: Path) -> None:
+    flat = changed(box_mesh(), lambda vertices: vertices * [1.0, 1.0, 0.0])
+    part = mesh_part(box_mesh())
+    report = verify(part, _write_as(part, flat, tmp_path / "a.stl"))
+    assert "volume" in _faults(report)
+
+
+def _ring(segments: int = 12) -> Mesh:
+    """A square ring: one through hole."""
+    angle = 2.0 * np.pi * np.arange(segments) / segments
+    loops = [(2.0, 0.0), (2.0, 1.0), (1.0, 1.0), (1.0, 0.0)]
+    points = [(2.0 + r * np.cos(a), 2.0 + r * np.sin(a), z) for r, z in loops for a in angle]
+    triangles = []
+    for loop in range(4):
+        for i in range(segments):
+            a, b = loop * segments + i, loop * segments + (i + 1) % segments
+            c, d = (a + segments) % (4 * segments), (b + segments) % (4 * segments)
+            triangles += [(a, b, d), (a, d, c)]
+    return Mesh(np.array(points).astype(np.float32).astype(np.float64), np.array(triangles, dtype=np.int32))
+
+
+@pytest.mark.parametrize("wanted", [0, 1, 2])
+def test_through_holes_are_counted(wanted: int, tmp_path: Path) -> None:
+    ring = _ring()
+    assert ring.volume_mm3 > 0.0
+    part = mesh_part(ring, genus=wanted)
+    report = verify(part, _write_as(part, ring, tmp_path / "a.stl"))
+    assert ("genus" in _faults(report)) == (wanted != 1)
+    assert report.ok == (wanted == 1)
+
+
+def test_full_finds_triangles_that_cut_each_other(tmp_path: Path) -> None:
+    """One closed, well wound body that passes through itself: only pymeshlab sees it."""
+    pytest.importorskip("pymeshlab")
+    ring = _ring()
+
+    def push(vertices: np.ndarray) -> np.ndarray:
+        vertices[0] = [1.2, 2.0, 0.5]  # the outer wall's corner through the inner wall
+        return vertices
+
+    mesh = changed(ring, push)
+    part = mesh_part(mesh, genus=1)
+    path = _write_as(part, mesh, tmp_path / "a.stl")
+    assert "self-intersection" not in _faults(verify(part, path))
+    assert "self-intersection" in _faults(verify(part, path, full=True))
+
+
+def test_full_passes_a_block(tmp_path: Path) -> None:
+    pytest.importorskip("pymeshlab")
+    part = block_part(Block.of(1, label=True, key_mm=3.0))
+    write_stl(part, tmp_path / "a.stl")
+    report = verify(part, tmp_path / "a.stl", full=True)
+    assert report.ok, report.faults
+    assert {"two-manifold", "vertices", "boundary", "self-intersection"} <= {check.name for check in report.checks}
+
+
+def test_edges_are_told_apart() -> None:
+    mesh = box_mesh()
+    assert meshcheck.edges(mesh).sound
+    dropped = meshcheck.edges(_drop_triangle(mesh))
+    assert (dropped.open, dropped.same_way, dropped.crowded) == (3, 0, 0)
+    flipped = meshcheck.edges(_flip_triangle(mesh))
+    assert (flipped.open, flipped.same_way, flipped.crowded) == (0, 3, 0)
+    doubled = meshcheck.edges(_repeat_triangle(mesh))
+    assert (doubled.open, doubled.same_way, doubled.crowded) == (0, 0, 3)
+    assert doubled.crowded_at is not None
+
+
+def test_report_is_plain_json_without_the_folder(tmp_path: Path) -> None:
+    part = _part()
+    write_stl(part, tmp_path / "a.stl")
+    report = verify(part, tmp_path / "a.stl")
+    text = json.dumps(report.as_dict(), allow_nan=False)
+    assert str(tmp_path) not in text
+    assert json.loads(text)["ok"] is True
+    assert not Report(path=tmp_path / "a.stl", checks=()).ok
+    failed = Report(path=tmp_path / "a.stl", checks=(Check(name="x", ok=False, detail="y"),))
+    assert failed.faults == failed.checks
+
+
+def test_a_solid_with_another_texture_or_height_is_found(tmp_path: Path) -> None:
+    pytest.importorskip("OCP")
+    part = block_part(Block.of(1))
+    for other, named in (
+        (Block.of(5), "relief"),
+        (Block.of(1, height_mm=7.1), "box"),
+        (Block.of(1, scale=1.01), "box"),
+    ):
+        wrong = block_part(other)
+        FORMATS["step"].write(wrong, tmp_path / "a.step")
+        report = verify(part, tmp_path / "a.step")
+        assert named in _faults(report)
+        assert "volume" in _faults(report)
+
+
+@pytest.mark.parametrize("block", [Block.of(2), Block.of(1, label=True), Block.of(5, key_mm=2.0)], ids=lambda b: b.name)
+def test_patch_sums_agree_with_the_kernel(block: Block, tmp_path: Path) -> None:
+    pytest.importorskip("OCP")
+    from tacbench_cad.checks import solidcheck
+    from tacbench_cad.checks.survey import survey
+
+    shape, body = block_part(block).solid
+    found, theirs = survey(shape), solidcheck.measure(shape)
+    assert found.exact == (block.key_mm is None)
+    assert found.measured.volume_mm3 == pytest.approx(theirs.volume_mm3, rel=1e-6)
+    assert found.measured.volume_mm3 == pytest.approx(body.volume_mm3, abs=body.volume_slack_mm3)
+    np.testing.assert_allclose(found.measured.low_mm, theirs.low_mm, atol=1e-5)
+    np.testing.assert_allclose(found.measured.high_mm, theirs.high_mm, atol=2e-4)
+    assert len(found.points) > 10_000
+
+
+def test_survey_of_plane_and_of_round_shapes() -> None:
+    pytest.importorskip("OCP")
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCylinder
+    from OCP.gp import gp_Pnt
+
+    from tacbench_cad.checks.survey import survey
+
+    box = survey(BRepPrimAPI_MakeBox(gp_Pnt(-3.0, 5.0, 7.0), 2.0, 3.0, 4.0).Shape())
+    assert box.exact
+    assert box.measured.volume_mm3 == pytest.approx(24.0, rel=1e-12)
+    np.testing.assert_allclose(box.measured.low_mm, [-3.0, 5.0, 7.0])
+    np.testing.assert_allclose(box.measured.size_mm, [2.0, 3.0, 4.0])
+    inside_out = survey(BRepPrimAPI_MakeBox(2.0, 3.0, 4.0).Shape().Reversed())
+    assert inside_out.measured.volume_mm3 == pytest.approx(-24.0, rel=1e-12)
+    tube = survey(BRepPrimAPI_MakeCylinder(2.0, 5.0).Shape())
+    assert not tube.exact
+    assert tube.measured.volume_mm3 == pytest.approx(20.0 * np.pi, rel=1e-9)
+
+
+def test_through_holes_of_solids_are_counted() -> None:
+    pytest.importorskip("OCP")
+    from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCone, BRepPrimAPI_MakeCylinder
+    from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
+
+    from tacbench_cad.checks import solidcheck
+
+    shape = BRepPrimAPI_MakeBox(30.0, 10.0, 5.0).Shape()
+    assert solidcheck.genus(shape) == 0
+    for holes, x in enumerate((5.0, 15.0, 25.0), start=1):
+        axis = gp_Ax2(gp_Pnt(x, 5.0, -1.0), gp_Dir(0.0, 0.0, 1.0))
+        shape = BRepAlgoAPI_Cut(shape, BRepPrimAPI_MakeCylinder(axis, 2.0, 7.0).Shape()).Shape()
+        assert solidcheck.genus(shape) == holes
+    dent = gp_Ax2(gp_Pnt(10.0, 5.0, 6.0), gp_Dir(0.0, 0.0, -1.0))
+    shape = BRepAlgoAPI_Cut(shape, BRepPrimAPI_MakeCone(dent, 1.5, 0.0, 3.0).Shape()).Shape()
+    assert solidcheck.genus(shape) == 3
+
+
+def test_full_adds_the_kernels_defaults_to_a_solid(tmp_path: Path) -> None:
+    pytest.importorskip("OCP")
+    part = block_part(Block.of(1))
+    FORMATS["step"].write(part, tmp_path / "a.step")
+    report = verify(part, tmp_path / "a.step", full=True)
+    assert report.ok, report.faults
+    assert {"kernel volume", "kernel box"} <= {check.name for check in report.checks}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("preset", ["paper", "released"])
+@pytest.mark.parametrize("number", range(1, 7))
+def test_the_whole_set_passes_in_full(number: int, preset: str, tmp_path: Path) -> None:
+    part = _part(number, preset)
+    for form in FORMATS.values():
+        if form.shape == "solid" and part.make_solid is None:
+            continue
+        path = tmp_path / f"a{form.suffix}"
+        form.write(part, path)
+        report = verify(part, path, full=True)
+        assert report.ok, report.faults

@@ -1,0 +1,1 @@
+"""What the tests share: parts, studies, fake devices and readers to compare with."""

@@ -1,0 +1,111 @@
+"""Measure a drawing on the outlines that were cut out of the mesh: what is written must be what is drawn."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.render.drawing.ink import drawn
+from tacbench_cad.render.drawing.sheet import Callout, Dimension, Drawing, Point, View
+from tacbench_cad.util.plotting import only_style
+
+Floats = NDArray[np.float64]
+
+
+def to_outlines(point: Point, loops: tuple[Floats, ...]) -> float:
+    """Distance from a point to the nearest of some closed outlines."""
+    least = np.inf
+    for loop in loops:
+        a, b = loop, np.roll(loop, -1, axis=0)
+        edge = b - a
+        share = np.clip(((point - a) * edge).sum(1) / np.maximum((edge**2).sum(1), 1e-300), 0.0, 1.0)
+        least = min(least, float(np.hypot(*(a + share[:, None] * edge - point).T).min()))
+    return least
+
+
+def first_hits(point: Point, axis: int, loops: tuple[Floats, ...]) -> tuple[float, float]:
+    """Distance to the first outline down and up along an axis."""
+    below, above = np.inf, np.inf
+    other = 1 - axis
+    for loop in loops:
+        a, b = loop, np.roll(loop, -1, axis=0)
+        spans = (a[:, other] > point[other]) != (b[:, other] > point[other])
+        a, b = a[spans], b[spans]
+        share = (point[other] - a[:, other]) / (b[:, other] - a[:, other])
+        at = a[:, axis] + share * (b[:, axis] - a[:, axis]) - point[axis]
+        below = min(below, float((-at[at < 0.0]).min(initial=np.inf)))
+        above = min(above, float(at[at > 0.0].min(initial=np.inf)))
+    return below, above
+
+
+def faults(drawing: Drawing, within_mm: float) -> list[str]:
+    """What is wrong with a drawing's numbers; empty for nothing."""
+    found: list[str] = []
+    for view in drawing.views:
+        for one in view.dimensions:
+            found += _dimension(view, one, within_mm)
+        found += [fault for one in view.callouts for fault in _callout(view, one, within_mm)]
+    return found
+
+
+def _dimension(view: View, one: Dimension, within_mm: float) -> list[str]:
+    found = []
+    apart = abs(one.end[one.axis] - one.start[one.axis])
+    if abs(apart - one.value_mm) > 1e-6:
+        found.append(f"{one.name}: says {one.value_mm}, its ends are {apart} apart")
+    for point, kind in zip((one.start, one.end), one.ends, strict=True):
+        if kind == "cross":
+            off = min(float(np.hypot(point[0] - x, point[1] - y)) for x, y in view.crosses)
+        elif kind == "axis":
+            below, above = first_hits(point, one.axis, view.outlines)
+            off = abs(below - above) if np.isfinite(below) else np.inf
+        else:
+            off = to_outlines(point, view.outlines if kind == "edge" else view.other)
+        if not off <= within_mm:
+            found.append(f"{one.name}: {point} is {off} from its {kind}")
+    return found
+
+
+def _callout(view: View, one: Callout, within_mm: float) -> list[str]:
+    if one.diameter_mm is None:
+        return []
+    rings = [np.hypot(*(loop - one.at).T) for loop in view.outlines]
+    off = min(float(np.abs(ring - one.diameter_mm / 2.0).max()) for ring in rings)
+    return [] if off <= within_mm else [f"{one.name}: no circle of {one.diameter_mm} at {one.at}, nearest {off}"]
+
+
+def clashes(drawing: Drawing) -> list[str]:
+    """Texts that lie on each other, on a dimension line or beyond the sheet's frame."""
+    with only_style("drawings", {"font.family": "DejaVu Sans"}):
+        figure = drawn(drawing)
+        axes = figure.axes[0]
+        axes.set(xlim=(0.0, 297.0), ylim=(0.0, 210.0))
+        renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+        to_mm = axes.transData.inverted()
+        texts = []
+        for one in axes.texts:
+            one.set_bbox(None)
+            texts.append((one.get_text().replace("\n", " "), one.get_window_extent(renderer).transformed(to_mm)))
+        lines = [np.asarray(line.get_xydata()) for line in axes.lines if line.get_linewidth() >= 0.45]
+    found = []
+    for (name, box), (other_name, other) in itertools.combinations(texts, 2):
+        if min(box.x1, other.x1) - max(box.x0, other.x0) > 0.05 and min(box.y1, other.y1) - max(box.y0, other.y0) > 0.3:
+            found.append(f"{name!r} lies on {other_name!r}")
+    for name, box in texts:
+        if box.x0 < 5.5 or box.x1 > 291.5 or box.y0 < 5.5 or box.y1 > 204.5:
+            found.append(f"{name!r} leaves the frame")
+        inner = (box.x0 + 0.3, box.x1 - 0.3, box.y0 + 0.6, box.y1 - 0.6)
+        found += [f"{name!r} lies on a line {line.tolist()}" for line in lines if _meets(line, inner)]
+    return found
+
+
+def _meets(line: Floats, box: tuple[float, float, float, float]) -> bool:
+    """Whether a polyline passes a box, looked at in steps of 0.2 mm."""
+    x0, x1, y0, y1 = box
+    for a, b in itertools.pairwise(line):
+        points = np.linspace(a, b, 2 + int(np.hypot(*(b - a)) / 0.2))
+        if ((points[:, 0] > x0) & (points[:, 0] < x1) & (points[:, 1] > y0) & (points[:, 1] < y1)).any():
+            return True
+    return False

@@ -1,0 +1,81 @@
+"""Drivers against the virtual firmware: what must hold whatever fault it is given."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+from collections.abc import Callable
+from typing import Any
+
+from tacbench_cad.lab.rig.errors import RigError
+from tacbench_cad.lab.rig.stage import Stage
+from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.virtual_rig.faults import Fault
+from tacbench_cad.virtual_rig.launch import launch
+
+SPEED = 50.0
+#: Faults that the firmware's own counting of steps cannot see are for the force gauge, not for the drivers.
+KINDS = ("drop", "double", "garble", "silence", "reset", "alarm", "unplug")
+#: How far the true carriage may be from the reported place: the scatter of end stops and a step.
+NEAR_MM = 0.05
+
+Opener = Callable[[str], Stage]
+
+
+def a_fault(seed: int) -> Fault:
+    """Some fault, by its seed."""
+    rng = random.Random(seed)
+    kind = KINDS[seed % len(KINDS)]
+    more: dict[str, Any] = {"direction": rng.choice(["in", "out", "both"])}
+    if kind in ("drop", "double", "garble"):
+        more |= {"count": rng.choice([1, 3, 10]), "chance": rng.choice([0.02, 0.2, 1.0])}
+    elif kind == "silence":
+        more |= {"seconds": rng.choice([5.0, None])}
+    return Fault(kind=kind, **more)
+
+
+def survive(kind: str, opener: Opener, center_mm: Point, seed: int) -> list[str]:
+    """Ten moves, one fault in the middle: every move ends where it says, or in a named error; then it can go on.
+
+    Returns:
+        Names of the errors.
+    """
+    rng = random.Random(seed)
+    errors: list[str] = []
+    with launch(kind, speed=SPEED, seed=seed) as rig, contextlib.closing(opener(rig.port)) as stage:
+        stage.home()
+        stage.move(center_mm, 20.0)
+        at_move = rng.randrange(10)
+        for number in range(10):
+            target: Point = tuple(one + rng.uniform(-8.0, 8.0) for one in center_mm)  # type: ignore[assignment]
+            if number == at_move:
+                rig.inject(a_fault(seed))
+            try:
+                reported = stage.move(target, 20.0)
+            except RigError as error:
+                assert type(error) is not RigError and "\n" not in str(error)
+                errors.append(type(error).__name__)
+                if not _again(stage):
+                    return errors
+            else:
+                true = rig.true_position()
+                assert max(abs(a - b) for a, b in zip(reported, target, strict=True)) <= NEAR_MM
+                assert max(abs(a - b) for a, b in zip(true, target, strict=True)) <= NEAR_MM
+    return errors
+
+
+def _again(stage: Stage) -> bool:
+    """Make a stage usable after an error, as the press loop does; False where it no longer answers."""
+    with contextlib.suppress(RigError):
+        stage.position()
+        return True
+    try:
+        stage.home()
+    except RigError as error:
+        assert type(error) is not RigError
+        # It stays so: no later move may be believed.
+        with contextlib.suppress(RigError):
+            stage.position()
+            raise AssertionError("a stage that could not be homed reports a position") from error
+        return False
+    return True

@@ -1,0 +1,206 @@
+"""Test doubles of a rig: a stage that is where it was sent, an elastic plate under it, a gauge and a sensor on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tacbench_cad.lab.rig.gauge import Force
+from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.study.spec import Point
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plate:
+    """An elastic load: ``F = stiffness * depth ** power`` below ``top(x, y)``, in N and mm of the stage's frame."""
+
+    top: Callable[[float, float], float] = lambda _x, _y: 0.0
+    stiffness: float = 0.47
+    power: float = 1.5
+
+    def force_n(self, at: Point) -> float:
+        depth = self.top(at[0], at[1]) - at[2]
+        return float(self.stiffness * depth**self.power) if depth > 0.0 else 0.0
+
+    def stiffness_n_per_mm(self, force_n: float) -> float:
+        """Tangent stiffness where the force is ``force_n``."""
+        depth = (force_n / self.stiffness) ** (1.0 / self.power)
+        return self.power * self.stiffness * depth ** (self.power - 1.0)
+
+
+class FakeStage(Closing):
+    """A stage in memory.
+
+    Args:
+        at: Where it stands.
+        step_mm: Its resolution; 0 for none.
+        faults: Error to raise at the call of that number (moves and positions are counted together, from 1); the move
+            is then half done.
+        dead_after: From this call on every call fails.
+    """
+
+    def __init__(
+        self,
+        at: Point = (0.0, 0.0, 20.0),
+        *,
+        step_mm: float = 0.0,
+        faults: Mapping[int, Exception] | None = None,
+        dead_after: tuple[int, Exception] | None = None,
+    ) -> None:
+        self.identity = "fake stage 1.0"
+        self.simulated = "fake stage"
+        self.at = at
+        self.step_mm = step_mm
+        self.faults = dict(faults or {})
+        self.dead_after = dead_after
+        self.path: list[Point] = [at]
+        self.calls = 0
+        self.homed = 0
+        self.stopped = 0
+        self.closed = False
+        self.on_move: Callable[[Point], None] = lambda _: None
+
+    def _call(self) -> Exception | None:
+        self.calls += 1
+        if self.dead_after is not None and self.calls >= self.dead_after[0]:
+            raise self.dead_after[1]
+        return self.faults.pop(self.calls, None)
+
+    def home(self) -> None:
+        self._call()
+        self.homed += 1
+        self._go((self.at[0], self.at[1], 20.0))
+
+    def move(self, target_mm: Point, speed_mm_s: float) -> Point:
+        error = self._call()
+        if self.step_mm:
+            x, y, z = (round(one / self.step_mm) * self.step_mm for one in target_mm)
+            target_mm = (x, y, z)
+        if error is not None:
+            x, y, z = ((a + b) / 2.0 for a, b in zip(self.at, target_mm, strict=True))
+            self._go((x, y, z))
+            raise error
+        self._go(target_mm)
+        self.on_move(target_mm)
+        return self.at
+
+    def _go(self, target_mm: Point) -> None:
+        self.at = target_mm
+        self.path.append(target_mm)
+
+    def position(self) -> Point:
+        error = self._call()
+        if error is not None:
+            raise error
+        return self.at
+
+    def stop(self) -> None:
+        self.stopped += 1
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class FakeGauge(Closing):
+    """A gauge on the plate under a stage.
+
+    Args:
+        stage: Where the sensor is.
+        plate: What it presses on.
+        noise_n: Standard deviation of a sample.
+        drift_n: Is added to every reading, a function of the number of readings so far.
+        faults: Error to raise, or value to give, at the reading of that number from 1.
+    """
+
+    def __init__(
+        self,
+        stage: FakeStage,
+        plate: Plate,
+        *,
+        noise_n: float = 0.0,
+        drift_n: Callable[[int], float] = lambda _: 0.0,
+        faults: Mapping[int, Exception | float] | None = None,
+        seed: int = 0,
+    ) -> None:
+        self.identity = "fake gauge"
+        self.simulated = "fake gauge"
+        self.calibration: dict[str, object] = {}
+        self.stage = stage
+        self.plate = plate
+        self.noise_n = noise_n
+        self.drift_n = drift_n
+        self.faults = dict(faults or {})
+        self.readings: list[float] = []
+        self.tared = 0
+        self.closed = False
+        self._offset = 0.0
+        self._random = np.random.default_rng(seed)
+
+    def _now(self) -> float:
+        noise = self.noise_n * float(self._random.standard_normal()) if self.noise_n else 0.0
+        return self.plate.force_n(self.stage.at) + self.drift_n(len(self.readings)) + noise
+
+    def read(self, window_s: float) -> Force:
+        fault = self.faults.pop(len(self.readings) + 1, None)
+        value = fault if isinstance(fault, float) else self._now() - self._offset
+        self.readings.append(value)
+        if isinstance(fault, Exception):
+            raise fault
+        return Force(mean_n=value, spread_n=self.noise_n, samples=1)
+
+    def tare(self) -> None:
+        self.tared += 1
+        self._offset = self._now()
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class FakeSensor(Closing):
+    """An image sensor: a noisy pattern whose middle grows brighter with the force on it.
+
+    Args:
+        stage: Where the sensor is.
+        plate: What it presses on.
+        faults: Error to raise at the reading of that number from 1.
+        size: Height and width of an image.
+    """
+
+    def __init__(
+        self,
+        stage: FakeStage,
+        plate: Plate,
+        *,
+        faults: Mapping[int, Exception] | None = None,
+        size: tuple[int, int] = (48, 64),
+        seed: int = 0,
+    ) -> None:
+        self.name = "fake sensor"
+        self.units = "counts"
+        self.shape: tuple[int, ...] = size
+        self.simulated = "fake sensor"
+        self.settings: dict[str, Any] = {"requested": {"exposure": 5}, "actual": {"exposure": 5}}
+        self.stage = stage
+        self.plate = plate
+        self.faults = dict(faults or {})
+        self.count = 0
+        self.closed = False
+        self._random = np.random.default_rng(seed)
+        self._pattern = 60.0 * (np.indices(size).sum(axis=0) % 8 < 3) + 40.0
+
+    def read(self) -> Reading:
+        self.count += 1
+        fault = self.faults.pop(self.count, None)
+        if fault is not None:
+            raise fault
+        image = self._pattern.copy()
+        image[20:28, 28:36] *= 1.0 + 5.0 * self.plate.force_n(self.stage.at)
+        image += 1.4 * self._random.standard_normal(self.shape)
+        return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+    def close(self) -> None:
+        self.closed = True

@@ -1,0 +1,48 @@
+"""A process that presses a block on test doubles, or on the virtual rig, until it is killed.
+
+python killed_child.py FOLDER SEED fakes|virtual-grbl|virtual-marlin
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from helpers.fakes import FakeSensor
+from helpers.rigs import FakeRig, info_of, printed
+from tacbench_cad.lab.acquire.block import press_block
+from tacbench_cad.lab.acquire.person import Typing
+from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.safety import Signals
+from tacbench_cad.lab.acquire.session import acquire
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.study.file import virtual_study
+from tacbench_cad.lab.study.spec import Protocol
+
+
+def on_doubles(folder: Path, seed: int) -> None:
+    """The paper's 150 presses, on a rig that takes hardly any time: most of it goes to encoding and writing."""
+    doubles = FakeRig()
+    doubles.sensor = FakeSensor(doubles.stage, doubles.plate, size=(120, 160), seed=seed)
+    rig = doubles.rig()
+    rig.clock = Clock(speed=1e6)
+    info = info_of(rig, Protocol(reference_every_s=1e7))
+    print("ready", flush=True)
+    with Signals() as signals:
+        press_block(rig, info, folder / printed().name, signals=signals, progress=Silent())
+
+
+def on_virtual_rig(folder: Path, driver: str) -> None:
+    """The same through the drivers and a pseudo-terminal."""
+    chosen = virtual_study(driver=driver, speed=100.0, out=folder)
+    print("ready", flush=True)
+    person = Typing(lambda prompt: "", lambda message: None)
+    acquire(chosen.study, chosen.required_rig, folder, person=person, progress=Silent())
+
+
+if __name__ == "__main__":
+    if sys.argv[3] == "fakes":
+        on_doubles(Path(sys.argv[1]), int(sys.argv[2]))
+    else:
+        on_virtual_rig(Path(sys.argv[1]), sys.argv[3])
+    print("done", flush=True)

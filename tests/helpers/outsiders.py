@@ -1,0 +1,78 @@
+"""Programs that we did not write, and the parts that they are given. A missing program skips, and says so."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from tacbench_cad.geometry.block_part import block_part
+from tacbench_cad.geometry.part import Part
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.sampling import Tolerance
+
+#: No single run of another program may take longer than this, in seconds.
+PATIENCE_S = 300.0
+
+Run = Callable[[Sequence[str | Path]], str]
+Written = Callable[[str, str], Path]
+
+
+def program(name: str, package: str) -> Run:
+    """A caller of a program that fails on any exit code but 0 and gives back all that it printed."""
+    found = shutil.which(name)
+    if found is None:
+        pytest.skip(f"{name} is not installed: apt-get install {package}")
+
+    def run(arguments: Sequence[str | Path]) -> str:
+        done = subprocess.run(
+            [found, *map(str, arguments)], capture_output=True, text=True, timeout=PATIENCE_S, check=False
+        )
+        output = done.stdout + done.stderr
+        assert done.returncode == 0, f"{name} ended with {done.returncode}: {output[-2000:]}"
+        return output
+
+    return run
+
+
+def _block(name: str) -> Part:
+    """``paper-4``, ``released-2``, ``grid-6``, ``fine-4``, ``keyed-4``: what it is and which texture."""
+    kind, number = name.split("-")
+    if kind in ("paper", "released"):
+        return block_part(Block.of(number, kind))
+    if kind == "grid":
+        return block_part(Block.of(number, sampling="grid"))
+    if kind == "fine":
+        return block_part(Block.of(number, sampling=Tolerance(mm=0.002)))
+    assert kind == "keyed", name
+    return block_part(Block.of(number, key_mm=3.0, label=True, copy=12))
+
+
+@cache
+def part_named(name: str) -> Part:
+    """A part of the print set; fixtures need the CAD kernel.
+
+    Args:
+        name: ``holder``, ``holder-released``, ``tray`` (six slots), ``jig``, ``jig-all``, ``coupon``, or a block.
+    """
+    if name.split("-")[0] not in ("holder", "tray", "jig", "coupon"):
+        return _block(name)
+    pytest.importorskip("build123d", reason="fixtures need the extra cad")
+    from housing.coupon import Coupon
+    from housing.holder import Holder
+    from housing.jig import Jig
+
+    block = Block.of(2)
+    fixtures: dict[str, Callable[[], Part]] = {
+        "holder": lambda: Holder(block=block).part(),
+        "holder-released": lambda: Holder(block=Block.of(2, "released"), preset="released").part(),
+        "tray": lambda: Holder(block=block, slots=6).part(),
+        "jig": lambda: Jig(holder=Holder(block=block)).part(),
+        "jig-all": lambda: Jig(holder=Holder(block=block), marks="all").part(),
+        "coupon": Coupon().part,
+    }
+    return fixtures[name]()

@@ -1,0 +1,118 @@
+"""Rigs of test doubles, and what a block on them is pressed with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
+from typing import Any
+
+from helpers.fakes import FakeGauge, FakeSensor, FakeStage, Plate
+from tacbench_cad.lab.acquire.forces import ContactForce
+from tacbench_cad.lab.acquire.press import Presser
+from tacbench_cad.lab.acquire.safety import Carriage
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.devices import Rig
+from tacbench_cad.lab.rig.stage import LimitedStage
+from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.study.spec import (
+    GaugeSettings,
+    HolderRim,
+    PlannedBlock,
+    PrintedBlock,
+    Protocol,
+    RigSettings,
+    SensorSettings,
+    StageSettings,
+    Study,
+    WorkFrame,
+)
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import PressGrid
+
+#: Waits take no time.
+AT_ONCE = Clock(speed=1e12)
+LIMITS = ((-100.0, 300.0), (-100.0, 300.0), (-50.0, 50.0))
+
+
+def small_protocol(**changes: Any) -> Protocol:
+    """Four positions, two forces, two repeats: 16 presses, and few stationary readings."""
+    values: dict[str, Any] = {
+        "grid": PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0)),
+        "forces_n": (0.08045, 1.91295),
+        "bands_n": (0.00195, 0.00985),
+        "depths_mm": (0.35, 1.2),
+        "stationary_frames": 3,
+        **changes,
+    }
+    return Protocol(**values)
+
+
+def printed(texture: int = 1, copy: int = 1) -> PrintedBlock:
+    return PrintedBlock(block=Block.of(texture), printer="bambu-p1p", filament="pla-minus", copy=copy)
+
+
+def study_of(protocol: Protocol, *textures: int) -> Study:
+    levels = tuple(range(1, protocol.levels + 1))
+    blocks = tuple(PlannedBlock(printed=printed(one), levels=levels) for one in textures)
+    return Study(blocks=blocks, protocol=protocol)
+
+
+def rig_settings(**stage: Any) -> RigSettings:
+    values: dict[str, Any] = {"driver": "grbl", "limits_mm": LIMITS, **stage}
+    return RigSettings(
+        stage=StageSettings(**values), gauge=GaugeSettings(driver="serial"), sensor=SensorSettings(driver="opencv")
+    )
+
+
+class FakeRig:
+    """The doubles of a rig, and as many openings of it as a test needs."""
+
+    def __init__(self, *, plate: Plate | None = None, gauge: bool = True, **stage: Any) -> None:
+        self.plate = plate or Plate()
+        self.stage = FakeStage(**stage)
+        self.gauge: FakeGauge | None = FakeGauge(self.stage, self.plate, noise_n=0.0003) if gauge else None
+        self.sensor = FakeSensor(self.stage, self.plate)
+        self.opened = 0
+
+    def rig(self, settings: RigSettings | None = None) -> Rig:
+        return Rig(
+            stage=LimitedStage(self.stage, LIMITS),
+            gauge=self.gauge,
+            sensor=self.sensor,
+            clock=AT_ONCE,
+            settings=settings or rig_settings(),
+        )
+
+    def opener(self, settings: RigSettings, block: PrintedBlock, frame: WorkFrame) -> AbstractContextManager[Rig]:
+        return self._open(settings)
+
+    @contextmanager
+    def _open(self, settings: RigSettings) -> Iterator[Rig]:
+        self.opened += 1
+        with self.stage, self.sensor:
+            yield self.rig(settings)
+
+    def presser(self, protocol: Protocol) -> Presser:
+        """The press loop on this rig, its gauge tared."""
+        carriage = Carriage(self.stage, WorkFrame(origin_mm=(0.0, 0.0, 0.0)), protocol, HolderRim())
+        force = None if self.gauge is None else ContactForce(self.gauge, carriage, protocol, AT_ONCE)
+        if force is not None:
+            force.tare()
+        return Presser(protocol, carriage, force, None)
+
+
+def info_of(rig: Rig, protocol: Protocol, texture: int = 1, **changes: Any) -> RunInfo:
+    info = RunInfo(
+        printed=printed(texture),
+        levels=tuple(range(1, protocol.levels + 1)),
+        protocol=protocol,
+        grid_spacing="own",
+        holder=HolderRim(),
+        frame=WorkFrame(origin_mm=(0.0, 0.0, 0.0)),
+        slot=0,
+        stage=rig.stage_info,
+        gauge=rig.gauge_info,
+        sensor=rig.sensor_info,
+    )
+    return replace(info, **changes)

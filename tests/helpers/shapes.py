@@ -1,0 +1,77 @@
+"""Meshes and parts for the tests of files: sound ones, and one with each fault."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tacbench_cad.geometry.mesh import Floats, Mesh
+from tacbench_cad.geometry.part import Body, Part
+from tacbench_cad.spec.block import Block
+
+
+def box_mesh(
+    size: tuple[float, float, float] = (2.0, 3.0, 4.0), at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Mesh:
+    """A box of 12 triangles."""
+    corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * size + at
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangles = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
+    return Mesh(corners.astype(np.float32).astype(np.float64), np.array(triangles, dtype=np.int32))
+
+
+def mesh_part(mesh: Mesh, name: str = "thing", **more: Any) -> Part:
+    """A part that is nothing but a mesh."""
+    low, high = mesh.bounds_mm
+    size = tuple((high - low).tolist())
+    body = Body(volume_mm3=mesh.volume_mm3, volume_slack_mm3=0.0)
+    fields: dict[str, Any] = {"kind": "coupon", "title": "A thing", "genus": 0, "make_solid": None, **more}
+    return Part(name=name, size_mm=size, make_mesh=lambda: (mesh, body), **fields)
+
+
+def write_soup(path: Path, corners: Floats, header: bytes = b"made elsewhere", count: int | None = None) -> Path:
+    """Binary STL of bare triangles (m, 3, 3), as another program writes it: no names, no normals."""
+    facets = np.zeros(len(corners), dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
+    facets["v"] = corners
+    written = len(corners) if count is None else count
+    path.write_bytes(header.ljust(80, b"\0") + np.uint32(written).tobytes() + facets.tobytes())
+    return path
+
+
+def published(number: int, flipped_walls: bool = True) -> Floats:
+    """A block built as the authors' files are: 353,972 triangles, two of the four walls wound the wrong way.
+
+    Returns:
+        Triangles, shape (353972, 3, 3).
+    """
+    block = Block.of(number, "released")
+    nx, ny = 294, 301
+    x, y = 0.1 * np.arange(nx), 0.1 * np.arange(ny)
+    z = block.datum_mm + block.surface.grid(x, y)
+    xx, yy = np.meshgrid(x, y, indexing="ij")
+    top, bottom = np.stack([xx, yy, z], axis=2), np.stack([xx, yy, np.zeros_like(z)], axis=2)
+
+    def strip(a: Floats, b: Floats, flip: bool) -> Floats:
+        """Triangles between two rows of points."""
+        first = np.stack([a[..., :-1, :], b[..., :-1, :], b[..., 1:, :]], axis=-2)
+        second = np.stack([a[..., :-1, :], b[..., 1:, :], a[..., 1:, :]], axis=-2)
+        both = np.concatenate([first.reshape(-1, 3, 3), second.reshape(-1, 3, 3)])
+        return both[:, ::-1] if flip else both
+
+    sheets = [strip(top[:-1], top[1:], False), strip(bottom[:-1], bottom[1:], True)]
+    walls = [
+        strip(top[:, 0], bottom[:, 0], False),
+        strip(top[:, -1], bottom[:, -1], not flipped_walls),
+        strip(top[0], bottom[0], True),
+        strip(top[-1], bottom[-1], flipped_walls),
+    ]
+    return np.concatenate([*sheets, *walls]).astype(np.float32).astype(np.float64)
+
+
+def changed(mesh: Mesh, change: Callable[[Floats], Floats]) -> Mesh:
+    """The mesh with its vertices moved, rounded to float32."""
+    vertices = change(mesh.vertices.copy()).astype(np.float32).astype(np.float64)
+    return Mesh(vertices, mesh.triangles)

@@ -1,0 +1,119 @@
+"""Small studies on disk for the tests of the analysis: true run folders, made by the run folder's own writer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.writing import RunWriter
+from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import PressGrid
+
+Reading = NDArray[Any]
+#: Makes the reading of a press; the generator is seeded by the press and the block.
+Maker = Callable[[PrintedBlock, Press, np.random.Generator], Reading]
+
+SHAPE = (24, 32)
+WHEN = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
+#: Four positions instead of 25.
+GRID = PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0))
+PRINTERS = (("ender-3", "pla-plus"), ("bambu-p1p", "pla-minus"))
+
+
+def texture_image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
+    """A picture that a classifier can tell by texture and that differs a little by print and noise."""
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    number = int(printed.object_label)
+    phase = 0.1 * printed.copy + 0.3 * len(printed.printer) + 0.05 * press.position
+    clean = 120.0 + 40.0 * np.sin((0.2 + 0.15 * number) * x + phase) * np.cos(0.1 * number * y)
+    return np.clip(clean + press.force_level + rng.normal(0.0, 2.0, SHAPE), 0, 255).astype(np.uint8)
+
+
+def noise_image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
+    """A picture that says nothing of the texture."""
+    return rng.integers(0, 256, SHAPE, dtype=np.uint8)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What a small study holds.
+
+    Args:
+        textures: Numbers of the textures.
+        prints: Printer and filament.
+        copies: Copies of each, counted from 1.
+        levels: Force levels.
+        grid: Positions.
+        image: Makes a reading.
+        still: Stationary frames in contact at the start, and as many at the end.
+        simulated: What ``run.json`` says of the sensor.
+        shape: Shape of a reading.
+        units: Unit of its numbers.
+    """
+
+    textures: Sequence[int] = (1, 2)
+    prints: Sequence[tuple[str, str]] = PRINTERS
+    copies: int = 2
+    levels: tuple[int, ...] = (1,)
+    grid: PressGrid = GRID
+    image: Maker = texture_image
+    still: int = 3
+    simulated: str = ""
+    shape: tuple[int, ...] = SHAPE
+    units: str = "counts"
+
+
+def write_study(folder: Path, plan: Plan | None = None, **changes: Any) -> list[Path]:
+    """Write the runs of a study, one folder a print.
+
+    Args:
+        folder: Where the run folders go.
+        plan: The study; keyword arguments are fields of one.
+
+    Returns:
+        The run folders.
+    """
+    plan = plan or Plan(**changes)
+    folders = []
+    for printer, filament in plan.prints:
+        for copy in range(1, plan.copies + 1):
+            for texture in plan.textures:
+                printed = PrintedBlock(block=Block.of(texture), printer=printer, filament=filament, copy=copy)
+                folders.append(write_run(folder / printed.name, printed, plan))
+    return folders
+
+
+def write_run(folder: Path, printed: PrintedBlock, plan: Plan) -> Path:
+    """Write one run folder with every press of the plan."""
+    info = RunInfo(
+        printed=printed,
+        levels=plan.levels,
+        protocol=Protocol(grid=plan.grid, stationary_frames=plan.still),
+        grid_spacing="own",
+        holder=HolderRim(),
+        frame=WorkFrame(origin_mm=(0.0, 0.0, 0.0)),
+        slot=0,
+        stage={"identity": "test stage", "simulated": ""},
+        gauge={"identity": "test gauge", "simulated": "", "calibration": {}},
+        sensor={"name": "test sensor", "simulated": plan.simulated, "units": plan.units, "shape": list(plan.shape)},
+    )
+    with RunWriter.open(folder, info, durable=False) as writer:
+        for press in info.presses:
+            name = f"{printed.name} {press.number}"
+            rng = np.random.default_rng(list(name.encode()))
+            writer.press(press, (press.x_mm, press.y_mm, -0.5), plan.image(printed, press, rng), time_utc=WHEN)
+        middle = info.presses[0]
+        for when in ("start", "end"):
+            for index in range(1, plan.still + 1):
+                rng = np.random.default_rng(list(f"{printed.name} {when} {index}".encode()))
+                writer.stationary(when, True, index, plan.image(printed, middle, rng))
+    return folder

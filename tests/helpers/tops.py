@@ -1,0 +1,99 @@
+"""Measuring the textured tops of meshes against their formula, from nothing but the triangles."""
+
+from __future__ import annotations
+
+import manifold3d
+import numpy as np
+
+from tacbench_cad.geometry.mesh import Floats, Mesh
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.textures import Texture
+from tacbench_cad.spec.waves import Wave, WaveSum
+
+
+def faults(mesh: Mesh) -> list[str]:
+    """Everything that makes a mesh no closed, outward, non-degenerate body of genus 0; empty for a sound one."""
+    found = []
+    if not np.array_equal(mesh.vertices, mesh.vertices.astype(np.float32)):
+        found.append("a coordinate is no float32 value")
+    if len(np.unique(mesh.vertices, axis=0)) != len(mesh.vertices):
+        found.append("two vertices at one place")
+    if not np.array_equal(np.unique(mesh.triangles), np.arange(len(mesh.vertices))):
+        found.append("a vertex is not used")
+    a, b, c = mesh.triangles.astype(np.int64).T
+    count = len(mesh.vertices)
+    edges = np.concatenate([a * count + b, b * count + c, c * count + a])
+    backward = np.concatenate([b * count + a, c * count + b, a * count + c])
+    if len(np.unique(edges)) != len(edges):
+        found.append("an edge is run through twice in one direction")
+    if not np.array_equal(np.sort(edges), np.sort(backward)):
+        found.append("an edge is open or wound inconsistently")
+    if not np.all(areas(mesh) > 0.0):
+        found.append("a triangle without area")
+    body = manifold3d.Manifold(manifold3d.Mesh(mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32)))
+    if body.status() != manifold3d.Error.NoError:
+        found.append(f"manifold3d: {body.status()}")
+    elif body.genus() != 0 or not np.isclose(body.volume(), mesh.volume_mm3, rtol=1e-9) or body.volume() <= 0.0:
+        found.append(f"genus {body.genus()}, volume {body.volume()} and {mesh.volume_mm3}")
+    return found
+
+
+def areas(mesh: Mesh) -> Floats:
+    """Area of each triangle, from its float32 coordinates."""
+    return np.asarray(np.linalg.norm(normals(mesh.corners), axis=1) / 2.0)
+
+
+def normals(corners: Floats) -> Floats:
+    """Twice the area vector of each triangle, shape (m, 3)."""
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def top_triangles(mesh: Mesh, block: Block) -> Floats:
+    """Corners of the triangles that look up, shape (m, 3, 3): the top, since nothing else of a block does.
+
+    The wall along the key's cut leans by the rounding of its vertices and is told from the top by lying on the cut.
+    """
+    corners = mesh.corners
+    up = normals(corners)[:, 2] > 0.0
+    if block.key_mm is not None:
+        excess = corners[:, :, 0] - corners[:, :, 1] - (block.size_mm[0] - block.key_mm)
+        up &= np.any(np.abs(excess) > 1e-5, axis=1)
+    return corners[up]
+
+
+def deviations(block: Block, mesh: Mesh, order: int = 6, seed: int = 0, most: int = 2_000_000) -> tuple[float, float]:
+    """Largest distance and largest vertical deviation of the top from the formula.
+
+    Points are a barycentric lattice of every top triangle, its corners and edges included, and four random points;
+    where that would take more than ``most`` points, of as many triangles as they allow, drawn at random.
+    """
+    top = top_triangles(mesh, block)
+    i, j = np.meshgrid(np.arange(order + 1), np.arange(order + 1), indexing="ij")
+    lattice = np.column_stack([i[i + j <= order], j[i + j <= order]]) / order
+    scattered = np.random.default_rng(seed).dirichlet([1.0, 1.0, 1.0], 4)[:, :2]
+    shares = np.concatenate([lattice, scattered])
+    weights = np.column_stack([shares, 1.0 - shares.sum(axis=1)])
+    distance = vertical = 0.0
+    if len(top) * len(weights) > most:
+        top = top[np.random.default_rng(seed).permutation(len(top))[: most // len(weights)]]
+    for part in np.array_split(top, max(1, len(top) * len(weights) // 500_000)):
+        points = np.einsum("kw,nwc->nkc", weights, part).reshape(-1, 3)
+        x, y = points[:, 0], points[:, 1]
+        gap = np.abs(points[:, 2] - block.height_at(x, y))
+        slope_x, slope_y = block.surface.gradient(x, y)
+        distance = max(distance, float(np.max(gap / np.sqrt(1.0 + slope_x**2 + slope_y**2))))
+        vertical = max(vertical, float(gap.max()))
+    return distance, vertical
+
+
+def random_texture(rng: np.random.Generator, oblique: bool) -> Texture:
+    """One to five waves, along the axes or in any direction, with a relief that every preset's base can carry."""
+    waves = []
+    for _ in range(int(rng.integers(1, 6))):
+        frequency = float(rng.uniform(0.15, 3.0))
+        angle = float(rng.uniform(0.0, 2.0 * np.pi)) if oblique else float(rng.integers(4)) * np.pi / 2.0
+        direction = (np.cos(angle), np.sin(angle)) if oblique else ((1.0, 0.0), (0.0, 1.0))[int(rng.integers(2))]
+        amplitude = float(rng.uniform(0.05, 0.5)) / max(1.0, frequency)
+        phase = float(rng.uniform(0.0, 6.3))
+        waves.append(Wave(amplitude=amplitude, f=frequency * direction[0], g=frequency * direction[1], phase=phase))
+    return Texture(name="random", equation="random", waves=WaveSum(tuple(waves)))

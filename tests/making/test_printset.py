@@ -1,0 +1,361 @@
+"""The print set: what a request means, and that files are made whole, checked, or not at all."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tacbench_cad.checks.report import Check, Report
+from tacbench_cad.geometry.part import Part
+from tacbench_cad.making import printset, request
+from tacbench_cad.making import writing as making
+from tacbench_cad.making.manifest import read_rows
+from tacbench_cad.making.printset import Request, build, plan
+from tacbench_cad.spec.sampling import SampleGrid, Tolerance
+from tacbench_cad.spec.textures import Texture, equation1
+from tacbench_cad.util import packages as tools
+from tacbench_cad.util.errors import InputError, MissingToolError
+from tacbench_cad.util.files import sha256
+
+LIGHT = Request(formats=("stl",), parts=("blocks",))
+
+
+def names(wanted: Request) -> list[str]:
+    return [source.name for source in plan(wanted).sources]
+
+
+def needs_cad() -> None:
+    pytest.importorskip("build123d")
+
+
+# What a request means
+
+
+def test_by_default_six_blocks_holder_and_jig_in_all_formats() -> None:
+    needs_cad()
+    pytest.importorskip("lib3mf")
+    wanted = plan(Request())
+    blocks = [f"texture-{i}_paper_x1" for i in range(1, 7)]
+    assert [source.name for source in wanted.sources] == [*blocks, "holder_paper_x1", "jig_paper_x1"]
+    assert {source.formats for source in wanted.sources} == {("stl", "3mf", "step")}
+    assert wanted.left_out == ()
+    assert wanted.file_count == 24
+
+
+@pytest.mark.parametrize(
+    ("changes", "name"),
+    [
+        ({}, "texture-4_paper_x1"),
+        ({"preset": "released"}, "texture-4_released_x1"),
+        ({"scale": 0.5, "height_mm": 20.0}, "texture-4_paper_x0.5_23.3x30x20"),
+        ({"size_mm": (40.0, 40.0)}, "texture-4_paper_x1_40x40x7"),
+        ({"key_mm": 2.0}, "texture-4_paper_x1_key2"),
+        ({"sampling": "grid"}, "texture-4_paper_x1_grid189x201"),
+        ({"sampling": Tolerance(mm=0.005)}, "texture-4_paper_x1_tol0.005"),
+        ({"sampling": SampleGrid(nx=50, ny=60)}, "texture-4_paper_x1_grid50x60"),
+    ],
+)
+def test_names_say_what_is_not_the_default(changes: dict[str, Any], name: str) -> None:
+    assert names(replace(LIGHT, textures=("4",), **changes)) == [name]
+
+
+def test_copies_are_parts_of_their_own_and_bear_a_label() -> None:
+    wanted = plan(replace(LIGHT, textures=("2", "5"), copies=2))
+    assert [source.name for source in wanted.sources] == [
+        *("texture-2_paper_x1_copy01", "texture-2_paper_x1_copy02"),
+        *("texture-5_paper_x1_copy01", "texture-5_paper_x1_copy02"),
+    ]
+    assert all(source.part.block is not None and source.part.block.label for source in wanted.sources)
+
+
+def test_copies_share_one_holder_and_one_jig() -> None:
+    needs_cad()
+    found = names(Request(textures=("1",), copies=3, formats=("stl",)))
+    assert [name for name in found if not name.startswith("texture")] == ["holder_paper_x1", "jig_paper_x1"]
+
+
+def test_every_geometry_gets_its_own_holder(tmp_path: Path) -> None:
+    needs_cad()
+    file = tmp_path / "wide.toml"
+    file.write_text(
+        '[texture]\nname = "wide"\nfamily = "series"\nlaw = "triangle"\nN = 3\n[block]\nsize_mm = [40.0, 32.0]\n'
+    )
+    found = names(Request(textures=("1", "2", str(file)), formats=("stl",), parts=("blocks", "holder")))
+    assert found[-2:] == ["holder_paper_x1", "holder_paper_x1_40x32x7"]
+    assert len(set(found)) == len(found) == 5
+
+
+def test_the_preset_released_brings_the_holder_that_the_authors_printed() -> None:
+    needs_cad()
+    wanted = Request(preset="released", textures=("1",), formats=("stl",), parts=("holder",))
+    (holder,) = plan(wanted).sources
+    assert holder.part.size_mm == pytest.approx((45.39, 65.01, 7.47))
+    (fitted,) = plan(replace(wanted, fit="press")).sources
+    assert fitted.part.size_mm != holder.part.size_mm and fitted.name != holder.name
+
+
+def test_two_files_with_one_name_are_refused(tmp_path: Path) -> None:
+    text = '[texture]\nname = "mine"\nfamily = "series"\nlaw = "square"\nN = 3\n'
+    for name in ("a.toml", "b.toml"):
+        (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=r"'mine'.*twice"):
+        plan(replace(LIGHT, textures=(str(tmp_path / "a.toml"), str(tmp_path / "b.toml"))))
+
+
+@pytest.mark.parametrize("number", [4, 6])
+def test_released_square_waves_get_no_solid_but_everything_else(number: int) -> None:
+    pytest.importorskip("OCP")
+    wanted = plan(Request(textures=(str(number),), preset="released", formats=("stl", "step"), parts=("blocks",)))
+    (source,) = wanted.sources
+    assert source.formats == ("stl",)
+    assert [one.what for one in wanted.left_out] == [f"texture-{number}_released_x1.step"]
+    assert wanted.left_out[0].reason
+
+
+def test_of_all_released_textures_those_with_a_solid_are_made() -> None:
+    pytest.importorskip("OCP")
+    wanted = plan(Request(preset="released", formats=("step",), parts=("blocks",)))
+    assert [source.name.split("_")[0] for source in wanted.sources] == [f"texture-{i}" for i in (1, 2, 3, 5)]
+    assert len(wanted.left_out) == 2
+
+
+def test_a_jig_that_cannot_be_is_left_out_with_the_numbers_unless_asked_for() -> None:
+    needs_cad()
+    small = Request(textures=("1",), size_mm=(30.0, 20.0), formats=("stl",))
+    wanted = plan(small)
+    assert [source.part.kind for source in wanted.sources] == ["block", "holder"]
+    (left,) = wanted.left_out
+    assert left.what == "jig" and "9 x 23 mm" in left.reason and "30 x 20 mm" in left.reason
+    for asked in ({"jig": "default"}, {"parts": ("jig",)}):
+        with pytest.raises(InputError, match="9 x 23 mm"):
+            plan(replace(small, **asked))
+
+
+def test_a_small_key_is_refused_even_when_no_holder_is_made() -> None:
+    with pytest.raises(InputError, match="turned by half"):
+        plan(replace(LIGHT, key_mm=0.5))
+    assert plan(replace(LIGHT, key_mm=0.5, parts=None, fit="press")).sources
+
+
+@pytest.mark.parametrize("extra", ["build123d", "OCP"])
+def test_without_the_cad_extra_the_rest_is_made_and_named(extra: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    reason = 'needs cadquery-ocp, not installed: pip install "tacbench-cad[cad]"'
+    monkeypatch.setattr(request, "why_missing", lambda *modules: reason if extra in modules else None)
+    step = request.FORMATS["step"]
+    monkeypatch.setitem(request.FORMATS, "step", replace(step, why_missing=lambda: reason))
+    wanted = plan(Request(textures=("1",)))
+    assert [source.part.kind for source in wanted.sources] == ["block"]
+    assert "step" not in wanted.sources[0].formats
+    assert {one.what for one in wanted.left_out} == {"step", "holder, jig"}
+    assert all("pip install" in one.reason for one in wanted.left_out)
+    for asked in ({"formats": ("step",)}, {"parts": ("holder",)}, {"jig": "all"}):
+        with pytest.raises(MissingToolError, match="pip install"):
+            plan(Request(textures=("1",), **asked))
+
+
+# Making it
+
+
+@pytest.fixture
+def broken_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A kernel in front of the real one that does not load, as without libGL."""
+    (tmp_path / "site" / "OCP").mkdir(parents=True)
+    text = "raise ImportError('libGL.so.1: cannot open shared object file')"
+    (tmp_path / "site" / "OCP" / "__init__.py").write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+
+
+@pytest.mark.usefixtures("broken_kernel")
+def test_a_kernel_that_does_not_load_is_done_without(tmp_path: Path) -> None:
+    result = build(Request(textures=("1",), out=tmp_path / "out"))
+    assert [row["file"] for row in result.rows if row["format"] == "stl"] == ["texture-1_paper_x1.stl"]
+    assert not [row for row in result.rows if row["format"] == "step" or row["kind"] != "block"]
+    (left,) = [one for one in result.left_out if "kernel" in one.reason]
+    assert left.what == "step, holder, jig" and "libGL.so.1" in left.reason and "doctor" in left.reason
+
+
+@pytest.mark.usefixtures("broken_kernel")
+def test_a_kernel_that_does_not_load_is_refused_where_it_is_needed(tmp_path: Path) -> None:
+    with pytest.raises(MissingToolError, match=r"libGL\.so\.1"):
+        build(Request(textures=("1",), formats=("stl", "step"), parts=("blocks",), out=tmp_path / "out"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_textures_are_named_by_number_or_given_themselves(tmp_path: Path) -> None:
+    own = Texture(name="own", waves=equation1(1.0, 1.0, 2.0, 2.0))
+    assert names(replace(LIGHT, textures=(4, own, "1"))) == ["texture-4_paper_x1", "own_paper_x1", "texture-1_paper_x1"]
+    with pytest.raises(InputError, match="asked for twice"):
+        plan(replace(LIGHT, textures=(own, own)))
+    result = build(replace(LIGHT, textures=(own,), out=tmp_path))
+    (row,) = result.rows
+    head, line = str(result).splitlines()
+    assert head == f"1 file in {tmp_path}"
+    assert line.split("  ")[1:] == [
+        "own_paper_x1.stl",
+        f"{len(row['checks'])} checks passed, {row['deviation_mm']:.2g} mm from the formula at most",
+    ]
+
+
+def test_a_result_names_what_failed_and_what_was_left_out(tmp_path: Path) -> None:
+    failed = printset.Failure(file="a.stl", faults=("open edges", "volume"))
+    result = printset.Result(out=tmp_path, failures=[failed], left_out=[printset.LeftOut(what="jig", reason="no room")])
+    assert [line.strip() for line in str(result).splitlines()[1:]] == [
+        "a.stl  not made: open edges; volume",
+        "jig    left out: no room",
+    ]
+    assert str(printset.Result(out=tmp_path)) == f"0 files in {tmp_path}"
+
+
+def test_a_row_says_what_the_file_is(tmp_path: Path) -> None:
+    result = build(replace(LIGHT, textures=("3",), out=tmp_path))
+    (row,) = read_rows(tmp_path)
+    assert [row] == result.rows
+    path = tmp_path / row["file"]
+    assert row["sha256"] == sha256(path) and row["bytes"] == path.stat().st_size == 84 + 50 * row["triangles"]
+    assert row["size_mm"] == pytest.approx([23.3, 30.0, 7.0], abs=1e-5)
+    assert row["volume_mm3"] == pytest.approx(row["closed_form_volume_mm3"], rel=1e-5)
+    assert 0.0 < row["deviation_mm"] <= row["certificate"]["distance_mm"] <= 0.01 <= row["certificate"]["vertical_mm"]
+    assert all(check["ok"] for check in row["checks"]) and len(row["checks"]) > 5
+    assert row["spec"]["texture"] == "texture-3"
+    assert "grid_to_formula" not in row
+
+
+def test_on_a_sample_grid_the_row_says_how_far_the_grid_is_from_the_formula(tmp_path: Path) -> None:
+    result = build(replace(LIGHT, textures=("4",), sampling="grid", out=tmp_path))
+    found = result.rows[0]["grid_to_formula"]
+    assert found["formula_above_height_mm"] == pytest.approx(0.033, abs=5e-4)
+    assert found["aliases"] is False
+    assert found["vertical_mm"] >= 0.2
+
+
+def test_the_same_request_gives_the_same_bytes(tmp_path: Path) -> None:
+    wanted = replace(LIGHT, textures=("1", "3"), label=True, key_mm=3.0)
+    for folder in ("a", "b"):
+        build(replace(wanted, out=tmp_path / folder))
+    files = sorted(path.name for path in (tmp_path / "a").iterdir())
+    assert "manifest.json" in files and len([name for name in files if name.endswith(".stl")]) == 2
+    for name in files:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
+    assert str(tmp_path) not in (tmp_path / "a" / "manifest.json").read_text()
+
+
+def test_meshes_shared_out_among_processes_are_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wanted = replace(LIGHT, textures=("1", "2", "3", "5"))
+    alone = build(replace(wanted, out=tmp_path / "alone"))
+    monkeypatch.setattr(printset, "SHARED_FROM", 0)
+    taken: list[str] = []
+    honest = printset.make_files
+    monkeypatch.setattr(printset, "make_files", lambda part, *rest: taken.append(part.name) or honest(part, *rest))
+    shared = build(replace(wanted, out=tmp_path / "shared"))
+    assert shared.rows == alone.rows and len(shared.rows) == 4
+    assert len(set(taken)) == len(taken), "no part may be made twice"
+    for row in alone.rows:
+        assert (tmp_path / "alone" / row["file"]).read_bytes() == (tmp_path / "shared" / row["file"]).read_bytes()
+
+
+def test_a_second_call_replaces_only_what_it_makes(tmp_path: Path) -> None:
+    build(replace(LIGHT, textures=("1", "3", "5"), out=tmp_path))
+    before = {row["file"]: row for row in read_rows(tmp_path)}
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "texture-5_paper_x1.stl").write_bytes(b"altered by hand")
+    build(replace(LIGHT, textures=("1",), scale=2.0, out=tmp_path))
+    build(replace(LIGHT, textures=("1",), out=tmp_path))
+    after = {row["file"]: row for row in read_rows(tmp_path)}
+    assert list(after) == ["texture-1_paper_x1.stl", "texture-1_paper_x2.stl", "texture-3_paper_x1.stl"]
+    for name in ("texture-1_paper_x1.stl", "texture-3_paper_x1.stl"):
+        assert after[name] == before[name]
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert (tmp_path / "texture-5_paper_x1.stl").read_bytes() == b"altered by hand"
+
+
+def spoil(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Let the checks of one part fail."""
+    honest = making.verify
+
+    def verify(part: Part, path: Path, full: bool = False) -> Report:
+        report = honest(part, path, full=full)
+        wrong = Check(name="closed", ok=False, detail="3 open edges")
+        return replace(report, checks=(*report.checks, wrong)) if part.name == name else report
+
+    monkeypatch.setattr(making, "verify", verify)
+
+
+def test_a_part_that_fails_is_not_put_in_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    build(replace(LIGHT, textures=("3",), out=tmp_path))
+    before = (tmp_path / "texture-3_paper_x1.stl").read_bytes()
+    spoil(monkeypatch, "texture-3_paper_x1")
+    result = build(replace(LIGHT, textures=("1", "3"), out=tmp_path))
+    assert not result.ok
+    assert [(one.file, one.faults) for one in result.failures] == [
+        ("texture-3_paper_x1.stl", ("closed: 3 open edges",))
+    ]
+    assert [row["file"] for row in result.rows] == ["texture-1_paper_x1.stl"]
+    assert (tmp_path / "texture-3_paper_x1.stl").read_bytes() == before
+    assert len(read_rows(tmp_path)) == 2, "the old file is still there, and so is its row"
+    assert not list(tmp_path.glob(".tacbench*"))
+
+
+def stop_after(count: int) -> Callable[[str, int, int], None]:
+    def progress(message: str, done: int, total: int) -> None:
+        if done == count:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+def test_an_interruption_leaves_whole_files_and_a_true_manifest(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        build(replace(LIGHT, textures=("1", "3", "5"), out=tmp_path), stop_after(2))
+    rows = read_rows(tmp_path)
+    assert [row["file"] for row in rows] == ["texture-1_paper_x1.stl", "texture-3_paper_x1.stl"]
+    assert all(sha256(tmp_path / row["file"]) == row["sha256"] for row in rows)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["manifest.json", *(row["file"] for row in rows)]
+
+
+def test_an_interruption_before_the_first_file_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        build(replace(LIGHT, textures=("1",), out=tmp_path / "out"), stop_after(0))
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_interruption_ends_the_children_and_sweeps_what_they_had_begun(tmp_path: Path) -> None:
+    pytest.importorskip("OCP")
+    wanted = Request(textures=("1", "4"), formats=("stl", "step"), parts=("blocks",), out=tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        build(wanted, stop_after(2))
+    found = {path.name for path in tmp_path.iterdir()}
+    assert {"texture-1_paper_x1.stl", "texture-4_paper_x1.stl", "manifest.json"} <= found
+    assert not [name for name in found if name.startswith(".")]
+    listed = {row["file"]: row["sha256"] for row in json.loads((tmp_path / "manifest.json").read_text())["files"]}
+    assert all(sha256(tmp_path / name) == digest for name, digest in listed.items())
+
+
+def test_without_matplotlib_the_pictures_are_left_out_with_the_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reason = 'needs matplotlib, not installed: pip install "tacbench-cad[plot]"'
+    monkeypatch.setattr(printset, "why_missing", lambda name: reason if name == "matplotlib" else None)
+    result = build(replace(LIGHT, textures=("1",), out=tmp_path))
+    assert result.ok and not result.preview and not (tmp_path / "preview.png").exists()
+    assert [(one.what, one.reason) for one in result.left_out] == [("preview.png", reason)]
+
+
+def test_the_full_checks_need_their_tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tools, "has_module", lambda name: name != "pymeshlab")
+    with pytest.raises(MissingToolError, match="verify = 'full': needs pymeshlab"):
+        build(replace(LIGHT, textures=("1",), full=True, out=tmp_path / "out"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_height_that_is_refused_names_one_that_does_for_all(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        plan(replace(LIGHT, height_mm=3.0))
+    height = float(caught.value.allowed.split("a height of ")[1].split(" mm")[0])
+    assert plan(replace(LIGHT, height_mm=height)).sources
+    assert math.isclose(height, 5.52)

@@ -1,0 +1,112 @@
+"""The same spec gives the same bytes: again, in another process, later, and from another folder."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from helpers.shapes import box_mesh, mesh_part
+
+from tacbench_cad.formats import FORMATS
+from tacbench_cad.geometry.block_part import block_part
+from tacbench_cad.geometry.part import Part
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.files import sha256
+
+BLOCKS = {
+    "plain": Block.of(2),
+    "keyed": Block.of(1, key_mm=3.0, copy=2),
+    "released": Block.of(5, "released"),
+}
+
+
+def _need(form: str) -> None:
+    if FORMATS[form].why_missing() is not None:
+        pytest.skip(f"no {form} here")
+
+
+def _part(name: str) -> Part:
+    return block_part(BLOCKS[name])
+
+
+_OTHER_PROCESS = """
+import sys, time
+from pathlib import Path
+sys.path[:0] = [sys.argv[1], sys.argv[2]]
+from test_reproducible import write_all
+time.sleep(2.1)  # zip and STEP headers hold seconds
+write_all(Path(sys.argv[3]))
+"""
+
+
+def write_all(folder: Path) -> None:
+    """Both blocks in every format that there is."""
+    for name in ("plain", "keyed"):
+        part = _part(name)
+        for form in FORMATS.values():
+            if form.why_missing() is None:
+                form.write(part, folder / f"{name}{form.suffix}")
+
+
+@pytest.fixture(scope="module")
+def there(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What another process writes, seconds later."""
+    folder = tmp_path_factory.mktemp("there")
+    arguments = [sys.executable, "-c", _OTHER_PROCESS, *map(str, Path(__file__).parents[:2]), str(folder)]
+    done = subprocess.run(arguments, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.parametrize("name", ["plain", "keyed"])
+def test_same_bytes_again_and_in_another_process(name: str, form: str, there: Path, tmp_path: Path) -> None:
+    _need(form)
+    suffix = FORMATS[form].suffix
+    (tmp_path / "elsewhere").mkdir()
+    first, other, again = (tmp_path / f"{one}{suffix}" for one in ("first", "other", "elsewhere/again"))
+    FORMATS[form].write(_part(name), first)
+    FORMATS[form].write(_part("released"), other)  # a writer that counts would now be further on
+    FORMATS[form].write(_part(name), again)
+    assert sha256(first) == sha256(again)
+    assert sha256(first) == sha256(there / f"{name}{suffix}")
+    assert sha256(first) != sha256(other)
+
+
+@pytest.mark.parametrize("form", ["stl", "3mf"])
+def test_another_spec_gives_other_bytes(form: str, tmp_path: Path) -> None:
+    _need(form)
+    hashes = set()
+    for i, part in enumerate(
+        [
+            mesh_part(box_mesh(), name="one"),
+            mesh_part(box_mesh(), name="two"),
+            mesh_part(box_mesh((2.0, 3.0, 4.5)), name="one"),
+        ]
+    ):
+        FORMATS[form].write(part, tmp_path / f"{i}.{form}")
+        hashes.add(sha256(tmp_path / f"{i}.{form}"))
+    assert len(hashes) == 3
+
+
+def test_metadata_is_part_of_the_3mf(tmp_path: Path) -> None:
+    _need("3mf")
+    hashes = set()
+    for i, spec in enumerate([{"scale": 1.0}, {"scale": 2.0}]):
+        FORMATS["3mf"].write(mesh_part(box_mesh(), spec=spec), tmp_path / f"{i}.3mf")
+        hashes.add(sha256(tmp_path / f"{i}.3mf"))
+    assert len(hashes) == 2
+
+
+def test_files_hold_no_path_and_no_date(tmp_path: Path) -> None:
+    for form in FORMATS.values():
+        if form.why_missing() is not None:
+            continue
+        path = tmp_path / f"a{form.suffix}"
+        form.write(_part("plain"), path)
+        data = path.read_bytes()
+        assert str(tmp_path).encode() not in data
+        assert b"/home" not in data
+        assert b"202" not in data[:80] or form.name != "stl"

@@ -1,0 +1,129 @@
+"""A block's drawing: its numbers are the mesh's, its words lie clear of each other, its files are whole and equal."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib", reason="drawings need the extra plot")
+
+from helpers.drawing_measure import clashes, faults
+from PIL import Image
+
+from tacbench_cad.geometry.block_mesh import mesh_block
+from tacbench_cad.render.drawing import Drawing, block_drawing, save_drawing
+from tacbench_cad.render.drawing.blocks import lowest_mm
+from tacbench_cad.render.drawing.sheet import length
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.label import LABEL_DEPTH_MM
+from tacbench_cad.spec.sampling import SampleGrid
+from tacbench_cad.util.errors import InputError
+
+BLOCKS = {
+    "default": Block.of(4),
+    "along one axis": Block.of(1),
+    "keyed and labelled": Block.of(2, key_mm=3.0, label=True),
+    "scaled": Block.of(3, scale=1.7, key_mm=4.0),
+    "small": Block.of(5, scale=0.6),
+    "large": Block.of(6, scale=5.0, copy=12),
+    "narrow": Block.of(2, size_mm=(60.0, 11.0), label=True),
+    "released, joined samples that draw another shape": Block.of(4, "released", key_mm=3.0, label=True),
+    "its own grid": Block.of(2, sampling=SampleGrid(nx=40, ny=31), key_mm=5.0),
+}
+
+
+@cache
+def drawing_of(name: str) -> Drawing:
+    """With the press grid where the block is large enough."""
+    return block_drawing(BLOCKS[name], press=name not in ("small", "narrow"))
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_every_number_is_the_distance_on_the_mesh(name: str) -> None:
+    block = BLOCKS[name]
+    exact = isinstance(block.sampling, SampleGrid)
+    drawing = drawing_of(name)
+    # A mesh within a tolerance has its valleys within it; a coordinate is a float32.
+    assert faults(drawing, 2e-4 if exact else mesh_block(block)[1].distance_mm) == []
+    numbers = {one.name: one.value_mm for one in drawing.dimensions}
+    assert (numbers["side x"], numbers["side y"], numbers["height"]) == (*block.size_mm, block.height_mm)
+    assert numbers["base"] + numbers["relief"] == pytest.approx(block.height_mm)
+    if not exact:
+        assert numbers["relief"] == pytest.approx(block.relief_mm)
+
+
+def test_the_lowest_point_of_joined_samples_is_the_meshs() -> None:
+    for name in ("released, joined samples that draw another shape", "its own grid"):
+        block = BLOCKS[name]
+        z = mesh_block(block)[0].vertices[:, 2]
+        assert lowest_mm(block) == pytest.approx(z[z > LABEL_DEPTH_MM + 0.01].min(), abs=2e-6)
+
+
+def test_a_wrong_number_is_found() -> None:
+    """The measure itself: a shifted end, another value and another part's outlines are faults."""
+    drawing = drawing_of("default")
+    plan = drawing.plan
+    first = plan.dimensions[0]
+    moved = replace(first, end=(first.end[0] + 0.05, first.end[1]), value_mm=first.value_mm + 0.05)
+    for wrong in (moved, replace(first, value_mm=first.value_mm + 0.01)):
+        assert len(faults(replace(drawing, plan=replace(plan, dimensions=(wrong,))), 0.01)) == 1
+    other = drawing_of("scaled")
+    assert len(faults(replace(drawing, front=replace(drawing.front, cut=other.front.cut)), 0.01)) >= 1
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_no_words_lie_on_others_or_on_lines(name: str) -> None:
+    assert clashes(drawing_of(name)) == []
+
+
+def test_words_on_others_are_found() -> None:
+    """The measure itself: two labels on each other, and one on the line of a section."""
+    drawing = drawing_of("default")
+    cut = drawing.plan.cut_marks[0].at
+    labels = ((4.0, 5.0), "here"), ((4.3, 5.1), "there"), ((4.0, cut), "on the line"), ((4.0, 8.0), "beside")
+    found = clashes(replace(drawing, plan=replace(drawing.plan, labels=labels)))
+    assert [one.split("[")[0] for one in found] == ["'here' lies on 'there'", "'on the line' lies on a line "]
+
+
+def test_the_press_grid_is_the_protocols() -> None:
+    block = Block.of(1, scale=1.5)
+    numbers = {one.name: one for one in block_drawing(block, press=True).plan.dimensions}
+    assert (numbers["first press column"].value_mm, numbers["first press row"].value_mm) == (6.0, 27.0)
+    assert numbers["press rows"].text == "4 x 1.88 = 7.5"
+    assert "first press row" not in {one.name for one in block_drawing(block).plan.dimensions}
+    with pytest.raises(InputError, match="press grid"):
+        block_drawing(Block.of(2, size_mm=(8.0, 11.0)), press=True)
+
+
+def test_the_label_lies_where_it_is_engraved() -> None:
+    block = BLOCKS["keyed and labelled"]
+    assert block.engraving is not None
+    hidden = drawing_of("keyed and labelled").plan.hidden
+    drawn_mm2 = sum(float(np.sum(p[:, 0] * np.roll(p[:, 1], -1) - np.roll(p[:, 0], -1) * p[:, 1])) for p in hidden) / 2
+    assert abs(drawn_mm2) == pytest.approx(block.engraving.area_mm2, rel=1e-6)
+
+
+def test_lengths_are_written_to_a_hundredth() -> None:
+    assert [length(one) for one in (23.3, 30.0, 2.2849, -0.001, 0.15)] == ["23.3", "30", "2.28", "0", "0.15"]
+
+
+def test_each_kind_of_file_is_written_whole_and_equal_on_every_run(tmp_path: Path) -> None:
+    drawing = drawing_of("along one axis")
+    heads = {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml"}
+    for suffix, head in heads.items():
+        paths = [tmp_path / f"{run}{suffix}" for run in "ab"]
+        for path in paths:
+            save_drawing(drawing, path)
+        assert paths[0].read_bytes().startswith(head)
+        assert paths[0].read_bytes() == paths[1].read_bytes()
+        assert b"/work" not in paths[0].read_bytes() and b"Matplotlib" not in paths[0].read_bytes()[:2000]
+    with Image.open(tmp_path / "a.png") as picture:
+        assert picture.size == (2338, 1653)
+    assert b'width="841.889764pt"' in (tmp_path / "a.svg").read_bytes()
+    with pytest.raises(InputError, match=r"must end in \.png, \.pdf or \.svg"):
+        save_drawing(drawing, tmp_path / "a.dxf")
+    assert len(list(tmp_path.iterdir())) == 6

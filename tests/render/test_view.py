@@ -1,0 +1,243 @@
+"""The 3D page without a browser: what it shows, that it names nothing to load, and what it refuses."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import re
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("k3d", reason="the 3D page needs the extra view")
+
+from tacbench_cad.cli import main
+from tacbench_cad.making.request import Request
+from tacbench_cad.render.viewing import page, scene
+from tacbench_cad.render.viewing.scene import Scene, Thing, request_of, scene_of
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.util import packages as tools
+from tacbench_cad.util.errors import InputError, MissingToolError
+
+Capture = pytest.CaptureFixture[str]
+COARSE = Request(sampling=Tolerance(mm=0.05))
+
+
+def seen(*words: str, options: Request = COARSE) -> Scene:
+    return scene_of(request_of(words, options))
+
+
+def told(text: str) -> dict[str, object]:
+    found = re.search(r'<script id="description" type="application/json">(.*?)</script>', text, re.DOTALL)
+    assert found is not None
+    document: dict[str, object] = json.loads(found[1])
+    return document
+
+
+def world(thing: Thing) -> np.ndarray:
+    """A thing's vertices in the world, (n, 3)."""
+    return thing.mesh.vertices @ thing.to_world[:3, :3].T + thing.to_world[:3, 3]
+
+
+@pytest.mark.parametrize(
+    ("words", "textures", "parts"),
+    [
+        ((), ("all",), None),
+        (("4",), ("4",), ("blocks",)),
+        (("1", "texture-2", "holder"), ("1", "texture-2"), ("holder", "blocks")),
+        (("jig",), ("all",), ("jig",)),
+        (("blocks",), ("all",), ("blocks",)),
+    ],
+)
+def test_words_name_textures_and_parts(
+    words: tuple[str, ...], textures: tuple[str, ...], parts: tuple[str, ...] | None
+) -> None:
+    request = request_of(words, Request())
+    assert request.textures == textures
+    assert request.parts == parts
+
+
+def test_a_formula_on_the_page_is_the_blocks_own() -> None:
+    (thing,) = seen("4").things
+    assert thing.formula is not None
+    block = Block.of(4, sampling=Tolerance(mm=0.05))
+    x, y = np.random.default_rng(1).uniform(0.0, 23.0, (2, 500))
+    a, f, g, phase = thing.formula.waves.T[:, :, None]
+    heights = thing.formula.datum_mm + (a * np.sin(f * x + g * y + phase)).sum(axis=0)
+    assert np.abs(heights - block.height_at(x, y)).max() < 1e-12
+    slope = np.hypot(*(np.asarray(one) for one in block.surface.gradient(x, y)))
+    assert thing.formula.bound_mm <= 0.05 and slope.max() > 1.0
+
+
+def test_colours_end_at_the_bound_or_at_what_joined_samples_reach() -> None:
+    (fine,) = seen("6").things
+    (joined,) = seen("6", options=Request(sampling="grid")).things
+    assert fine.formula is not None and joined.formula is not None
+    assert fine.formula.scale_mm == fine.formula.bound_mm
+    block = Block.of(6, sampling="grid")
+    x = np.linspace(0.0, 23.3, 200_001)
+    lines, ends = block.samples_mm[0], block.height_at(block.samples_mm[0], 0.0)
+    slope = np.asarray(block.surface.gradient(x, np.zeros_like(x))[0])
+    largest = np.abs((np.interp(x, lines, ends) - block.height_at(x, 0.0)) / np.hypot(1.0, slope)).max()
+    assert 0.8 * largest < joined.formula.scale_mm <= largest < joined.formula.bound_mm
+
+
+def test_press_positions_lie_on_the_surface() -> None:
+    (thing,) = seen("2").things
+    assert thing.press is not None
+    x, y, z = thing.press.positions_mm.T
+    assert np.abs(z - Block.of(2, sampling=Tolerance(mm=0.05)).height_at(x, y)).max() < 1e-12
+    assert [force for force, _ in thing.press.contacts] == [0.08045, 1.91295, 3.0137]
+
+
+def test_a_block_that_the_press_grid_leaves_shows_none(tmp_path: Path) -> None:
+    file = tmp_path / "small.toml"
+    file.write_text(
+        '[texture]\nname = "small"\nfamily = "series"\nlaw = "square"\nN = 3\naxes = "x"\n[block]\nsize_mm = [8, 8]\n'
+    )
+    (thing,) = seen(str(file)).things
+    assert thing.press is None and thing.formula is not None
+
+
+def test_fixtures_fit_together_in_the_world() -> None:
+    pytest.importorskip("build123d", reason="fixtures need the extra cad")
+    shown = {one.kind: one for one in seen("2", "holder", "jig").things}
+    block, holder, jig = (world(shown[kind]) for kind in ("block", "holder", "jig"))
+    # Holder's plate 45.6 x 52.3 x 7.47; the block stands 1.18 over it and in its middle; the jig's roof 0.3 above.
+    assert np.allclose((block.min(axis=0) + block.max(axis=0))[:2], holder.max(axis=0)[:2], atol=1e-5)
+    assert block.max(axis=0)[2] - holder.max(axis=0)[2] == pytest.approx(1.18, abs=1e-5)
+    inside = jig[(np.abs(jig[:, 0] - 22.8) < 11.0) & (np.abs(jig[:, 1] - 26.15) < 14.0)]
+    assert inside[:, 2].min() - block.max(axis=0)[2] == pytest.approx(0.3, abs=1e-5)
+    assert {one.set_number for one in shown.values()} == {0}
+    assert shown["jig"].mesh.volume_mm3 > 0.0, "seated, the jig must not be turned inside out"
+    assert ("pocket", "23.6 x 30.3 x 5.82 mm") in shown["holder"].facts
+
+
+def test_the_authors_holder_takes_the_block_by_a_quarter_turn() -> None:
+    pytest.importorskip("build123d", reason="fixtures need the extra cad")
+    block, holder = seen("1", "holder", options=Request(preset="released")).things
+    assert np.linalg.det(block.to_world) == pytest.approx(1.0)
+    assert block.to_world[0, 0] == pytest.approx(0.0)
+    low, high = world(block).min(axis=0), world(block).max(axis=0)
+    assert (low > holder.mesh.vertices.min(axis=0)).all() and (high[:2] < holder.mesh.vertices.max(axis=0)[:2]).all()
+
+
+def test_slots_are_filled_one_after_the_other() -> None:
+    pytest.importorskip("build123d", reason="fixtures need the extra cad")
+    blocks = [one for one in seen("1", "2", "holder", options=Request(slots=2)).things if one.kind == "block"]
+    (a, b) = (world(one) for one in blocks)
+    apart = np.maximum(b.min(axis=0) - a.max(axis=0), a.min(axis=0) - b.max(axis=0))
+    assert apart[:2].max() > 5.0, "two blocks in one slot"
+    assert [one.slot for one in blocks] == [0, 1]
+
+
+def test_the_page_has_everything_in_it_and_repeats() -> None:
+    shown = seen("1", "2")
+    text = page.page_of(shown)
+    assert text == page.page_of(shown), "the same scene must give the same bytes"
+    assert len(text) < 5_000_000
+    assert "[[" not in re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
+    assert "default-src 'none'" in text and "Three.js Authors" in text
+    assert not re.search(r"<(link|img|iframe|script[^>]* src)\b", text)
+    document = told(text)
+    assert [one["name"] for one in document["things"]] == [one.name for one in shown.things]  # type: ignore[index]
+    packed = re.search(r'<script id="library" type="text/plain">(.*?)</script>', text, re.DOTALL)
+    assert packed is not None
+    library = zlib.decompress(base64.b64decode(packed[1])).decode()
+    assert "url(fonts/" not in library, "the browser would look for the files of these fonts"
+    assert library.count("KaTeX_Main") > 0, "only the fonts are taken out"
+
+
+def test_a_mesh_comes_back_from_its_differences() -> None:
+    mesh = seen("6").things[0].mesh
+    packed = np.frombuffer(page._differences(mesh), dtype=np.uint8).reshape(4, -1)
+    steps = np.ascontiguousarray(packed.T).view("<i4").ravel()
+    n, m = len(mesh.vertices), len(mesh.triangles)
+    vertices = np.cumsum(steps[: 3 * n].reshape(3, n), axis=1, dtype=np.int32).view(np.float32).T
+    triangles = np.cumsum(steps[3 * n :].reshape(3, m), axis=1, dtype=np.int32).T
+    assert np.array_equal(vertices, mesh.vertices) and np.array_equal(triangles, mesh.triangles)
+
+
+def test_even_fine_meshes_make_a_small_page() -> None:
+    shown = seen("4", options=Request(sampling=Tolerance(mm=0.003)))
+    assert len(shown.things[0].mesh.triangles) > 200_000
+    assert len(page.page_of(shown)) < 2_500_000
+
+
+def test_a_hostile_name_stays_text(tmp_path: Path) -> None:
+    (thing,) = seen("1").things
+    from dataclasses import replace
+
+    bad = replace(thing, name="</script><img src=x onerror=alert(1)>", facts=(("x", "</script>"),))
+    text = page.page_of(Scene(things=(bad,)))
+    assert "<img" not in text and text.count("</script>") == page.page_of(Scene(things=(thing,))).count("</script>")
+
+
+def test_without_cad_packages_the_blocks_remain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scene, "why_not_importable", lambda modules: "OCP: libGL.so.1: cannot open shared object file")
+    shown = seen(options=Request(textures=("all",), sampling=Tolerance(mm=0.1)))
+    assert {one.kind for one in shown.things} == {"block"} and len(shown.things) == 6
+    assert any("libGL" in one.reason for one in shown.left_out)
+    with pytest.raises(MissingToolError, match="libGL"):
+        seen("holder")
+
+
+def test_without_k3d_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Capture) -> None:
+    monkeypatch.setattr(tools, "has_module", lambda name: name != "k3d")
+    assert main(["view", "1", "-o", str(tmp_path / "view.html")]) == 2
+    assert 'pip install "tacbench-cad[view]"' in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_writes_the_page(tmp_path: Path, capsys: Capture) -> None:
+    path = tmp_path / "one.html"
+    assert main(["view", "1", "--scale", "2", "--key", "-o", str(path)]) == 0
+    assert "one.html" in capsys.readouterr().err
+    (thing,) = told(path.read_text(encoding="utf-8"))["things"]  # type: ignore[misc]
+    assert thing["name"] == "texture-1_paper_x2_key3"
+
+
+@pytest.mark.parametrize(
+    ("argv", "needle"),
+    [
+        (["holdr"], 'did you mean "holder"'),
+        (["7"], "parts = '7'"),
+        (["1", "coupons"], 'did you mean "coupon"'),
+        (["1", "-o", "view.stl"], "must end in .html"),
+        (["1", "-o", "nowhere/view.html"], "nowhere"),
+        (["missing.toml"], "missing.toml"),
+        (["1", "--scale", "two"], "scale = 'two'"),
+        (["1", "--slots", "2"], "slots"),
+        (["1", "--preset", "papers"], 'did you mean "paper"'),
+    ],
+)
+def test_wrong_input_is_one_line(
+    argv: list[str], needle: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["view", *argv]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("error: ") and err.count("\n") == 1
+    assert needle in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_built(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*_: object) -> Scene:
+        raise AssertionError("built before the file was looked at")
+
+    folder = tmp_path / "page.html"
+    folder.mkdir()
+    with pytest.raises(InputError, match="is a folder"):
+        page.require_page(folder)
+    monkeypatch.setattr(scene, "scene_of", never)
+    assert main(["view", "1", "-o", str(folder)]) == 2
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    with pytest.raises(InputError, match="not writable"):
+        page.require_page(tmp_path / "view.html")

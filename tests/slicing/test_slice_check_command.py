@@ -1,0 +1,115 @@
+"""``tacbench slice-check``: table, JSON, pictures, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from helpers.gcode_writer import write_gcode
+
+from tacbench_cad.cli import main
+from tacbench_cad.spec.block import Block
+
+Capture = pytest.CaptureFixture[str]
+HALF = ("--texture", "2", "--scale", "0.5")
+
+
+@pytest.fixture(scope="module")
+def gcode(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_gcode(tmp_path_factory.mktemp("gcode") / "two.gcode", Block.of(2, scale=0.5), dialect="cura")
+
+
+def test_numbers_and_a_picture(gcode: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    image = pytest.importorskip("PIL.Image")
+    pytest.importorskip("matplotlib")
+    monkeypatch.chdir(tmp_path)
+    assert main(["slice-check", str(gcode), *HALF]) == 0
+    out, err = capsys.readouterr()
+    for word in ("Cura", "17 of 0.2 mm", "height error, rms", "ideal staircase", "misplaced by 0.1 mm", "of 9"):
+        assert word in out
+    for word in ("3.5 mm is no whole number of layers", "1.75 mm is assumed", "wrote two_as-sliced.png"):
+        assert word in err
+    assert [one.name for one in tmp_path.iterdir()] == ["two_as-sliced.png"]
+    with image.open(tmp_path / "two_as-sliced.png") as picture:
+        assert picture.format == "PNG" and min(picture.size) > 1000
+        assert len(picture.convert("RGB").getcolors(1 << 24)) > 200
+
+
+def test_several_files_stand_side_by_side(gcode: Path, tmp_path: Path, capsys: Capture) -> None:
+    other = write_gcode(tmp_path / "fine.gcode", Block.of(2, scale=0.5), layer_mm=0.1)
+    assert main(["slice-check", str(gcode), str(other), *HALF, "--no-picture"]) == 0
+    head = capsys.readouterr().out.splitlines()[2]
+    assert head.split() == ["two.gcode", "fine.gcode"]
+
+
+def test_json(gcode: Path, capsys: Capture) -> None:
+    assert main(["slice-check", str(gcode), *HALF, "--json", "--no-picture", "--frame", "90,80"]) == 0
+    said = json.loads(capsys.readouterr().out)["files"][0]
+    assert said["frame"]["source"] == "given" and said["frame"]["outline_mm"] is None
+    assert 0.03 < said["height"]["rms_mm"] < 0.1 and said["filament_assumed"]
+    assert said["left_out"] == {"CUSTOM": 1, "SKIRT": 3, "SUPPORT": 17}
+
+
+def test_without_matplotlib_the_numbers_come_all_the_same(
+    gcode: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert main(["slice-check", str(gcode), *HALF]) == 0
+    assert "no picture: pictures need matplotlib" in capsys.readouterr().err
+    assert main(["slice-check", str(gcode), *HALF, "-o", "wanted.png"]) == 2
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "needle"),
+    [
+        (["--texture", "2"], "is of another part: its outer walls span"),
+        (["--texture", "4", "--scale", "0.5"], "texture-2 fits better"),
+        ([*HALF, "--frame", "90"], "X,Y,DEGREES"),
+        ([*HALF, "--frame", "a,b"], "X,Y,DEGREES"),
+        ([*HALF, "--frame", "90,80,45"], "0, 90, 180 or 270"),
+        ([*HALF, "--frame", "nan,80"], "finite"),
+        ([*HALF, "--frame", "-300,80"], "prints nothing there"),
+        ([*HALF, "--frame", "93,80"], "is of another part: its top is"),
+        ([*HALF, "--filament", "17.5"], "from 0.5 to 5 mm"),
+        ([*HALF, "--filament", "thick"], "must be a number"),
+        ([*HALF, "-o", "picture.gif"], "must end in .png"),
+        ([*HALF, "-o", "picture.png", "--no-picture"], "--no-picture"),
+        (["--texture", "all"], "name one texture"),
+        (["--texture", "9"], "1 to 6"),
+        ([*HALF, "--preset", "papers"], 'did you mean "paper"'),
+        ([*HALF, "--key", "30"], "key = 30.0"),
+        ([], "--texture"),
+    ],
+)
+def test_wrong_input_is_one_line(
+    gcode: Path,
+    options: list[str],
+    needle: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: Capture,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["slice-check", str(gcode), *options]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.startswith("error: ") and err.count("\n") == 1
+    assert needle in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_one_picture_for_two_files_and_two_files_of_one_name(gcode: Path, tmp_path: Path, capsys: Capture) -> None:
+    twin = tmp_path / "two.gcode"
+    twin.write_bytes(gcode.read_bytes())
+    assert main(["slice-check", str(gcode), str(twin), *HALF, "-o", str(tmp_path / "a.png")]) == 2
+    assert main(["slice-check", str(gcode), str(twin), *HALF]) == 2
+    assert capsys.readouterr().err.count("error: out") == 2
+
+
+def test_a_file_that_is_none(tmp_path: Path, capsys: Capture) -> None:
+    (tmp_path / "empty.gcode").touch()
+    assert main(["slice-check", str(tmp_path / "empty.gcode"), *HALF, "--no-picture"]) == 2
+    assert "is empty" in capsys.readouterr().err

@@ -1,0 +1,255 @@
+"""Blocks: presets, options, datum, base, key and names."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tacbench_cad.geometry.block_part import block_part
+from tacbench_cad.spec.block import LEAST_BASE_MM, Block
+from tacbench_cad.spec.label import LABEL_DEPTH_MM
+from tacbench_cad.spec.presets import PRESETS
+from tacbench_cad.spec.sampling import SampleGrid, Tolerance
+from tacbench_cad.spec.textures import BlockTable, Texture
+from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.text import decimal
+
+SINGLE_PEAK = Texture(
+    name="peak",
+    equation="one hill whose top lies near the key",
+    waves=WaveSum((Wave(amplitude=1.0, f=0.1, g=0.0), Wave(amplitude=1.0, f=0.0, g=0.1, phase=math.pi / 2))),
+)
+
+
+def test_the_presets_are_the_papers() -> None:
+    paper, released = Block.of(4), Block.of(4, "released")
+    assert paper.size_mm == (23.3, 30.0)
+    assert paper.domain == (pytest.approx((0.0, 6 * math.pi + 0.5)), pytest.approx((0.0, 6 * math.pi + 1.2)))
+    assert paper.mm_per_unit[2] == 1.0
+    assert paper.sampling == Tolerance(mm=0.01)
+    assert released.size_mm == (29.3, 30.0)
+    assert released.mm_per_unit == (1.0, 1.0, 1.0)
+    assert released.sampling == SampleGrid(nx=294, ny=301)
+    assert {paper.height_mm, released.height_mm} == {7.0}
+    assert len(paper.texture.waves.waves) == 26
+    assert len(released.texture.waves.waves) == 102
+
+
+@pytest.mark.parametrize(("number", "relief"), [(1, 2.0), (2, 4.0), (3, 3.937), (4, 4.693), (5, 1.969), (6, 2.346)])
+def test_released_relief_is_the_published_one(number: int, relief: float) -> None:
+    block = Block.of(number, "released")
+    x, y = block.samples_mm
+    z = block.surface.grid(x, y)
+    assert z.max() - z.min() == pytest.approx(relief, abs=6e-4)
+    assert np.max(block.height_at(x[:, None], y[None, :])) == pytest.approx(7.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("number", range(1, 7))
+def test_the_highest_point_is_at_the_height(number: int, preset: str) -> None:
+    block = Block.of(number, preset)
+    x, y = block.extremes.at_high
+    assert block.formula_datum_mm + float(block.surface(x, y)) == pytest.approx(7.0, abs=1e-9)
+    assert block.base_mm == pytest.approx(7.0 - block.relief_mm)
+
+
+def test_scale_multiplies_everything_but_the_domain() -> None:
+    one, two = Block.of(4), Block.of(4, scale=2.5)
+    assert two.size_mm == (23.3 * 2.5, 75.0)
+    assert two.height_mm == 17.5
+    assert two.relief_mm == pytest.approx(2.5 * one.relief_mm)
+    assert two.domain == one.domain
+    x, y = np.linspace(0, 23.3, 50), np.linspace(0, 30, 50)
+    np.testing.assert_allclose(two.height_at(2.5 * x, 2.5 * y), 2.5 * one.height_at(x, y), atol=1e-9)
+
+
+def test_size_keeps_the_mapping_and_mm_per_unit_keeps_the_size() -> None:
+    plain = Block.of(2)
+    wide = Block.of(2, size_mm=(40.0, 50.0))
+    assert wide.mm_per_unit == plain.mm_per_unit
+    assert wide.domain[0][1] == pytest.approx(40.0 / plain.mm_per_unit[0])
+    coarse = Block.of(2, mm_per_unit=(2.0, 3.0, 0.5))
+    assert coarse.size_mm == plain.size_mm
+    assert coarse.domain == ((0.0, 23.3 / 2.0), (0.0, 10.0))
+    assert coarse.relief_mm == pytest.approx(2.0, abs=1e-6)
+    both = Block.of(2, mm_per_unit=(2.0, 3.0, 0.5), size_mm=(20.0, 30.0), height_mm=5.0, scale=2.0)
+    assert both.domain == ((0.0, 10.0), (0.0, 10.0))
+    assert both.size_mm == (40.0, 60.0)
+    assert both.height_mm == 10.0
+
+
+def test_height_changes_the_base_only() -> None:
+    low, high = Block.of(4, height_mm=6.0), Block.of(4, height_mm=9.0)
+    assert high.relief_mm == low.relief_mm
+    assert high.base_mm - low.base_mm == pytest.approx(3.0)
+
+
+def test_too_little_base_says_what_would_do() -> None:
+    with pytest.raises(InputError, match=r"1\.518 mm less than the 0\.8 mm.*a height of 5\.52 mm would do"):
+        Block.of(4, height_mm=4.0)
+    assert Block.of(4, height_mm=5.52).base_mm >= LEAST_BASE_MM
+    with pytest.raises(InputError, match="below the label"):
+        Block.of(4, height_mm=5.52, label=True)
+    assert Block.of(4, height_mm=5.92, label=True).base_mm >= LEAST_BASE_MM + LABEL_DEPTH_MM
+
+
+def test_released_with_other_sides_needs_a_sampling() -> None:
+    for options in ({"size_mm": (40.0, 40.0)}, {"height_mm": 8.0}, {"mm_per_unit": (1.0, 1.0, 0.5)}):
+        with pytest.raises(InputError, match="--grid or --tolerance"):
+            Block.of(2, "released", **options)
+    assert Block.of(2, "released", scale=2.0).sampling == SampleGrid(nx=294, ny=301)
+    wider = Block.of(2, "released", size_mm=(40.0, 50.0), sampling="grid")
+    assert wider.sampling == SampleGrid(nx=401, ny=501)
+
+
+def test_a_texture_files_block_comes_in_place_of_the_preset() -> None:
+    domain = ((1.0, 11.0), (2.0, 22.0))
+    block = Block.of(SINGLE_PEAK, table=BlockTable(domain=domain, mm_per_unit=(2.0, 1.5, 1.0), height_mm=6.0))
+    assert block.size_mm == (20.0, 30.0)
+    assert block.domain == (pytest.approx(domain[0]), pytest.approx(domain[1]))
+    assert float(block.surface(0.0, 0.0)) == pytest.approx(float(SINGLE_PEAK.waves(1.0, 2.0)))
+    stretched = Block.of(SINGLE_PEAK, table=BlockTable(domain=domain, size_mm=(30.0, 30.0)))
+    assert stretched.mm_per_unit == pytest.approx((3.0, 1.5, 1.0))
+    with pytest.raises(InputError, match="leave one out"):
+        Block.of(SINGLE_PEAK, table=BlockTable(domain=domain, size_mm=(30.0, 30.0), mm_per_unit=(1.0, 1.0, 1.0)))
+    with pytest.raises(InputError, match="low end"):
+        Block.of(SINGLE_PEAK, table=BlockTable(domain=((1.0, 1.0), (0.0, 2.0))))
+    with pytest.raises(InputError, match="--grid"):
+        Block.of(SINGLE_PEAK, "released", table=BlockTable(height_mm=6.5))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"scale": 0.0}, "scale = 0.0"),
+        ({"scale": math.nan}, "scale = nan"),
+        ({"scale": math.inf}, "scale = inf"),
+        ({"scale": -1.0}, "scale = -1.0"),
+        ({"size_mm": (math.nan, 30.0)}, "size x = nan"),
+        ({"size_mm": (30.0, -1.0)}, r"size y = -1.0"),
+        ({"size_mm": (3000.0, 30.0)}, "size x = 3000.0"),
+        ({"height_mm": 0.0}, "height = 0.0"),
+        ({"height_mm": math.inf}, "height = inf"),
+        ({"mm_per_unit": (0.0, 1.0, 1.0)}, "mm per unit x = 0.0"),
+        ({"mm_per_unit": (1.0, 1.0, math.nan)}, "mm per unit z = nan"),
+        ({"key_mm": 0.0}, "key = 0.0"),
+        ({"key_mm": 8.0}, r"key = 8.0.*7.767"),
+        ({"copy": 0}, "copy = 0"),
+        ({"preset": "papr"}, 'did you mean "paper"'),
+        ({"texture": "9"}, "texture = '9'"),
+    ],
+)
+def test_bad_values_are_named(options: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Block.of(**{"texture": 4, **options})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("value", [0.0, -0.01, math.nan, math.inf])
+def test_bad_tolerances_and_grids_are_named(value: float) -> None:
+    with pytest.raises(InputError, match="tolerance"):
+        Tolerance(mm=value)
+    with pytest.raises(InputError, match="grid nx"):
+        SampleGrid(nx=1, ny=20)
+
+
+def test_the_key_leaves_its_corner_out_of_the_height() -> None:
+    plain = Block.of(SINGLE_PEAK)
+    assert plain.extremes.at_high[1] == pytest.approx(0.0, abs=1e-6)
+    keyed = Block.of(SINGLE_PEAK, key_mm=7.0)
+    x, y = keyed.extremes.at_high
+    assert keyed.keep is not None
+    assert float(keyed.keep.excess(x, y)) <= 1e-9
+    xs, ys = np.meshgrid(np.linspace(0, 23.3, 1201), np.linspace(0, 30, 1201))
+    kept = keyed.keep.excess(xs, ys) <= 0
+    sampled = keyed.surface(xs[kept], ys[kept]).max()
+    assert sampled <= keyed.extremes.high + keyed.extremes.error
+    assert sampled == pytest.approx(keyed.extremes.high, abs=1e-4)
+
+
+@pytest.mark.parametrize("number", [2, 4, 6])
+@pytest.mark.parametrize("key", [None, 3.0, 7.5])
+def test_the_closed_form_volume_agrees_with_quadrature(number: int, key: float | None) -> None:
+    block = Block.of(number, key_mm=key)
+    x, y = block.size_mm
+    nodes, weights = np.polynomial.legendre.leggauss(400)
+    xs, ys = x * (nodes + 1) / 2, y * (nodes + 1) / 2
+    whole = float(x * y / 4 * (weights @ block.height_at(xs[:, None], ys[None, :]) @ weights))
+    corner = 0.0
+    if key is not None:
+        s, t = (nodes[:, None] + 1) / 2, (nodes[None, :] + 1) / 2
+        values = block.height_at(x - key + key * s, key * s * t) * key**2 * s
+        corner = float(weights @ values @ weights / 4)
+    assert block.volume_mm3(block.datum_mm) == pytest.approx(whole - corner, rel=1e-8)
+
+
+def test_the_label_is_taken_off_the_volume() -> None:
+    plain, labelled = Block.of(2), Block.of(2, copy=3)
+    assert labelled.engraving is not None
+    difference = plain.volume_mm3(plain.datum_mm) - labelled.volume_mm3(labelled.datum_mm)
+    assert difference == pytest.approx(labelled.engraving.area_mm2 * LABEL_DEPTH_MM)
+    assert labelled.label_words == ("T2", "PAPER", "X1", "03")
+
+
+def test_only_the_published_grids_of_4_and_6_alias() -> None:
+    aliased = [b.name for p in PRESETS for n in range(1, 7) if (b := Block.of(n, p, sampling="grid")).grid_aliases]
+    assert aliased == ["texture-4_released_x1", "texture-6_released_x1"]
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({}, "texture-4_paper_x1"),
+        ({"preset": "released"}, "texture-4_released_x1"),
+        ({"scale": 0.5}, "texture-4_paper_x0.5"),
+        ({"scale": 2 / 3}, "texture-4_paper_x0.6666666666666666"),
+        ({"size_mm": (40.0, 40.0)}, "texture-4_paper_x1_40x40x7"),
+        ({"height_mm": 7.5}, "texture-4_paper_x1_23.3x30x7.5"),
+        ({"mm_per_unit": (1.0, 1.25, 1.0)}, "texture-4_paper_x1_mm1x1.25x1"),
+        ({"key_mm": 2.0}, "texture-4_paper_x1_key2"),
+        ({"sampling": "grid"}, "texture-4_paper_x1_grid189x201"),
+        ({"sampling": Tolerance(mm=0.005)}, "texture-4_paper_x1_tol0.005"),
+        ({"sampling": Tolerance(mm=0.01)}, "texture-4_paper_x1"),
+        ({"copy": 3}, "texture-4_paper_x1_copy03"),
+        ({"label": True}, "texture-4_paper_x1_label"),
+        ({"preset": "released", "sampling": Tolerance()}, "texture-4_released_x1_tol0.01"),
+    ],
+)
+def test_names_say_what_is_not_default(options: dict[str, object], name: str) -> None:
+    assert Block.of(**{"texture": 4, **options}).name == name  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("value", "text"), [(1.0, "1"), (0.1, "0.1"), (1e-5, "0.00001"), (12.0, "12"), (2.50, "2.5")])
+def test_decimals_are_the_shortest_exact_ones(value: float, text: str) -> None:
+    assert decimal(value) == text
+    assert float(decimal(value)) == value
+
+
+def test_printed_it_is_a_dimension_report() -> None:
+    block = Block.of(2, scale=1.5, key_mm=3.0, copy=7)
+    title, *lines = str(block).splitlines()
+    assert title == block_part(block).title == "texture-2, preset paper, 34.95 x 45 x 10.5 mm"
+    said = {line[:15].strip(): line[15:] for line in lines}
+    assert said == {
+        "name": block.name,
+        "z": "sin u + sin(v + pi/2)",
+        "size": "34.95 x 45 x 10.5 mm",
+        "relief": "6 mm from the lowest valley to the highest point",
+        "base": "4.5 mm below the lowest valley",
+        "volume": f"{block.volume_mm3(block.datum_mm):.6g} mm^3",
+        "mm per unit": "1.80624, 2.24444, 1.5 of u, v, z",
+        "domain": "u 0 to 19.3496, v 0 to 20.0496",
+        "finest wave": "11.35 mm along x, 14.1 mm along y",
+        "mesh": "within 0.01 mm of the formula",
+        "key": "3 mm at the corner (x, 0)",
+        "label": "T2 PAPER X1.5 07",
+    }
+
+
+def test_the_report_says_what_is_not_there_and_what_is_too_coarse() -> None:
+    text = str(Block.of(6, "released"))
+    assert "joins 294 x 301 samples; too coarse for the finest wave" in text
+    assert "  key          none\n  label        none" in text
+    assert "mm along x, none along y" in text

@@ -1,0 +1,159 @@
+"""The catalogue against the paper's equations, and texture files with everything that can be wrong in them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tacbench_cad.spec.textures import Texture, catalogue, equation1, plane_waves, read_texture, series, texture
+from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.util.errors import InputError
+
+U = np.linspace(0, 19, 301)
+V = np.linspace(0, 20, 301)
+
+
+def triangle(t: np.ndarray, highest: int) -> np.ndarray:
+    return sum(8 / math.pi**2 * (-1) ** ((i - 1) / 2) / i**2 * np.sin(i * t) for i in range(1, highest + 1, 2))
+
+
+def square(t: np.ndarray, highest: int) -> np.ndarray:
+    return sum(4 / (math.pi * i) * np.sin(i * t) for i in range(1, highest + 1, 2))
+
+
+@pytest.mark.parametrize(("preset", "highest"), [("paper", 25), ("released", 101)])
+def test_the_six_are_the_papers_equations(preset: str, highest: int) -> None:
+    expected = [
+        np.sin(U),
+        np.sin(U) + np.sin(V + math.pi / 2),
+        triangle(U, 25) + triangle(V, 25),
+        square(U, highest) + square(V, highest),
+        triangle(U, 25),
+        square(U, highest),
+    ]
+    for one, values in zip(catalogue(preset), expected, strict=True):
+        np.testing.assert_allclose(one.waves(U, V), values, atol=1e-12, err_msg=one.name)
+
+
+@pytest.mark.parametrize("name", [4, "4", "texture-4", " Texture-4 "])
+def test_a_texture_is_found_by_number_and_name(name: str | int) -> None:
+    assert texture(name).number == 4
+
+
+@pytest.mark.parametrize("name", [0, 7, "seven", "texture-", ""])
+def test_an_unknown_texture_is_refused(name: str | int) -> None:
+    with pytest.raises(InputError, match="1 to 6"):
+        texture(name)
+
+
+def test_terms_can_be_a_count() -> None:
+    assert len(series("square", 25, axes="x").waves) == 13
+    assert len(series("square", 25, terms="count", axes="x").waves) == 25
+    assert series("square", 25, terms="count", axes="x").waves[-1].f == 49.0
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "texture.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_the_three_families_are_read(tmp_path: Path) -> None:
+    one = read_texture(
+        write(tmp_path, '[texture]\nname="a"\nfamily="equation1"\nA1=1\nA2=0.5\nf1=1\nf2=2\nphase=0.3\n')
+    )
+    np.testing.assert_allclose(one.texture.waves(U, V), np.sin(U) + 0.5 * np.sin(2 * V + 0.3), atol=1e-12)
+    two = read_texture(write(tmp_path, '[texture]\nname="b"\nfamily="series"\nlaw="square"\nN=5\naxes="y"\n'))
+    np.testing.assert_allclose(two.texture.waves(U, V), square(V, 5), atol=1e-12)
+    text = '[texture]\nname="c"\nfamily="plane-waves"\n[[wave]]\namplitude=1\nf=1\ng=0.5\n'
+    text += "[block]\nsize_mm=[20,25]\nheight_mm=6\nmm_per_unit=[1,1.5,0.5]\n"
+    three = read_texture(write(tmp_path, text))
+    np.testing.assert_allclose(three.texture.waves(U, V), np.sin(U + 0.5 * V), atol=1e-12)
+    assert three.block.size_mm == (20.0, 25.0)
+    assert three.block.mm_per_unit == (1.0, 1.5, 0.5)
+    assert three.block.height_mm == 6.0
+
+
+def test_what_a_file_leaves_out_is_one_amplitude_and_no_phase(tmp_path: Path) -> None:
+    file = read_texture(write(tmp_path, '[texture]\nname="a"\nfamily="equation1"\nf1=2\nf2=3\n'))
+    assert file.texture.waves == equation1(1.0, 1.0, 2.0, 3.0)
+    np.testing.assert_allclose(file.texture.waves(U, V), np.sin(2 * U) + np.sin(3 * V), atol=1e-12)
+
+
+def test_plane_waves_are_triples_or_quadruples() -> None:
+    made = plane_waves((0.6, 2.0, 1.0), (0.5, 0.0, 3.0, 0.2))
+    np.testing.assert_allclose(made(U, V), 0.6 * np.sin(2 * U + V) + 0.5 * np.sin(3 * V + 0.2), atol=1e-12)
+    with pytest.raises(InputError, match="amplitude, f, g"):
+        plane_waves((1.0, 2.0))  # type: ignore[arg-type]
+
+
+def test_an_equation_is_written_from_the_waves() -> None:
+    assert Texture(name="diamonds", waves=plane_waves((0.6, 2.0, 1.0), (1.0, 2.0, -1.0))).equation == (
+        "0.6 sin(2u + v) + sin(2u - v)"
+    )
+    assert Texture(name="own", waves=plane_waves((1.0, 1.0, 0.0)), equation="my own").equation == "my own"
+
+
+GOOD = '[texture]\nname="hex"\nfamily="series"\nlaw="square"\nN=5\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (GOOD.replace("law", "laws"), r'laws: unknown key; did you mean "law"'),
+        (GOOD.replace("family", "famly"), r'did you mean "family"'),
+        (GOOD.replace('"square"', '"sqare"'), r'did you mean "square"'),
+        (GOOD.replace("N=5", "N=4"), r"N = 4.*odd.*3 and 5"),
+        (GOOD.replace("N=5", "N=0"), r"N = 0.*at least 1"),
+        (GOOD.replace("N=5", "N=2.5"), r"N = 2.5.*whole number"),
+        (GOOD.replace("N=5", "N=true"), r"N = True.*whole number"),
+        (GOOD.replace("N=5", ""), r"N: is missing"),
+        (GOOD.replace("N=5", "N=999999"), r"at most"),
+        (GOOD + 'axes="xyz"\n', r'did you mean "xy"'),
+        (GOOD + 'terms="hghest"\n', r'did you mean "highest"'),
+        (GOOD + "A1=1\n", r"A1: unknown key"),
+        (GOOD.replace('"hex"', '"Hex!"'), r"a-z, 0-9"),
+        (GOOD.replace('"hex"', '"holder"'), r"taken"),
+        (GOOD.replace('"hex"', '"texture-4"'), r"taken"),
+        (GOOD.replace('"hex"', "7"), r"must be a text"),
+        (GOOD.replace('"series"', '"fourier"'), r"equation1, series, plane-waves"),
+        (GOOD + "[[wave]]\namplitude=1\nf=1\ng=1\n", r'belongs to family = "plane-waves"'),
+        (GOOD + "[block]\nsize=[1,2]\n", r'did you mean "size_mm"'),
+        (GOOD + "[block]\nsize_mm=[1]\n", r"list of 2 numbers"),
+        (GOOD + "[block]\nsize_mm=[1,nan]\n", r"finite"),
+        (GOOD + "[block]\nheight_mm='7'\n", r"finite number"),
+        (GOOD + "[block]\ndomain=[1,2]\n", r"list of 2 numbers"),
+        ('[texture]\nname="a"\nfamily="plane-waves"\n', r"at least one such table"),
+        ('[texture]\nname="a"\nfamily="plane-waves"\n[[wave]]\namplitude=1\nf=1\n', r"wave.*1: g: is missing"),
+        ('[texture]\nname="a"\nfamily="plane-waves"\n[[wave]]\namplitude=inf\nf=1\ng=1\n', r"finite"),
+        ('[texture]\nname="a"\nfamily="plane-waves"\n[[wave]]\namplitude=0\nf=1\ng=1\n', r"flat"),
+        ("texture = 4\n", r"\[texture\]"),
+        ("[[[", r"not valid TOML"),
+        ("", r"\[texture\]"),
+    ],
+)
+def test_a_wrong_file_says_what_is_wrong(tmp_path: Path, text: str, message: str) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(InputError, match=message) as caught:
+        read_texture(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="folder"):
+        read_texture(tmp_path)
+    with pytest.raises(InputError, match="No such file"):
+        read_texture(tmp_path / "none.toml")
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="UTF-8"):
+        read_texture(binary)
+
+
+def test_a_flat_texture_is_refused() -> None:
+    with pytest.raises(InputError, match="flat"):
+        Texture(name="flat", equation="0", waves=WaveSum(()))

@@ -1,0 +1,181 @@
+"""Wave sums against direct evaluation, finite differences, quadrature and sampling."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import dblquad, quad
+
+from tacbench_cad.spec.extremes import HalfPlane
+from tacbench_cad.spec.textures import catalogue
+from tacbench_cad.spec.waves import EXTREMES_ERROR, EXTREMES_SHARE, Sines, Wave, WaveSum
+from tacbench_cad.util.errors import InputError
+
+PERIOD = (0.0, 2.0 * math.pi)
+
+
+def random_waves(rng: np.random.Generator, kind: str) -> WaveSum:
+    """A sum of one to six waves: ``separable``, ``parallel`` or ``oblique``."""
+    count = int(rng.integers(1, 7))
+    angle = rng.uniform(0.0, math.pi)
+    waves = []
+    for _ in range(count):
+        f, g = rng.uniform(-9.0, 9.0, 2)
+        if kind == "separable":
+            f, g = (f, 0.0) if rng.random() < 0.5 else (0.0, g)
+        elif kind == "parallel":
+            f, g = f * math.cos(angle), f * math.sin(angle)
+        amplitude = rng.normal() * 10.0 ** rng.uniform(-3.0, 0.0)
+        waves.append(Wave(amplitude=float(amplitude), f=float(f), g=float(g), phase=float(rng.uniform(0.0, 6.3))))
+    return WaveSum(tuple(waves))
+
+
+@pytest.fixture(params=["separable", "parallel", "oblique"])
+def kind(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+def seeds(small: int, full: int) -> list[object]:
+    """Seeds for ``parametrize``: the first few always, the rest with --long."""
+    return [pytest.param(i, marks=[] if i < small else [pytest.mark.long]) for i in range(full)]
+
+
+@pytest.mark.parametrize("seed", seeds(6, 60))
+def test_value_is_the_sum_of_the_waves(kind: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    waves = random_waves(rng, kind)
+    u, v = rng.uniform(-20, 20, (2, 50))
+    points = zip(u, v, strict=True)
+    direct = [sum(w.amplitude * math.sin(w.f * a + w.g * b + w.phase) for w in waves.waves) for a, b in points]
+    np.testing.assert_allclose(waves(u, v), direct, atol=1e-12)
+    np.testing.assert_allclose(waves.grid(u, v), waves(u[:, None], v[None, :]), atol=1e-11)
+
+
+@pytest.mark.parametrize("seed", seeds(4, 40))
+def test_derivatives_agree_with_differences_and_stay_below_their_bounds(kind: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    waves = random_waves(rng, kind)
+    u, v = rng.uniform(-20, 20, (2, 200))
+    step = 1e-5
+    for order in [(1, 0), (0, 1), (1, 1), (2, 0), (0, 2), (3, 1)]:
+        lower = (order[0] - 1, order[1]) if order[0] else (0, order[1] - 1)
+        du, dv = (step, 0.0) if order[0] else (0.0, step)
+        difference = (waves(u + du, v + dv, lower) - waves(u - du, v - dv, lower)) / (2 * step)
+        bound = waves.bound(*order)
+        assert np.max(np.abs(waves(u, v, order) - difference)) <= 1e-5 * (1.0 + waves.bound(order[0] + 1, order[1] + 1))
+        assert np.max(np.abs(waves(u, v, order))) <= bound * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("seed", seeds(3, 30))
+def test_integral_over_a_rectangle_agrees_with_quadrature(kind: str, seed: int) -> None:
+    waves = random_waves(np.random.default_rng(seed), kind)
+    expected, error = dblquad(lambda b, a: float(waves(a, b)), -0.4, 1.3, 0.2, 2.1, epsabs=1e-10)
+    assert waves.integral((-0.4, 1.3), (0.2, 2.1)) == pytest.approx(expected, abs=1e-8 + error)
+
+
+@pytest.mark.parametrize("seed", seeds(3, 30))
+def test_integral_over_a_triangle_agrees_with_quadrature(kind: str, seed: int) -> None:
+    waves = random_waves(np.random.default_rng(seed), kind)
+    expected, error = dblquad(lambda b, a: float(waves(a, b)), 1.0, 2.5, lambda a: 0.3, lambda a: a - 0.7, epsabs=1e-10)
+    corners = [(1.0, 0.3), (2.5, 0.3), (2.5, 1.8)]
+    assert waves.integral_triangle(corners) == pytest.approx(expected, abs=1e-8 + error)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e-3, 0.0499, 0.0501, 0.3])
+def test_triangle_integral_is_smooth_across_its_two_branches(size: float) -> None:
+    waves = WaveSum((Wave(amplitude=1.0, f=1.0, g=0.4, phase=0.7),))
+    corners = [(0.0, 0.0), (size, 0.0), (0.0, size)]
+    centre = float(waves(size / 3, size / 3))
+    expected, _ = dblquad(lambda b, a: float(waves(a, b)), 0, size, 0, lambda a: size - a, epsabs=1e-16, epsrel=1e-13)
+    assert waves.integral_triangle(corners) == pytest.approx(expected, rel=1e-11)
+    assert waves.integral_triangle(corners) == pytest.approx(centre * size**2 / 2, rel=max(1e-9, size**2))
+
+
+def test_a_constant_wave_integrates_to_its_volume() -> None:
+    flat = WaveSum((Wave(amplitude=2.0, f=0.0, g=0.0, phase=math.pi / 6),))
+    assert flat.integral((0.0, 3.0), (0.0, 5.0)) == pytest.approx(15.0, rel=1e-14)
+    assert flat.integral_triangle([(0, 0), (1, 0), (0, 2)]) == pytest.approx(1.0, rel=1e-14)
+
+
+def test_sines_integral_agrees_with_quadrature() -> None:
+    sines = Sines.of([(1.0, 3.0, 0.2), (0.5, 0.0, 1.0), (-0.3, 11.0, 2.0)])
+    expected, _ = quad(lambda t: float(sines(t)), -1.0, 4.0, epsabs=1e-13, limit=200)
+    assert sines.integral(-1.0, 4.0) == pytest.approx(expected, abs=1e-11)
+
+
+@pytest.mark.parametrize("seed", seeds(8, 200))
+def test_extremes_are_proved(kind: str, seed: int) -> None:
+    rng = np.random.default_rng(1000 + seed)
+    waves = random_waves(rng, kind)
+    u, v = (0.0, float(rng.uniform(1, 20))), (-3.0, float(rng.uniform(1, 20)))
+    found = waves.extremes(u, v)
+    allowed = max(EXTREMES_ERROR, EXTREMES_SHARE * waves.amplitude_sum) if kind == "oblique" else EXTREMES_ERROR
+    assert found.error <= allowed * (1 + 1e-12)
+    sampled = waves.grid(np.linspace(*u, 801), np.linspace(*v, 803))
+    assert sampled.max() <= found.high + found.error + 1e-12
+    assert sampled.min() >= found.low - found.error - 1e-12
+    for place, value in ((found.at_low, found.low), (found.at_high, found.high)):
+        assert float(waves(*place)) == pytest.approx(value, abs=1e-9)
+        assert u[0] - 1e-9 <= place[0] <= u[1] + 1e-9
+        assert v[0] - 1e-9 <= place[1] <= v[1] + 1e-9
+
+
+@pytest.mark.parametrize("seed", seeds(5, 50))
+def test_extremes_in_a_half_plane_count_only_its_points(kind: str, seed: int) -> None:
+    rng = np.random.default_rng(2000 + seed)
+    waves = random_waves(rng, kind)
+    keep = HalfPlane(1.0, -1.0, 2.0)
+    found = waves.extremes((0.0, 5.0), (0.0, 4.0), keep)
+    uu, vv = np.meshgrid(np.linspace(0, 5, 700), np.linspace(0, 4, 700))
+    counts = keep.excess(uu, vv) <= 0
+    assert waves(uu[counts], vv[counts]).max() <= found.high + found.error + 1e-12
+    assert float(keep.excess(*found.at_high)) <= 1e-9
+    assert float(waves(*found.at_high)) == pytest.approx(found.high, abs=1e-9)
+    assert found.error <= max(EXTREMES_ERROR, EXTREMES_SHARE * waves.amplitude_sum) * (1 + 1e-12)
+
+
+def test_extremes_of_equal_sums_are_sought_once() -> None:
+    first, second = (WaveSum((Wave(amplitude=0.5, f=3.0, g=2.0), Wave(amplitude=1.0, f=1.0, g=0.0))) for _ in range(2))
+    found = first.extremes((0.0, 4.0), (0.0, 5.0))
+    assert second.extremes((0.0, 4.0), (0.0, 5.0)) is found
+    assert second.extremes((0.0, 4.0), (0.0, 0.1)) != found
+    assert second.extremes((0.0, 4.0), (0.0, 5.0), HalfPlane(a=1.0, b=0.0, c=0.5)) != found
+
+
+def test_the_papers_extremes_over_a_whole_period() -> None:
+    expected = [1.0, 2.0, 1.9688396, 2.3589463, 0.9844198, 1.1794732]
+    for texture, value in zip(catalogue(), expected, strict=True):
+        found = texture.waves.extremes(PERIOD, PERIOD)
+        assert found.high == pytest.approx(value, abs=1e-7)
+        assert found.low == pytest.approx(-value, abs=1e-7)
+
+
+def test_mapping_keeps_the_surface() -> None:
+    waves = random_waves(np.random.default_rng(5), "oblique")
+    mapped = waves.mapped((1.5, 0.5), 2.0, origin=(0.3, -0.7))
+    u, v = np.linspace(0, 5, 40), np.linspace(-2, 3, 40)
+    np.testing.assert_allclose(mapped((u - 0.3) * 1.5, (v + 0.7) * 0.5), 2.0 * waves(u, v), atol=1e-12)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, "1", True, None])
+def test_a_wave_refuses_what_is_no_number(value: object) -> None:
+    with pytest.raises(InputError, match="wave f"):
+        Wave(amplitude=1.0, f=value, g=0.0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("waves", "text"),
+    [
+        (((1.0, 1.0, 0.0, 0.0),), "sin u"),
+        (((-0.5, 0.0, -1.0, 0.0),), "-0.5 sin(-v)"),
+        (((1.0, 2.0, -1.0, 0.5), (-1.0, 0.0, 1.0, 0.0)), "sin(2u - v + 0.5) - sin v"),
+        (((0.0, 1.0, 1.0, 0.0), (0.25, 0.0, 0.0, 1.5)), "0.25 sin(1.5)"),
+        ((), "0"),
+        (((1.0, 1.0, 0.0, 0.0),) * 5, "sin u + sin u + sin u + 2 more waves"),
+    ],
+)
+def test_a_sum_of_waves_is_written_as_a_formula(waves: tuple[tuple[float, ...], ...], text: str) -> None:
+    made = WaveSum(tuple(Wave(amplitude=a, f=f, g=g, phase=phase) for a, f, g, phase in waves))
+    assert str(made) == text

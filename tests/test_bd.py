@@ -1,0 +1,119 @@
+"""build123d: TextureBlock in a builder, in algebra mode, aligned, rotated, cut."""
+
+from __future__ import annotations
+
+import inspect
+
+import build123d as bd
+import pytest
+from helpers.solid_reference import block_area_mm2, hole_mm3
+
+from tacbench_cad import bd as b3d
+from tacbench_cad import cq as plugin
+from tacbench_cad.bd import TextureBlock
+from tacbench_cad.geometry import brep
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError
+
+BLOCK = Block.of(2, key_mm=3.0)
+VOLUME = BLOCK.volume_mm3(BLOCK.solid_datum_mm)
+
+
+def box(shape: bd.Shape) -> tuple[float, ...]:
+    found = shape.bounding_box()
+    return (*found.min, *found.max)
+
+
+def test_measures_right() -> None:
+    block = Block.of(1)
+    part = TextureBlock(1, align=None)
+    assert part.is_valid
+    assert part.block == block
+    assert part.label == "texture-1_paper_x1"
+    assert part.volume == pytest.approx(block.volume_mm3(block.solid_datum_mm), rel=1e-5)
+    assert part.area == pytest.approx(block_area_mm2(block), rel=1e-4)
+    assert box(part) == pytest.approx((0, 0, 0, 23.3, 30, 7), abs=1e-3)
+
+
+def test_build_part_with_grid_locations_and_a_hole() -> None:
+    with bd.BuildPart() as builder:
+        with bd.GridLocations(40, 40, 2, 2):
+            TextureBlock(BLOCK)
+        with bd.Locations((20, 20, 0)):
+            bd.Cylinder(3, 30, mode=bd.Mode.SUBTRACT)
+    x, y = BLOCK.size_mm
+    assert len(builder.part.solids()) == 4
+    assert builder.part.is_valid
+    removed = hole_mm3(BLOCK, (x / 2, y / 2), 3.0)
+    assert builder.part.volume == pytest.approx(4 * VOLUME - removed, rel=1e-5)
+
+
+def test_algebra_mode() -> None:
+    part = bd.Pos(0, 0, 1) * TextureBlock(BLOCK) + bd.Box(60, 60, 2)
+    assert isinstance(part, bd.Part)
+    assert part.is_valid
+    assert part.volume == pytest.approx(60 * 60 * 2 + VOLUME, rel=1e-5)
+    placed = [location * TextureBlock(BLOCK) for location in bd.GridLocations(40, 40, 2, 1)]
+    assert [round(one.bounding_box().min.X, 3) for one in placed] == [-31.65, 8.35]
+
+
+@pytest.mark.parametrize("number", [1, pytest.param(4, marks=pytest.mark.long)])
+def test_a_hole_through_the_texture(number: int) -> None:
+    part = TextureBlock(number)
+    made = part - bd.Pos(1, 2, 0) * bd.Cylinder(3, 30)
+    assert made.is_valid
+    removed = hole_mm3(part.block, (23.3 / 2 + 1, 17.0), 3.0)
+    assert made.volume == pytest.approx(part.block.volume_mm3(part.block.solid_datum_mm) - removed, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("align", "expected"),
+    [
+        (None, (0, 0, 0, 23.3, 30, 7)),
+        (bd.Align.CENTER, (-11.65, -15, -3.5, 11.65, 15, 3.5)),
+        ((bd.Align.MAX, bd.Align.MIN, bd.Align.MAX), (-23.3, 0, -7, 0, 30, 0)),
+    ],
+)
+def test_align(align: object, expected: tuple[float, ...]) -> None:
+    assert box(TextureBlock(BLOCK, align=align)) == pytest.approx(expected, abs=1e-3)
+
+
+def test_rotation_turns_the_aligned_block() -> None:
+    assert box(TextureBlock(BLOCK, rotation=(0, 0, 90))) == pytest.approx((-15, -11.65, 0, 15, 11.65, 7), abs=1e-3)
+
+
+def test_private_mode_leaves_the_builder_alone() -> None:
+    with bd.BuildPart() as builder:
+        bd.Box(1, 1, 1)
+        TextureBlock(BLOCK, mode=bd.Mode.PRIVATE)
+    assert builder.part.volume == pytest.approx(1.0)
+
+
+def test_parameters_reach_the_block_and_placing_comes_last() -> None:
+    names = list(inspect.signature(TextureBlock.__init__).parameters)
+    assert names[-3:] == ["rotation", "align", "mode"]
+    part = TextureBlock("texture-2", "released", scale=0.9, key_mm=2.0, copy=3)
+    assert part.block.name == "texture-2_released_x0.9_key2_copy03"
+    assert part.scale(2.0).volume == pytest.approx(8 * part.volume, rel=1e-3), "build123d's own method is gone"
+
+
+def test_what_is_refused() -> None:
+    with pytest.raises(InputError, match="whole block"):
+        TextureBlock(BLOCK, scale=2.0)
+    with pytest.raises(InputError, match="millions of poles"):
+        TextureBlock(4, "released")
+
+
+def test_texture_face() -> None:
+    face = b3d.texture_face(Block.of(2))
+    assert isinstance(face, bd.Face)
+    assert face.is_valid
+    assert face.area == pytest.approx(872.517, rel=1e-4)
+
+
+def test_the_solid_is_built_once_for_both_libraries() -> None:
+    brep.solid_block(BLOCK)
+    built = brep._solid.cache_info().misses
+    TextureBlock(BLOCK)
+    plugin.solid(BLOCK)
+    assert brep._solid.cache_info().misses == built
