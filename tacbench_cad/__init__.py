@@ -47,8 +47,8 @@ Where to look:
 * :mod:`tacbench_cad.spec.block`: a texture at a size in mm: the one mapping from the formula to the part
 * :mod:`tacbench_cad.spec.protocol`: where and how hard the sensor presses
 * :mod:`tacbench_cad.geometry.part`, :mod:`tacbench_cad.geometry.block_part`: everything printable
-* :mod:`tacbench_cad.cq`, :mod:`tacbench_cad.bd`: blocks in CadQuery and build123d; :mod:`~tacbench_cad.render.snapshot`:
-  a picture of any of their objects, without a window
+* :mod:`tacbench_cad.cq`, :mod:`tacbench_cad.bd`: blocks in CadQuery and build123d
+* :mod:`tacbench_cad.render.snapshot`: a picture of any of their objects, without a window
 * :mod:`housing.holder`, :mod:`housing.jig`, :mod:`housing.coupon`: the printed fixtures; :mod:`housing.bd`: holder and
   jig as build123d parts with joints, and the whole set put together
 * :mod:`tacbench_cad.formats`: the file formats

@@ -1,10 +1,12 @@
-"""Imports run one way: no circle of modules, and nothing but the commands knows of the lab."""
+"""Imports run one way: no circle of modules, no import of a layer above, and nothing but the commands knows the lab."""
 
 from __future__ import annotations
 
 import ast
 import graphlib
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[1]
 FILES = {
@@ -13,20 +15,44 @@ FILES = {
     for path in sorted((ROOT / package).rglob("*.py"))
 }
 
+#: For each place, the places that it may import. ``tacbench_cad`` itself holds the version and the lazy public names.
+BELOW = {
+    "util": set(),
+    "spec": {"util"},
+    "geometry": {"util", "spec"},
+    "formats": {"util", "spec", "geometry"},
+    "render": {"util", "spec", "geometry"},
+    "cq": {"util", "spec", "geometry"},
+    "bd": {"util", "spec", "geometry"},
+    "checks": {"util", "spec", "geometry", "formats"},
+    "housing": {"util", "spec", "geometry", "formats", "render", "cq", "bd"},
+    "slicing": {"util", "spec", "geometry", "formats", "render", "checks"},
+    "making": {"util", "spec", "geometry", "formats", "render", "checks", "housing", "slicing"},
+    "lab": {"util", "spec"},
+    "virtual_rig": {"util", "spec", "lab"},
+}
+BELOW["cli"] = set(BELOW)
+
 
 def imported(path: Path) -> set[str]:
     """The modules of the project that a file names in an import, for types and inside of functions too."""
-    found: set[str] = set()
+    modules: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            modules |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module is not None:
-            modules = {f"{node.module}.{alias.name}" for alias in node.names} & FILES.keys()
-            found |= modules if len(modules) == len(node.names) else modules | {node.module}
-    return found & FILES.keys()
+            members = {f"{node.module}.{alias.name}" for alias in node.names} & FILES.keys()
+            modules |= members if len(members) == len(node.names) else members | {node.module}
+    return modules & FILES.keys()
 
 
-ARROWS = {name: imported(path) for name, path in FILES.items()}
+def place(module: str) -> str:
+    """The folder or file at the first level in which a module lies; empty for the package itself."""
+    first, _, rest = module.partition(".")
+    return first if first == "housing" else rest.partition(".")[0]
+
+
+ARROWS = {name: imported(path) for name, path in FILES.items() if name != "tacbench_cad"}
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:
@@ -34,7 +60,7 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
     graphlib.TopologicalSorter(ARROWS).prepare()  # raises a CycleError that names the circle
 
 
-def test_only_the_commands_import_the_lab() -> None:
-    lab = {one for one in FILES if one == "tacbench_cad.lab" or one.startswith("tacbench_cad.lab.")}
-    users = {name for name, others in ARROWS.items() if others & lab}
-    assert {name.split(".")[1] for name in users} == {"cli", "lab", "virtual_rig"}
+@pytest.mark.parametrize("name", [name for name in ARROWS if name != "tacbench_cad.__main__"])
+def test_a_module_imports_only_what_lies_below(name: str) -> None:
+    here = place(name)
+    assert {other for other in ARROWS[name] if place(other) not in BELOW[here] | {here, ""}} == set()
