@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 
@@ -21,6 +22,27 @@ def counted(number: int, what: str) -> str:
     """
     ending = "" if number == 1 else "es" if what.endswith("s") else "s"
     return f"{number:,} {what}{ending}"
+
+
+def interval(low: float | None, high: float | None, *, signed: bool = False) -> str:
+    """An interval as it is printed everywhere: three significant digits, ``1.77 to 1,740``.
+
+    Args:
+        low: Lower end; None where there is no interval.
+        high: Upper end; infinite where nothing bounds it (``1.77 or more``), None where there is no interval.
+        signed: Write the sign of positive ends too, for intervals of differences.
+
+    Returns:
+        The interval, or ``none``.
+    """
+    if low is None or high is None or math.isnan(low) or math.isnan(high):
+        return "none"
+    return f"{_short(low, signed)} {f'to {_short(high, signed)}' if math.isfinite(high) else 'or more'}"
+
+
+def _short(value: float, signed: bool) -> str:
+    rounded = float(f"{value:.3g}") + 0.0  # without the sign of a zero
+    return f"{rounded:{'+' if signed else ''}{',.0f' if 1e3 <= abs(rounded) < 1e15 else '.3g'}}"
 
 
 def report(title: str, lines: Mapping[str, str] | Sequence[tuple[str, str]]) -> str:

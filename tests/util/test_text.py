@@ -1,10 +1,12 @@
-"""How counts stand in messages."""
+"""How counts and intervals stand in messages."""
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
-from tacbench_cad.util.text import counted
+from tacbench_cad.util.text import counted, interval
 
 
 @pytest.mark.parametrize(
@@ -19,3 +21,23 @@ from tacbench_cad.util.text import counted
 )
 def test_counted(number: int, what: str, text: str) -> None:
     assert counted(number, what) == text
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "text"),
+    [
+        (1.7712, 1738.0, "1.77 to 1,740"),
+        (0.001234, 0.5, "0.00123 to 0.5"),
+        (999.6, 1_234_567.0, "1,000 to 1,230,000"),
+        (-0.0, 2.0, "0 to 2"),
+        (1.7712, math.inf, "1.77 or more"),
+        (None, None, "none"),
+        (math.nan, 1.0, "none"),
+    ],
+)
+def test_interval(low: float | None, high: float | None, text: str) -> None:
+    assert interval(low, high) == text
+
+
+def test_an_interval_of_a_difference_has_signs() -> None:
+    assert interval(-1.25, 3.4567, signed=True) == "-1.25 to +3.46"
