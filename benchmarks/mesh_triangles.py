@@ -18,7 +18,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.geometry.block_mesh import mesh_block
 from tacbench_cad.geometry.mesh import Certificate, Mesh
@@ -29,8 +28,7 @@ from tacbench_cad.geometry.meshing.top import Top, single
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.waves import Sines
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Rounds of each search for the fewest triangles.
 ROUNDS = 8

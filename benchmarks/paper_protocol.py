@@ -27,7 +27,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from tacbench_cad.util.types import Bytes, Floats
 
 SELECTED = 3
 COMBINATIONS = 9
@@ -40,7 +41,7 @@ class Study:
     """Images (N, pixels), texture and combination of each, and the combinations that are trained on."""
 
     def __init__(self, folder: Path) -> None:
-        self.images: NDArray[np.uint8] = np.load(folder / "images.npy")
+        self.images: Bytes = np.load(folder / "images.npy")
         self.texture, self.combination = np.load(folder / "labels.npy")
         counts = np.bincount(self.combination)
         self.selected = sorted(np.argsort(-counts, kind="stable")[:SELECTED].tolist())
@@ -53,7 +54,7 @@ def synthetic(folder: Path, selected: int, others: int, shape: tuple[int, int], 
     up = [np.array([np.interp(np.linspace(0, n - 1, s), range(n), line) for line in np.eye(n)]).T
           for n, s in ((24, height), (32, width))]  # fmt: skip
 
-    def field(size: float, *lead: int) -> NDArray[np.float64]:
+    def field(size: float, *lead: int) -> Floats:
         return size * random.standard_normal((*lead, 24, 32))
 
     base, texture, place = 70 + field(15), field(3, TEXTURES), field(5, 25)

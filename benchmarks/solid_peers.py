@@ -12,12 +12,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from OCP.BRep import BRep_Tool
 from OCP.Geom import Geom_Surface
 from OCP.TopoDS import TopoDS_Face
 
 from tacbench_cad.spec.block import Block
+from tacbench_cad.util.types import Floats
 
 #: Points along each parameter at which a surface is compared with the formula.
 DENSE = 1000
@@ -37,7 +37,7 @@ def off_the_formula(surface: Geom_Surface, block: Block, dense: int) -> tuple[fl
         dense: Points along each of the surface's parameters, ends included.
     """
     u0, u1, v0, v1 = surface.Bounds()
-    points: NDArray[np.float64] = np.empty((dense, dense, 3))
+    points: Floats = np.empty((dense, dense, 3))
     for i, u in enumerate(np.linspace(u0, u1, dense).tolist()):
         for j, v in enumerate(np.linspace(v0, v1, dense).tolist()):
             at = surface.Value(u, v)
@@ -47,7 +47,7 @@ def off_the_formula(surface: Geom_Surface, block: Block, dense: int) -> tuple[fl
     return float(off.max()), float(np.sqrt(np.mean(off**2)))
 
 
-def _cadquery(points: NDArray[np.float64]) -> Callable[..., TopoDS_Face]:
+def _cadquery(points: Floats) -> Callable[..., TopoDS_Face]:
     import cadquery
 
     rows = [[cadquery.Vector(*point) for point in row] for row in points.tolist()]
@@ -59,7 +59,7 @@ def _cadquery(points: NDArray[np.float64]) -> Callable[..., TopoDS_Face]:
     return fit
 
 
-def _build123d(points: NDArray[np.float64]) -> Callable[..., TopoDS_Face]:
+def _build123d(points: Floats) -> Callable[..., TopoDS_Face]:
     import build123d
 
     rows = [[build123d.Vector(*point) for point in row] for row in points.tolist()]

@@ -21,10 +21,10 @@ from stl.mesh import Mesh as PeerMesh
 from tacbench_cad.formats.stl import write_stl
 from tacbench_cad.geometry.block_mesh import mesh_block
 from tacbench_cad.geometry.block_part import block_part
-from tacbench_cad.geometry.mesh import Floats
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.util.files import replacing
+from tacbench_cad.util.types import Floats
 
 SIX = (1, 2, 3, 4, 5, 6)
 #: What ours may take beyond numpy-stl's time, for all six together, in seconds.

@@ -10,17 +10,16 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from housing.marks import Groove, is_inside
 from housing.shapes import area_mm2, prism
 from tacbench_cad.util.errors import CheckFailedError
+from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from build123d import Face, Solid, Wire
     from OCP.TopoDS import TopoDS_Face
 
-Floats = NDArray[np.float64]
 
 #: Share of the volume by which kernel and closed form may differ: rounding.
 VOLUME_SHARE = 1e-9

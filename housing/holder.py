@@ -12,7 +12,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from housing.fits import (
     LEAST_FLOOR_MM,
@@ -31,11 +30,11 @@ from tacbench_cad.geometry.part import Kind
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError, nearest
 from tacbench_cad.util.text import decimal, mm, report
+from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Solid
 
-Floats = NDArray[np.float64]
 
 #: How far the holder's top lies below the block's: as in the authors' holder, in mm.
 RIM_MM = 1.18

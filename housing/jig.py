@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from housing.engraving import engraved
 from housing.fits import (
@@ -47,11 +47,11 @@ from tacbench_cad.geometry.part import Kind
 from tacbench_cad.spec.protocol import PER_SIDE, PressGrid
 from tacbench_cad.util.errors import InputError, nearest
 from tacbench_cad.util.text import decimal, mm, report
+from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Solid
 
-Floats = NDArray[np.float64]
 
 #: Least length of a lip between two corners, in mm.
 LEAST_LIP_LENGTH_MM = 8.0

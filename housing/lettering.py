@@ -5,11 +5,9 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.spec.glyphs import GLYPHS, UNITS_HIGH
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Height of a glyph, in mm.
 HEIGHT_MM = 2.6

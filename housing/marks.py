@@ -7,13 +7,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from housing.lettering import HEIGHT_MM, stroke, width_mm, word
 from housing.shapes import area_mm2
 from tacbench_cad.spec.protocol import PER_SIDE, PressGrid
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Width of the hairs, in mm. It is a gap, not a wall, so it stays the same for every nozzle.
 HAIR_MM = 0.4

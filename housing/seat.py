@@ -6,13 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from housing.holder import Holder
 from housing.marks import DEPTH_MM
 from housing.shapes import Rectangle
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Air between a block's highest point and the jig: the jig rests on the holder's rim alone, in mm.
 AIR_MM = 0.3

@@ -11,15 +11,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.util.errors import CheckFailedError
+from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from build123d import Shape, Solid
     from OCP.TopoDS import TopoDS_Solid
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,17 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.triangulation import triangulate
 from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.types import Floats, Indices
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int32]
 
 #: Distance by which a circle's chords may miss the circle, in mm.
 DEFLECTION_MM = 0.01

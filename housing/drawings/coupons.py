@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from housing.coupon import CLEARANCES_MM, DEPTH_OF_POCKET_MM, FLOOR_MM, GAP_MM, STUB_MM, TAB_MM, Coupon
 from housing.drawings.shared import BELOW_MM
@@ -13,8 +12,7 @@ from housing.marks import DEPTH_MM
 from tacbench_cad.render.drawing.blocks import ACCEPTS_MM
 from tacbench_cad.render.drawing.cuts import Cuts
 from tacbench_cad.render.drawing.sheet import Callout, CutMark, Dimension, Drawing, View, length
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Deviation that is accepted of stub and pockets: what is left is for the fit to find, in mm.
 _ACCEPTS_MM = 0.2

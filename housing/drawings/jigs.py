@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from housing.drawings.shared import (
     BELOW_MM,
@@ -20,8 +19,7 @@ from tacbench_cad.render.drawing.blocks import ACCEPTS_MM
 from tacbench_cad.render.drawing.cuts import Cuts
 from tacbench_cad.render.drawing.sheet import Callout, Circle, CutMark, Dimension, Drawing, Point, Side, View, length
 from tacbench_cad.util.text import mm
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Deviation that is accepted of the press grid's sides, in mm.
 _GRID_ACCEPTS_MM = 0.05

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from housing.holder import Holder
 from housing.shapes import Rectangle
 from tacbench_cad.render.drawing.blocks import BLOCK_ACCEPTS_MM
 from tacbench_cad.render.drawing.sheet import Dimension, End, Point, Side
 from tacbench_cad.util.text import decimal, mm
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: A cut this far below a face shows what opens into it, in mm.
 BELOW_MM = 0.01

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.checks import relief
-from tacbench_cad.geometry.mesh import Floats, Mesh
+from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.label import LABEL_DEPTH_MM
+from tacbench_cad.util.types import Floats, Indices
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
@@ -123,7 +123,7 @@ class _Upright:
         return np.asarray(moved, dtype=np.float64)
 
 
-def _off_sides(vertices: Floats, walls: NDArray[np.int32], size: Floats) -> Floats:
+def _off_sides(vertices: Floats, walls: Indices, size: Floats) -> Floats:
     """Corners of walls that stand neither on a side of the box nor on the cut of a key nor in the label."""
     corners = vertices[walls]
     deep = corners[:, :, 2].max(axis=1) <= LABEL_DEPTH_MM + PLANE_MM

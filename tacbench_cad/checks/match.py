@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.checks.look import Look
-from tacbench_cad.geometry.mesh import Floats
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.util.types import Floats, Ints
 
 #: Points that rank the candidates; the chosen one is then measured at all of them.
 RANKING_POINTS = 600
@@ -180,7 +179,7 @@ class Facets:
         return nearer, np.hypot(slope_x, slope_y)
 
 
-def _cell(lines: Floats, at: Floats) -> tuple[NDArray[np.int64], Floats, float]:
+def _cell(lines: Floats, at: Floats) -> tuple[Ints, Floats, float]:
     """Index of the cell, place within it (0 to 1) and its width, on equally spaced lines."""
     step = float(lines[1] - lines[0])
     index = np.clip((at / step).astype(np.int64), 0, len(lines) - 2)

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.checks.report import Check
 from tacbench_cad.geometry.mesh import Mesh, cross
 from tacbench_cad.util.errors import MissingToolError
+from tacbench_cad.util.types import Bools
 
 #: A triangle whose height is below this share of its longest side has no area to speak of.
 DEGENERATE_SHARE = 1e-9
@@ -65,7 +65,7 @@ def edges(mesh: Mesh) -> Edges:
     _, first, index, used = np.unique(low * count + high, return_index=True, return_inverse=True, return_counts=True)
     turn = np.bincount(index, weights=np.where(tail < head, 1.0, -1.0))
 
-    def place(which: NDArray[np.bool_]) -> tuple[float, float, float] | None:
+    def place(which: Bools) -> tuple[float, float, float] | None:
         if not which.any():
             return None
         i = first[int(np.argmax(which))]
@@ -83,7 +83,7 @@ def edges(mesh: Mesh) -> Edges:
     )
 
 
-def degenerate(mesh: Mesh) -> NDArray[np.bool_]:
+def degenerate(mesh: Mesh) -> Bools:
     """Which triangles have no area: two corners in one place, or all three on a line; shape (m,)."""
     corners = mesh.corners
     sides = corners - np.roll(corners, 1, axis=1)

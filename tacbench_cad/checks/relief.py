@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tacbench_cad.geometry.mesh import Floats, Mesh
+from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.util.types import Bools, Floats
 
 #: Triangles whose normal has a smaller vertical share than this are walls.
 WALL_SHARE = 1e-4
@@ -41,7 +41,7 @@ class Distance:
     largest_vertical_mm: float
 
 
-def upward(mesh: Mesh, normals: Floats) -> NDArray[np.bool_]:
+def upward(mesh: Mesh, normals: Floats) -> Bools:
     """Which triangles face upwards and are no walls, shape (m,); in a block of ours they are the textured top.
 
     A narrow triangle of a slanting wall, such as the key's, may lean by what float32 rounds its corners: its area seen
@@ -52,7 +52,7 @@ def upward(mesh: Mesh, normals: Floats) -> NDArray[np.bool_]:
     return np.asarray(normals[:, 2] > WALL_SHARE * length + rounded)
 
 
-def points_on(mesh: Mesh, which: NDArray[np.bool_], points: int = POINTS) -> Floats:
+def points_on(mesh: Mesh, which: Bools, points: int = POINTS) -> Floats:
     """Dense points on triangles: their corners, the middles of their sides, and points inside.
 
     Every triangle carries a regular lattice with an even number of steps a side (so that side middles, where straight

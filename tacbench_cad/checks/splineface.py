@@ -16,7 +16,7 @@ from scipy.interpolate import BSpline
 from scipy.sparse import csr_array
 
 from tacbench_cad.checks.relief import WALL_SHARE
-from tacbench_cad.geometry.mesh import Floats
+from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Face

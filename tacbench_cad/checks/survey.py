@@ -15,7 +15,7 @@ import numpy as np
 from tacbench_cad.checks import solidcheck
 from tacbench_cad.checks.solidcheck import Measured
 from tacbench_cad.checks.splineface import SplineFace, spline_face
-from tacbench_cad.geometry.mesh import Floats
+from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Face, TopoDS_Shape

@@ -16,10 +16,11 @@ from tacbench_cad.checks import meshcheck, relief
 from tacbench_cad.checks.match import GRID_MM, Facets
 from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.formats import format_of
-from tacbench_cad.geometry.mesh import Floats, Mesh
+from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.part import Body, Part
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.util.errors import CheckFailedError
+from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from tacbench_cad.checks.solidcheck import Measured

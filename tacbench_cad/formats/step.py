@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tacbench_cad import __version__
-from tacbench_cad.geometry.mesh import Floats
 from tacbench_cad.geometry.part import COLOURS, Part
 from tacbench_cad.util.errors import CheckFailedError, MissingToolError
 from tacbench_cad.util.files import not_empty
+from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape

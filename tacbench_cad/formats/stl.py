@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.geometry.mesh import Floats, Indices, Mesh
+from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.files import not_empty
+from tacbench_cad.util.types import Floats, Floats32, Indices
 
 #: Length of a binary STL's header.
 HEADER_BYTES = 80
@@ -100,12 +101,12 @@ def _is_ascii(data: bytes) -> bool:
     return start.startswith(b"solid") and b"\0" not in data[:1024]
 
 
-def _binary(path: Path, data: bytes) -> NDArray[np.float32]:
+def _binary(path: Path, data: bytes) -> Floats32:
     facets = np.frombuffer(data, dtype=_FACET, offset=84)
     return np.ascontiguousarray(facets["corners"]).reshape(-1, 3).astype(np.float32, copy=False)
 
 
-def _refuse(path: Path, data: bytes) -> NDArray[np.float32]:
+def _refuse(path: Path, data: bytes) -> Floats32:
     """Say why the bytes are no STL."""
     for magic, kind in ((b"PK\x03\x04", "a zip or 3MF file"), (b"ISO-10303-21", "a STEP file"), (b"ply", "a PLY file")):
         if data.startswith(magic):
@@ -124,7 +125,7 @@ def _refuse(path: Path, data: bytes) -> NDArray[np.float32]:
     )
 
 
-def _ascii(path: Path, data: bytes) -> NDArray[np.float32]:
+def _ascii(path: Path, data: bytes) -> Floats32:
     """Corners of an ASCII STL, shape (3 m, 3)."""
     lines = [line.split() for line in data.lower().splitlines()]
     corners = [line[1:] for line in lines if line and line[0] == b"vertex"]
@@ -158,7 +159,7 @@ def require_finite(path: Path, corners: NDArray[np.floating[Any]]) -> None:
         raise CheckFailedError(f"{path}: {bad} corners have a coordinate that is not a finite number (NaN or infinite)")
 
 
-def weld(corners: NDArray[np.float32]) -> tuple[Floats, Indices]:
+def weld(corners: Floats32) -> tuple[Floats, Indices]:
     """Make corners with equal float32 coordinates one vertex.
 
     Equal means every bit, but -0 is 0. Sorting one 64-bit hash of each corner is several times faster than sorting

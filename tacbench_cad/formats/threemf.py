@@ -22,10 +22,11 @@ import numpy as np
 
 from tacbench_cad import __version__
 from tacbench_cad.formats.stl import require_finite
-from tacbench_cad.geometry.mesh import Floats, Mesh
+from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.util.errors import CheckFailedError, MissingToolError
 from tacbench_cad.util.files import not_empty
+from tacbench_cad.util.types import Floats
 
 #: XML name space of our metadata (3MF asks for one for names that it does not define). It is a name, not a page.
 NAMESPACE = "urn:tacbench-cad:2026"

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int32]
+from tacbench_cad.util.types import Floats, Indices
 
 #: A mesh that would need more triangles than this is refused.
 MOST_TRIANGLES = 20_000_000

@@ -5,15 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.util.errors import CheckFailedError
+from tacbench_cad.util.types import Floats, Indices
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int32]
 
 
 def triangulate(shape: TopoDS_Shape, deflection_mm: float, angle_rad: float) -> tuple[Floats, Indices]:

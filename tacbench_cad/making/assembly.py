@@ -13,13 +13,14 @@ import numpy as np
 from tacbench_cad import __version__
 from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.formats import FORMATS, step, threemf
-from tacbench_cad.geometry.mesh import Floats, Mesh
+from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.part import Body, Part
 from tacbench_cad.making.sources import part_of
 from tacbench_cad.making.writing import Failure, Made
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.files import replacing, sha256
+from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.geometry.block_mesh import fine_mesh
 from tacbench_cad.geometry.mesh import Mesh
@@ -21,12 +20,12 @@ from tacbench_cad.geometry.part import COLOURS, Part
 from tacbench_cad.render.raster import BELOW, render
 from tacbench_cad.render.texture_figures import cuts_figure, formula, heading, press_figure
 from tacbench_cad.util.plotting import INK, new_figure, save_figure, styled
+from tacbench_cad.util.types import Bytes
 
 if TYPE_CHECKING:
     from tacbench_cad.making.assembly import Assembly
     from tacbench_cad.spec.block import Block
 
-Image = NDArray[np.uint8]
 
 #: A hollow in the underside that is shallower than this is an engraving, in mm.
 _ENGRAVED_MM = 1.0
@@ -99,14 +98,14 @@ def assembly_picture(assembly: Assembly, path: Path, apart_mm: float = 0.0) -> N
         colours.append(np.tile((colour / 255.0) ** 2.2, (len(mesh.triangles), 1)))
     whole = Mesh.joined(meshes)
 
-    def draw(width: int, height: int) -> Image:
+    def draw(width: int, height: int) -> Bytes:
         return render(whole, width, height, materials=np.concatenate(colours))
 
     with styled():
         _draw_sheet([(f"{assembly.title}\n{assembly.name}", draw)], path, _LARGE)
 
 
-def _draw_sheet(items: Sequence[tuple[str, Callable[[int, int], Image]]], path: Path, tile: _Tile) -> None:
+def _draw_sheet(items: Sequence[tuple[str, Callable[[int, int], Bytes]]], path: Path, tile: _Tile) -> None:
     """A sheet of pictures with captions, each picture drawn at the width and height of a tile in pixels."""
     columns = _columns(len(items))
     rows = max(1, math.ceil(len(items) / columns))
@@ -170,7 +169,7 @@ def _columns(count: int) -> int:
     return 3 if count in (3, 5, 6, 9) else max(1, min(4, count))
 
 
-def _both_sides(mesh: Mesh, width: int, height: int) -> Image:
+def _both_sides(mesh: Mesh, width: int, height: int) -> Bytes:
     """The part from above; where its underside is engraved, that side as well, to the right."""
     corners = mesh.corners
     normal = mesh.doubled_normals

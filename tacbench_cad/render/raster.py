@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.geometry.mesh import Mesh, cross
+from tacbench_cad.util.types import Bools, Bytes, Floats, Indices, Ints
 
-Floats = NDArray[np.float64]
 Colour = tuple[float, float, float]
 
 #: Pixels across each side of a finished pixel.
@@ -57,9 +57,7 @@ ABOVE = Camera()
 BELOW = Camera(azimuth_deg=-90.0, elevation_deg=-78.0)
 
 
-def render(
-    mesh: Mesh, width: int, height: int, camera: Camera = ABOVE, materials: Floats | None = None
-) -> NDArray[np.uint8]:
+def render(mesh: Mesh, width: int, height: int, camera: Camera = ABOVE, materials: Floats | None = None) -> Bytes:
     """A shaded picture of a mesh on a white ground, as large as it fits.
 
     Args:
@@ -96,7 +94,7 @@ def _averaged(samples: Floats) -> Floats:
     return np.asarray(sum(parts[1:], start=parts[0]) / len(parts))
 
 
-def _raster(points: Floats, triangles: NDArray[np.int32], w: int, h: int) -> tuple[Floats, NDArray[np.int64]]:
+def _raster(points: Floats, triangles: Indices, w: int, h: int) -> tuple[Floats, Ints]:
     """Depth buffer (h, w), -inf where nothing is, and the triangle seen at each pixel, -1 where none is.
 
     Args:
@@ -140,7 +138,7 @@ def _raster(points: Floats, triangles: NDArray[np.int32], w: int, h: int) -> tup
     return depth.reshape(h, w), owner.reshape(h, w)
 
 
-def _expand(first: NDArray[Any], last: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _expand(first: NDArray[Any], last: NDArray[Any]) -> tuple[Ints, Ints]:
     """All whole numbers of many ranges: which range each belongs to, and the number itself."""
     counts = last - first + 1
     which = np.repeat(np.arange(len(first)), counts)
@@ -148,7 +146,7 @@ def _expand(first: NDArray[Any], last: NDArray[Any]) -> tuple[NDArray[np.int64],
     return which, np.arange(len(which)) - (ends - counts)[which] + first[which]
 
 
-def _light(depth: Floats, owner: NDArray[np.int64], mesh: Mesh, axes: Floats) -> Floats:
+def _light(depth: Floats, owner: Ints, mesh: Mesh, axes: Floats) -> Floats:
     """Light that each sample sends back, linear, 0 where nothing is; shape (h, w)."""
     from scipy.ndimage import uniform_filter
 
@@ -177,7 +175,7 @@ def _light(depth: Floats, owner: NDArray[np.int64], mesh: Mesh, axes: Floats) ->
     return image
 
 
-def _edges(depth: Floats, solid: NDArray[np.bool_]) -> Floats:
+def _edges(depth: Floats, solid: Bools) -> Floats:
     """1 along outlines and steps in depth, 0 elsewhere, soft between; shape (h, w)."""
     bend = np.zeros(depth.shape)
     for axis in (0, 1):

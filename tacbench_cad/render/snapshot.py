@@ -19,13 +19,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.triangulation import triangulate
 from tacbench_cad.render.raster import ABOVE, Camera, render
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.plotting import new_figure, save_figure, styled
+from tacbench_cad.util.types import Floats, Indices
 
 if TYPE_CHECKING:
     from OCP.TopLoc import TopLoc_Location
@@ -64,9 +64,9 @@ def snapshot(
     """
     if not tolerance_mm > 0.0:
         raise InputError("tolerance", tolerance_mm, "must be above 0 mm")
-    vertices: list[NDArray[np.float64]] = []
-    triangles: list[NDArray[np.int32]] = []
-    materials: list[NDArray[np.float64]] = []
+    vertices: list[Floats] = []
+    triangles: list[Indices] = []
+    materials: list[Floats] = []
     for piece, colour in _pieces(shape):
         nodes, corners = triangulate(piece, tolerance_mm, ANGLE_RAD_PER_MM * tolerance_mm)
         triangles.append(corners + np.int32(sum(map(len, vertices))))

@@ -9,12 +9,12 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.geometry.block_mesh import fine_mesh
 from tacbench_cad.render.raster import render
 from tacbench_cad.spec.protocol import FORCES_N, PressGrid, contact_radius_mm
 from tacbench_cad.util.plotting import BLUE, DPI, GREEN, INK, ORANGE, new_figure
+from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from tacbench_cad.spec.block import Block
 
-Floats = NDArray[np.float64]
 
 _FORCE_COLOURS = (GREEN, ORANGE, BLUE)
 

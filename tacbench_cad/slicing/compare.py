@@ -12,16 +12,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.slicing.gcode import Sliced
 from tacbench_cad.slicing.surface import PITCH_MM, Frame, frames_of, points_of, printed_heights, staircase
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.textures import Texture, catalogue
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from tacbench_cad.util.types import Bools, Floats
 
 #: Slope above which a wall counts as steep.
 STEEP = 1.0
@@ -106,7 +103,7 @@ class AsSliced:
     ideal_mm: Floats
 
     @cached_property
-    def inside(self) -> Mask:
+    def inside(self) -> Bools:
         """Where the comparison holds: away from the edge and from the key's cut."""
         return _inside(self.block, self.x_mm, self.y_mm)
 
@@ -117,7 +114,7 @@ class AsSliced:
         return np.hypot(along_x, along_y)
 
     @cached_property
-    def flat(self) -> Mask:
+    def flat(self) -> Bools:
         """Where the height error counts."""
         return self.inside & (self.slope < STEEP)
 
@@ -293,7 +290,7 @@ def compare(sliced: Sliced, block: Block, frame: Frame | None = None, *, pitch_m
     )
 
 
-def _inside(block: Block, x: Floats, y: Floats) -> Mask:
+def _inside(block: Block, x: Floats, y: Floats) -> Bools:
     across, down = block.size_mm
     inside = ((x > EDGE_MM) & (x < across - EDGE_MM))[:, None] & ((y > EDGE_MM) & (y < down - EDGE_MM))[None, :]
     if block.keep is not None:
@@ -303,14 +300,14 @@ def _inside(block: Block, x: Floats, y: Floats) -> Mask:
     return inside
 
 
-def _distance(block: Block, texture: Texture, x: Floats, y: Floats, printed: Floats, inside: Mask) -> float:
+def _distance(block: Block, texture: Texture, x: Floats, y: Floats, printed: Floats, inside: Bools) -> float:
     """Spread of the height error, were the block's texture this one: the height of the whole does not count."""
     along_x, along_y, up = block.mm_per_unit
     formula = texture.waves.mapped((along_x, along_y), up, block.origin_uv).grid(x, y)
     return float(np.std((printed - formula)[inside]))
 
 
-def _require_likeness(sliced: Sliced, block: Block, x: Floats, y: Floats, printed: Floats, inside: Mask) -> None:
+def _require_likeness(sliced: Sliced, block: Block, x: Floats, y: Floats, printed: Floats, inside: Bools) -> None:
     if not printed[inside].any():
         raise InputError("frame", None, f"{sliced.path} prints nothing there; name the block's corner on the bed")
     own = _distance(block, block.texture, x, y, printed, inside)

@@ -16,12 +16,10 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.slicing.dialects import Dialect, Role, dialect_of
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Bools, Floats
 
 #: Arcs become chords that stay within this distance of them, in mm.
 CHORD_MM = 0.005
@@ -54,7 +52,7 @@ class Beads:
     top_mm: Floats
     height_mm: Floats
     area_mm2: Floats
-    wall: NDArray[np.bool_]
+    wall: Bools
 
     def __len__(self) -> int:
         return len(self.top_mm)

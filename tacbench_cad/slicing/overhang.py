@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.util.types import Bools
 
 #: Triangles whose normal is this near to straight down are a ceiling; sine of the angle.
 _FLAT = 1e-4
@@ -62,7 +62,7 @@ def overhangs(mesh: Mesh) -> Overhangs:
     )
 
 
-def _widest_mm(mesh: Mesh, ceiling: NDArray[np.bool_]) -> float:
+def _widest_mm(mesh: Mesh, ceiling: Bools) -> float:
     """Diameter of the largest circle in the ceilings: their outlines are moved inwards until nothing is left."""
     from manifold3d import CrossSection, FillRule, JoinType
 

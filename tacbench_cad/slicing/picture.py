@@ -6,15 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.slicing.compare import STEEP, AsSliced
 from tacbench_cad.util.plotting import BLUE, INK, ORANGE, new_figure, save_figure, styled
+from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 #: Errors beyond this many layers have the last colour.
 _LAYERS_SHOWN = 2.0

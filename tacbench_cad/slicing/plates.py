@@ -16,14 +16,12 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.slicing.printers import Printer
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import replacing
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats, Ints
 
 #: What stays free between two blocks, in mm.
 SPACING_MM = 5.0
@@ -165,30 +163,30 @@ def _marked(block: Block, copy: int) -> Block:
     return marked
 
 
-def _index(names: Sequence[str]) -> NDArray[np.int64]:
+def _index(names: Sequence[str]) -> Ints:
     known = list(dict.fromkeys(names))
     return np.array([known.index(name) for name in names], dtype=np.int64)
 
 
-def _off(places: Floats, texture: NDArray[np.int64]) -> Floats:
+def _off(places: Floats, texture: Ints) -> Floats:
     """Distance of each texture's middle from the plate's middle."""
     counts = np.bincount(texture)
     middles = np.column_stack([np.bincount(texture, weights=places[:, axis]) / counts for axis in (0, 1)])
     return np.asarray(np.hypot(*(middles - places.mean(axis=0)).T), dtype=np.float64)
 
 
-def _imbalance(places: Floats, texture: NDArray[np.int64]) -> float:
+def _imbalance(places: Floats, texture: Ints) -> float:
     return float(_off(places, texture).max())
 
 
-def _confounding(places: Floats, texture: NDArray[np.int64]) -> float:
+def _confounding(places: Floats, texture: Ints) -> float:
     """How much position tells of the texture, in mm^2: by the textures' middles and by their distances from them."""
     away = np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1))
     each = np.bincount(texture, weights=away) / np.bincount(texture)
     return float((_off(places, texture) ** 2).sum() + ((each - away.mean()) ** 2).sum())
 
 
-def _spread(places: Floats, texture: NDArray[np.int64]) -> list[int]:
+def _spread(places: Floats, texture: Ints) -> list[int]:
     """Which block comes to which place: changes of places are kept while position tells less of the texture."""
     rng = np.random.default_rng(len(places))
     found: list[tuple[float, list[int]]] = []

@@ -11,13 +11,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.slicing.gcode import Beads, Sliced
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats, Ints
 
 #: The outline of a block may differ from its sides by this much, in mm: more is another part.
 OUTLINE_MM = 0.5
@@ -154,7 +152,7 @@ def printed_heights(sliced: Sliced, block: Block, frame: Frame, x: Floats, y: Fl
     return heights.reshape(len(x), len(y))
 
 
-def _covered(beads: Beads, x: Floats, y: Floats) -> Iterator[tuple[NDArray[np.int64], Floats]]:
+def _covered(beads: Beads, x: Floats, y: Floats) -> Iterator[tuple[Ints, Floats]]:
     """Points under beads, as indices into the flattened grid, and the height of the bead there, in chunks."""
     run = beads.end_mm - beads.start_mm
     pieces = np.maximum(1, np.ceil(np.hypot(run[:, 0], run[:, 1]) / _PIECE_MM)).astype(np.int64)

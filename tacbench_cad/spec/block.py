@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tacbench_cad.spec.extremes import Extremes, HalfPlane
 from tacbench_cad.spec.label import LABEL_DEPTH_MM, Engraving, engrave
@@ -23,8 +23,7 @@ from tacbench_cad.spec.textures import texture as find_texture
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError, nearest
 from tacbench_cad.util.text import decimal, mm, report
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Thickness that must be left below the lowest valley (and above the label's pockets), in mm.
 LEAST_BASE_MM = 0.8

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Cells alive at one time: past this the search stops and reports the gap that it has proved so far.
 MOST_CELLS = 2_000_000

@@ -7,12 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.spec.glyphs import GLYPHS, UNITS_HIGH
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Depth of the engraving, in mm.
 LABEL_DEPTH_MM = 0.4

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from tacbench_cad.spec.block import Block
@@ -58,7 +58,7 @@ class PressGrid:
         return cls(x_mm=x, y_mm=y)
 
     @property
-    def positions_mm(self) -> NDArray[np.float64]:
+    def positions_mm(self) -> Floats:
         """All positions, shape (25, 2): row by row (y), each from low to high x."""
         return np.array([(x, y) for y in self.y_mm for x in self.x_mm])
 

@@ -7,13 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.spec.extremes import HalfPlane
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Default tolerance of a mesh, in mm.
 TOLERANCE_MM = 0.01

@@ -13,12 +13,11 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tacbench_cad.spec.extremes import Extremes, HalfPlane, clipped_rectangle, search_interval, search_rectangle
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Extremes of separable sums and of parallel waves are proved to this absolute error.
 EXTREMES_ERROR = 1e-9

@@ -12,12 +12,13 @@ from helpers.tops import deviations, faults, normals, random_texture, top_triang
 
 from tacbench_cad.geometry.block_mesh import mesh_block
 from tacbench_cad.geometry.block_part import block_part
-from tacbench_cad.geometry.mesh import Floats, Mesh
+from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
 from tacbench_cad.spec.textures import BlockTable, Texture
 from tacbench_cad.spec.waves import Wave, WaveSum
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Floats
 
 SIX = [1, 2, 3, 4, 5, 6]
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.render.drawing.ink import drawn
 from tacbench_cad.render.drawing.sheet import Callout, Dimension, Drawing, Point, View
 from tacbench_cad.util.plotting import only_style
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 
 def to_outlines(point: Point, loops: tuple[Floats, ...]) -> float:

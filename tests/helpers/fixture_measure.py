@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import manifold3d
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.spec.block import Block
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Downward faces may lean out by 45 degrees at most; a little more for chords of a cone.
 STEEPEST_OVERHANG = -np.cos(np.radians(45.0)) - 0.02

@@ -12,9 +12,9 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.spec.block import Block
+from tacbench_cad.util.types import Floats
 
 #: Exports a texture (by number) to a target and gives the texture's folder.
 Exported = Callable[[str, str], Path]
@@ -65,7 +65,7 @@ def settled_mm(block: Block, x: float, y: float, radius_mm: float = BALL_MM) -> 
     return x, y, best
 
 
-def places_mm(block: Block, count: int = 300, seed: int = 6) -> NDArray[np.float64]:
+def places_mm(block: Block, count: int = 300, seed: int = 6) -> Floats:
     """Random places (x, y) on the block, away from its borders, in mm; shape (count, 2)."""
     high = np.array(block.size_mm) - 0.2
     return np.random.default_rng(seed).uniform(0.2, high, (count, 2))

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.geometry.mesh import Floats, Mesh
+from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.part import Body, Part
 from tacbench_cad.spec.block import Block
+from tacbench_cad.util.types import Floats
 
 
 def box_mesh(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from OCP.BRep import BRep_Tool
 from OCP.GeomAbs import GeomAbs_SurfaceType
 from OCP.GeomAdaptor import GeomAdaptor_Surface
@@ -16,8 +15,7 @@ from OCP.TopoDS import TopoDS, TopoDS_Face, TopoDS_Shape
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.waves import Wave, WaveSum
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 
 def gauss(low: float, high: float, panels: int) -> tuple[Floats, Floats]:

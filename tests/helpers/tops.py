@@ -5,10 +5,11 @@ from __future__ import annotations
 import manifold3d
 import numpy as np
 
-from tacbench_cad.geometry.mesh import Floats, Mesh
+from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.util.types import Floats
 
 
 def faults(mesh: Mesh) -> list[str]:

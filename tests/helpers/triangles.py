@@ -7,18 +7,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from helpers.resting import BALL_MM, steel_kg
+from tacbench_cad.util.types import Floats, Ints
 
-Floats = NDArray[np.float64]
 STEP_S = 1.0 / 2000.0
 NO_PYBULLET = "PyBullet is not installed: pip install pybullet" + (
     "; it has no wheel above Python 3.11" if sys.version_info >= (3, 12) else ""
 )
 
 
-def heights_mm(points: Floats, triangles: NDArray[np.int64], places: Floats) -> Floats:
+def heights_mm(points: Floats, triangles: Ints, places: Floats) -> Floats:
     """z of the highest triangle over each place, by a plumb line.
 
     Args:
@@ -45,7 +44,7 @@ def heights_mm(points: Floats, triangles: NDArray[np.int64], places: Floats) -> 
 
 
 def rest_on_triangles(
-    points: Floats, triangles: NDArray[np.int64], start_mm: tuple[float, float, float]
+    points: Floats, triangles: Ints, start_mm: tuple[float, float, float]
 ) -> tuple[float, float, float]:
     """Where a steel ball that is let go over the triangles comes to rest in PyBullet, in mm."""
     pybullet = pytest.importorskip("pybullet", reason=NO_PYBULLET)

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 pytest.importorskip("k3d", reason="the 3D page needs the extra view")
 pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: pip install playwright")
@@ -23,6 +22,7 @@ from tacbench_cad.render.viewing.page import write_page
 from tacbench_cad.render.viewing.scene import Scene, Thing, request_of, scene_of
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.util.packages import why_missing
+from tacbench_cad.util.types import Bytes, Floats
 
 pytestmark = pytest.mark.real
 
@@ -52,7 +52,7 @@ class Opened:
             " requestAnimationFrame(() => requestAnimationFrame(() => K.render())); })"
         )
 
-    def picture(self) -> NDArray[np.uint8]:
+    def picture(self) -> Bytes:
         """What is seen, (height, width, 3)."""
         return np.asarray(Image.open(io.BytesIO(self.page.screenshot())).convert("RGB"))
 
@@ -61,7 +61,7 @@ class Opened:
         box: dict[str, float] = self.page.locator("#stage").bounding_box()
         return box
 
-    def where(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def where(self, points: Floats) -> Floats:
         """Pixels (n, 2) of points (n, 3) of the world."""
         stage = self.stage()
         found = self.page.evaluate("(points) => points.map((p) => tacbench.project(p))", points.tolist())
@@ -156,7 +156,7 @@ def near_look(one: Opened, thing: Thing, at: tuple[float, float], above: float) 
     one.act(f"tacbench.K3D.setCamera([{x}, {y - 0.001}, {z + above}, {x}, {y}, {z}, 0, 0, 1])")
 
 
-def legend(one: Opened) -> NDArray[np.float64]:
+def legend(one: Opened) -> Floats:
     """The colours of the scale shown, evenly spaced from its low end to its high end; shape (n, 3)."""
     drawn = one.page.evaluate("getComputedStyle(document.querySelector('#scale .bar')).backgroundImage")
     return np.array([[float(c) for c in rgb] for rgb in re.findall(r"rgb\((\d+), (\d+), (\d+)\)", drawn)])
@@ -167,7 +167,7 @@ def scale_ends(one: Opened) -> tuple[float, float]:
     return float(ticks[0]), float(ticks[-1])
 
 
-def tops(thing: Thing, at: tuple[float, float], reach: float) -> NDArray[np.float64]:
+def tops(thing: Thing, at: tuple[float, float], reach: float) -> Floats:
     """Points (n, 3) of the mesh's top near a place, in the block frame; none on slopes over 70 degrees."""
     corners = thing.mesh.corners
     up = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -242,12 +242,12 @@ def test_heights_are_coloured_by_their_scale(wide: tuple[Scene, Opened]) -> None
     assert scale_ends(one) == pytest.approx((3.0, 7.0), abs=0.01)
 
 
-def inside_of_the_middle() -> NDArray[np.float64]:
+def inside_of_the_middle() -> Floats:
     """Points of texture 2's block on the plane y = 15 mm, below its valleys and above a label; shape (120, 4)."""
     return np.array([[x, 15.0, z, 1.0] for x in np.linspace(3.0, 20.0, 40) for z in (1.2, 2.0, 2.6)])
 
 
-def require_cut_face(colours: NDArray[np.uint8]) -> None:
+def require_cut_face(colours: Bytes) -> None:
     """All have the colour of a block's cut face, or of a stripe on it."""
     share = (colours / (0.78 * np.array([0xE3, 0xB7, 0x78]))).mean(axis=1)
     assert np.all((share > 0.58) & (share < 1.03))

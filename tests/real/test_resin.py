@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.outsiders import Run, Written, part_named
-from numpy.typing import NDArray
 
 from tacbench_cad.spec.block import Block
+from tacbench_cad.util.types import Floats
 
 Image = pytest.importorskip("PIL.Image", reason="reading layer images needs pillow (extra dev)")
 
@@ -32,8 +32,6 @@ DISPLAY_MM = (48.0, 36.0)
 ROUNDING_MM = LAYER_MM / math.sqrt(12.0)
 #: Pixels closer to the outline than this are half covered, in mm.
 BORDER_MM = 0.1
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

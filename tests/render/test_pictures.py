@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tacbench_cad.geometry.block_mesh import mesh_block
 from tacbench_cad.geometry.block_part import block_part
@@ -21,6 +20,7 @@ from tacbench_cad.render.raster import BELOW, Camera, render
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import contact_radius_mm
 from tacbench_cad.util.errors import InputError, MissingToolError
+from tacbench_cad.util.types import Bools, Bytes
 
 Image = pytest.importorskip("PIL.Image", reason="reading pictures needs pillow (extra dev)")
 pytest.importorskip("matplotlib", reason="pictures need the extra plot")
@@ -28,11 +28,11 @@ pytest.importorskip("matplotlib", reason="pictures need the extra plot")
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def pixels(path: Path) -> NDArray[np.uint8]:
+def pixels(path: Path) -> Bytes:
     return np.asarray(Image.open(path).convert("RGB"))
 
 
-def ink(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def ink(image: Bytes) -> Bools:
     """Where the picture is not white."""
     return (image < 250).any(axis=2)
 
@@ -73,7 +73,7 @@ def test_nearer_parts_hide_farther_ones() -> None:
     small, large = box(4.0, 1.0, 4.0), box(20.0, 1.0, 20.0)
     front = Camera(azimuth_deg=-90.0, elevation_deg=0.0)
 
-    def scene(y: float, order: int) -> NDArray[np.uint8]:
+    def scene(y: float, order: int) -> Bytes:
         moved = small.vertices + np.array([8.0, y, 8.0])
         vertices = np.concatenate([large.vertices, moved])
         triangles = np.concatenate([large.triangles, small.triangles + 8])[::order]

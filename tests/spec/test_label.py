@@ -8,7 +8,6 @@ import math
 import numpy as np
 import pytest
 from manifold3d import CrossSection, FillRule, JoinType
-from numpy.typing import NDArray
 
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.glyphs import GLYPHS, UNITS_HIGH
@@ -22,8 +21,8 @@ from tacbench_cad.spec.label import (
     signed_area_mm2,
 )
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Bools
 
-Floats = NDArray[np.float64]
 BLOCK = (23.3, 30.0)
 CASES = [
     (("T4", "PAPER", "X1", "03"), BLOCK, 0.0),
@@ -41,7 +40,7 @@ def section(engraving: Engraving) -> CrossSection:
     return CrossSection([c.tolist() for c in engraving.contours], FillRule.Positive)
 
 
-def seen_from_below(engraving: Engraving, step: float = 0.05) -> NDArray[np.bool_]:
+def seen_from_below(engraving: Engraving, step: float = 0.05) -> Bools:
     """Picture of the underside, turned over about x: row 0 is the top (low y), column 0 the left (low x)."""
     points = np.concatenate(engraving.contours)
     x = np.arange(points[:, 0].min(), points[:, 0].max(), step) + step / 2
@@ -57,7 +56,7 @@ def seen_from_below(engraving: Engraving, step: float = 0.05) -> NDArray[np.bool
     return inside != 0
 
 
-def as_drawn(character: str, height: float, step: float = 0.05) -> NDArray[np.bool_]:
+def as_drawn(character: str, height: float, step: float = 0.05) -> Bools:
     """The glyph by distance from its centre lines: another way to draw it than the module's."""
     glyph, unit = GLYPHS[character], (height - STROKE_MM) / UNITS_HIGH
     x = np.arange(0.0, glyph.width * unit + STROKE_MM, step) + step / 2 - STROKE_MM / 2
@@ -73,7 +72,7 @@ def as_drawn(character: str, height: float, step: float = 0.05) -> NDArray[np.bo
     return ink[np.ix_(ink.any(axis=1), ink.any(axis=0))][::-1]
 
 
-def differing(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> float:
+def differing(first: Bools, second: Bools) -> float:
     """Share of the ink in which two pictures differ, the better of the sizes cut to the smaller one."""
     rows, columns = (min(first.shape[i], second.shape[i]) for i in (0, 1))
     if max(abs(first.shape[i] - second.shape[i]) for i in (0, 1)) > 2:

@@ -6,7 +6,6 @@ from dataclasses import astuple, dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.geometry.block_mesh import mesh_block
 from tacbench_cad.geometry.mesh import Certificate, Mesh
@@ -16,8 +15,7 @@ from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.presets import VALUES, grid_of_same_step
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Distance from the formula that an even grid is made fine enough for, in mm.
 GRID_DISTANCE_MM = 0.025

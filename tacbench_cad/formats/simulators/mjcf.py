@@ -14,12 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.formats.simulators.asset import Asset, HeightField
 from tacbench_cad.formats.simulators.written import Written
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Tiles along each side in the file for domes.
 TILES = 8

@@ -11,15 +11,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.formats.simulators.asset import MOST_SAMPLES, Asset, HeightField, sampled
 from tacbench_cad.formats.simulators.written import Written
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Width of Taxim's pixels, in mm.
 PIXEL_MM = 0.0295

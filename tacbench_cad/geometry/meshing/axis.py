@@ -6,14 +6,12 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.geometry.meshing.certify import SPARE, Allowance, AxisProof, derivatives, prove_axis
 from tacbench_cad.geometry.meshing.tube import fewest_links
 from tacbench_cad.spec.waves import Sines
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Samples of the tube for each link.
 SAMPLES_PER_LINK = 20

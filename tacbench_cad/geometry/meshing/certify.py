@@ -13,11 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.spec.waves import Sines
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats, Ints
 
 #: Pieces that a link is cut into, at least.
 PIECES = 40
@@ -155,7 +153,7 @@ def prove_axis(sines: Sines, at: Floats, heights: Floats, allowance: Allowance |
     return AxisProof(above, below, steep, steepest, ends, np.stack([np.maximum(highest, -lowest), jerk]), width)
 
 
-def _pieces(sines: Sines, at: Floats, allowance: Allowance | None) -> tuple[NDArray[np.int64], Floats]:
+def _pieces(sines: Sines, at: Floats, allowance: Allowance | None) -> tuple[Ints, Floats]:
     """The link and the share along it of every end of a piece, the very last one included."""
     lengths = np.diff(at)
     finest = float(np.max(np.abs(sines.frequency)))

@@ -12,11 +12,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.spec.waves import WaveSum
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Parts of all cells together, at most (unless there are more cells).
 MOST_PARTS = 1_000_000

@@ -5,13 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.geometry.meshing.top import Top, single
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int32]
-Flags = NDArray[np.bool_]
+from tacbench_cad.util.types import Bools, Floats, Indices
 
 #: Vertices this many float32 steps from the cut count as lying on it.
 ON_CUT_STEPS = 8.0
@@ -57,7 +53,7 @@ def _vertices(top: Top) -> Floats:
     return vertices.reshape(-1, 3)
 
 
-def _cell_triangles(index: Indices, rising: Flags | None, chosen: Flags | None) -> Indices:
+def _cell_triangles(index: Indices, rising: Bools | None, chosen: Bools | None) -> Indices:
     """Two triangles for each cell, or for each chosen one, split along its diagonal."""
     corners = (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
     a, b, c, d = (part.ravel() if chosen is None else part[chosen] for part in corners)

@@ -5,14 +5,11 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.meshing.clip import Sheet
 from tacbench_cad.spec.label import LABEL_DEPTH_MM, Engraving
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int32]
+from tacbench_cad.util.types import Floats, Indices
 
 
 def close(sheet: Sheet, engraving: Engraving | None) -> Mesh:

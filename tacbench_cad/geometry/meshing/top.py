@@ -7,7 +7,6 @@ import math
 from dataclasses import astuple, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.geometry.mesh import MOST_TRIANGLES, Certificate
 from tacbench_cad.geometry.meshing.axis import Axis
@@ -16,8 +15,7 @@ from tacbench_cad.geometry.meshing.certify_cells import CellProof, Cells, grid_d
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Bools, Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +49,7 @@ class Top:
     y: Floats
     z: Floats
     profiles: Profiles | None
-    rising: NDArray[np.bool_] | None
+    rising: Bools | None
     certificate: Certificate
 
 
@@ -122,7 +120,7 @@ def _cut_excess(block: Block, x: Floats, y: Floats) -> Floats:
     return np.asarray(x[:, None] - y[None, :] - (x[-1] - block.key_mm))
 
 
-def _crowned(z: Floats, block: Block, kept: NDArray[np.bool_], top: tuple[int, int] | None) -> Floats:
+def _crowned(z: Floats, block: Block, kept: Bools, top: tuple[int, int] | None) -> Floats:
     """Heights in float32 of which none that is kept passes the block's height, and the one at ``top`` equals it."""
     height = float(np.float32(block.height_mm))
     rounded = single(z)

@@ -6,12 +6,10 @@ It does not look at triangles, so it checks them.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.geometry.meshing.top import Profiles, Top
 from tacbench_cad.spec.block import Block
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 
 def piecewise_volume_mm3(block: Block, top: Top) -> float:

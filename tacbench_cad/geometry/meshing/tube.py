@@ -12,9 +12,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
+
 #: A line as a point on it and its slope.
 Line = tuple[float, float, float]
 

@@ -12,12 +12,10 @@ from functools import cache
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
-from numpy.typing import NDArray
 
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.waves import WaveSum
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: The most Gauss points that the kernel's default area and volume take along an axis of a face.
 KERNEL_POINTS = 61

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.geometry.mesh import Certificate
 from tacbench_cad.geometry.splines.kernelrule import area_error
@@ -18,8 +17,7 @@ from tacbench_cad.geometry.splines.spline import Axis, basis
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Complexes, Floats
 
 #: A surface that would need more poles than this is refused.
 MOST_POLES = 4_000_000
@@ -78,7 +76,7 @@ class Patches:
         return self.datum_mm + self.x.sines(p), self.y.sines(q)
 
     @cached_property
-    def _factors(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    def _factors(self) -> tuple[Complexes, Complexes]:
         amplitude, f, g, phase = self.surface.table.T
         return self.x.poles(f) * (amplitude * np.exp(1j * phase)), self.y.poles(g)
 

@@ -20,9 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.spec.waves import Sines
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+from tacbench_cad.util.types import Bools, Complexes, Floats
 
 #: Polynomial degree above the basis' own at which a wave is replaced by its interpolant in the proof, at the least.
 _EXTRA_DEGREE = 8
@@ -264,6 +262,6 @@ class Axis:
         rounding = 4.0 * np.finfo(float).eps * float(weight @ np.abs(frequency)) * float(np.abs(self.lines).max())
         return worst + rounding
 
-    def _by_width(self) -> Iterator[tuple[float, NDArray[np.bool_]]]:
+    def _by_width(self) -> Iterator[tuple[float, Bools]]:
         for width in sorted(set(self._widths.tolist())):  # np.unique would load numpy.ma, longer than the rest takes
             yield width, self._widths == width

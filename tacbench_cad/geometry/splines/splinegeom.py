@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from OCP.Geom import Geom_BSplineCurve, Geom_BSplineSurface
 from OCP.GeomFill import GeomFill_BSplineCurves, GeomFill_FillingStyle
 from OCP.gp import gp_Pnt, gp_Vec
@@ -15,8 +14,7 @@ from OCP.TColStd import TColStd_Array1OfInteger, TColStd_Array1OfReal
 
 from tacbench_cad.geometry.splines.patches import Patches
 from tacbench_cad.geometry.splines.spline import Axis
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Bools, Floats
 
 
 class SplineGeometry:
@@ -160,7 +158,7 @@ def _knots(axis: Axis, piece: int) -> tuple[Floats, list[int]]:
     return axis.knots_mm(piece), [ends, *([1] * (axis.basis.spans - 1)), ends]
 
 
-def _joined(axis: Axis) -> tuple[tuple[Floats, list[int]], NDArray[np.bool_]]:
+def _joined(axis: Axis) -> tuple[tuple[Floats, list[int]], Bools]:
     """Knots of the whole axis with C1 at the joints, how often each counts, and which of all poles stay.
 
     A joint's own pole is a mean of its neighbours and goes.

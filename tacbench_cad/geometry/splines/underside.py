@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Wire
 
 from tacbench_cad.geometry.splines.topology import Point, Topology, plane, turned
 from tacbench_cad.spec.label import LABEL_DEPTH_MM, Engraving
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 _DOWN: Point = (0.0, 0.0, -1.0)
 _ALONG: Point = (1.0, 0.0, 0.0)

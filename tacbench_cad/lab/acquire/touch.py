@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import Protocol as Interface
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.acquire.forces import ContactForce
 from tacbench_cad.lab.acquire.safety import Carriage
@@ -14,6 +13,7 @@ from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.sensor import Sensor
 from tacbench_cad.lab.study.spec import Protocol
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Floats32
 
 #: Readings of the free sensor from which its noise is taken.
 FREE_READINGS = 8
@@ -93,7 +93,7 @@ def by_sensor(carriage: Carriage, protocol: Protocol, sensor: Sensor, clock: Clo
     """Touch is where a reading differs from the free sensor's mean by more than free readings do."""
     change = SensorChange()
 
-    def read() -> NDArray[np.float32]:
+    def read() -> Floats32:
         carriage.check()
         clock.sleep(protocol.settle_s)
         return np.asarray(sensor.read(), dtype=np.float32)
@@ -111,7 +111,7 @@ class SensorChange:
         self._mean = np.zeros(0, dtype=np.float32)
         self._most = 0.0
 
-    def learn(self, free: Sequence[NDArray[np.float32]]) -> None:
+    def learn(self, free: Sequence[Floats32]) -> None:
         """Take readings of the free sensor, at least three.
 
         Each is compared with the mean of the others, as a later reading is compared with the mean of all.
@@ -124,11 +124,11 @@ class SensorChange:
         middle = float(np.mean(changes))
         self._most = middle + max(CHANGE_SPREADS * float(np.std(changes, ddof=1)), LEAST_CHANGE * middle)
 
-    def seen(self, reading: NDArray[np.float32]) -> bool:
+    def seen(self, reading: Floats32) -> bool:
         """Whether a reading is not one of the free sensor."""
         return self._change(reading) > self._most
 
-    def _change(self, reading: NDArray[np.float32]) -> float:
+    def _change(self, reading: Floats32) -> float:
         changes = np.abs(reading - self._mean).ravel()
         largest = max(1, round(LARGEST_SHARE * changes.size))
         return float(np.mean(np.partition(changes, changes.size - largest)[-largest:]))

@@ -18,10 +18,9 @@ from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.names import COMBINATIONS
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Bools, Ints, Strings
 
-Words = NDArray[np.str_]
-Numbers = NDArray[np.int64]
-Chosen = NDArray[np.int64] | NDArray[np.bool_]
+Chosen = Ints | Bools
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,8 +36,8 @@ class Collection:
     """
 
     runs: tuple[Run, ...]
-    run: Numbers
-    number: Numbers
+    run: Ints
+    number: Ints
 
     @classmethod
     def open(cls, folders: Sequence[Path]) -> Collection:
@@ -83,42 +82,42 @@ class Collection:
         return str(self.info.sensor.get("units", "counts"))
 
     @cached_property
-    def texture(self) -> Words:
+    def texture(self) -> Strings:
         """Name of the texture, (n,)."""
         return self._of_run([one.info.printed.texture for one in self.runs])
 
     @cached_property
-    def printer(self) -> Words:
+    def printer(self) -> Strings:
         """Printer, (n,)."""
         return self._of_run([one.info.printed.printer for one in self.runs])
 
     @cached_property
-    def filament(self) -> Words:
+    def filament(self) -> Strings:
         """Filament, (n,)."""
         return self._of_run([one.info.printed.filament for one in self.runs])
 
     @cached_property
-    def combination(self) -> Words:
+    def combination(self) -> Strings:
         """Printer and filament: ``bambu-p1p_pla-minus``, (n,)."""
         return self._of_run([one.info.printed.combination for one in self.runs])
 
     @cached_property
-    def copy(self) -> Numbers:
+    def copy(self) -> Ints:
         """Number of the print's copy, (n,)."""
         return self._of_run([one.info.printed.copy for one in self.runs])
 
     @cached_property
-    def level(self) -> Numbers:
+    def level(self) -> Ints:
         """Force level from 1, (n,)."""
         return self._of_press(0)
 
     @cached_property
-    def repeat(self) -> Numbers:
+    def repeat(self) -> Ints:
         """Repeat from 1, (n,)."""
         return self._of_press(1)
 
     @cached_property
-    def position(self) -> Numbers:
+    def position(self) -> Ints:
         """Position from 1, (n,)."""
         return self._of_press(2)
 
@@ -158,7 +157,7 @@ class Collection:
     def _of_run(self, values: Sequence[Any]) -> NDArray[Any]:
         return np.asarray(np.array(values)[self.run])
 
-    def _of_press(self, which: int) -> Numbers:
+    def _of_press(self, which: int) -> Ints:
         pairs = zip(self.run.tolist(), self.number.tolist(), strict=True)
         return np.array([self._rows[run][number].key[which] for run, number in pairs], dtype=np.int64)
 

@@ -23,17 +23,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.classification.classify import SETTINGS_FILE
 from tacbench_cad.lab.analysis.csvfile import write_csv
 from tacbench_cad.lab.analysis.report.sections import read_rows, read_settings
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 #: Level of the intervals, and power of the smallest difference that can be shown.
 LEVEL, POWER = 0.95, 0.80

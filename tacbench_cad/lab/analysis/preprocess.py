@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.sensor import Reading, is_image
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Bytes, Floats
 
 #: Weights of blue, green and red in a grey value (ITU-R BT.601).
 BT601_BGR = (0.114, 0.587, 0.299)
@@ -31,7 +31,7 @@ class Preprocess:
         if not (math.isfinite(self.resolution) and 0.001 <= self.resolution <= 1.0):
             raise InputError("resolution", self.resolution, "must be from 0.001 to 1")
 
-    def __call__(self, reading: Reading) -> NDArray[np.uint8] | NDArray[np.float64]:
+    def __call__(self, reading: Reading) -> Bytes | Floats:
         """The numbers of one reading.
 
         Args:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.errors import OutOfRangeError
 from tacbench_cad.lab.rig.stage import Limits, Stage
@@ -21,6 +20,7 @@ from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.util import files
 from tacbench_cad.util.errors import CheckFailedError, InputError, TacbenchError
+from tacbench_cad.util.types import Floats
 
 #: How far a touched marker may lie from where the fitted frame has it, in mm. A pointer is centred in a 1.5 mm hole
 #: by eye to about 0.2 mm; a wrong marker is off by a spacing, 1.25 mm or more.
@@ -122,7 +122,7 @@ def fit_frame(markers_mm: Sequence[tuple[float, float]], touched_mm: Sequence[Po
     s = np.array([complex(x, y) for x, y, _ in touched_mm])
     z = float(np.mean([one[2] for one in touched_mm]))
 
-    def left_over(turns: int) -> NDArray[np.float64]:
+    def left_over(turns: int) -> Floats:
         off = s - m * 1j**turns
         return np.asarray(np.abs(off - off.mean()), dtype=np.float64)
 

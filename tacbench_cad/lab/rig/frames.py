@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Ints
 
 #: The faults that :func:`frame_faults` can name.
 FAULTS = ("dark", "blurred", "stuck")
@@ -86,7 +87,7 @@ def edge_width_px(image: NDArray[Any]) -> float:
     return _edge_px(grey, _counts(grey), 0.0)
 
 
-def _edge_px(grey: NDArray[Any], levels: NDArray[np.int64], least_contrast: float) -> float:
+def _edge_px(grey: NDArray[Any], levels: Ints, least_contrast: float) -> float:
     contrast = _level_above(levels, _BRIGHT_SHARE) - _level_above(levels, 1.0 - _DARK_SHARE)
     if contrast <= least_contrast:
         return math.inf
@@ -97,12 +98,12 @@ def _edge_px(grey: NDArray[Any], levels: NDArray[np.int64], least_contrast: floa
     return contrast / (steepest * math.sqrt(2.0 * math.pi)) if steepest > 0.0 else math.inf
 
 
-def _counts(values: NDArray[Any]) -> NDArray[np.int64]:
+def _counts(values: NDArray[Any]) -> Ints:
     """How often each count from 0 to 255 occurs, shape (256,)."""
     return np.bincount(values.ravel(), minlength=256)
 
 
-def _level_above(levels: NDArray[np.int64], share: float) -> int:
+def _level_above(levels: Ints, share: float) -> int:
     """The count that at most ``share`` of the values exceed."""
     below = np.cumsum(levels)
     return int(np.searchsorted(below, (1.0 - share) * below[-1]))

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.calibration import Calibration, read_calibration
 from tacbench_cad.lab.rig.clock import Clock
@@ -19,6 +18,7 @@ from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.spec import GaugeSettings
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.settings import Table
+from tacbench_cad.util.types import Floats
 
 #: Range of the usual 24-bit converters (HX711, ADS1232); at either end the amplifier is saturated.
 _LOW_COUNTS = -(2**23)
@@ -206,7 +206,7 @@ class RawLoadCell(Closing):
         self._stream.count(False, f"{value:.10g}")
         return False
 
-    def _without_damaged(self, samples: NDArray[np.float64], floor: float) -> NDArray[np.float64]:
+    def _without_damaged(self, samples: Floats, floor: float) -> Floats:
         """The samples but for those far off; ``floor`` is a distance that is near in any case, in raw units."""
         off = np.abs(samples - np.median(samples))
         allowed = max(_OFF_TIMES * 1.4826 * float(np.median(off)), floor)

@@ -12,15 +12,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.simulate.heights import HeightMap
 from tacbench_cad.lab.simulate.prints import stimulus
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
 from tacbench_cad.spec.protocol import DOME_RADIUS_MM, FOUNDATION_N_PER_MM3
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: A force is solved to this many newtons: a two hundredth of the narrowest of the paper's bands.
 FORCE_ERROR_N = 1e-5

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.study.spec import HolderRim
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Side of a cell, in mm: a quarter of the paper's nozzles, and some 20 cells under the lightest contact.
 CELL_MM = 0.1

@@ -18,14 +18,12 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.simulate.heights import HeightMap, cell_of, centres, held, on_block
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Peaks narrower than so many lines cool too slowly to keep their height.
 SLUMPING_LINES = 4.0

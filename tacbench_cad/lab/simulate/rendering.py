@@ -8,10 +8,8 @@ from functools import cache
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Image = NDArray[np.uint8]
+from tacbench_cad.util.types import Bytes, Floats
 
 #: Read noise in counts, one standard deviation of a pixel from frame to frame, in every channel that is stored.
 READ_NOISE = 1.4
@@ -51,13 +49,13 @@ class Camera:
         return np.stack([column + scale * points_mm[:, 0], row - scale * points_mm[:, 1]], axis=1)
 
 
-def blank(camera: Camera) -> Image:
+def blank(camera: Camera) -> Bytes:
     """What the camera sees without pins."""
     return np.full((camera.height_px, camera.width_px), BACKGROUND, dtype=np.uint8)
 
 
 def draw_discs(
-    image: Image, camera: Camera, middles_mm: Floats, facing: Floats, radius_mm: float, counts: Floats
+    image: Bytes, camera: Camera, middles_mm: Floats, facing: Floats, radius_mm: float, counts: Floats
 ) -> None:
     """Draw flat discs, which the camera sees as ellipses, into a grey image; the brighter one covers the other.
 
@@ -93,7 +91,7 @@ def draw_discs(
             np.maximum(window, stamp, out=window)
 
 
-def with_noise(clean: Image, rng: np.random.Generator, *, colour: bool) -> Image:
+def with_noise(clean: Bytes, rng: np.random.Generator, *, colour: bool) -> Bytes:
     """A frame: the clean image with read noise, clipped at 0 and 255.
 
     Args:
@@ -114,13 +112,13 @@ def with_noise(clean: Image, rng: np.random.Generator, *, colour: bool) -> Image
 
 
 @cache
-def _white_led() -> Image:
+def _white_led() -> Bytes:
     """A table (256, 1, 3): counts of grey in blue, green and red."""
     return np.asarray(np.rint(np.arange(256)[:, None, None] * np.array(WHITE_LED_BGR)), dtype=np.uint8)
 
 
 @cache
-def _noise_tables() -> tuple[Image, Image]:
+def _noise_tables() -> tuple[Bytes, Bytes]:
     """For each of 256 equally likely bytes what is added, and what is taken away: rounded Gaussian noise.
 
     Rounding adds 1/12 to the variance, so the Gaussian has that much less.

@@ -17,16 +17,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.simulate.contact import Contact
 from tacbench_cad.lab.simulate.rendering import READ_NOISE, Camera, blank, draw_discs, with_noise
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.spec.protocol import DOME_RADIUS_MM
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
-Image = NDArray[np.uint8]
+from tacbench_cad.util.types import Bytes, Floats
 
 #: What every simulated image, run and plot says of its sensor.
 SIMULATED = "simulated TacTip"
@@ -188,7 +185,7 @@ class TacTip:
         tips[:, 2] -= w
         return Pins(tips_mm=tips, facing=facing)
 
-    def frame(self, pins: Pins, rng: np.random.Generator) -> Image:
+    def frame(self, pins: Pins, rng: np.random.Generator) -> Bytes:
         """One frame of pins, with flicker and noise.
 
         Args:
@@ -200,7 +197,7 @@ class TacTip:
         draw_discs(clean, self.camera, pins.tips_mm, pins.facing, PIN_DIAMETER_MM / 2.0, counts)
         return with_noise(clean, rng, colour=self.colour)
 
-    def image(self, contact: Contact | None, pose_mm: Point, rng: np.random.Generator) -> Image:
+    def image(self, contact: Contact | None, pose_mm: Point, rng: np.random.Generator) -> Bytes:
         """The image with the summit at a pose.
 
         Args:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.geometry.block_mesh import mesh_block
 from tacbench_cad.geometry.mesh import Mesh
@@ -15,8 +14,7 @@ from tacbench_cad.spec.label import LABEL_DEPTH_MM, STROKE_MM
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.spec.sampling import Tolerance, highest_sample
 from tacbench_cad.util.text import decimal, mm
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Bytes, Floats
 
 #: Deviation that is accepted of a printed block's sides, height and key, in mm: with two thirds of the clearance of
 #: the fit ``slip`` on block and pocket each, the last third is left.
@@ -173,7 +171,7 @@ def _is_outline(loop: Floats, block: Block) -> bool:
     return bool(np.ptp(loop[:, 0]) > block.size_mm[0] - 1e-3)
 
 
-def _shade(mesh: Mesh) -> tuple[NDArray[np.uint8], tuple[float, float, float, float]]:
+def _shade(mesh: Mesh) -> tuple[Bytes, tuple[float, float, float, float]]:
     """The mesh from above, shaded and pale, with where it lies."""
     low, high = mesh.bounds_mm
     x, y = (float(one) for one in (high - low)[:2])

@@ -8,11 +8,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.util.types import Floats
 
-Floats = NDArray[np.float64]
 Outlines = tuple[Floats, ...]
 
 # Rows give the view's a and b and what points to the eye, in the part's x, y, z.

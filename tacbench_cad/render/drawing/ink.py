@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad import __version__
 from tacbench_cad.render.drawing.arrange import (
@@ -27,12 +26,12 @@ from tacbench_cad.render.drawing.arrange import (
 from tacbench_cad.render.drawing.sheet import Drawing, Side, View, length
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.plotting import SUFFIXES, new_figure, only_style, save_figure
+from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 #: Colours of edges and text, of dimension lines, of axes and hatching, and of cut faces.
 INK, THIN, PALE, FILL = "#111111", "#333333", "#707070", "#ececec"

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.util.text import report
+from tacbench_cad.util.types import Bytes, Floats
 
-Floats = NDArray[np.float64]
 Point = tuple[float, float]
 Side = Literal["top", "bottom", "left", "right"]
 #: What an end of a length lies on: an outline of the part, the axis of something symmetrical in it, a drawn cross, or
@@ -155,7 +154,7 @@ class View:
     cut_marks: tuple[CutMark, ...] = ()
     circle: Circle | None = None
     circles: tuple[Circle, ...] = ()
-    shade: tuple[NDArray[np.uint8], tuple[float, float, float, float]] | None = None
+    shade: tuple[Bytes, tuple[float, float, float, float]] | None = None
 
     @property
     def outlines(self) -> tuple[Floats, ...]:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.checks import relief
 from tacbench_cad.geometry.mesh import Mesh
@@ -27,12 +26,12 @@ from tacbench_cad.spec.textures import catalogue
 from tacbench_cad.util.errors import InputError, MissingToolError, nearest
 from tacbench_cad.util.processes import why_not_importable
 from tacbench_cad.util.text import decimal
+from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from housing.holder import Holder
     from housing.jig import Jig
 
-Floats = NDArray[np.float64]
 Facts = tuple[tuple[str, str], ...]
 
 

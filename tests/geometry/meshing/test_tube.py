@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from tacbench_cad.geometry.mesh import Floats
 from tacbench_cad.geometry.meshing.tube import fewest_links
+from tacbench_cad.util.types import Floats
 
 
 def random_tube(seed: int) -> tuple[Floats, Floats, Floats]:

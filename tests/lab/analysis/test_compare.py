@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import typer
 from helpers.studies import noise_image, write_study
-from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 pytest.importorskip("scipy")
@@ -29,12 +28,13 @@ from tacbench_cad.lab.analysis.compare import (
     read_side,
 )
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Ints
 
 TEXTURES = ("texture-1", "texture-2")
 PRESSES = 50
 
 
-def side(name: str, right: dict[str, NDArray[np.int64]], start: int = 0) -> Side:
+def side(name: str, right: dict[str, Ints], start: int = 0) -> Side:
     """A sensor that told so many of the presses of each print right, by texture; prints are numbered from ``start``."""
     shares = {
         ("copy", texture): {
@@ -46,7 +46,7 @@ def side(name: str, right: dict[str, NDArray[np.int64]], start: int = 0) -> Side
     return Side(name=name, sensor=name, simulated=(), textures=TEXTURES, settings={}, shares=shares)
 
 
-def both(a: NDArray[np.int64], b: NDArray[np.int64], start: int = 0, same_prints: bool = True) -> Difference:
+def both(a: Ints, b: Ints, start: int = 0, same_prints: bool = True) -> Difference:
     """The line of texture 1."""
     other = np.full(len(a), 25)
     first = side("a", {"texture-1": a, "texture-2": other})

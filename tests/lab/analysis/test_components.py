@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tacbench_cad.lab.analysis.variance.components import (
     COLUMNS,
@@ -21,9 +21,9 @@ from tacbench_cad.lab.analysis.variance.components import (
     precision,
 )
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Floats, Ints
 
 TRUE = (4.0, 2.0, 1.0, 0.5)
-Ints = NDArray[np.int64]
 
 
 def groups_of(labels: Ints) -> list[Ints]:
@@ -48,14 +48,14 @@ def balanced(textures: int, printers: int, prints: int, repeats: int) -> Ints:
     return np.array([one[:3] for one in design])
 
 
-def simulated(labels: Ints, pixels: int, rng: np.random.Generator) -> NDArray[np.float64]:
+def simulated(labels: Ints, pixels: int, rng: np.random.Generator) -> Floats:
     values = np.zeros((len(labels), pixels))
     for groups, true in zip(groups_of(labels)[1:], TRUE, strict=True):
         values += math.sqrt(true) * rng.standard_normal((groups.max() + 1, pixels))[groups]
     return values + 100.0
 
 
-def variances(labels: Ints, values: NDArray[np.float64]) -> list[float | None]:
+def variances(labels: Ints, values: Floats) -> list[float | None]:
     return [one.variance for one in components(sums_of_squares(values, labels))]
 
 

@@ -11,15 +11,13 @@ import scipy.linalg
 
 pytest.importorskip("sklearn")
 
-from numpy.typing import NDArray
 from sklearn.decomposition import PCA
 from threadpoolctl import threadpool_limits
 
 from tacbench_cad.lab.analysis.classification.augmented_pca import AugmentedPCA
 from tacbench_cad.lab.analysis.classification.gram import WRITTEN_OUT, Scores, clipped_scores, gram, leading, stacked
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Bytes, Floats
 
 
 @pytest.fixture(autouse=True)
@@ -29,7 +27,7 @@ def _one_thread() -> Iterator[None]:
         yield
 
 
-def images_of(count: int, pixels: int, seed: int = 0) -> NDArray[np.uint8]:
+def images_of(count: int, pixels: int, seed: int = 0) -> Bytes:
     """Six kinds of images with some noise."""
     random = np.random.default_rng(seed)
     kinds = random.integers(0, 120, (6, pixels))
@@ -214,7 +212,7 @@ def test_white_noise_takes_no_more_memory_than_its_eigenvectors() -> None:
 def test_images_are_stacked_from_an_iterator_once() -> None:
     read = []
 
-    def source() -> Iterator[NDArray[np.uint8]]:
+    def source() -> Iterator[Bytes]:
         for index in range(5):
             read.append(index)
             yield np.full((3, 4), index, np.uint8)
@@ -233,7 +231,7 @@ def test_images_are_stacked_from_an_iterator_once() -> None:
         ([np.zeros(3)], 1, "image 1 = 'float64 of 3 pixels'"),
     ],
 )
-def test_wrong_images_are_named(rows: list[NDArray[np.uint8]], count: int, message: str) -> None:
+def test_wrong_images_are_named(rows: list[Bytes], count: int, message: str) -> None:
     with pytest.raises(InputError, match=message):
         stacked(iter(rows), count)
 

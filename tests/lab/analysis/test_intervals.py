@@ -18,8 +18,8 @@ from tacbench_cad.lab.analysis.variance.intervals import (
     variance_interval,
 )
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Floats
 
-Floats = NDArray[np.float64]
 #: Variances between prints and between repeats of every synthetic study.
 PRINT, REPEAT = 1.0, 0.5
 SIDE = 24

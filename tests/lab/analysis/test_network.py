@@ -9,7 +9,6 @@ import pytest
 
 pytest.importorskip("sklearn")
 
-from numpy.typing import NDArray
 from sklearn.base import clone
 from sklearn.neural_network import MLPClassifier
 from sklearn.utils.estimator_checks import parametrize_with_checks
@@ -17,15 +16,14 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 from tacbench_cad.lab.analysis.classification import network as module
 from tacbench_cad.lab.analysis.classification.network import NetworkClassifier, fit_together
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Floats, Ints
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning", "ignore:Got `batch_size`")
-
-Floats = NDArray[np.float64]
 
 
 def clusters(
     rows: int, features: int, classes: int, seed: int = 0, noise: float = 1.0, scale: float = 1.0
-) -> tuple[Floats, NDArray[np.int64]]:
+) -> tuple[Floats, Ints]:
     """Rows around one centre a class; with much noise the classes cannot be told apart."""
     random = np.random.default_rng(seed)
     labels = random.permutation(np.arange(rows) % classes)

@@ -6,12 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.variance.permutation import dispersion_test
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Floats
 
-Floats = NDArray[np.float64]
 #: Standard deviations of 30 parts of an image that fall off: about four independent ones.
 PARTS = 0.6 ** (np.arange(30) / 2.0)
 

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 import typer
 from helpers.studies import GRID, noise_image, texture_image, write_study
-from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 pytest.importorskip("cv2")
@@ -32,6 +31,7 @@ from tacbench_cad.lab.analysis.report.page import Options, write_report
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Bytes
 
 VOID = {"meta", "img", "link", "br", "hr", "input"}
 
@@ -219,7 +219,7 @@ def test_folders_of_other_runs_are_refused(runs: Path, report: Path, tmp_path: P
 def test_a_study_that_supports_little_gets_a_page_that_says_why(tmp_path: Path) -> None:
     """One texture, one copy, one repeat a place: neither a variance nor a classification."""
 
-    def dull(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> NDArray[np.uint8]:
+    def dull(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Bytes:
         return np.full((24, 32), 7, dtype=np.uint8)
 
     write_study(tmp_path / "runs", textures=[1], copies=1, prints=[("ender-3", "petg")], image=dull, still=0)

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.studies import PRINTERS, SHAPE, write_study
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
@@ -21,6 +20,7 @@ from tacbench_cad.lab.rig.sensor import Reading
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.protocol import PressGrid
+from tacbench_cad.util.types import Floats, Ints
 
 
 def passed(collection: Collection, jobs: int = 1) -> Pass:
@@ -28,11 +28,11 @@ def passed(collection: Collection, jobs: int = 1) -> Pass:
         return stream(collection, Preprocess(), team)
 
 
-def at(collection: Collection, level: int, position: int) -> NDArray[np.int64]:
+def at(collection: Collection, level: int, position: int) -> Ints:
     return np.flatnonzero((collection.level == level) & (collection.position == position))
 
 
-def readings(collection: Collection, which: NDArray[np.int64]) -> NDArray[np.float64]:
+def readings(collection: Collection, which: Ints) -> Floats:
     return np.stack([collection.reading(int(i)).astype(np.float64).ravel() for i in which])
 
 

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.camera import CameraOptions, CameraSensor, open_camera
 from tacbench_cad.lab.rig.camera_devices import cameras, chosen_camera, open_capture
@@ -18,13 +17,14 @@ from tacbench_cad.lab.rig.errors import DeviceLostError, SensorError
 from tacbench_cad.lab.rig.sensor import Sensor, is_image
 from tacbench_cad.lab.study.spec import SensorSettings
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Bytes
 
 links_only = pytest.mark.skipif(sys.platform == "win32", reason="WINDOWS HAS NO NAMES OF CAMERAS: not tested here")
 
 BUFFERS = 4
 
 
-def picture(seed: int, width: int = 640, height: int = 480, light: int = 200) -> NDArray[np.uint8]:
+def picture(seed: int, width: int = 640, height: int = 480, light: int = 200) -> Bytes:
     """Bright squares on a dark ground with read noise, shape (height, width, 3)."""
     noise = np.random.default_rng(seed).integers(0, 4, (height, width, 3), dtype=np.uint8)
     image = np.zeros((height, width, 3), dtype=np.uint8)
@@ -58,7 +58,7 @@ class FakeCapture:
     ignores: tuple[int, ...] = ()
     stamps: bool = True
     opened: bool = True
-    alter: Callable[[int, NDArray[np.uint8]], Any] = lambda frame, image: image
+    alter: Callable[[int, Bytes], Any] = lambda frame, image: image
     properties: dict[int, float] = field(default_factory=dict)
     unplugged_at: float = float("inf")
     released: int = 0

@@ -5,15 +5,13 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.frames import FAULTS, FrameLimits, edge_width_px, frame_faults
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Bytes
 
-Image = NDArray[np.uint8]
 
-
-def pins(blur_px: float = 1.0, light: float = 200.0, seed: int = 0, noise: float = 1.4) -> Image:
+def pins(blur_px: float = 1.0, light: float = 200.0, seed: int = 0, noise: float = 1.4) -> Bytes:
     """Bright discs of 10 px on a dark ground, as a TacTip's pins are seen, shape (480, 640)."""
     picture = np.full((480, 640), 4.0, dtype=np.float32)
     for i in range(133):
@@ -24,7 +22,7 @@ def pins(blur_px: float = 1.0, light: float = 200.0, seed: int = 0, noise: float
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
-def colour(grey: Image) -> Image:
+def colour(grey: Bytes) -> Bytes:
     return np.repeat(grey[..., None], 3, axis=2)
 
 

@@ -7,7 +7,6 @@ import math
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.frames import frame_faults
@@ -22,6 +21,7 @@ from tacbench_cad.lab.study.spec import HolderRim, Point, PrintedBlock, WorkFram
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import FORCES_N
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Bytes, Floats
 
 FAST = Clock(speed=1e6)
 HOLDER = HolderRim()
@@ -39,7 +39,7 @@ def _pressed(contact: Contact, force_n: float, x: float = 6.5, y: float = 20.5) 
     return (x, y, contact.z_for_force(x, y, force_n))
 
 
-def _markers(image: NDArray[np.uint8]) -> NDArray[np.float64]:
+def _markers(image: Bytes) -> Floats:
     """Centroids (column, row) of the bright spots, weighted by brightness."""
     grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     count, labels = cv2.connectedComponents((grey > 20).astype(np.uint8))

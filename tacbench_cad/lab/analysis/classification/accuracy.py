@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from tacbench_cad.lab.analysis.classification import splits
 from tacbench_cad.lab.analysis.classification.settings import Outcome
 from tacbench_cad.lab.analysis.classification.splits import PressTable
-
-Floats = NDArray[np.float64]
-Numbers = NDArray[np.int64]
+from tacbench_cad.util.types import Bools, Floats, Ints
 
 #: Confidence of the intervals.
 CONFIDENCE = 0.95
@@ -87,7 +85,7 @@ class Score:
     units: str
     trials: int
     images: int
-    confusion: Numbers
+    confusion: Ints
 
     @property
     def recall(self) -> list[float | None]:
@@ -170,7 +168,7 @@ def paper_scores(outcomes: Sequence[Outcome], presses: PressTable) -> list[Score
     return rows
 
 
-def _only(outcome: Outcome, which: NDArray[np.bool_]) -> Outcome:
+def _only(outcome: Outcome, which: Bools) -> Outcome:
     return Outcome(
         estimator=outcome.estimator,
         train_on=outcome.train_on,

@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.classification.features import Features
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
-Numbers = NDArray[np.int64]
+from tacbench_cad.util.types import Floats, Floats32, Ints
 
 #: Columns of readings that are drawn noise for, or multiplied, at once.
 BLOCK = 1024
@@ -28,7 +25,7 @@ def trial_seed(seed: int, trial: int) -> int:
     return int(np.random.SeedSequence([seed, trial]).generate_state(1)[0])
 
 
-def noise_block(seed: int, first: int, count: int, width: int) -> NDArray[np.float32]:
+def noise_block(seed: int, first: int, count: int, width: int) -> Floats32:
     """Standard normal noise of some columns of all readings, the same whenever it is asked for.
 
     Args:
@@ -80,7 +77,7 @@ class Augmentation:
         """What is added to each copy, the noise left aside."""
         return (0.0, *(() if self.noise is None else (0.0,)), *self.brightness)
 
-    def rows(self, features: Features, chosen: Sequence[int] | Numbers, seed: int) -> Floats:
+    def rows(self, features: Features, chosen: Sequence[int] | Ints, seed: int) -> Floats:
         """The copies of some readings, written out.
 
         Args:

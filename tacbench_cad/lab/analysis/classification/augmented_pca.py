@@ -30,13 +30,12 @@ from tacbench_cad.lab.analysis.classification.gram import (
     MIDDLE,
     RANK,
     Chosen,
-    Floats,
-    Images,
     Scores,
     gram,
     leading,
 )
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Bytes, Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,7 +92,7 @@ class AugmentedPCA:
 
     def __init__(
         self,
-        images: Images,
+        images: Bytes,
         chosen: Chosen,
         *,
         components: int = 25,

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
 from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.types import Bytes, Floats
 
-Rows = NDArray[np.uint8] | NDArray[np.float64]
+Rows = Bytes | Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -13,15 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.classification.augment import BLOCK, Augmentation, noise_block
 from tacbench_cad.lab.analysis.classification.features import Rows
 from tacbench_cad.lab.analysis.classification.gram import RANK, add_products, gram, leading, mirrored
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
-Numbers = NDArray[np.int64]
+from tacbench_cad.util.types import Floats, Ints
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -133,7 +130,7 @@ class FoldScores:
 def fold_scores(
     products: Products,
     augmentation: Augmentation,
-    folds: Sequence[tuple[Numbers, Numbers]],
+    folds: Sequence[tuple[Ints, Ints]],
     components: int,
 ) -> list[FoldScores]:
     """Scores of several folds of one trial, each component's sign as in scikit-learn: its largest weight positive.
@@ -156,7 +153,7 @@ def fold_scores(
 
 
 def _solve(
-    products: Products, augmentation: Augmentation, train: Numbers, test: Numbers, components: int
+    products: Products, augmentation: Augmentation, train: Ints, test: Ints, components: int
 ) -> tuple[FoldScores, Onto]:
     """Scores of a fold up to their signs, and the components as sums."""
     count, copies = len(train), augmentation.count

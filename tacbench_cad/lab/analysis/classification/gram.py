@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Bytes, Floats, Ints
 
-Floats = NDArray[np.float64]
-Images = NDArray[np.uint8]
-Chosen = Sequence[int] | NDArray[np.int64]
+Chosen = Sequence[int] | Ints
 
 #: Taken from every pixel before products are summed in float32: 1,024 products of -128..127 stay within 2^24.
 MIDDLE = 128
@@ -35,7 +34,7 @@ WRITTEN_OUT = 400
 RANK = 1e-12
 
 
-def stacked(rows: Iterable[NDArray[np.uint8]], count: int) -> Images:
+def stacked(rows: Iterable[Bytes], count: int) -> Bytes:
     """Images from an iterator, each read once, as rows (count, pixels) of one array.
 
     Args:
@@ -45,7 +44,7 @@ def stacked(rows: Iterable[NDArray[np.uint8]], count: int) -> Images:
     Raises:
         InputError: There are more or fewer, none, or one has another type or size.
     """
-    images: Images | None = None
+    images: Bytes | None = None
     index = -1
     for index, row in enumerate(rows):
         if images is None:
@@ -59,7 +58,7 @@ def stacked(rows: Iterable[NDArray[np.uint8]], count: int) -> Images:
     return images
 
 
-def gram(images: Images) -> Floats:
+def gram(images: Bytes) -> Floats:
     """Inner products of the images after 128 is taken from each pixel, (n, n), exact."""
     count, pixels = images.shape
     products = np.zeros((count, count))
@@ -115,7 +114,7 @@ class Scores:
 
 
 def clipped_scores(
-    images: Images,
+    images: Bytes,
     chosen: Chosen,
     others: Chosen = (),
     *,

@@ -24,8 +24,9 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from threadpoolctl import threadpool_limits
 
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Floats, Floats32
 
-Floats = NDArray[np.float64] | NDArray[np.float32]
+Reals = Floats | Floats32
 
 #: Adam's decay rates and the number that keeps its steps finite, as in ``MLPClassifier``.
 BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8
@@ -88,7 +89,7 @@ class NetworkClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         """
         return fit_together([self], [(X, y)])[0]
 
-    def predict_proba(self, X: ArrayLike) -> Floats:  # noqa: N803
+    def predict_proba(self, X: ArrayLike) -> Reals:  # noqa: N803
         """Probability of each class for each row, (n, k)."""
         check_is_fitted(self)
         rows = validate_data(self, X, dtype=(np.float64, np.float32), reset=False)
@@ -98,7 +99,7 @@ class NetworkClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         _squash(out, probabilities)
         if len(probabilities) == 1:
             probabilities = np.concatenate([1 - probabilities, probabilities])
-        return cast(Floats, np.ascontiguousarray(probabilities.T))
+        return cast(Reals, np.ascontiguousarray(probabilities.T))
 
     def predict(self, X: ArrayLike) -> NDArray[Any]:  # noqa: N803
         """The most probable label of each row, (n,)."""
@@ -148,8 +149,8 @@ class _Task:
     """
 
     network: NetworkClassifier
-    rows: Floats
-    targets: Floats
+    rows: Reals
+    targets: Reals
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -189,7 +190,7 @@ def _task(network: NetworkClassifier, rows: ArrayLike, labels: ArrayLike) -> _Ta
     return _Task(network=network, rows=np.concatenate([values, ones], axis=1), targets=targets)
 
 
-def _squash(out: Floats, probabilities: Floats) -> None:
+def _squash(out: Reals, probabilities: Reals) -> None:
     """Softmax over the second last axis, in place of ``out``; the logistic function where there is one output."""
     if out.shape[-2] == 1:
         expit(out, out=probabilities)
@@ -209,7 +210,7 @@ class _Layers:
         outputs: Outputs.
     """
 
-    def __init__(self, flat: Floats, features: int, hidden: int, outputs: int) -> None:
+    def __init__(self, flat: Reals, features: int, hidden: int, outputs: int) -> None:
         self.flat = flat
         cut = hidden * (features + 1)
         self.first = flat[:, :cut].reshape(len(flat), hidden, features + 1)
@@ -259,7 +260,7 @@ def _train(tasks: Sequence[_Task]) -> None:
         m: _Buffers(len(tasks), m, width, one.hidden, outputs, dtype) for m in {b.stop - b.start for b in batches}
     }
     order = [np.arange(count) for _ in tasks]
-    targets = cast(Floats, np.stack([task.targets for task in tasks]))
+    targets = cast(Reals, np.stack([task.targets for task in tasks]))
     fitted = np.empty_like(targets)
     pull, shrunk = np.empty(shape, dtype), np.empty(len(tasks), dtype)
     curves = np.empty((one.max_iter, len(tasks)))
@@ -287,7 +288,7 @@ def _train(tasks: Sequence[_Task]) -> None:
         _finish(task, layers, index, curves[:, index])
 
 
-def _slopes(space: _Buffers, targets: Floats, fitted: Floats, layers: _Layers, slopes: _Layers) -> None:
+def _slopes(space: _Buffers, targets: Reals, fitted: Reals, layers: _Layers, slopes: _Layers) -> None:
     """The sums over a batch of the cross entropy's derivatives, into ``slopes``; the probabilities into ``fitted``.
 
     Args:
@@ -310,14 +311,14 @@ def _slopes(space: _Buffers, targets: Floats, fitted: Floats, layers: _Layers, s
     np.matmul(space.back, space.rows, out=slopes.first)
 
 
-def _surprise(fitted: Floats, targets: Floats) -> NDArray[np.float64]:
+def _surprise(fitted: Reals, targets: Reals) -> Reals:
     """Sum of -log of the true class's probability over an epoch's rows, clipped as scikit-learn does, (t,)."""
     least = np.finfo(fitted.dtype).eps
     if fitted.shape[1] == 1:
         true = np.where(targets[:, 0] == 1, fitted[:, 0], 1 - fitted[:, 0])
     else:
         true = np.einsum("tkn,tkn->tn", fitted, targets)
-    return cast(NDArray[np.float64], -np.log(np.clip(true, least, 1 - least)).sum(axis=1))
+    return cast(Reals, -np.log(np.clip(true, least, 1 - least)).sum(axis=1))
 
 
 class _Adam:
@@ -328,7 +329,7 @@ class _Adam:
         rate: The step.
     """
 
-    def __init__(self, values: Floats, rate: float) -> None:
+    def __init__(self, values: Reals, rate: float) -> None:
         self.values = values
         self.rate = rate
         self.steps = 0
@@ -336,7 +337,7 @@ class _Adam:
         self.square = np.zeros_like(values)
         self._space = np.empty_like(values)
 
-    def step(self, slope: Floats) -> None:
+    def step(self, slope: Reals) -> None:
         """One step against a slope, which is overwritten."""
         self.steps += 1
         space = self._space
@@ -355,7 +356,7 @@ class _Adam:
         np.add(self.values, space, out=self.values)
 
 
-def _finish(task: _Task, layers: _Layers, index: int, curve: NDArray[np.float64]) -> None:
+def _finish(task: _Task, layers: _Layers, index: int, curve: Reals) -> None:
     """Set the attributes of a trained network.
 
     Raises:

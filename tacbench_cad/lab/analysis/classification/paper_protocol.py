@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.classification.augment import trial_seed
 from tacbench_cad.lab.analysis.classification.features import Features
@@ -30,6 +29,7 @@ from tacbench_cad.lab.analysis.classification.settings import (
 )
 from tacbench_cad.lab.analysis.classification.splits import PressTable
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Ints, Strings
 
 #: The three columns of the paper's table.
 RUNGS = ("train", "test", "unseen")
@@ -58,9 +58,9 @@ class Batch:
     train_on: str
     trials: tuple[int, ...]
     scores: tuple[Scores, ...]
-    labels: NDArray[np.str_]
-    chosen: NDArray[np.int64]
-    unseen: NDArray[np.int64]
+    labels: Strings
+    chosen: Ints
+    unseen: Ints
 
 
 def require_possible(features: Features, presses: PressTable, settings: Settings) -> None:

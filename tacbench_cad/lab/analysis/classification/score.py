@@ -25,11 +25,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tacbench_cad.lab.analysis.classification.accuracy import interval
 from tacbench_cad.lab.analysis.classification.split_files import Key, Split, named
 from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.types import Ints
 
 #: Columns that a file of predictions must have.
 COLUMNS = ("fold", "run", "force_level", "repeat", "position", "predicted")
@@ -117,7 +118,7 @@ class Score:
     accuracy: Share
     folds: Mapping[str, Share]
     recall: Mapping[str, Share]
-    confusion: NDArray[np.int64]
+    confusion: Ints
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis.classification.augment import Augmentation
@@ -21,6 +20,7 @@ from tacbench_cad.lab.analysis.classification.splits import FOLDS, RUNGS
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.rig.plugin import is_plugin, load
 from tacbench_cad.util.errors import InputError, TacbenchError, nearest, one_of
+from tacbench_cad.util.types import Ints
 
 #: The protocols: ``sound`` keeps all of the test set out of training, ``paper`` does as the paper's text says.
 PROTOCOLS = ("sound", "paper")
@@ -203,9 +203,9 @@ class Outcome:
     tested_on: str
     rung: str
     trial: int
-    press: NDArray[np.int64]
-    copied: NDArray[np.int64]
-    predicted: NDArray[np.int64]
+    press: Ints
+    copied: Ints
+    predicted: Ints
 
     def as_dict(self) -> dict[str, Any]:
         """As plain values."""
@@ -219,7 +219,7 @@ class Outcome:
         return cls(**{**values, **arrays})
 
 
-def predicted_index(estimator: str, said: Any, count: int, textures: Sequence[str], where: str) -> NDArray[np.int64]:
+def predicted_index(estimator: str, said: Any, count: int, textures: Sequence[str], where: str) -> Ints:
     """What an estimator said, as indices of textures.
 
     Raises:

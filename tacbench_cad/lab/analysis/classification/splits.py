@@ -14,12 +14,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.util.errors import InputError, one_of
-
-Numbers = NDArray[np.int64]
-Words = NDArray[np.str_]
+from tacbench_cad.util.types import Bools, Ints, Strings
 
 #: The rungs, from the easiest.
 RUNGS = ("press", "position", "force", "copy", "printer-filament")
@@ -39,27 +36,27 @@ class Presses(Protocol):
     """What of a collection a split needs, one entry a press."""
 
     @property
-    def run(self) -> Numbers:
+    def run(self) -> Ints:
         """The print's number."""
 
     @property
-    def texture(self) -> Words:
+    def texture(self) -> Strings:
         """Name of the texture."""
 
     @property
-    def combination(self) -> Words:
+    def combination(self) -> Strings:
         """Printer and filament."""
 
     @property
-    def copy(self) -> Numbers:
+    def copy(self) -> Ints:
         """Number of the copy."""
 
     @property
-    def level(self) -> Numbers:
+    def level(self) -> Ints:
         """Force level."""
 
     @property
-    def position(self) -> Numbers:
+    def position(self) -> Ints:
         """Position."""
 
 
@@ -76,12 +73,12 @@ class PressTable:
         position: Number of the position.
     """
 
-    run: Numbers
-    texture: Words
-    combination: Words
-    copy: Numbers
-    level: Numbers
-    position: Numbers
+    run: Ints
+    texture: Strings
+    combination: Strings
+    copy: Ints
+    level: Ints
+    position: Ints
 
     @classmethod
     def of(cls, presses: Presses) -> PressTable:
@@ -109,8 +106,8 @@ class Fold:
 
     rung: str
     held_out: str
-    train: Numbers
-    test: Numbers
+    train: Ints
+    test: Ints
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,9 +132,9 @@ class Ladder:
         return tuple(rung for rung in RUNGS if self.of(rung))
 
 
-def units_of(presses: Presses, rung: str) -> Numbers | Words:
+def units_of(presses: Presses, rung: str) -> Ints | Strings:
     """To which unit of a rung's interval each press belongs, (n,)."""
-    by_rung: dict[str, Numbers | Words] = {
+    by_rung: dict[str, Ints | Strings] = {
         "position": presses.position,
         "force": presses.level,
         "printer-filament": presses.combination,
@@ -176,7 +173,7 @@ def ladder(presses: Presses, rungs: Sequence[str] = RUNGS, *, seed: int, folds: 
     return Ladder(folds=tuple(made), notes=tuple(notes))
 
 
-def _groups(presses: Presses, rung: str, seed: int, folds: int) -> tuple[Numbers, list[str], str]:
+def _groups(presses: Presses, rung: str, seed: int, folds: int) -> tuple[Ints, list[str], str]:
     """To which fold each press belongs (-1: it always trains), names of the folds, and why there are none."""
     random = np.random.default_rng([seed, RUNGS.index(rung)])
     if rung == "press":
@@ -204,7 +201,7 @@ def _groups(presses: Presses, rung: str, seed: int, folds: int) -> tuple[Numbers
     return index, [str(one) for one in names], reason
 
 
-def _stratified(texture: Words, folds: int, random: np.random.Generator) -> Numbers:
+def _stratified(texture: Strings, folds: int, random: np.random.Generator) -> Ints:
     """Presses dealt out to folds, each texture evenly."""
     groups = np.empty(len(texture), dtype=np.int64)
     start = 0
@@ -219,13 +216,13 @@ def _pairs(presses: Presses) -> list[tuple[str, str]]:
     return list(zip(presses.combination.tolist(), presses.texture.tolist(), strict=True))
 
 
-def _prints(presses: Presses) -> dict[tuple[str, str], NDArray[np.bool_]]:
+def _prints(presses: Presses) -> dict[tuple[str, str], Bools]:
     """The presses of each texture of each combination."""
     pairs = dict.fromkeys(_pairs(presses))
     return {pair: (presses.combination == pair[0]) & (presses.texture == pair[1]) for pair in pairs}
 
 
-def _folds(presses: Presses, rung: str, groups: Numbers, names: list[str], notes: list[str]) -> list[Fold]:
+def _folds(presses: Presses, rung: str, groups: Ints, names: list[str], notes: list[str]) -> list[Fold]:
     """Folds whose every tested texture, and for copies its combination too, is in the training set."""
     made = []
     for group in range(int(groups.max()) + 1):
@@ -254,7 +251,7 @@ def with_copies(presses: Presses, fold: Fold, copies: int, seed: int) -> Fold | 
         None where some texture of a combination that trains has fewer.
     """
     random = np.random.default_rng([seed, copies, RUNGS.index(fold.rung)])
-    kept: list[Numbers] = []
+    kept: list[Ints] = []
     for where in _prints(presses).values():
         inside = fold.train[where[fold.train]]
         prints = np.unique(presses.copy[inside])

@@ -18,13 +18,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS
 from tacbench_cad.lab.analysis.variance.intervals import CellSums
 from tacbench_cad.lab.analysis.variance.streaming import CellKey, PlaceSums
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats, Ints
 
 #: Heads of ``between_textures.csv``.
 COLUMNS = ("printer", "filament", "force_level", "texture", "other_texture", "variance", "presses")
@@ -47,7 +45,7 @@ class TextureMatrix:
     force_level: int | str
     textures: tuple[str, ...]
     variance: Floats
-    presses: NDArray[np.int64]
+    presses: Ints
 
     def rows(self, printer: str, filament: str) -> Iterator[dict[str, Any]]:
         """Rows of ``between_textures.csv``: each pair once, and each texture with itself."""
@@ -84,7 +82,7 @@ def texture_matrices(
     """
     size = len(textures)
     at = {name: i for i, name in enumerate(textures)}
-    sums: dict[tuple[str, int], tuple[Floats, NDArray[np.int64], NDArray[np.int64]]] = {}
+    sums: dict[tuple[str, int], tuple[Floats, Ints, Ints]] = {}
     for place in places:
         for combination, (names, distances) in place.distances.items():
             key = (combination, place.level)

@@ -32,8 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats, Ints
 
 #: Levels of the nesting, outermost first.
 LEVELS = ("texture", "printer", "print", "repeat")
@@ -57,8 +56,8 @@ class NestedSums:
 
     squares: Floats
     coefficients: Floats
-    dof: NDArray[np.int64]
-    groups: NDArray[np.int64]
+    dof: Ints
+    groups: Ints
 
     @classmethod
     def of(cls, labels: ArrayLike, squares: ArrayLike) -> NestedSums:
@@ -96,7 +95,7 @@ class NestedSums:
         )
 
 
-def _members(labels: NDArray[Any]) -> list[NDArray[np.int64]]:
+def _members(labels: NDArray[Any]) -> list[Ints]:
     """Which group each press belongs to, for the whole and for each level, 5 arrays (n,)."""
     n = len(labels)
     groups = [np.zeros(n, dtype=np.int64)]
@@ -104,7 +103,7 @@ def _members(labels: NDArray[Any]) -> list[NDArray[np.int64]]:
     return [*groups, np.arange(n)]
 
 
-def _share(level: NDArray[np.int64], within: NDArray[np.int64]) -> float:
+def _share(level: Ints, within: Ints) -> float:
     """What one unit of a level's component adds to the sum over groups g of ``n_g |mean_g|^2``.
 
     For a level finer than g it is the sum over g of ``sum over its h of n_h^2 / n_g``; a level that is as coarse or

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure, save, styled
 from tacbench_cad.lab.analysis.published import ROW_NAMES, VARIANCE
@@ -17,12 +16,12 @@ from tacbench_cad.lab.analysis.variance.components import LEVELS
 from tacbench_cad.lab.analysis.variance.streaming import levels_with_most_prints
 from tacbench_cad.lab.analysis.variance.table import Level, VarianceResult
 from tacbench_cad.util.text import counted
+from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 #: Names of the figures' files, without suffix.
 TABLE, PIXELS, POSITIONS, TEXTURES, COMPONENTS = (

@@ -53,11 +53,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tacbench_cad.util.errors import InputError
-
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats, Ints
 
 #: Draws behind an interval. From seed to seed the ends then move by less than 1 %, with two prints by some 10 %.
 DRAWS = 10_000
@@ -85,7 +84,7 @@ class CellSums:
         weights: Coefficients of sigma_P^2 and sigma_e^2 in ``variances``, shape (2, 2), a row for each ddof.
     """
 
-    design: NDArray[np.int64]
+    design: Ints
     gram: Floats
     positions: int
     whole: int
@@ -186,20 +185,20 @@ def _ddof(ddof: int) -> int:
     return ddof
 
 
-def _means(copies: NDArray[np.int64]) -> Floats:
+def _means(copies: Ints) -> Floats:
     """The matrix that takes presses to the means of their prints, shape (k, n)."""
     members = copies[None, :] == np.unique(copies)[:, None]
     return np.asarray(members / members.sum(axis=1, keepdims=True))
 
 
-def _between(gram: Floats, copies: NDArray[np.int64]) -> Floats:
+def _between(gram: Floats, copies: Ints) -> Floats:
     means = _means(copies)
     weights = np.sqrt((means > 0).sum(axis=1))
     taken = weights[:, None] * (means - 1.0 / len(copies))
     return np.asarray(taken @ gram @ taken.T)
 
 
-def _within(gram: Floats, copies: NDArray[np.int64]) -> Floats:
+def _within(gram: Floats, copies: Ints) -> Floats:
     means = _means(copies)
     taken = np.eye(len(copies)) - (means > 0).T.astype(np.float64) @ means
     return np.asarray(taken @ gram @ taken.T)

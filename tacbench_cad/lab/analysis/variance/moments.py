@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from tacbench_cad.util.types import Floats
 
 #: Numbers that are converted at a time, 1 MB of them: they stay in the processor's cache.
 CHUNK = 1 << 17

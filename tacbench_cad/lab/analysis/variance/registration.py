@@ -24,7 +24,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
@@ -33,9 +32,7 @@ from tacbench_cad.lab.parallel import workers
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.util.errors import CheckFailedError, InputError
-
-Floats = NDArray[np.float64]
-Images = NDArray[np.float32]
+from tacbench_cad.util.types import Floats32, Ints
 
 #: Heads of ``registration.csv``: a row a print.
 COLUMNS = (
@@ -168,7 +165,7 @@ def _tasks(collection: Collection) -> Iterator[_Task]:
 def _seating(task: _Task, *, grid: PressGrid, preprocess: Preprocess, ddof: int) -> Seating | None:
     """One cell; None if too little of it can be read."""
     count = len(grid.positions_mm)
-    sums: Images | None = None
+    sums: Floats32 | None = None
     presses = np.zeros(count, dtype=np.int64)
     squares = np.zeros(count)
     for _, position, values in _readings(task, preprocess):
@@ -197,7 +194,7 @@ def _seating(task: _Task, *, grid: PressGrid, preprocess: Preprocess, ddof: int)
     )
 
 
-def _readings(task: _Task, preprocess: Preprocess) -> Iterator[tuple[int, int, Images]]:
+def _readings(task: _Task, preprocess: Preprocess) -> Iterator[tuple[int, int, Floats32]]:
     """Copy, position and numbers of each reading, position by position; those that cannot be used are left out."""
     for run, path, copy, position in sorted(task.presses, key=lambda one: (one[3], one[2])):
         try:
@@ -215,10 +212,10 @@ class _Fit:
 def _fit(
     task: _Task,
     preprocess: Preprocess,
-    means: Images,
+    means: Floats32,
     grid: PressGrid,
     order: dict[int, int],
-    divisors: NDArray[np.int64],
+    divisors: Ints,
 ) -> _Fit:
     """Offsets of all prints by least squares; presses are weighted as in the table's mean over positions."""
     k, count, pixels = len(order), *means.shape
@@ -246,7 +243,7 @@ def _fit(
     return _Fit(offsets, max(0.0, explained))
 
 
-def _slopes(means: Images, grid: PressGrid, position: int) -> Images:
+def _slopes(means: Floats32, grid: PressGrid, position: int) -> Floats32:
     """Change of the mean reading along x and y at a position, per mm, shape (2, pixels)."""
     columns = len(grid.x_mm)
     row, column = divmod(position, columns)

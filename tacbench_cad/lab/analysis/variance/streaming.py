@@ -26,7 +26,6 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
@@ -37,8 +36,8 @@ from tacbench_cad.lab.parallel import Team
 from tacbench_cad.lab.rig.sensor import Reading
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.util.errors import CheckFailedError
+from tacbench_cad.util.types import Floats
 
-Floats = NDArray[np.float64]
 #: Printer-filament and texture.
 CellKey = tuple[str, str]
 T = TypeVar("T")

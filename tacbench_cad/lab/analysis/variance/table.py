@@ -21,7 +21,6 @@ from functools import cached_property, partial, reduce
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
@@ -34,8 +33,8 @@ from tacbench_cad.lab.analysis.variance.permutation import PermutationTest, disp
 from tacbench_cad.lab.analysis.variance.streaming import CellKey, Floor, Pass, PlaceSums, stream
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Floats
 
-Floats = NDArray[np.float64]
 Level = int | str
 
 _NOT_REPEATED = "no place was pressed more than once; a variance needs a second repeat or a second print"

@@ -1,0 +1,17 @@
+"""Names for NumPy arrays in type hints, by the kind of number in them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Floats32 = NDArray[np.float32]
+Complexes = NDArray[np.complex128]
+Ints = NDArray[np.int64]
+#: Vertex numbers of a mesh.
+Indices = NDArray[np.int32]
+Bools = NDArray[np.bool_]
+#: The pixels of an image, or text as bytes.
+Bytes = NDArray[np.uint8]
+Strings = NDArray[np.str_]
