@@ -1,0 +1,194 @@
+"""Tables of results: put together once, then written as CSV, given as JSON, shown on a screen or set into a page."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+from tacbench_cad.lab.runs import schema
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.files import replacing
+
+#: Values by the names of their columns.
+Row = Mapping[str, Any]
+
+
+def shown(value: Any) -> str:
+    """A value for people: whole numbers with thousands separators, others with four significant digits."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return f"{value:,}"
+    if isinstance(value, float):
+        return f"{value:.4g}" if abs(value) < 10_000.0 else f"{value:,.0f}"
+    return str(value)
+
+
+def short(value: float) -> str:
+    """A number with three significant digits."""
+    return f"{value:.3g}"
+
+
+def percent(value: float) -> str:
+    """A fraction in per cent with one decimal."""
+    return f"{100.0 * value:.1f}"
+
+
+def truth(text: str) -> bool:
+    """What ``true`` or ``false`` in a CSV file means.
+
+    Raises:
+        ValueError: It is neither.
+    """
+    if text not in ("true", "false"):
+        raise ValueError(f"{text!r} is neither true nor false")
+    return text == "true"
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table.
+
+    Args:
+        name: Head in CSV files, key in JSON.
+        kind: Turns a text of a CSV file into a value; an empty text is always None.
+        head: Head for people; None for the name with spaces.
+        source: Attribute of the object behind a row: ``cell.printer``. Empty for the name.
+        derived: Makes the value from the row's other values. Such a column is shown to people only, not stored.
+        text: Makes the text for people from a value that is not None.
+        right: Whether the column is set flush right; None: if all its values are numbers.
+    """
+
+    name: str
+    kind: Callable[[str], Any] = str
+    head: str | None = None
+    source: str = ""
+    derived: Callable[[Row], Any] | None = None
+    text: Callable[[Any], str] = shown
+    right: bool | None = None
+
+    def value(self, row: Row) -> Any:
+        """The column's value in a row."""
+        return self.derived(row) if self.derived else row[self.name]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A table.
+
+    Args:
+        columns: Its columns.
+        rows: Values by the names of the columns.
+        title: What it shows.
+    """
+
+    columns: tuple[Column, ...]
+    rows: tuple[Row, ...]
+    title: str = ""
+
+    @classmethod
+    def of(cls, columns: Iterable[Column], items: Iterable[object], title: str = "") -> Table:
+        """The table of some objects, a row for each.
+
+        Args:
+            columns: The columns; what is stored in them is read from the objects' attributes.
+            items: The objects, or mappings by the names of the columns.
+            title: What it shows.
+        """
+        kept = tuple(columns)
+        stored = {one.name: attrgetter(one.source or one.name) for one in kept if one.derived is None}
+        rows = (
+            {name: item[name] for name in stored}
+            if isinstance(item, Mapping)
+            else {name: get(item) for name, get in stored.items()}
+            for item in items
+        )
+        return cls(columns=kept, rows=tuple(rows), title=title)
+
+    @classmethod
+    def read(cls, path: Path, columns: Iterable[Column], title: str = "") -> Table:
+        """The table in a CSV file that an analysis wrote; columns that are not asked for are passed over.
+
+        Raises:
+            InputError: The file is missing, lacks a column or holds a wrong value.
+        """
+        kept = tuple(columns)
+        stored = [one for one in kept if one.derived is None]
+        try:
+            with path.open(encoding="utf-8", newline="") as stream:
+                reader = csv.DictReader(stream, restval="")
+                lacking = [one.name for one in stored if one.name not in (reader.fieldnames or ())]
+                if lacking:
+                    raise InputError("table", str(path), f"has no column {lacking[0]}; run the analysis again")
+                rows = [{one.name: _parsed(one, row[one.name]) for one in stored} for row in reader]
+        except OSError as error:
+            raise InputError("table", str(path), f"cannot be read: {error.strerror}") from None
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise InputError("table", str(path), f"is no CSV file in UTF-8: {error}") from None
+        except ValueError as error:
+            raise InputError("table", str(path), f"holds a wrong value: {error}") from None
+        return cls(columns=kept, rows=tuple(rows), title=title)
+
+    def write(self, path: Path) -> Path:
+        """Write it as CSV, whole or not at all: numbers with every digit, None and NaN as empty texts.
+
+        Returns:
+            The path.
+
+        Raises:
+            InputError: The file cannot be written.
+        """
+        with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
+            writer = csv.writer(stream, lineterminator="\n")
+            records = self.records()
+            writer.writerow([one.name for one in self.columns if one.derived is None])
+            writer.writerows([[schema.cell(value) for value in record.values()] for record in records])
+        return path
+
+    def records(self) -> list[dict[str, Any]]:
+        """The rows with what is stored of them, as JSON has it."""
+        names = [one.name for one in self.columns if one.derived is None]
+        return [{name: row[name] for name in names} for row in self.rows]
+
+    def select(self, *columns: str | Column, title: str | None = None) -> Table:
+        """The table with some of its columns, or with others made from these, in this order."""
+        known = {one.name: one for one in self.columns}
+        kept = tuple(known[one] if isinstance(one, str) else one for one in columns)
+        return replace(self, columns=kept, title=self.title if title is None else title)
+
+    def where(self, chosen: Callable[[Row], bool]) -> Table:
+        """The table with some of its rows."""
+        return replace(self, rows=tuple(row for row in self.rows if chosen(row)))
+
+    @property
+    def heads(self) -> list[str]:
+        """The heads of the columns, for people."""
+        return [one.name.replace("_", " ") if one.head is None else one.head for one in self.columns]
+
+    @property
+    def right(self) -> list[bool]:
+        """Which columns are set flush right: those of numbers."""
+        return [
+            all(isinstance(value, int | float | None) for value in map(one.value, self.rows))
+            if one.right is None
+            else one.right
+            for one in self.columns
+        ]
+
+    def texts(self, empty: str = "") -> Iterator[list[str]]:
+        """The texts of each row, for people.
+
+        Args:
+            empty: What stands for None.
+        """
+        for row in self.rows:
+            values = [(one, one.value(row)) for one in self.columns]
+            yield [empty if value in (None, "") else one.text(value) for one, value in values]
+
+
+def _parsed(column: Column, text: str) -> Any:
+    return column.kind(text) if text else None
