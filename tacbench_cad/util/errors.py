@@ -29,11 +29,20 @@ class InputError(TacbenchError):
         self.field = field
         self.value = value
         self.allowed = allowed
-        super().__init__(f"{field} = {value!r}: {allowed}" if value is not None else f"{field}: {allowed}")
+        super().__init__(f"{field} = {_shown(value)}: {allowed}" if value is not None else f"{field}: {allowed}")
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, object, str]]:
         # Raised in another process, it comes back by these three; Exception's own way has only the message.
         return (type(self), (self.field, self.value, self.allowed))
+
+
+def _shown(value: object) -> str:
+    """A value for a message: as Python writes it, without the middle of one that is very long."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # a whole number of thousands of digits, a list nested as deep
+        return f"({type(value).__name__})"
+    return text if len(text) <= 300 else f"{text[:200]} ... {text[-40:]}"
 
 
 class MissingToolError(TacbenchError):

@@ -1,0 +1,470 @@
+"""One converter between dataclasses and the plain values of TOML and JSON files, strict in both directions.
+
+:func:`from_plain` makes a dataclass from a parsed document and converts nothing silently: ``"3"`` is not 3, ``true``
+is not 1, and only a whole number may stand for a number with decimals. A key that no field has is refused with the
+nearest one. What a dataclass allows is said by its types (``Literal``, ``tuple[float, float]``, ``float | None``), by
+:class:`Bounds` and :class:`Length` in ``Annotated``, and by its own ``__post_init__``; every message has the table and
+the key: ``[protocol] depth_mm = 'x': must be a finite number``.
+
+    @dataclass(frozen=True, kw_only=True)
+    class Holder:
+        rim_mm: Annotated[float, Bounds(-50.0, 50.0)] = 2.0
+        gap_mm: Annotated[float, Bounds(0.0)]
+
+    @dataclass(frozen=True, kw_only=True)
+    class Document:
+        holder: Holder
+
+    document = read_toml(path, Document, "study")
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import enum
+import math
+import types
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from tacbench_cad.util import door
+from tacbench_cad.util.errors import InputError, nearest
+
+if TYPE_CHECKING:
+    from cattrs import Converter
+
+T = TypeVar("T")
+
+#: The years that a date may have.
+MIN_YEAR, MAX_YEAR = 1970, 2200
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Metadata of ``Annotated[float, Bounds(0.0, 10.0)]``: the bounds of a number, both allowed themselves.
+
+    Args:
+        low: The lower bound.
+        high: The upper bound.
+    """
+
+    low: float = -math.inf
+    high: float = math.inf
+
+    def refusal(self, value: Any) -> str | None:
+        """Why the value is not allowed, or None."""
+        if value is None or self.low <= value <= self.high:
+            return None
+        number = "a whole number " if isinstance(value, int) else ""
+        low, high = (f"{bound:.15g}" for bound in (self.low, self.high))
+        if math.isinf(self.high):
+            return f"must be {number}{'of ' if number else ''}at least {low}"
+        if math.isinf(self.low):
+            return f"must be {number}{'of ' if number else ''}at most {high}"
+        return f"must be {number}from {low} to {high}"
+
+
+@dataclass(frozen=True)
+class Length:
+    """Metadata of ``Annotated[tuple[float, ...], Length(1)]``: how many items a list or a table may have.
+
+    Args:
+        low: The fewest.
+        high: The most.
+    """
+
+    low: int = 0
+    high: int = 10_000_000
+
+    def refusal(self, value: Any) -> str | None:
+        """Why the value is not allowed, or None."""
+        if value is None or self.low <= len(value) <= self.high:
+            return None
+        return (
+            f"must have at least {self.low} items" if len(value) < self.low else f"may have {self.high} items at most"
+        )
+
+
+@dataclass(frozen=True)
+class NumberAsText:
+    """Metadata of ``Annotated[str, NumberAsText()]``: a whole number may stand for its digits."""
+
+
+#: A text that may be written as a whole number: ``textures = [1, "waves.toml"]``.
+Word = Annotated[str, NumberAsText()]
+
+
+class _FaultError(Exception):
+    """A value that does not fit, with the keys and indices that lead to it."""
+
+    def __init__(self, value: Any, allowed: str, path: tuple[str | int, ...] = (), ending: str | None = None) -> None:
+        super().__init__(allowed)
+        self.value, self.allowed, self.path = value, allowed, path
+        #: What stands after the table in the message, where a dataclass refused one of its fields by itself; an empty
+        #: text where the fault is of the whole table.
+        self.ending = ending
+
+    def within(self, step: str | int) -> _FaultError:
+        return _FaultError(self.value, self.allowed, (step, *self.path), self.ending)
+
+    @property
+    def field(self) -> str:
+        """``[study] [[prints]] 2: copies``."""
+        text, names = "", list[str]()
+        path = list(self.path)
+        while path and isinstance(path[-1], int) and self.ending is None:
+            path.pop()
+        for step in path:
+            if isinstance(step, str):
+                names.append(step)
+                continue
+            *tables, key = names or [""]
+            text, names = text + (f"[{'.'.join(tables)}] " if tables else "") + f"[[{key}]] {step}: ", []
+        if self.ending is not None:
+            return (text + (f"[{'.'.join(names)}] " if names else "") + self.ending).rstrip(" :")
+        *tables, key = names or [""]
+        return text + (f"[{'.'.join(tables)}] " if tables else "") + key
+
+
+def from_plain(cls: type[T], data: Any, where: str = "") -> T:
+    """Make a dataclass (or any type that one may have as a field) from the values of a parsed document.
+
+    A field has the key of its name, or the one of ``field(metadata={"key": "N"})``.
+
+    Args:
+        cls: The dataclass.
+        data: What a TOML or JSON parser gave.
+        where: What stands before the field in a message: ``"run.toml: "``, ``"[gauge] "``.
+
+    Raises:
+        InputError: A key is unknown or missing, or a value is not allowed.
+    """
+    try:
+        made: T = _converter().structure(data, cls)
+    except _FaultError as fault:
+        raise InputError(f"{where}{fault.field}".rstrip(" :"), fault.value, fault.allowed) from None
+    return made
+
+
+def read_toml(path: Path, cls: type[T], what: str, *, within: Path | None = None) -> T:
+    """Read a TOML file from outside into a dataclass.
+
+    Args:
+        path: The file.
+        cls: The dataclass of the whole document.
+        what: What the file is, for the messages: ``texture``.
+        within: A folder out of which no link may lead.
+
+    Raises:
+        InputError: The file cannot be read, or holds what is not allowed; the message names file, table and key.
+    """
+    document = door.parse_toml(door.read_text(path, what, "toml", within=within), what, str(path))
+    return from_plain(cls, document, f"{path}: ")
+
+
+def read_json(path: Path, cls: type[T], what: str, *, within: Path | None = None) -> T:
+    """Read a JSON file from outside into a dataclass; arguments and errors as of :func:`read_toml`."""
+    document = door.parse_json(door.read_bytes(path, what, "json", within=within), what, str(path))
+    return from_plain(cls, document, f"{path}: ")
+
+
+def to_plain(value: Any, *, without_none: bool = False, without_defaults: bool = False) -> Any:
+    """The plain values of TOML and JSON that stand for an object: tables, lists, texts, numbers, flags and None.
+
+    Dataclasses become tables with a key for each field (its name, or ``field(metadata={"key": "N"})``; one with
+    ``metadata={"key": None}`` is left out), tuples and sets lists, paths and enums texts, NumPy's numbers and arrays
+    Python's own.
+
+    Args:
+        value: The object.
+        without_none: Leave out fields that are None (TOML has no such value).
+        without_defaults: Leave out fields that have their default value.
+
+    Raises:
+        TypeError: A value cannot be written as plain values.
+    """
+
+    def plain(inner: Any) -> Any:
+        return to_plain(inner, without_none=without_none, without_defaults=without_defaults)
+
+    if value is None or type(value) in (bool, int, float, str):
+        return value
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        items = ((field, key, getattr(value, field.name)) for field, key in _keys(type(value)))
+        return {
+            key: plain(inner)
+            for field, key, inner in items
+            if not (without_none and inner is None) and not (without_defaults and _is_default(field, inner))
+        }
+    if isinstance(value, enum.Enum):
+        return plain(value.value)
+    if isinstance(value, Mapping):
+        return {str(plain(key)): plain(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [plain(inner) for inner in value]
+    if isinstance(value, PurePath):
+        return str(value)
+    if isinstance(value, (datetime.date, datetime.time)):
+        return value.isoformat()
+    if hasattr(value, "tolist"):  # an array or a number of NumPy
+        return plain(value.tolist())
+    for kind in (int, float, str):  # a subclass
+        if isinstance(value, kind):
+            return kind(value)
+    raise TypeError(f"a {type(value).__name__} has no plain form")
+
+
+def _is_default(field: dataclasses.Field[Any], value: Any) -> bool:
+    if field.default_factory is not dataclasses.MISSING:
+        return bool(value == field.default_factory())
+    return field.default is not dataclasses.MISSING and bool(value == field.default)
+
+
+def _keys(cls: Any) -> Iterator[tuple[dataclasses.Field[Any], str]]:
+    """The fields of a dataclass that its plain form has, and their keys."""
+    for field in dataclasses.fields(cls):
+        key = field.metadata.get("key", field.name)
+        if key is not None and field.init:
+            yield field, key
+
+
+@cache
+def _converter() -> Converter:
+    from cattrs import Converter  # here: a command that reads no document must not wait for it
+
+    converter = Converter()
+    for kind, hook in ((bool, _flag), (int, _whole), (float, _number), (str, _text), (Path, _path)):
+        converter.register_structure_hook(kind, hook)
+    converter.register_structure_hook(datetime.datetime, _date)
+    factories: list[tuple[Callable[[Any], bool], Any]] = [
+        (dataclasses.is_dataclass, _table_hook),
+        (lambda kind: get_origin(kind) in (list, tuple, Sequence), _list_hook),
+        (lambda kind: get_origin(kind) in (dict, Mapping) or kind in (dict, Mapping), _mapping_hook),
+        (lambda kind: get_origin(kind) in (Union, types.UnionType), _union_hook),
+        (lambda kind: get_origin(kind) is Literal, _literal_hook),
+        (lambda kind: isinstance(kind, type) and issubclass(kind, enum.Enum), _enum_hook),
+        (lambda kind: get_origin(kind) is Annotated, _annotated_hook),
+    ]
+    for fits, factory in factories:
+        converter.register_structure_hook_factory(fits, factory)
+    return converter
+
+
+def _flag(value: Any, _: Any) -> bool:
+    if not isinstance(value, bool):
+        raise _FaultError(value, "must be true or false")
+    return value
+
+
+def _whole(value: Any, _: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise _FaultError(value, "must be a whole number")
+    if abs(value) > door.MAX_WHOLE:
+        raise _FaultError(None, f"must be a whole number of at most {door.MAX_WHOLE}")
+    return value
+
+
+def _number(value: Any, _: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not -1e300 <= value <= 1e300:
+        raise _FaultError(value, "must be a finite number")
+    return float(value)
+
+
+def _text(value: Any, _: Any) -> str:
+    if not isinstance(value, str):
+        raise _FaultError(value, "must be a text")
+    return value
+
+
+def _path(value: Any, _: Any) -> Path:
+    text = _text(value, str)
+    if not text or "\0" in text:
+        raise _FaultError(value, "must be a path")
+    return Path(text)
+
+
+def _date(value: Any, _: Any) -> datetime.datetime:
+    allowed = f"must be a date and time of the years {MIN_YEAR} to {MAX_YEAR}, such as 2026-01-31T12:00:00+00:00"
+    try:
+        date = value if isinstance(value, datetime.datetime) else datetime.datetime.fromisoformat(value)
+    except (TypeError, ValueError):
+        raise _FaultError(value, allowed) from None
+    if not MIN_YEAR <= date.year <= MAX_YEAR:
+        raise _FaultError(value, allowed)
+    return date
+
+
+def _table_hook(cls: Any, converter: Converter) -> Any:
+    """What makes a dataclass from a table."""
+    hints = get_type_hints(cls, include_extras=True)
+    read = {key: (field.name, hints[field.name]) for field, key in _keys(cls)}
+    required = {
+        key
+        for field, key in _keys(cls)
+        if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+    }
+
+    def structure(value: Any, _: Any) -> Any:
+        if isinstance(value, cls):
+            return value
+        if not isinstance(value, Mapping):
+            raise _FaultError(None, "must be a table", ending="")
+        for key in value:
+            if key not in read:
+                hint = nearest(str(key), read)
+                keys = "" if hint.startswith("allowed") else f" Allowed: {', '.join(read)}"
+                raise _FaultError(None, f"unknown key; {hint}{keys}", (str(key),))
+        values = {}
+        for key, (name, kind) in read.items():
+            if key in value:
+                values[name] = _structured(converter, value[key], kind, key)
+            elif key in required:
+                if dataclasses.is_dataclass(kind):
+                    raise _FaultError(None, "such a table is needed", (key,), ending="")
+                if "tables" in _meaning(kind):
+                    raise _FaultError(None, "at least one such table is needed", ending=f"[[{key}]]")
+                raise _FaultError(None, f"is missing; {_meaning(kind)}", (key,))
+        try:
+            return cls(**values)
+        except InputError as error:
+            raise _FaultError(error.value, error.allowed, ending=error.field) from None
+
+    return structure
+
+
+def _structured(converter: Converter, value: Any, kind: Any, step: str | int) -> Any:
+    try:
+        return converter.structure(value, kind)
+    except _FaultError as fault:
+        raise fault.within(step) from None
+
+
+def _list_hook(kind: Any, converter: Converter) -> Any:
+    """What makes a tuple or a list from a list."""
+    items = get_args(kind)
+    open_ended = get_origin(kind) is not tuple or items[-1] is Ellipsis
+    result = list if get_origin(kind) is list else tuple
+    allowed = f"must be {_meaning(kind)}"
+
+    def structure(value: Any, _: Any) -> Any:
+        if not isinstance(value, (list, tuple)) or (not open_ended and len(value) != len(items)):
+            raise _FaultError(value, allowed)
+        kinds = [items[0]] * len(value) if open_ended else items
+        return result(
+            _structured(converter, each, item, i) for i, (each, item) in enumerate(zip(value, kinds, strict=True), 1)
+        )
+
+    return structure
+
+
+def _mapping_hook(kind: Any, converter: Converter) -> Any:
+    """What makes a dict from a table whose keys are free."""
+    item = get_args(kind)[1] if get_args(kind) else Any
+
+    def structure(value: Any, _: Any) -> Any:
+        if not isinstance(value, Mapping):
+            raise _FaultError(None, "must be a table", ending="")
+        return {str(key): _structured(converter, each, item, str(key)) for key, each in value.items()}
+
+    return structure
+
+
+def _union_hook(kind: Any, converter: Converter) -> Any:
+    """What makes one of several types: the first that a value of this kind may stand for, else the last error."""
+    members = [member for member in get_args(kind) if member is not type(None)]
+    optional = len(members) < len(get_args(kind))
+
+    def structure(value: Any, _: Any) -> Any:
+        if value is None and optional:
+            return None
+        fitting = [member for member in members if _could_be(value, member)]
+        for member in fitting[:-1]:
+            try:
+                return converter.structure(value, member)
+            except _FaultError:
+                continue
+        if not fitting and len(members) > 1:
+            raise _FaultError(value, "must be " + " or ".join(dict.fromkeys(map(_meaning, members))))
+        return converter.structure(value, fitting[-1] if fitting else members[0])
+
+    return structure
+
+
+def _could_be(value: Any, kind: Any) -> bool:
+    """Whether a value is at least of the sort (a table, a list, a text, a number) that stands for a type."""
+    origin = get_origin(kind)
+    if origin is Annotated:
+        word = any(isinstance(each, NumberAsText) for each in kind.__metadata__)
+        return _could_be(value, get_args(kind)[0]) or (word and type(value) is int)
+    if origin is Literal:
+        return value in get_args(kind)
+    if dataclasses.is_dataclass(kind) or origin in (dict, Mapping):
+        return isinstance(value, Mapping)
+    if origin in (list, tuple, Sequence):
+        return isinstance(value, (list, tuple))
+    if kind in (bool, int, float):
+        return isinstance(value, kind) or (kind is float and isinstance(value, int))
+    return isinstance(value, str) or not isinstance(value, (Mapping, list))
+
+
+def _literal_hook(kind: Any, _: Converter) -> Any:
+    words = get_args(kind)
+    allowed = "allowed: " + ", ".join(map(str, words))
+
+    def structure(value: Any, _: Any) -> Any:
+        if any(value == word and type(value) is type(word) for word in words):
+            return value
+        if all(isinstance(word, str) for word in words):
+            _text(value, str)
+        raise _FaultError(value, nearest(value, map(str, words)) if isinstance(value, str) and value else allowed)
+
+    return structure
+
+
+def _enum_hook(kind: Any, _: Converter) -> Any:
+    values = Literal.__getitem__(tuple(member.value for member in kind))
+    check = _literal_hook(values, _)
+    return lambda value, _: kind(check(value, values))
+
+
+def _annotated_hook(kind: Any, converter: Converter) -> Any:
+    inner, rules = get_args(kind)[0], kind.__metadata__
+    as_text = any(isinstance(rule, NumberAsText) for rule in rules)
+
+    def structure(value: Any, _: Any) -> Any:
+        made = converter.structure(str(value) if as_text and type(value) is int else value, inner)
+        for rule in rules:
+            refusal = rule.refusal(made) if isinstance(rule, (Bounds, Length)) else None
+            if refusal is not None:
+                raise _FaultError(value, refusal)
+        return made
+
+    return structure
+
+
+def _meaning(kind: Any, many: bool = False) -> str:
+    """What a type is called in a message: ``a finite number``, ``a list of 2 numbers``."""
+    origin, items = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        return _meaning(items[0], many)
+    if origin in (Union, types.UnionType):
+        return _meaning(next(item for item in items if item is not type(None)), many)
+    if origin in (list, tuple, Sequence):
+        count = f"{len(items)} " if origin is tuple and items[-1] is not Ellipsis else ""
+        return f"{'lists' if many else 'a list'} of {count}{_meaning(items[0], many=True)}"
+    if origin is Literal:
+        return "one of " + ", ".join(map(str, items))
+    names = {
+        bool: ("true or false", "flags"),
+        int: ("a whole number", "whole numbers"),
+        float: ("a finite number", "numbers"),
+        str: ("a text", "texts"),
+        Path: ("a path", "paths"),
+        datetime.datetime: ("a date and time", "dates"),
+    }
+    single, plural = names.get(kind, ("a table", "tables") if kind is not Any else ("a value", "values"))
+    return plural if many else single

@@ -1,0 +1,212 @@
+"""Dataclasses from and to plain values: every kind of field, strictness, and what a mistake is called."""
+
+from __future__ import annotations
+
+import datetime
+import enum
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import pytest
+
+from tacbench_cad.util.convert import Bounds, Length, Word, from_plain, read_json, read_toml, to_plain
+from tacbench_cad.util.errors import InputError
+
+
+class Side(enum.Enum):
+    LEFT = "left"
+    RIGHT = "right"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Protocol:
+    forces_n: Annotated[tuple[float, ...], Length(1)] = (1.0, 2.0)
+    depth_mm: Annotated[float, Bounds(0.0, 10.0)] | None = None
+    repeats: Annotated[int, Bounds(1, 99)] = 3
+    order: Literal["paper", "random"] = "paper"
+    home: bool = True
+
+    def __post_init__(self) -> None:
+        if self.repeats == 13:
+            raise InputError("repeats", self.repeats, "must not be 13")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wave:
+    amplitude: float
+    f: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Own:
+    x_mm: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Document:
+    protocol: Protocol
+    wave: tuple[Wave, ...] = ()
+    textures: tuple[Word, ...] = ()
+    size_mm: tuple[float, float] | None = None
+    limits_mm: tuple[tuple[float, float], ...] = ()
+    terms: int | None = field(default=None, metadata={"key": "N"})
+    side: Side = Side.LEFT
+    out: Path | None = None
+    began: datetime.datetime | None = None
+    grid: Literal["even", "1mm"] | Own = "even"
+    printer: Mapping[str, Wave] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+    note: str = ""
+    cached: int = field(default=0, metadata={"key": None})
+
+
+GOOD: dict[str, Any] = {
+    "protocol": {"forces_n": [1, 2.5], "depth_mm": 3, "repeats": 2, "order": "random", "home": False},
+    "wave": [{"amplitude": 1}, {"amplitude": 2.0, "f": 3.0}],
+    "textures": [1, "waves.toml"],
+    "size_mm": [40, 50.5],
+    "limits_mm": [[0, 1], [2, 3]],
+    "N": 25,
+    "side": "right",
+    "out": "runs",
+    "began": "2026-01-31T12:00:00+00:00",
+    "grid": {"x_mm": [1, 2]},
+    "printer": {"a1": {"amplitude": 1.0}},
+    "options": {"speed": [1, {"any": None}]},
+    "note": "x",
+}
+
+
+def test_a_document_becomes_a_dataclass_and_the_same_document_again() -> None:
+    made = from_plain(Document, GOOD)
+    assert made == Document(
+        protocol=Protocol(forces_n=(1.0, 2.5), depth_mm=3.0, repeats=2, order="random", home=False),
+        wave=(Wave(amplitude=1.0), Wave(amplitude=2.0, f=3.0)),
+        textures=("1", "waves.toml"),
+        size_mm=(40.0, 50.5),
+        limits_mm=((0.0, 1.0), (2.0, 3.0)),
+        terms=25,
+        side=Side.RIGHT,
+        out=Path("runs"),
+        began=datetime.datetime(2026, 1, 31, 12, tzinfo=datetime.UTC),
+        grid=Own(x_mm=(1.0, 2.0)),
+        printer={"a1": Wave(amplitude=1.0)},
+        options={"speed": [1, {"any": None}]},
+        note="x",
+    )
+    assert type(made.protocol.depth_mm) is float and type(made.wave[0].amplitude) is float
+    plain = to_plain(made)
+    assert from_plain(Document, json.loads(json.dumps(plain))) == made
+    assert plain["N"] == 25 and plain["side"] == "right" and "terms" not in plain and "cached" not in plain
+
+
+def test_defaults_and_none_can_be_left_out() -> None:
+    made = Document(protocol=Protocol(repeats=4))
+    assert to_plain(made, without_defaults=True) == {"protocol": {"repeats": 4}}
+    assert "size_mm" not in to_plain(made, without_none=True)
+    assert to_plain({"a": np.float64(0.5), "b": np.arange(2), 3: {Path("x")}}) == {"a": 0.5, "b": [0, 1], "3": ["x"]}
+    with pytest.raises(TypeError, match="no plain form"):
+        to_plain(object())
+
+
+def changed(**values: Any) -> dict[str, Any]:
+    return {**GOOD, **values}
+
+
+@pytest.mark.parametrize(
+    ("document", "message"),
+    [
+        (changed(protocol={"depth_mm": "x"}), "f: [protocol] depth_mm = 'x': must be a finite number"),
+        (changed(protocol={"depth_mm": True}), "f: [protocol] depth_mm = True: must be a finite number"),
+        (changed(protocol={"depth_mm": math.nan}), "f: [protocol] depth_mm = nan: must be a finite number"),
+        (changed(protocol={"depth_mm": 11}), "f: [protocol] depth_mm = 11: must be from 0 to 10"),
+        (changed(protocol={"repeats": 0}), "f: [protocol] repeats = 0: must be a whole number from 1 to 99"),
+        (changed(protocol={"repeats": 2.0}), "f: [protocol] repeats = 2.0: must be a whole number"),
+        (changed(protocol={"repeats": 13}), "f: [protocol] repeats = 13: must not be 13"),
+        (changed(protocol={"order": "papr"}), "f: [protocol] order = 'papr': did you mean \"paper\"?"),
+        (changed(protocol={"order": 1}), "f: [protocol] order = 1: must be a text"),
+        (changed(protocol={"home": 1}), "f: [protocol] home = 1: must be true or false"),
+        (changed(protocol={"forces_n": []}), "f: [protocol] forces_n = []: must have at least 1 items"),
+        (changed(protocol={"forces_n": 1}), "f: [protocol] forces_n = 1: must be a list of numbers"),
+        (changed(protocol={"forces_n": [1, "a"]}), "f: [protocol] forces_n = 'a': must be a finite number"),
+        (changed(protocol=[{}]), "f: [protocol]: must be a table"),
+        ({}, "f: [protocol]: such a table is needed"),
+        (changed(wave=[{"amplitude": 1}, {}]), "f: [[wave]] 2: amplitude: is missing; a finite number"),
+        (changed(wave=[1]), "f: [[wave]] 1: must be a table"),
+        (changed(size_mm=[1, 2, 3]), "f: size_mm = [1, 2, 3]: must be a list of 2 numbers"),
+        (changed(limits_mm=[[1, 2], [1]]), "f: limits_mm = [1]: must be a list of 2 numbers"),
+        (changed(limits_mm=[1]), "f: limits_mm = 1: must be a list of 2 numbers"),
+        (changed(N="25"), "f: N = '25': must be a whole number"),
+        (changed(terms=3), 'f: terms: unknown key; did you mean "textures"? Allowed: protocol, wave'),
+        (changed(side="up"), "f: side = 'up': allowed: left, right"),
+        (changed(out=""), "f: out = '': must be a path"),
+        (changed(textures=[1.5]), "f: textures = 1.5: must be a text"),
+        (changed(began="0001-01-01T00:00:00+00:00"), "f: began = '0001-01-01T00:00:00+00:00': must be a date"),
+        (changed(began="9999-12-31T23:59:59"), "must be a date and time of the years 1970 to 2200"),
+        (changed(grid="odd"), "f: grid = 'odd'"),
+        (changed(grid={"x": [1]}), "f: [grid] x: unknown key; allowed: x_mm"),
+        (changed(printer={"a1": {"f": 1}}), "f: [printer.a1] amplitude: is missing"),
+        (changed(printer=1), "f: [printer]: must be a table"),
+        (changed(note=["x"]), "f: note = ['x']: must be a text"),
+    ],
+)
+def test_a_mistake_names_file_table_key_and_value(document: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        from_plain(Document, document, "f: ")
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("N = " + "9" * 400, "N: must be a whole number"),
+        ("N = " + "9" * 5000, "is not valid TOML"),
+        ("N = 0x" + "f" * 5000, "N: must be a whole number"),
+        ("note = " + "[" * 10_000, "nested deeper than"),
+        (".".join(["a"] * 10_000) + " = 1", "nested deeper than"),
+        ("[protocol]\ndepth_mm = nan", "[protocol] depth_mm = nan: must be a finite number"),
+        ("[options]\nx = [{y = inf}]", "inf: must be a finite number"),
+        ("N = 2026-13-01", "is not valid TOML"),
+        ("protocol = 2026-01-01", "[protocol]: must be a table"),
+    ],
+)
+def test_a_hostile_toml_file_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "x.toml"
+    path.write_text(text + "\n")
+    with pytest.raises(InputError) as caught:
+        read_toml(path, Document, "study")
+    assert message in str(caught.value) and str(path) in str(caught.value) and len(str(caught.value)) < 500
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"N": ' + "9" * 400 + "}", "N: must be a whole number"),
+        ('{"N": ' + "9" * 5000 + "}", "is not valid JSON"),
+        ('{"note": ' + "[" * 10_000 + "]" * 10_000 + "}", "nested deeper than"),
+        ('{"note": ' + "[" * 200 + "]" * 200 + "}", "nested deeper than"),
+        ('{"protocol": {"depth_mm": NaN}}', "NaN is not a number"),
+        ('{"protocol": {"depth_mm": 1e999}}', "[protocol] depth_mm = inf: must be a finite number"),
+        ('{"note": "\\ud800"}', "note = '\\ud800': has half a character"),
+        ('{"\\udfff": 1}', "has half a character"),
+        ("[]", "must be a table"),
+        ("", "is not valid JSON"),
+    ],
+)
+def test_a_hostile_json_file_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "x.json"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_json(path, Document, "run")
+    assert message in str(caught.value) and str(path) in str(caught.value) and len(str(caught.value)) < 500
+
+
+def test_a_byte_order_mark_and_windows_line_ends_do_not_matter(tmp_path: Path) -> None:
+    path = tmp_path / "x.toml"
+    path.write_bytes(b"\xef\xbb\xbfN = 3 # terms\r\n[protocol]\r\nrepeats = 5\r\n")
+    assert read_toml(path, Document, "study") == Document(terms=3, protocol=Protocol(repeats=5))

@@ -1,0 +1,92 @@
+"""The one door: what is not a regular file of a sensible size, or no document or table, is refused in one line."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from tacbench_cad.util import door
+from tacbench_cad.util.errors import InputError
+
+posix = pytest.mark.skipif(sys.platform == "win32", reason="no named pipes or devices")
+
+
+def refusal(path: Path, kind: str = "any", within: Path | None = None) -> str:
+    with pytest.raises(InputError) as caught:
+        door.read_bytes(path, "thing", kind, within=within)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@posix
+def test_a_named_pipe_a_device_and_a_link_to_one_are_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "endless").symlink_to("/dev/zero")
+    (tmp_path / "itself").symlink_to("itself")
+    for name in ("pipe", "endless"):
+        assert "is not a regular file" in refusal(tmp_path / name)
+    assert "is not a regular file" in refusal(Path("/dev/zero"))
+    assert "cannot be read" in refusal(tmp_path / "itself")
+
+
+def test_what_is_missing_or_a_folder_is_named(tmp_path: Path) -> None:
+    assert "cannot be read: No such file" in refusal(tmp_path / "gone")
+    assert "is a folder" in refusal(tmp_path)
+    with pytest.raises(InputError, match="cannot be read"):
+        door.read_bytes(Path("a\0b"))
+
+
+@posix
+def test_a_link_may_not_lead_out_of_the_folder(tmp_path: Path) -> None:
+    (tmp_path / "secret").write_text("x")
+    inner = tmp_path / "run"
+    inner.mkdir()
+    (inner / "file").write_text("y")
+    (inner / "out").symlink_to("../secret")
+    (inner / "in").symlink_to("file")
+    assert "leads out of" in refusal(inner / "out", within=inner)
+    assert door.read_bytes(inner / "in", within=inner) == b"y"
+    assert door.read_bytes(inner / "out") == b"x"
+
+
+def test_a_size_limit_names_the_variable_that_raises_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "big.toml"
+    with path.open("wb") as stream:
+        stream.truncate(20_000_000)
+    assert "has 20 MB, more than the 8 allowed; TACBENCH_LIMITS=3 in the environment" in refusal(path, "toml")
+    monkeypatch.setenv(door.LIMITS_VARIABLE, "3")
+    assert len(door.read_bytes(path, "thing", "toml")) == 20_000_000
+    for wrong in ("0", "-1", "nan", "inf", "x", ""):
+        monkeypatch.setenv(door.LIMITS_VARIABLE, wrong)
+        with pytest.raises(InputError, match="TACBENCH_LIMITS"):
+            door.read_bytes(path)
+
+
+def test_a_table_has_its_header_and_rows_of_one_length(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_bytes(b'\xef\xbb\xbfa,b\r\n1,"x, y"\r\n\r\n2,z\r\n')
+    assert door.read_rows(path, "table", ("a", "b")) == [["1", "x, y"], ["2", "z"]]
+    with pytest.raises(InputError, match=r't\.csv header = .a,b.: must be a,c; "b" is unknown'):
+        door.read_rows(path, "table", ("a", "c"))
+
+
+@pytest.mark.parametrize(
+    ("content", "needle"),
+    [
+        (b"", "is empty"),
+        (b"a,b\n1\n", "line 2: has 1 fields, the header 2"),
+        (b'a,b\n1,"x', "line 2: is not valid CSV"),
+        (b"a,b\n1,\0\n", "null character"),
+        (b"a\xff\n", "is not UTF-8 text"),
+        (b"a\n" + b"x" * 1_000_001, "is not valid CSV"),
+        (b"a," * 2000 + b"\n", "more than 1000 columns"),
+    ],
+)
+def test_what_is_no_table_is_refused(tmp_path: Path, content: bytes, needle: str) -> None:
+    path = tmp_path / "t.csv"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=needle):
+        door.read_table(path, "table")
