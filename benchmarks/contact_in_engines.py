@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.formats.simulators.folder import export
+from tacbench_cad.formats.simulators.folder import export_to_simulators
 from tacbench_cad.spec.block import Block
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
@@ -142,7 +142,7 @@ def main() -> int:
     print(f"{'engine':<10}{'texture':<11}{'what':<30}{'R (mm)':>8}{'t (s)':>8}{'low':>10}{'sinks':>10}{'took (s)':>9}")
     with tempfile.TemporaryDirectory() as out:
         for block in map(Block.of, numbers):
-            folder = export([block], ["mjcf", "urdf", "sdf"], Path(out))[0].folder
+            folder = export_to_simulators([block], ["mjcf", "urdf", "sdf"], Path(out))[0].folder
             name = block.texture.name
             if importlib.util.find_spec("mujoco"):
                 for kind in ("", "-tiles"):

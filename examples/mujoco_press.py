@@ -8,13 +8,13 @@ from pathlib import Path
 
 import mujoco
 
-from tacbench_cad.formats.simulators.folder import export
+from tacbench_cad.formats.simulators.folder import export_to_simulators
 from tacbench_cad.spec.block import Block
 
 RADIUS_MM, FORCE_N = 20.0, 2.0
 
 block = Block.of(2)
-(written,) = export([block], ["mjcf"], Path("sim"))
+(written,) = export_to_simulators([block], ["mjcf"], Path("sim"))
 
 # MuJoCo keeps at most 50 contacts for a pair of geoms: a wide dome needs the field in tiles.
 spec = mujoco.MjSpec.from_file(str(written.folder / "texture-2-tiles.xml"))

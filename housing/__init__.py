@@ -1,4 +1,18 @@
 """The printed fixtures around the blocks: holder, grid-marker jig and fit coupon.
 
-Numbers and reports need the base install only; shapes are built with build123d, imported where they are built.
+>>> from housing import Holder, Jig
+>>> from tacbench_cad import Block
+>>> holder = Holder(block=Block.of(4, key_mm=3.0), slots=2)
+>>> print(holder.name, holder.size_mm[:2])
+holder_paper_x1_key3_slots2 (77.2, 52.3)
+>>> Jig(holder=holder).least_wall_mm
+0.45
+
+``print(holder)`` is its dimension report, and ``tacbench_cad.export(holder, "holder.step")`` its file. Numbers and
+reports need the base install only; shapes are built with build123d, which is imported when one is asked for. For CAD
+scripts there are :mod:`housing.bd` (build123d parts with joints) and :mod:`housing.cq` (CadQuery).
 """
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.geometry.part import Body, Kind, Part
+from tacbench_cad.geometry.part import ExpectedGeometry, Kind, Part
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Solid
@@ -90,18 +90,18 @@ class Fixture(ABC):
             mesh_needs_cad=True,
         )
 
-    def _mesh(self) -> tuple[Mesh, Body]:
+    def _mesh(self) -> tuple[Mesh, ExpectedGeometry]:
         from housing.tessellate import tessellate
 
         x, y, z = self.size_mm
         # Rounding to float32 moves a vertex by 2^-24 of its coordinate at most; faces inside add to the box's own.
         rounding = 6.0 * (x * y + y * z + z * x) * max(x, y, z) * 2.0**-24
         slack = self.chord_slack_mm3(CHORD_MM) + rounding
-        return tessellate(self.solid(), CHORD_MM), Body(volume_mm3=self.volume_mm3, volume_slack_mm3=slack)
+        return tessellate(self.solid(), CHORD_MM), ExpectedGeometry(volume_mm3=self.volume_mm3, volume_slack_mm3=slack)
 
-    def _solid(self) -> tuple[TopoDS_Solid, Body]:
-        body = Body(volume_mm3=self.volume_mm3, volume_slack_mm3=KERNEL_SHARE * self.volume_mm3)
-        return self.solid(), body
+    def _solid(self) -> tuple[TopoDS_Solid, ExpectedGeometry]:
+        expected = ExpectedGeometry(volume_mm3=self.volume_mm3, volume_slack_mm3=KERNEL_SHARE * self.volume_mm3)
+        return self.solid(), expected
 
 
 def tidied(value: Any) -> Any:

@@ -17,7 +17,7 @@ from tacbench_cad.checks.match import GRID_MM, Facets
 from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.formats import format_of
 from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.geometry.part import Body, Part
+from tacbench_cad.geometry.part import ExpectedGeometry, Part
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Floats
@@ -61,31 +61,31 @@ def verify(part: Part, path: Path, full: bool = False) -> Report:
 
 
 def _verify_mesh(part: Part, path: Path, mesh: Mesh, full: bool) -> Report:
-    _, body = part.mesh
+    _, expected = part.mesh
     found = meshcheck.edges(mesh)
     checks = [
         Check(name="file", ok=True, detail="read back; all coordinates finite"),
         *meshcheck.edge_checks(found),
         meshcheck.degenerate_check(mesh),
-        _mesh_volume(mesh, body),
+        _mesh_volume(mesh, expected),
     ]
     if found.sound:
         checks += _manifold(mesh, part.genus)
     checks.append(_mesh_box(part, mesh))
     deviation = None
-    if body.certificate is not None:
-        found_relief, deviation = _mesh_relief(part, mesh, body)
+    if expected.certificate is not None:
+        found_relief, deviation = _mesh_relief(part, mesh, expected)
         checks += found_relief
     if full:
         checks += meshcheck.full_checks(mesh)
     return Report.of_mesh(path, mesh, checks, deviation)
 
 
-def _mesh_volume(mesh: Mesh, body: Body) -> Check:
+def _mesh_volume(mesh: Mesh, expected: ExpectedGeometry) -> Check:
     """Volume against the closed form; moving every point by a float32's rounding may change it by area x rounding."""
     area = float(np.linalg.norm(mesh.doubled_normals, axis=1).sum()) / 2.0
-    allowed = body.volume_slack_mm3 + area * _FLOAT32 * float(np.abs(mesh.vertices).max())
-    return _volume(mesh.volume_mm3, body.volume_mm3, allowed)
+    allowed = expected.volume_slack_mm3 + area * _FLOAT32 * float(np.abs(mesh.vertices).max())
+    return _volume(mesh.volume_mm3, expected.volume_mm3, allowed)
 
 
 def _volume(found: float, wanted: float, allowed: float) -> Check:
@@ -129,11 +129,11 @@ def _box(low: Floats, high: Floats, size_mm: tuple[float, float, float], allowed
     return Check(name="box", ok=False, detail=f"{found} mm; {name} is off by {off[i]:+.4g} mm (allowed {allowed:.1e})")
 
 
-def _mesh_relief(part: Part, mesh: Mesh, body: Body) -> tuple[list[Check], float | None]:
+def _mesh_relief(part: Part, mesh: Mesh, expected: ExpectedGeometry) -> tuple[list[Check], float | None]:
     """Distance from the formula; of a mesh on a sample grid also from the straight lines between the samples."""
     top = relief.upward(mesh, mesh.doubled_normals)
     points = relief.points_on(mesh, top)
-    check, deviation = _relief(part, body, points, rounding_mm=_FLOAT32 * max(part.size_mm))
+    check, deviation = _relief(part, expected, points, rounding_mm=_FLOAT32 * max(part.size_mm))
     block = part.block
     if block is None or not isinstance(block.sampling, SampleGrid) or len(points) == 0:
         return [check], deviation
@@ -146,13 +146,13 @@ def _mesh_relief(part: Part, mesh: Mesh, body: Body) -> tuple[list[Check], float
     return [check, Check(name="samples", ok=ok, detail=detail)], deviation
 
 
-def _relief(part: Part, body: Body, points: Floats, rounding_mm: float) -> tuple[Check, float | None]:
+def _relief(part: Part, expected: ExpectedGeometry, points: Floats, rounding_mm: float) -> tuple[Check, float | None]:
     """Distance of points from the formula against the certificate."""
-    assert part.block is not None and body.certificate is not None and body.datum_mm is not None
+    assert part.block is not None and expected.certificate is not None and expected.datum_mm is not None
     if len(points) == 0:
         return Check(name="relief", ok=False, detail="nothing faces upwards"), None
-    found = relief.distance(points, part.block.surface, body.datum_mm)
-    allowed = body.certificate.distance_mm
+    found = relief.distance(points, part.block.surface, expected.datum_mm)
+    allowed = expected.certificate.distance_mm
     ok = found.largest_mm <= allowed + rounding_mm
     x, y, z = found.at_mm
     where = "" if ok else f" at x {x:.4g}, y {y:.4g}, z {z:.4g} mm"
@@ -166,7 +166,7 @@ def _verify_solid(part: Part, path: Path, full: bool) -> Report:
     from tacbench_cad.formats.step import read_step
 
     shape = read_step(path)
-    _, body = part.solid
+    _, expected = part.solid
     found = survey(shape)
     measured = found.measured
     share = SOLID_ROUNDING_SHARE if found.exact else SOLID_VOLUME_SHARE
@@ -174,15 +174,15 @@ def _verify_solid(part: Part, path: Path, full: bool) -> Report:
         Check(name="file", ok=True, detail="read back by the kernel"),
         *solidcheck.solid_checks(shape),
         _genus(solidcheck.genus(shape), part.genus),
-        _volume(measured.volume_mm3, body.volume_mm3, share * body.volume_mm3 + body.volume_slack_mm3),
+        _volume(measured.volume_mm3, expected.volume_mm3, share * expected.volume_mm3 + expected.volume_slack_mm3),
         _box(measured.low_mm, measured.high_mm, part.size_mm, SOLID_BOX_MM),
     ]
     deviation = None
-    if body.certificate is not None:
-        check, deviation = _relief(part, body, found.points, rounding_mm=1e-6)
+    if expected.certificate is not None:
+        check, deviation = _relief(part, expected, found.points, rounding_mm=1e-6)
         checks.append(check)
     if full:
-        checks += _kernel_defaults(part, body, solidcheck.measure(shape))
+        checks += _kernel_defaults(part, expected, solidcheck.measure(shape))
     return Report(
         path=path,
         checks=tuple(checks),
@@ -192,9 +192,9 @@ def _verify_solid(part: Part, path: Path, full: bool) -> Report:
     )
 
 
-def _kernel_defaults(part: Part, body: Body, measured: Measured) -> list[Check]:
+def _kernel_defaults(part: Part, expected: ExpectedGeometry, measured: Measured) -> list[Check]:
     """What a user of the kernel, CadQuery or build123d is told first; slow on blocks of many patches."""
-    allowed = SOLID_VOLUME_SHARE * body.volume_mm3 + body.volume_slack_mm3
-    volume = _volume(measured.volume_mm3, body.volume_mm3, allowed)
+    allowed = SOLID_VOLUME_SHARE * expected.volume_mm3 + expected.volume_slack_mm3
+    volume = _volume(measured.volume_mm3, expected.volume_mm3, allowed)
     box = _box(measured.low_mm, measured.high_mm, part.size_mm, SOLID_BOX_MM)
     return [dataclasses.replace(volume, name="kernel volume"), dataclasses.replace(box, name="kernel box")]

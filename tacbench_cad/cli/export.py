@@ -36,12 +36,12 @@ def command(
       tacbench export --to urdf,sdf --texture 2 --out sim
       tacbench export --to npy,png16 --texture hex.toml --scale 2 --out heights
     """
-    from tacbench_cad.formats.simulators.folder import export
+    from tacbench_cad.formats.simulators.folder import export_to_simulators
     from tacbench_cad.making.choice import described
 
     targets = words_of(to) or ()
     blocks = described(words_of(texture) or (), preset, number_of("scale", scale))
-    made = export(blocks, targets, out)
+    made = export_to_simulators(blocks, targets, out)
     if json:
         print_json({"folders": [one.as_dict() for one in made]})
         return

@@ -23,7 +23,7 @@ from tacbench_cad.util.errors import one_of
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
-    from tacbench_cad.making.printset import Progress, Result
+    from tacbench_cad.making.printset import PrintSet, Progress
 
 NAME = "make"
 
@@ -207,7 +207,7 @@ class _Bar:
             note(f"[{done}/{total}] {message}")
 
 
-def _print(result: Result) -> None:
+def _print(result: PrintSet) -> None:
     made = table(
         f"{counted(len(result.rows), 'file')} in {result.out}",
         *("file", "size (mm)", "triangles", "deviation (mm)", "checks"),

@@ -61,7 +61,7 @@ def command(
     """
     from tacbench_cad.lab.study.names import own_name
     from tacbench_cad.making.choice import textures_of
-    from tacbench_cad.slicing.plates import arrange
+    from tacbench_cad.slicing.plates import arrange_plates
     from tacbench_cad.slicing.printers import printer_named
     from tacbench_cad.slicing.printers import printers as known_printers
     from tacbench_cad.slicing.writing import write_plates
@@ -74,7 +74,7 @@ def command(
     words = words_of(texture) or ()
     found = textures_of(words, preset)
     blocks = [Block.of(one, preset, scale=factor, key_mm=leg, table=block) for one, block in found]
-    plates = arrange(blocks, whole_of("copies", copies), machine, number_of("spacing", spacing))
+    plates = arrange_plates(blocks, whole_of("copies", copies), machine, number_of("spacing", spacing))
     if not all(one.block.label for plate in plates for one in plate.blocks):
         note("warning: some blocks are too small for an engraved label; mark them by hand when they come off the bed")
     files = [Path(word) for word in words if word.lower().endswith(".toml")]

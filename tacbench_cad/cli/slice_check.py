@@ -63,14 +63,13 @@ def command(
       tacbench slice-check plate.gcode --texture 4 --frame 88.35,85
       tacbench slice-check turned.gcode --texture hex.toml --frame 20,30,90 --json
     """
-    from tacbench_cad.slicing.compare import compare
-    from tacbench_cad.slicing.gcode import read_gcode
+    from tacbench_cad.slicing.compare import slice_check
 
     block = _block(texture, preset, number_of("scale", scale), given(key_of, "key", key))
     place = None if frame is None else _frame(frame)
     diameter = given(number_of, "filament", filament)
     pictures = _pictures(files, out, no_picture)
-    found = [compare(read_gcode(path, diameter), block, place) for path in files]
+    found = [slice_check(path, block, place, filament_mm=diameter) for path in files]
     if json:
         print_json({"files": [one.as_dict() for one in found]})
     else:

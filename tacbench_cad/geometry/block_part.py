@@ -8,10 +8,11 @@ from tacbench_cad.geometry.block_mesh import mesh_of_top
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.meshing.top import textured_top
 from tacbench_cad.geometry.meshing.top_volume import piecewise_volume_mm3, volume_slack_mm3
-from tacbench_cad.geometry.part import Body, Part
+from tacbench_cad.geometry.part import ExpectedGeometry, Part
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
@@ -26,27 +27,27 @@ def block_part(block: Block, *, step_tolerance_mm: float = 0.001) -> Part:
     """
     from tacbench_cad.geometry.brep import solid_refusal
 
-    def make_mesh() -> tuple[Mesh, Body]:
+    def make_mesh() -> tuple[Mesh, ExpectedGeometry]:
         top = textured_top(block)
-        body = Body(
+        expected = ExpectedGeometry(
             volume_mm3=piecewise_volume_mm3(block, top),
             volume_slack_mm3=volume_slack_mm3(block),
             certificate=top.certificate,
             datum_mm=block.datum_mm,
         )
-        return mesh_of_top(block, top), body
+        return mesh_of_top(block, top), expected
 
-    def make_solid() -> tuple[TopoDS_Shape, Body]:
+    def make_solid() -> tuple[TopoDS_Shape, ExpectedGeometry]:
         from tacbench_cad.geometry.brep import solid_block
 
         shape, certificate = solid_block(block, step_tolerance_mm)
-        body = Body(
+        expected = ExpectedGeometry(
             volume_mm3=block.volume_mm3(block.solid_datum_mm),
             volume_slack_mm3=block.footprint_mm2 * certificate.vertical_mm,
             certificate=certificate,
             datum_mm=block.solid_datum_mm,
         )
-        return shape, body
+        return shape, expected
 
     refusal = solid_refusal(block)
     x, y = block.size_mm
@@ -62,6 +63,24 @@ def block_part(block: Block, *, step_tolerance_mm: float = 0.001) -> Part:
         block=block,
         no_solid=refusal,
     )
+
+
+def as_part(thing: Any) -> Part:
+    """The part that something describes; nothing is built before it is asked for.
+
+    Args:
+        thing: A block, a :class:`Part`, or anything with a method ``part()`` that returns one, as a holder has.
+
+    Raises:
+        InputError: It is none of these.
+    """
+    if isinstance(thing, Part):
+        return thing
+    if isinstance(thing, Block):
+        return block_part(thing)
+    if callable(make := getattr(thing, "part", None)) and isinstance(part := make(), Part):
+        return part
+    raise InputError("part", thing, "must be a Block, a Holder, a Jig, a Coupon, a Part, or have a method part()")
 
 
 def block_spec(block: Block) -> dict[str, Any]:

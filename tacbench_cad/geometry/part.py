@@ -21,7 +21,7 @@ COLOURS: dict[Kind, int] = {"block": 0xE3B778, "holder": 0x8FA3B5, "jig": 0x7FB3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Body:
+class ExpectedGeometry:
     """One representation of a part (its mesh or its solid) and what a reader of its file must find.
 
     Args:
@@ -50,8 +50,8 @@ class Part:
         spec: Everything that went into it, as plain JSON values: for the manifest and the files' metadata.
         least_wall_mm: Thinnest wall, for a fixture; None for a block.
         block: The block itself where the part is one.
-        make_mesh: Builds the mesh and its body.
-        make_solid: Builds the Open CASCADE solid and its body; None where there can be none.
+        make_mesh: Builds the mesh, and what is expected of a file that holds it.
+        make_solid: The same for the Open CASCADE solid; None where there can be none.
         no_solid: Why there is no solid.
         mesh_needs_cad: Whether the mesh is made by the CAD kernel (fixtures).
     """
@@ -61,8 +61,8 @@ class Part:
     title: str
     size_mm: tuple[float, float, float]
     genus: int
-    make_mesh: Callable[[], tuple[Mesh, Body]]
-    make_solid: Callable[[], tuple[TopoDS_Shape, Body]] | None
+    make_mesh: Callable[[], tuple[Mesh, ExpectedGeometry]]
+    make_solid: Callable[[], tuple[TopoDS_Shape, ExpectedGeometry]] | None
     spec: Mapping[str, Any] = field(default_factory=dict)
     least_wall_mm: float | None = None
     block: Block | None = None
@@ -70,12 +70,12 @@ class Part:
     mesh_needs_cad: bool = False
 
     @cached_property
-    def mesh(self) -> tuple[Mesh, Body]:
+    def mesh(self) -> tuple[Mesh, ExpectedGeometry]:
         """The mesh and what it must satisfy, built once."""
         return self.make_mesh()
 
     @cached_property
-    def solid(self) -> tuple[TopoDS_Shape, Body]:
+    def solid(self) -> tuple[TopoDS_Shape, ExpectedGeometry]:
         """The solid and what it must satisfy, built once.
 
         Raises:

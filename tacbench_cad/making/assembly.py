@@ -14,7 +14,7 @@ from tacbench_cad import __version__
 from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.formats import FORMATS, step, threemf
 from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.geometry.part import Body, Part
+from tacbench_cad.geometry.part import ExpectedGeometry, Part
 from tacbench_cad.making.sources import part_of
 from tacbench_cad.making.writing import Failure, Made
 from tacbench_cad.spec.block import Block
@@ -134,7 +134,7 @@ def _make(one: Assembly, placed: list[tuple[Part, Floats]], format_name: str, ou
         "version": __version__,
         "sha256": hashed,
         "bytes": size,
-        "closed_form_volume_mm3": sum(body.volume_mm3 for body in _bodies(placed, format_name)),
+        "closed_form_volume_mm3": sum(one.volume_mm3 for one in _expected(placed, format_name)),
         "certificate": None,
         "spec": {
             "frame": "holder",
@@ -143,7 +143,7 @@ def _make(one: Assembly, placed: list[tuple[Part, Floats]], format_name: str, ou
     }
 
 
-def _bodies(placed: Sequence[tuple[Part, Floats]], format_name: str) -> list[Body]:
+def _expected(placed: Sequence[tuple[Part, Floats]], format_name: str) -> list[ExpectedGeometry]:
     return [(part.solid if format_name == "step" else part.mesh)[1] for part, _ in placed]
 
 
@@ -151,14 +151,14 @@ def _moved(placed: Sequence[tuple[Part, Floats]]) -> list[tuple[Part, tuple[floa
     """The parts with their meshes where they are used; each use is a part of its own."""
     moved = []
     for number, (part, matrix) in enumerate(placed):
-        mesh, body = part.mesh
+        mesh, expected = part.mesh
         name = f"{part.name} in slot {number}" if part.kind == "block" else part.name
-        moved.append((replace(part, name=name, make_mesh=partial(_given, mesh.moved(matrix), body)), (0.0, 0.0)))
+        moved.append((replace(part, name=name, make_mesh=partial(_given, mesh.moved(matrix), expected)), (0.0, 0.0)))
     return moved
 
 
-def _given(mesh: Mesh, body: Body) -> tuple[Mesh, Body]:
-    return mesh, body
+def _given(mesh: Mesh, expected: ExpectedGeometry) -> tuple[Mesh, ExpectedGeometry]:
+    return mesh, expected
 
 
 def _box_mm(placed: Sequence[tuple[Part, Floats]]) -> tuple[Floats, Floats]:
@@ -172,9 +172,9 @@ def _check_3mf(placed: Sequence[tuple[Part, Floats]], path: Path) -> Report:
     from tacbench_cad.checks import meshcheck
 
     mesh, _ = threemf.read_3mf(path)
-    bodies = _bodies(placed, "3mf")
-    wanted = sum(body.volume_mm3 for body in bodies)
-    allowed = VOLUME_SHARE * wanted + sum(body.volume_slack_mm3 for body in bodies)
+    expected = _expected(placed, "3mf")
+    wanted = sum(one.volume_mm3 for one in expected)
+    allowed = VOLUME_SHARE * wanted + sum(one.volume_slack_mm3 for one in expected)
     low, high = mesh.bounds_mm
     checks = [
         Check(name="file", ok=True, detail="read back; all coordinates finite"),
@@ -197,7 +197,7 @@ def _check_step(placed: Sequence[tuple[Part, Floats]], path: Path) -> Report:
     right = len(solids) == len(placed)
     checks = [Check(name="parts", ok=right, detail=f"{len(solids)} solids, {len(placed)} are wanted")]
     total = 0.0
-    for solid, (part, matrix), body in zip(solids, placed, _bodies(placed, "step"), strict=False):
+    for solid, (part, matrix), expected in zip(solids, placed, _expected(placed, "step"), strict=False):
         place = gp_Trsf()
         place.SetValues(*matrix[:3].ravel().tolist())
         back = solid.Moved(TopLoc_Location(place.Inverted()))
@@ -205,8 +205,8 @@ def _check_step(placed: Sequence[tuple[Part, Floats]], path: Path) -> Report:
         total += found.volume_mm3
         for check in solidcheck.solid_checks(back):
             checks.append(replace(check, name=f"{part.name}: {check.name}"))
-        allowed = 1e-4 * body.volume_mm3 + body.volume_slack_mm3
-        checks.append(_volume(found.volume_mm3, body.volume_mm3, allowed, f"{part.name}: volume"))
+        allowed = 1e-4 * expected.volume_mm3 + expected.volume_slack_mm3
+        checks.append(_volume(found.volume_mm3, expected.volume_mm3, allowed, f"{part.name}: volume"))
         corners = np.concatenate([found.low_mm, found.high_mm])
         checks.append(_box(corners, np.array([0.0, 0.0, 0.0, *part.size_mm]), f"{part.name}: place"))
     low, high = _box_mm(placed)

@@ -24,7 +24,7 @@ from tacbench_cad.util.packages import require, why_missing
 from tacbench_cad.util.processes import Workers, cpu_count, why_not_importable
 from tacbench_cad.util.text import report
 
-__all__ = ["PREVIEW_NAME", "Failure", "LeftOut", "Plan", "Request", "Result", "build", "plan"]
+__all__ = ["PREVIEW_NAME", "Failure", "LeftOut", "Plan", "PrintSet", "Request", "build", "plan"]
 
 #: The picture sheet's file name in the output folder.
 PREVIEW_NAME = "preview.png"
@@ -40,7 +40,7 @@ Progress = Callable[[str, int, int], None]
 
 
 @dataclass(kw_only=True)
-class Result:
+class PrintSet:
     """What a call made.
 
     Attributes:
@@ -85,7 +85,7 @@ class Result:
         }
 
 
-def build(request: Request, progress: Progress = lambda message, done, total: None) -> Result:
+def build(request: Request, progress: Progress = lambda message, done, total: None) -> PrintSet:
     """Make everything that a request means.
 
     Every refusal comes before the first file is written. Each file is written under a temporary name, examined as it
@@ -155,14 +155,14 @@ class _Making:
     def __init__(self, request: Request, wanted: Plan, workers: Workers, progress: Progress) -> None:
         self._out, self._full = request.out, request.full
         self._wanted, self._workers, self._progress = wanted, workers, progress
-        self._result = Result(out=request.out, left_out=list(wanted.left_out))
+        self._result = PrintSet(out=request.out, left_out=list(wanted.left_out))
         self._fixture_meshes: dict[str, Mesh] = {}
         self._old = manifest.read_rows(request.out)
         for name in (manifest.MANIFEST_NAME, PREVIEW_NAME):
             if (self._out / name).is_dir():
                 raise InputError("output file", str(self._out / name), "is a folder; move it away")
 
-    def run(self) -> Result:
+    def run(self) -> PrintSet:
         """Make the files, the picture sheet and the manifest."""
         try:
             slow, shared = self._start_slow(), self._share_light()

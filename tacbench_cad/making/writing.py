@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tacbench_cad import __version__
 from tacbench_cad.checks.verify import verify
-from tacbench_cad.formats import FORMATS
+from tacbench_cad.formats import FORMATS, format_of
+from tacbench_cad.geometry.block_part import as_part
 from tacbench_cad.geometry.mesh import Certificate, Mesh
-from tacbench_cad.geometry.part import Body, Part
+from tacbench_cad.geometry.part import ExpectedGeometry, Part
 from tacbench_cad.making.manifest import Row
 from tacbench_cad.making.sources import part_of
 from tacbench_cad.spec.block import Block
@@ -46,12 +47,38 @@ Made = Row | Failure
 
 
 class _RejectedError(Exception):
-    """Leaves the body of :func:`tacbench_cad.util.files.replacing`, so that the file is not renamed."""
+    """Leaves the expected of :func:`tacbench_cad.util.files.replacing`, so that the file is not renamed."""
 
 
 def file_name(part: Part, format_name: str) -> str:
     """Name of a part's file in one format."""
     return f"{part.name}{FORMATS[format_name].suffix}"
+
+
+def export(part: Any, path: Path | str, *, full: bool = False) -> Report:
+    """Write a part to a file, read the file back, check it, and only then give it its name.
+
+    Args:
+        part: A Block, a Holder, a Jig, a Coupon, a :class:`~tacbench_cad.Part`, or anything with a method ``part()``.
+        path: The file. Its ending says the format: ``.stl``, ``.3mf`` or ``.step``.
+        full: Add the slow checks: pymeshlab's of a mesh, the kernel's own volume and box of a solid.
+
+    Returns:
+        The report of the checks.
+
+    Raises:
+        InputError: The ending is not known, the folder cannot be written, or there is no solid of this part.
+        MissingToolError: A package that the format needs is not there.
+        CheckFailedError: The file was written wrong; it is not put in place.
+    """
+    path, thing = Path(path), as_part(part)
+    with replacing(path) as temporary:
+        format_of(path).write(thing, temporary)
+        report = verify(thing, temporary, full=full)
+        if not report.ok:
+            faults = "; ".join(f"{check.name}: {check.detail}" for check in report.faults)
+            raise CheckFailedError(f"{path}: {faults or 'nothing could be checked'}")
+    return replace(report, path=path)
 
 
 def make_files(part: Part, formats: tuple[str, ...], out: Path, full: bool) -> list[Made]:
@@ -112,7 +139,7 @@ def _make_file(part: Part, format_name: str, out: Path, full: bool) -> Made:
 
 def _row(part: Part, format_name: str, report: Report, hashed: str, size: int) -> dict[str, Any]:
     """The manifest row of a file that passed."""
-    body = part.solid[1] if FORMATS[format_name].shape == "solid" else part.mesh[1]
+    expected = part.solid[1] if FORMATS[format_name].shape == "solid" else part.mesh[1]
     found = report.as_dict()
     row: dict[str, Any] = {
         "file": file_name(part, format_name),
@@ -125,8 +152,8 @@ def _row(part: Part, format_name: str, report: Report, hashed: str, size: int) -
         "triangles": report.triangles,
         "size_mm": found["size_mm"],
         "volume_mm3": report.volume_mm3,
-        "closed_form_volume_mm3": body.volume_mm3,
-        "certificate": _certificate(body),
+        "closed_form_volume_mm3": expected.volume_mm3,
+        "certificate": _certificate(expected),
         "deviation_mm": report.deviation_mm,
         "checks": found["checks"],
     }
@@ -138,8 +165,8 @@ def _row(part: Part, format_name: str, report: Report, hashed: str, size: int) -
     return row
 
 
-def _certificate(body: Body) -> dict[str, float] | None:
-    proved = body.certificate
+def _certificate(expected: ExpectedGeometry) -> dict[str, float] | None:
+    proved = expected.certificate
     return None if proved is None else _bounds(proved)
 
 

@@ -10,10 +10,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
-from tacbench_cad.slicing.gcode import Sliced
+from tacbench_cad.slicing.gcode import Sliced, read_gcode
 from tacbench_cad.slicing.surface import PITCH_MM, Frame, frames_of, points_of, printed_heights, staircase
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.textures import Texture, catalogue
@@ -256,6 +257,21 @@ class AsSliced:
             "valleys": self.valleys.as_dict(),
             "warnings": list(self.warnings),
         }
+
+
+def slice_check(path: Path, block: Block, frame: Frame | None = None, *, filament_mm: float | None = None) -> AsSliced:
+    """Compare the surface that a slicer's G-code will print with the formula.
+
+    Args:
+        path: The G-code.
+        block: The block that was sliced.
+        frame: Where it lies on the bed; None to find it.
+        filament_mm: Diameter of the filament; None to take it from the file.
+
+    Raises:
+        InputError: The file is not G-code that can be read, or prints something else than the block.
+    """
+    return compare(read_gcode(path, filament_mm), block, frame)
 
 
 def compare(sliced: Sliced, block: Block, frame: Frame | None = None, *, pitch_mm: float = PITCH_MM) -> AsSliced:

@@ -81,7 +81,9 @@ class Plate:
         return _imbalance(places, _index(names))
 
 
-def arrange(blocks: Sequence[Block], copies: int, printer: Printer, spacing_mm: float = SPACING_MM) -> list[Plate]:
+def arrange_plates(
+    blocks: Sequence[Block], copies: int, printer: Printer, spacing_mm: float = SPACING_MM
+) -> list[Plate]:
     """Put copies of some blocks on as many plates as it takes.
 
     Args:

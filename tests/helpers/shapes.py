@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.geometry.part import Body, Part
+from tacbench_cad.geometry.part import ExpectedGeometry, Part
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.types import Floats
 
@@ -28,9 +28,9 @@ def mesh_part(mesh: Mesh, name: str = "thing", **more: Any) -> Part:
     """A part that is nothing but a mesh."""
     low, high = mesh.bounds_mm
     size = tuple((high - low).tolist())
-    body = Body(volume_mm3=mesh.volume_mm3, volume_slack_mm3=0.0)
+    expected = ExpectedGeometry(volume_mm3=mesh.volume_mm3, volume_slack_mm3=0.0)
     fields: dict[str, Any] = {"kind": "coupon", "title": "A thing", "genus": 0, "make_solid": None, **more}
-    return Part(name=name, size_mm=size, make_mesh=lambda: (mesh, body), **fields)
+    return Part(name=name, size_mm=size, make_mesh=lambda: (mesh, expected), **fields)
 
 
 def write_soup(path: Path, corners: Floats, header: bytes = b"made elsewhere", count: int | None = None) -> Path:

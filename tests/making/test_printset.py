@@ -204,12 +204,14 @@ def test_textures_are_named_by_number_or_given_themselves(tmp_path: Path) -> Non
 
 def test_a_result_names_what_failed_and_what_was_left_out(tmp_path: Path) -> None:
     failed = printset.Failure(file="a.stl", faults=("open edges", "volume"))
-    result = printset.Result(out=tmp_path, failures=[failed], left_out=[printset.LeftOut(what="jig", reason="no room")])
+    result = printset.PrintSet(
+        out=tmp_path, failures=[failed], left_out=[printset.LeftOut(what="jig", reason="no room")]
+    )
     assert [line.strip() for line in str(result).splitlines()[1:]] == [
         "a.stl  not made: open edges; volume",
         "jig    left out: no room",
     ]
-    assert str(printset.Result(out=tmp_path)) == f"0 files in {tmp_path}"
+    assert str(printset.PrintSet(out=tmp_path)) == f"0 files in {tmp_path}"
 
 
 def test_a_row_says_what_the_file_is(tmp_path: Path) -> None:

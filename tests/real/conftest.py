@@ -16,7 +16,7 @@ from helpers.outsiders import Run, Written, part_named, program
 from helpers.resting import Exported
 
 from tacbench_cad.formats import FORMATS
-from tacbench_cad.formats.simulators.folder import export
+from tacbench_cad.formats.simulators.folder import export_to_simulators
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked
@@ -74,7 +74,7 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Exported:
 
     @cache
     def folder(texture: str, target: str) -> Path:
-        return export([Block.of(texture)], [target], out / target)[0].folder
+        return export_to_simulators([Block.of(texture)], [target], out / target)[0].folder
 
     return folder
 

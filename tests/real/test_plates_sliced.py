@@ -10,7 +10,7 @@ from helpers.outsiders import Run
 
 from tacbench_cad.slicing.compare import compare
 from tacbench_cad.slicing.gcode import read_gcode
-from tacbench_cad.slicing.plates import arrange
+from tacbench_cad.slicing.plates import arrange_plates
 from tacbench_cad.slicing.printers import printers
 from tacbench_cad.slicing.surface import Frame
 from tacbench_cad.slicing.writing import write_plates
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.real
 
 def test_every_block_is_where_the_layout_says(prusa_slicer: Run, tmp_path: Path) -> None:
     pytest.importorskip("lib3mf")
-    plates = arrange([Block.of(1, scale=0.5), Block.of(2, scale=0.5)], 2, printers()["form-3"])
+    plates = arrange_plates([Block.of(1, scale=0.5), Block.of(2, scale=0.5)], 2, printers()["form-3"])
     (files,) = write_plates(plates, "grey-v4", tmp_path)
     target = tmp_path / "plate.gcode"
     prusa_slicer(

@@ -18,7 +18,7 @@ from tacbench_cad.lab.acquire.session import places
 from tacbench_cad.lab.study.file import read_study
 from tacbench_cad.lab.study.names import COMBINATIONS, PRINTERS
 from tacbench_cad.lab.study.plate import read_layout
-from tacbench_cad.slicing.plates import Plate, arrange
+from tacbench_cad.slicing.plates import Plate, arrange_plates
 from tacbench_cad.slicing.printers import Printer, printers
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
@@ -46,7 +46,7 @@ def require_sound(plate: Plate, spacing: float) -> None:
 
 @pytest.mark.parametrize("name", sorted(PRINTERS))
 def test_six_copies_of_the_six_on_each_printer(name: str) -> None:
-    plates = arrange(SIX, 6, printers()[name])
+    plates = arrange_plates(SIX, 6, printers()[name])
     labels = [one.label for plate in plates for one in plate.blocks]
     assert sorted(labels) == sorted(f"T{n} PAPER X1 {copy:02d}" for n in range(1, 7) for copy in range(1, 7))
     assert [plate.number for plate in plates] == list(range(1, len(plates) + 1))
@@ -60,7 +60,7 @@ def test_six_copies_of_the_six_on_each_printer(name: str) -> None:
 
 
 def test_copies_lie_in_the_middle_and_outside_alike() -> None:
-    (plate,) = arrange(SIX, 6, printers()["bambu-p1p"])
+    (plate,) = arrange_plates(SIX, 6, printers()["bambu-p1p"])
     places = np.array([(one.x_mm, one.y_mm) for one in plate.blocks])
     away = np.hypot(*(places - places.mean(axis=0)).T)
     names = np.array([one.block.texture.name for one in plate.blocks])
@@ -69,7 +69,7 @@ def test_copies_lie_in_the_middle_and_outside_alike() -> None:
 
 
 def test_the_same_request_gives_the_same_plates() -> None:
-    assert arrange(SIX, 3, printers()["form-3"]) == arrange(SIX, 3, printers()["form-3"])
+    assert arrange_plates(SIX, 3, printers()["form-3"]) == arrange_plates(SIX, 3, printers()["form-3"])
 
 
 @pytest.mark.parametrize("copies", [1, 2, 7])
@@ -79,7 +79,7 @@ def test_any_count_on_a_small_bed(copies: int, spacing: float) -> None:
         name="small", bed_mm=(90.0, 100.0), height_mm=20.0, margin_mm=0.0, keep_out_mm=((0, 0, 9, 9),), filaments=("x",)
     )
     blocks = [Block.of(1), Block.of(2, size_mm=(15.0, 20.0)), Block.of(6)]
-    plates = arrange(blocks, copies, small, spacing)
+    plates = arrange_plates(blocks, copies, small, spacing)
     assert sum(len(plate.blocks) for plate in plates) == 3 * copies
     sizes = [len(plate.blocks) for plate in plates]
     assert max(sizes) - min(sizes) <= 1
@@ -89,18 +89,18 @@ def test_any_count_on_a_small_bed(copies: int, spacing: float) -> None:
 
 def test_a_block_that_just_fits_and_one_that_does_not() -> None:
     tight = Printer(name="tight", bed_mm=(27.3, 34.0), height_mm=10.0, margin_mm=2.0, filaments=("x",))
-    assert len(arrange([Block.of(1)], 2, tight)) == 2
+    assert len(arrange_plates([Block.of(1)], 2, tight)) == 2
     with pytest.raises(InputError, match=r"tight.*27\.3 x 34 mm.*no block of 23\.53 x 30\.3 mm fits"):
-        arrange([Block.of(1, scale=1.01, height_mm=6.9)], 1, tight)
+        arrange_plates([Block.of(1, scale=1.01, height_mm=6.9)], 1, tight)
     with pytest.raises(InputError, match="is higher"):
-        arrange([Block.of(1, height_mm=10.1)], 1, tight)
+        arrange_plates([Block.of(1, height_mm=10.1)], 1, tight)
     shut = Printer(**{**vars(tight), "keep_out_mm": ((10.0, 10.0, 11.0, 11.0),)})
     with pytest.raises(InputError, match="no block"):
-        arrange([Block.of(1)], 1, shut)
+        arrange_plates([Block.of(1)], 1, shut)
 
 
 def test_a_block_too_small_for_a_label_is_placed_without_one() -> None:
-    (plate,) = arrange([Block.of(1, scale=0.5), Block.of(2)], 2, printers()["form-3"])
+    (plate,) = arrange_plates([Block.of(1, scale=0.5), Block.of(2)], 2, printers()["form-3"])
     assert [one.block.label for one in plate.blocks] == [one.block.scale == 1.0 for one in plate.blocks]
     assert sorted(one.block.copy or 0 for one in plate.blocks) == [1, 1, 2, 2]
 
@@ -108,7 +108,7 @@ def test_a_block_too_small_for_a_label_is_placed_without_one() -> None:
 @pytest.mark.parametrize(("copies", "spacing", "field"), [(0, 5.0, "copies"), (1, -1.0, "spacing"), (1, math.nan, "s")])
 def test_impossible_numbers(copies: int, spacing: float, field: str) -> None:
     with pytest.raises(InputError, match=field):
-        arrange(SIX, copies, printers()["form-3"], spacing)
+        arrange_plates(SIX, copies, printers()["form-3"], spacing)
 
 
 def test_the_papers_printers_and_filaments_are_all_there() -> None:

@@ -2,7 +2,7 @@
 
 A print format is one part in one file, checked and put in place by itself (:mod:`tacbench_cad.formats`). A target here
 is several files that refer to each other and to the folder that they lie in, so these have a package of their own. A
-new target is one file here and one row of :data:`TARGETS`. Every writer needs the base install only.
+new target is one file here and one row of :data:`SIMULATOR_TARGETS`. Every writer needs the base install only.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tacbench_cad.formats.simulators import glb, heightmaps, mjcf, obj, sdf, taxim, urdf, usd
-from tacbench_cad.formats.simulators.asset import Asset
-from tacbench_cad.formats.simulators.written import Written
+from tacbench_cad.formats.simulators.asset import SimulatorAsset
+from tacbench_cad.formats.simulators.written import TargetFiles
 
 
 @dataclass(frozen=True, kw_only=True)
-class Target:
+class SimulatorTarget:
     """What a texture can be exported to.
 
     Args:
@@ -28,21 +28,21 @@ class Target:
 
     name: str
     title: str
-    write: Callable[[Asset, Path], Written]
+    write: Callable[[SimulatorAsset, Path], TargetFiles]
 
 
 #: What a texture can be written for, by the names of ``--to``.
-TARGETS: dict[str, Target] = {
+SIMULATOR_TARGETS: dict[str, SimulatorTarget] = {
     row.name: row
     for row in (
-        Target(name="mjcf", title="MuJoCo (MJCF)", write=mjcf.write_mjcf),
-        Target(name="urdf", title="URDF, for PyBullet", write=urdf.write_urdf),
-        Target(name="sdf", title="SDFormat, for Drake", write=sdf.write_sdf),
-        Target(name="usd", title="OpenUSD", write=usd.write_usd),
-        Target(name="glb", title="glTF (binary)", write=glb.write_glb),
-        Target(name="obj", title="Wavefront OBJ", write=obj.write_obj),
-        Target(name="npy", title="NumPy array of heights", write=heightmaps.write_npy),
-        Target(name="png16", title="16-bit PNG of heights", write=heightmaps.write_png16),
-        Target(name="taxim", title="Taxim (PLY of the top)", write=taxim.write_taxim),
+        SimulatorTarget(name="mjcf", title="MuJoCo (MJCF)", write=mjcf.write_mjcf),
+        SimulatorTarget(name="urdf", title="URDF, for PyBullet", write=urdf.write_urdf),
+        SimulatorTarget(name="sdf", title="SDFormat, for Drake", write=sdf.write_sdf),
+        SimulatorTarget(name="usd", title="OpenUSD", write=usd.write_usd),
+        SimulatorTarget(name="glb", title="glTF (binary)", write=glb.write_glb),
+        SimulatorTarget(name="obj", title="Wavefront OBJ", write=obj.write_obj),
+        SimulatorTarget(name="npy", title="NumPy array of heights", write=heightmaps.write_npy),
+        SimulatorTarget(name="png16", title="16-bit PNG of heights", write=heightmaps.write_png16),
+        SimulatorTarget(name="taxim", title="Taxim (PLY of the top)", write=taxim.write_taxim),
     )
 }

@@ -50,7 +50,7 @@ class HeightField:
 
 
 @dataclass(frozen=True, eq=False)
-class Asset:
+class SimulatorAsset:
     """A block on its way into a simulator.
 
     Args:

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from tacbench_cad import __version__
-from tacbench_cad.formats.simulators import TARGETS, Target
-from tacbench_cad.formats.simulators.asset import Asset
+from tacbench_cad.formats.simulators import SIMULATOR_TARGETS, SimulatorTarget
+from tacbench_cad.formats.simulators.asset import SimulatorAsset
 from tacbench_cad.formats.simulators.readme import readme
 from tacbench_cad.geometry.block_part import block_spec
 from tacbench_cad.spec.block import Block
@@ -50,7 +50,7 @@ class Exported:
         return {"texture": self.texture, "folder": str(self.folder), "files": self.files}
 
 
-def export(blocks: Iterable[Block], targets: Sequence[str], out: Path) -> list[Exported]:
+def export_to_simulators(blocks: Iterable[Block], targets: Sequence[str], out: Path) -> list[Exported]:
     """Write blocks for some simulators, ``out/NAME`` for each texture.
 
     A folder that holds the same block gains the targets or has them replaced; its other files stay. Nothing is written
@@ -58,7 +58,7 @@ def export(blocks: Iterable[Block], targets: Sequence[str], out: Path) -> list[E
 
     Args:
         blocks: The blocks, each of another texture.
-        targets: Names of :data:`tacbench_cad.formats.simulators.TARGETS`.
+        targets: Names of :data:`tacbench_cad.formats.simulators.SIMULATOR_TARGETS`.
         out: The folder that takes the textures' folders; made if it is not there.
 
     Returns:
@@ -69,9 +69,9 @@ def export(blocks: Iterable[Block], targets: Sequence[str], out: Path) -> list[E
             it cannot be written.
     """
     if not targets:
-        one_of("to", "", TARGETS)
-    wanted = [TARGETS[one_of("to", name, TARGETS)] for name in dict.fromkeys(targets)]
-    assets = [Asset(block) for block in blocks]
+        one_of("to", "", SIMULATOR_TARGETS)
+    wanted = [SIMULATOR_TARGETS[one_of("to", name, SIMULATOR_TARGETS)] for name in dict.fromkeys(targets)]
+    assets = [SimulatorAsset(block) for block in blocks]
     with locked(out):
         _recover(out)
         for asset in assets:
@@ -97,7 +97,7 @@ def _described(block: Block) -> dict[str, Any]:
     return plain
 
 
-def _record_of(folder: Path, asset: Asset) -> dict[str, Any]:
+def _record_of(folder: Path, asset: SimulatorAsset) -> dict[str, Any]:
     """The record of the targets that the folder holds already.
 
     Raises:
@@ -116,7 +116,7 @@ def _record_of(folder: Path, asset: Asset) -> dict[str, Any]:
         found = json.loads(record.read_text(encoding="utf-8"))
         block, targets = found["block"], found["targets"]
         what = f"{block['texture']}, preset {block['preset']}, scale {block['scale']:g}"
-        known = {name: targets[name] for name in TARGETS if name in targets}
+        known = {name: targets[name] for name in SIMULATOR_TARGETS if name in targets}
         for one in known.values():
             _ = [*one["files"]], one["note"] + ""
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -134,7 +134,7 @@ def _record_of(folder: Path, asset: Asset) -> dict[str, Any]:
     return known
 
 
-def _write(asset: Asset, targets: Sequence[Target], out: Path) -> Exported:
+def _write(asset: SimulatorAsset, targets: Sequence[SimulatorTarget], out: Path) -> Exported:
     folder = out / asset.name
     new, old = out / f"{_NEW}{asset.name}", out / f"{_OLD}{asset.name}"
     record = _record_of(folder, asset)
@@ -157,7 +157,9 @@ def _write(asset: Asset, targets: Sequence[Target], out: Path) -> Exported:
     return Exported(texture=asset.name, folder=folder, files=files)
 
 
-def _fill(asset: Asset, targets: Sequence[Target], record: dict[str, Any], folder: Path, new: Path) -> dict[str, int]:
+def _fill(
+    asset: SimulatorAsset, targets: Sequence[SimulatorTarget], record: dict[str, Any], folder: Path, new: Path
+) -> dict[str, int]:
     """Write the targets into the new folder, beside what the present one holds of other targets and of the user's."""
     replaced = {README, RECORD}
     for target in targets:
@@ -174,10 +176,10 @@ def _fill(asset: Asset, targets: Sequence[Target], record: dict[str, Any], folde
         hashes = {file: sha256(new / file) for file in made.files}
         record[target.name] = {"version": __version__, "files": hashes, "note": made.note}
         written.update({file: (new / file).stat().st_size for file in made.files})
-    ordered = {name: record[name] for name in TARGETS if name in record}
+    ordered = {name: record[name] for name in SIMULATOR_TARGETS if name in record}
     document = {"tacbench_cad": __version__, "block": _described(asset.block), "targets": ordered}
     (new / RECORD).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    sections = [(TARGETS[name].title, one["note"]) for name, one in ordered.items()]
+    sections = [(SIMULATOR_TARGETS[name].title, one["note"]) for name, one in ordered.items()]
     (new / README).write_text(readme(asset, sections), encoding="utf-8")
     return written
 

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from tacbench_cad import __version__
-from tacbench_cad.formats.simulators.asset import Asset
+from tacbench_cad.formats.simulators.asset import SimulatorAsset
 from tacbench_cad.formats.simulators.obj import mesh_error
-from tacbench_cad.formats.simulators.written import Written
+from tacbench_cad.formats.simulators.written import TargetFiles
 
 _FLOAT, _UNSIGNED_INT, _ARRAY_BUFFER, _ELEMENT_BUFFER = 5126, 5125, 34962, 34963
 
 
-def write_glb(asset: Asset, folder: Path) -> Written:
+def write_glb(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     """Write ``NAME.glb``.
 
     Args:
@@ -67,10 +67,10 @@ def write_glb(asset: Asset, folder: Path) -> Written:
     header += b" " * (-len(header) % 4)
     chunks = struct.pack("<I4s", len(header), b"JSON") + header + struct.pack("<I4s", len(binary), b"BIN\0") + binary
     (folder / file).write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
-    return Written(files=(file,), note=_note(asset, file))
+    return TargetFiles(files=(file,), note=_note(asset, file))
 
 
-def _note(asset: Asset, file: str) -> str:
+def _note(asset: SimulatorAsset, file: str) -> str:
     return f"""\
 - `{file}`: one mesh, {len(asset.mesh.triangles):,} triangles, without normals, so that viewers shade the facets flat.
 - Units and axes: metres, y up, as glTF lays down: the block frame's (x, y, z) is (x, z, -y) here.

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from tacbench_cad.formats.simulators.asset import Asset, HeightField
-from tacbench_cad.formats.simulators.written import Written
+from tacbench_cad.formats.simulators.asset import HeightField, SimulatorAsset
+from tacbench_cad.formats.simulators.written import TargetFiles
 
 #: Value of the highest sample in the PNG.
 WHITE = 65535
 
 
-def write_npy(asset: Asset, folder: Path) -> Written:
+def write_npy(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     """Write ``NAME.npy``: float64 heights in mm, shape (ny, nx).
 
     Args:
@@ -30,10 +30,10 @@ def write_npy(asset: Asset, folder: Path) -> Written:
 - {_error(heights)} The samples themselves are the formula's values.
 - Tested with NumPy: every sample against the formula (texture 4).
 """
-    return Written(files=(file,), note=note)
+    return TargetFiles(files=(file,), note=note)
 
 
-def write_png16(asset: Asset, folder: Path) -> Written:
+def write_png16(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     """Write ``NAME.png``: 16 bits a sample, grey, the first row at the highest y as pictures are seen.
 
     Args:
@@ -62,7 +62,7 @@ def write_png16(asset: Asset, folder: Path) -> Written:
   of {(high - low) / 255.0:.2g} mm. Use the file of the engine where there is one.
 - Tested with Pillow: every pixel against the formula (texture 4).
 """
-    return Written(files=(file,), note=note)
+    return TargetFiles(files=(file,), note=note)
 
 
 def _pitch(heights: HeightField) -> str:

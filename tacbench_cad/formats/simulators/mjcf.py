@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tacbench_cad.formats.simulators.asset import Asset, HeightField
-from tacbench_cad.formats.simulators.written import Written
+from tacbench_cad.formats.simulators.asset import HeightField, SimulatorAsset
+from tacbench_cad.formats.simulators.written import TargetFiles
 from tacbench_cad.util.types import Floats
 
 #: Tiles along each side in the file for domes.
@@ -40,7 +40,7 @@ class _Field:
     y_mm: tuple[float, float]
 
 
-def write_mjcf(asset: Asset, folder: Path) -> Written:
+def write_mjcf(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     """Write ``NAME.xml`` with one field and ``NAME-tiles.xml`` with tiles.
 
     Args:
@@ -62,7 +62,7 @@ def write_mjcf(asset: Asset, folder: Path) -> Written:
     _write_model(asset, [whole], folder / f"{name}.xml")
     _write_model(asset, tiles, folder / f"{name}-tiles.xml")
     files = (f"{name}.xml", f"{name}-tiles.xml", *(field.file for field in (whole, *tiles)))
-    return Written(files=files, note=_note(asset))
+    return TargetFiles(files=files, note=_note(asset))
 
 
 def _tiles(heights: HeightField, name: str) -> Iterator[_Field]:
@@ -91,7 +91,7 @@ def _write_field(z_mm: Floats, path: Path) -> None:
     path.write_bytes(np.array([rows, columns], dtype="<i4").tobytes() + z_mm.astype("<f4").tobytes())
 
 
-def _write_model(asset: Asset, fields: list[_Field], path: Path) -> None:
+def _write_model(asset: SimulatorAsset, fields: list[_Field], path: Path) -> None:
     name = asset.name
     assets, geoms = [], []
     for field in fields:
@@ -125,7 +125,7 @@ def _numbers(values: tuple[float, ...]) -> str:
     return " ".join(f"{value:.9g}" for value in values)
 
 
-def _note(asset: Asset) -> str:
+def _note(asset: SimulatorAsset) -> str:
     heights, name = asset.heights, asset.name
     rows, columns = heights.z_mm.shape
     proof = heights.certificate

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tacbench_cad.formats.simulators.asset import Asset
-from tacbench_cad.formats.simulators.written import Written
+from tacbench_cad.formats.simulators.asset import SimulatorAsset
+from tacbench_cad.formats.simulators.written import TargetFiles
 
 
-def write_obj(asset: Asset, folder: Path) -> Written:
+def write_obj(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     """Write ``NAME.obj``.
 
     Args:
@@ -25,10 +25,10 @@ def write_obj(asset: Asset, folder: Path) -> Written:
   dropped in PyBullet on the triangles that trimesh hands out, rests within 0.05 mm of where the formula lets it
   (textures 2 and 4, scale 1).
 """
-    return Written(files=(file,), note=note)
+    return TargetFiles(files=(file,), note=note)
 
 
-def write_mesh(asset: Asset, folder: Path) -> str:
+def write_mesh(asset: SimulatorAsset, folder: Path) -> str:
     """Write the mesh and give the file's name; the targets that refer to it share it."""
     mesh, file = asset.mesh, f"{asset.name}.obj"
     with (folder / file).open("w", encoding="ascii", newline="\n") as stream:
@@ -38,7 +38,7 @@ def write_mesh(asset: Asset, folder: Path) -> str:
     return file
 
 
-def mesh_error(asset: Asset) -> str:
+def mesh_error(asset: SimulatorAsset) -> str:
     """What is proved of the mesh's top, as a sentence."""
     proof = asset.mesh_certificate
     return (

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from tacbench_cad import __version__
-from tacbench_cad.formats.simulators.asset import Asset
+from tacbench_cad.formats.simulators.asset import SimulatorAsset
 from tacbench_cad.spec.sampling import SampleGrid
 
 
-def readme(asset: Asset, sections: Iterable[tuple[str, str]]) -> str:
+def readme(asset: SimulatorAsset, sections: Iterable[tuple[str, str]]) -> str:
     """The text of README.md.
 
     Args:

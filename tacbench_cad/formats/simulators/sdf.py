@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tacbench_cad.formats.simulators.asset import Asset
+from tacbench_cad.formats.simulators.asset import SimulatorAsset
 from tacbench_cad.formats.simulators.obj import mesh_error, write_mesh
 from tacbench_cad.formats.simulators.urdf import METRES
-from tacbench_cad.formats.simulators.written import Written
+from tacbench_cad.formats.simulators.written import TargetFiles
 
 
-def _inertia_kg_m2(asset: Asset) -> tuple[float, float, float]:
+def _inertia_kg_m2(asset: SimulatorAsset) -> tuple[float, float, float]:
     """Moments of inertia about the centre of the block's box, taken as a massive box, in kg m^2."""
     x, y, z = ((side / 1e3) ** 2 for side in (*asset.block.size_mm, asset.block.height_mm))
     return (asset.mass_kg / 12.0 * (y + z), asset.mass_kg / 12.0 * (x + z), asset.mass_kg / 12.0 * (x + y))
 
 
-def _centre_m(asset: Asset) -> str:
+def _centre_m(asset: SimulatorAsset) -> str:
     """Centre of the block's box, in m."""
     return " ".join(f"{side / 2e3:.9g}" for side in (*asset.block.size_mm, asset.block.height_mm))
 
 
-def write_sdf(asset: Asset, folder: Path) -> Written:
+def write_sdf(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     """Write ``NAME.sdf`` and ``NAME.obj``.
 
     Args:
@@ -59,10 +59,10 @@ def write_sdf(asset: Asset, folder: Path) -> Written:
 """
     file = f"{name}.sdf"
     (folder / file).write_text(text, encoding="utf-8")
-    return Written(files=(file, mesh), note=_note(asset, file, mesh))
+    return TargetFiles(files=(file, mesh), note=_note(asset, file, mesh))
 
 
-def _note(asset: Asset, file: str, mesh: str) -> str:
+def _note(asset: SimulatorAsset, file: str, mesh: str) -> str:
     return f"""\
 - `{file}` with `{mesh}` ({len(asset.mesh.triangles):,} triangles), which has to lie beside it.
 - Units and axes: metres, z up, block frame (the OBJ's millimetres are scaled by 0.001). Weld it to the world. Its mass

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tacbench_cad.formats.simulators.asset import MOST_SAMPLES, Asset, HeightField, sampled
-from tacbench_cad.formats.simulators.written import Written
+from tacbench_cad.formats.simulators.asset import MOST_SAMPLES, HeightField, SimulatorAsset, sampled
+from tacbench_cad.formats.simulators.written import TargetFiles
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.util.errors import InputError
@@ -23,7 +23,7 @@ from tacbench_cad.util.types import Floats
 PIXEL_MM = 0.0295
 
 
-def write_taxim(asset: Asset, folder: Path) -> Written:
+def write_taxim(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     """Write ``NAME.ply``.
 
     Args:
@@ -66,7 +66,7 @@ def write_taxim(asset: Asset, folder: Path) -> Written:
   holes, its heights against the formula, and a ball of 0.5 mm radius that touches the map in a valley within 0.05 mm of
   where the formula lets it. Taxim itself, which has no package, was not run.
 """
-    return Written(files=(file,), note=note)
+    return TargetFiles(files=(file,), note=note)
 
 
 def _is_sampled(block: Block) -> bool:

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tacbench_cad.formats.simulators.asset import Asset
+from tacbench_cad.formats.simulators.asset import SimulatorAsset
 from tacbench_cad.formats.simulators.obj import mesh_error, write_mesh
-from tacbench_cad.formats.simulators.written import Written
+from tacbench_cad.formats.simulators.written import TargetFiles
 
 #: From the OBJ's millimetres to metres.
 METRES = "0.001 0.001 0.001"
 
 
-def write_urdf(asset: Asset, folder: Path) -> Written:
+def write_urdf(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     """Write ``NAME.urdf`` and ``NAME.obj``.
 
     Args:
@@ -49,10 +49,10 @@ def write_urdf(asset: Asset, folder: Path) -> Written:
 """
     file = f"{name}.urdf"
     (folder / file).write_text(text, encoding="utf-8")
-    return Written(files=(file, mesh), note=_note(asset, file, mesh))
+    return TargetFiles(files=(file, mesh), note=_note(asset, file, mesh))
 
 
-def _note(asset: Asset, file: str, mesh: str) -> str:
+def _note(asset: SimulatorAsset, file: str, mesh: str) -> str:
     return f"""\
 - `{file}` with `{mesh}` ({len(asset.mesh.triangles):,} triangles), which has to lie beside it.
 - Units and axes: metres, z up, block frame (the OBJ's millimetres are scaled by 0.001). Mass 0: it stands still.

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tacbench_cad.formats.simulators.asset import Asset
+from tacbench_cad.formats.simulators.asset import SimulatorAsset
 from tacbench_cad.formats.simulators.obj import mesh_error
-from tacbench_cad.formats.simulators.written import Written
+from tacbench_cad.formats.simulators.written import TargetFiles
 
 
-def write_usd(asset: Asset, folder: Path) -> Written:
+def write_usd(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     """Write ``NAME.usda``.
 
     Args:
@@ -62,10 +62,10 @@ def Xform "{prim}" (
 }}
 """
     (folder / file).write_text(text, encoding="utf-8")
-    return Written(files=(file,), note=_note(asset, file))
+    return TargetFiles(files=(file,), note=_note(asset, file))
 
 
-def _note(asset: Asset, file: str) -> str:
+def _note(asset: SimulatorAsset, file: str) -> str:
     return f"""\
 - `{file}`: one mesh, {len(asset.mesh.triangles):,} triangles, as text; reference it by its default prim.
 - Units and axes: metres (`metersPerUnit = 1`), z up (`upAxis = "Z"`), block frame. No rigid body: it stands still.

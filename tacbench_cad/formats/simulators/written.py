@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)
-class Written:
+class TargetFiles:
     """The files of one target in one folder.
 
     Args:

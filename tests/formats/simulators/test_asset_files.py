@@ -14,8 +14,8 @@ from helpers.tops import random_texture
 from PIL import Image
 
 from tacbench_cad.formats.simulators import asset as assets
-from tacbench_cad.formats.simulators.asset import Asset, sampled
-from tacbench_cad.formats.simulators.folder import export
+from tacbench_cad.formats.simulators.asset import SimulatorAsset, sampled
+from tacbench_cad.formats.simulators.folder import export_to_simulators
 from tacbench_cad.formats.simulators.taxim import PIXEL_MM
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
@@ -36,7 +36,7 @@ def oblique(scale: float = 1.0) -> Block:
 
 @pytest.mark.parametrize("block", [Block.of("3"), oblique(), Block.of("2", "released"), Block.of("6", scale=2.0)])
 def test_grids_follow_the_formula_within_what_is_proved(block: Block) -> None:
-    field = Asset(block).heights
+    field = SimulatorAsset(block).heights
     np.testing.assert_allclose(field.z_mm, block.datum_mm + block.surface.grid(field.x_mm, field.y_mm).T, atol=1e-12)
     assert (field.x_mm[0], field.x_mm[-1]) == pytest.approx((0.0, block.size_mm[0]))
     assert field.z_mm.max() <= block.height_mm + 1e-9
@@ -63,13 +63,13 @@ def test_a_grid_of_too_many_samples_is_refused() -> None:
         sampled(Block.of("1"), SampleGrid(nx=5000, ny=5000))
     # a finer one than the first is not tried where it would pass the limit
     block = Block.of("4", size_mm=(1500.0, 1800.0), mm_per_unit=(5.0, 5.0, 1.0))
-    assert Asset(block).heights.z_mm.size <= assets.MOST_SAMPLES
+    assert SimulatorAsset(block).heights.z_mm.size <= assets.MOST_SAMPLES
 
 
 @pytest.mark.parametrize("block", [Block.of("4"), oblique(), Block.of("5", scale=0.3)])
 def test_mujocos_fields_hold_the_heights_and_their_sizes(block: Block, tmp_path: Path) -> None:
-    folder = export([block], ["mjcf"], tmp_path)[0].folder
-    heights, name = Asset(block).heights, block.texture.name
+    folder = export_to_simulators([block], ["mjcf"], tmp_path)[0].folder
+    heights, name = SimulatorAsset(block).heights, block.texture.name
     np.testing.assert_array_equal(field_of(folder / f"{name}.hf"), heights.z_mm.astype(np.float32))
     for kind, count in (("", 1), ("-tiles", 64)):
         root = ElementTree.parse(folder / f"{name}{kind}.xml").getroot()
@@ -94,7 +94,7 @@ def test_mujocos_fields_hold_the_heights_and_their_sizes(block: Block, tmp_path:
 
 def test_a_tile_without_relief_and_a_side_of_few_cells(tmp_path: Path) -> None:
     block = Block.of("5", sampling=SampleGrid(nx=4, ny=6))
-    folder = export([block], ["mjcf"], tmp_path)[0].folder
+    folder = export_to_simulators([block], ["mjcf"], tmp_path)[0].folder
     fields = ElementTree.parse(folder / "texture-5-tiles.xml").getroot().findall("asset/hfield")
     assert len(fields) == 3 * 5
     assert all(float(str(field.get("size")).split()[2]) > 0.0 for field in fields)
@@ -102,7 +102,7 @@ def test_a_tile_without_relief_and_a_side_of_few_cells(tmp_path: Path) -> None:
 
 def test_the_array_and_the_picture_agree_with_the_formula(tmp_path: Path) -> None:
     block = Block.of("4")
-    folder = export([block], ["npy", "png16"], tmp_path)[0].folder
+    folder = export_to_simulators([block], ["npy", "png16"], tmp_path)[0].folder
     z = np.load(folder / "texture-4.npy", allow_pickle=False)
     assert z.dtype == np.float64
     x, y = (np.linspace(0.0, side, count) for side, count in zip(block.size_mm, z.shape[::-1], strict=True))
@@ -119,24 +119,24 @@ def test_the_array_and_the_picture_agree_with_the_formula(tmp_path: Path) -> Non
 @pytest.mark.parametrize("preset", ["paper", "released"])
 def test_taxims_points_are_close_together_and_on_the_surface(preset: str, tmp_path: Path) -> None:
     block = Block.of("3", preset, scale=0.5)
-    folder = export([block], ["taxim"], tmp_path)[0].folder
+    folder = export_to_simulators([block], ["taxim"], tmp_path)[0].folder
     lines = (folder / "texture-3.ply").read_text().splitlines()
     assert lines[9] == "end_header" and lines[3] == f"element vertex {len(lines) - 10}"
     x, y, z = np.loadtxt(lines[10:]).T
     assert np.diff(np.unique(x)).max() <= PIXEL_MM and np.diff(np.unique(y)).max() <= PIXEL_MM
-    allowed = 1e-4 if preset == "paper" else Asset(block).heights.certificate.vertical_mm + 1e-4
+    allowed = 1e-4 if preset == "paper" else SimulatorAsset(block).heights.certificate.vertical_mm + 1e-4
     assert np.abs(z - block.height_at(x, y)).max() <= allowed
 
 
 def test_a_top_too_large_for_taxim_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"scale = 20\.0: a top of 466 x 600 mm"):
-        export([Block.of("1", scale=20.0)], ["taxim"], tmp_path)
+        export_to_simulators([Block.of("1", scale=20.0)], ["taxim"], tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("target", ["urdf", "sdf"])
 def test_robot_descriptions_name_their_mesh_and_its_scale(target: str, tmp_path: Path) -> None:
-    folder = export([Block.of("5")], [target], tmp_path)[0].folder
+    folder = export_to_simulators([Block.of("5")], [target], tmp_path)[0].folder
     root = ElementTree.parse(folder / f"texture-5.{target}").getroot()
     if target == "urdf":
         meshes = [(one.get("filename"), one.get("scale")) for one in root.iter("mesh")]
@@ -152,15 +152,15 @@ def test_robot_descriptions_name_their_mesh_and_its_scale(target: str, tmp_path:
 
 def test_the_obj_is_the_printed_mesh_bit_by_bit(tmp_path: Path) -> None:
     block = Block.of("2", scale=1.5, label=True)
-    folder = export([block], ["obj"], tmp_path)[0].folder
+    folder = export_to_simulators([block], ["obj"], tmp_path)[0].folder
     rows = [line.split() for line in (folder / "texture-2.obj").read_text().splitlines()]
-    mesh = Asset(block).mesh
+    mesh = SimulatorAsset(block).mesh
     np.testing.assert_array_equal(np.float32([row[1:] for row in rows if row[0] == "v"]), mesh.vertices)
     np.testing.assert_array_equal(np.int64([row[1:] for row in rows if row[0] == "f"]) - 1, mesh.triangles)
 
 
 def test_glb_is_laid_out_in_aligned_chunks(tmp_path: Path) -> None:
-    folder = export([Block.of("5")], ["glb"], tmp_path)[0].folder
+    folder = export_to_simulators([Block.of("5")], ["glb"], tmp_path)[0].folder
     data = (folder / "texture-5.glb").read_bytes()
     magic, version, total, length = np.frombuffer(data, dtype="<u4", count=4)
     assert (data[:4], version, total) == (b"glTF", 2, len(data)) and magic and length % 4 == 0

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from tacbench_cad.formats.simulators import TARGETS, folder
-from tacbench_cad.formats.simulators.asset import Asset
-from tacbench_cad.formats.simulators.folder import README, RECORD, export
-from tacbench_cad.formats.simulators.written import Written
+from tacbench_cad.formats.simulators import SIMULATOR_TARGETS, folder
+from tacbench_cad.formats.simulators.asset import SimulatorAsset
+from tacbench_cad.formats.simulators.folder import README, RECORD, export_to_simulators
+from tacbench_cad.formats.simulators.written import TargetFiles
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 
@@ -28,9 +28,9 @@ def everything(root: Path) -> dict[str, str]:
     }
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", SIMULATOR_TARGETS)
 def test_every_target_lists_the_files_that_it_writes_and_says_what_they_are(target: str, tmp_path: Path) -> None:
-    (made,) = export([Block.of("5", scale=0.5)], [target], tmp_path)
+    (made,) = export_to_simulators([Block.of("5", scale=0.5)], [target], tmp_path)
     assert made.folder == tmp_path / "texture-5"
     found = everything(made.folder)
     assert set(found) == {*made.files, RECORD, README}
@@ -38,7 +38,7 @@ def test_every_target_lists_the_files_that_it_writes_and_says_what_they_are(targ
     record = json.loads((made.folder / RECORD).read_text(encoding="utf-8"))
     assert record["targets"][target]["files"] == {name: found[name] for name in made.files}
     note = (made.folder / README).read_text(encoding="utf-8")
-    assert TARGETS[target].title in note and "Tested" in note and "Units" in note
+    assert SIMULATOR_TARGETS[target].title in note and "Tested" in note and "Units" in note
     for name in made.files:
         assert name in note or "tiles/" in name
     for words in ("scale 0.5", "Block frame", "lower corner of the underside", "Formula"):
@@ -46,39 +46,44 @@ def test_every_target_lists_the_files_that_it_writes_and_says_what_they_are(targ
     assert max(map(len, note.splitlines())) < 260
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", SIMULATOR_TARGETS)
 def test_the_same_block_gives_the_same_bytes(target: str, tmp_path: Path) -> None:
     block = Block.of("1", scale=0.3)
     for name in "ab":
-        export([block], [target], tmp_path / name)
+        export_to_simulators([block], [target], tmp_path / name)
     assert everything(tmp_path / "a") == everything(tmp_path / "b")
 
 
 def test_another_target_joins_and_the_users_own_files_stay(tmp_path: Path) -> None:
     block = Block.of("5")
-    export([block], ["mjcf", "urdf"], tmp_path)
+    export_to_simulators([block], ["mjcf", "urdf"], tmp_path)
     own = tmp_path / "texture-5" / "mine" / "scene.xml"
     own.parent.mkdir()
     own.write_text("mine")
     before = everything(tmp_path)
-    (made,) = export([block], ["sdf"], tmp_path)
+    (made,) = export_to_simulators([block], ["sdf"], tmp_path)
     after = everything(tmp_path)
     assert set(made.files) == {"texture-5.sdf", "texture-5.obj"}
     changed = {"texture-5/README.md", "texture-5/texture.json"}
     assert {name for name in before if before[name] != after[name]} == changed
     assert set(after) - set(before) == {"texture-5/texture-5.sdf"}
     note = (tmp_path / "texture-5" / README).read_text(encoding="utf-8")
-    assert [TARGETS[name].title in note for name in ("mjcf", "urdf", "sdf", "usd")] == [True, True, True, False]
+    assert [SIMULATOR_TARGETS[name].title in note for name in ("mjcf", "urdf", "sdf", "usd")] == [
+        True,
+        True,
+        True,
+        False,
+    ]
 
 
 def test_a_target_written_again_leaves_no_file_of_before(tmp_path: Path) -> None:
-    export([Block.of("5")], ["mjcf"], tmp_path)
+    export_to_simulators([Block.of("5")], ["mjcf"], tmp_path)
     record = tmp_path / "texture-5" / RECORD
     document = json.loads(record.read_text(encoding="utf-8"))
     (tmp_path / "texture-5" / "old.hf").write_text("of an older version")
     document["targets"]["mjcf"]["files"]["old.hf"] = "0" * 64
     record.write_text(json.dumps(document), encoding="utf-8")
-    export([Block.of("5")], ["mjcf"], tmp_path)
+    export_to_simulators([Block.of("5")], ["mjcf"], tmp_path)
     assert not (tmp_path / "texture-5" / "old.hf").exists()
 
 
@@ -92,10 +97,10 @@ def test_a_target_written_again_leaves_no_file_of_before(tmp_path: Path) -> None
     ],
 )
 def test_a_folder_with_another_texture_is_refused_and_stays(other: Block, needle: str, tmp_path: Path) -> None:
-    export([Block.of("1")], LIGHT, tmp_path)
+    export_to_simulators([Block.of("1")], LIGHT, tmp_path)
     before = everything(tmp_path)
     with pytest.raises(InputError, match="holds another texture") as refusal:
-        export([Block.of("2"), other], LIGHT, tmp_path)
+        export_to_simulators([Block.of("2"), other], LIGHT, tmp_path)
     assert needle in str(refusal.value) and "texture-1" in str(refusal.value)
     assert everything(tmp_path) == before, "something was written"
 
@@ -104,42 +109,42 @@ def test_folders_that_are_not_ours_are_refused(tmp_path: Path) -> None:
     place = tmp_path / "texture-1"
     place.write_text("a file")
     with pytest.raises(InputError, match="is a file"):
-        export([Block.of("1")], LIGHT, tmp_path)
+        export_to_simulators([Block.of("1")], LIGHT, tmp_path)
     place.unlink()
     place.mkdir()
     (place / "thesis.tex").write_text("precious")
     with pytest.raises(InputError, match=r"holds files but no texture\.json"):
-        export([Block.of("1")], LIGHT, tmp_path)
+        export_to_simulators([Block.of("1")], LIGHT, tmp_path)
     for text in ("", "[]", "{}", '{"block": {}, "targets": {}}', '{"block": 3, "targets": {"obj": 4}}'):
         (place / RECORD).write_text(text)
         with pytest.raises(InputError, match="cannot be read as a record"):
-            export([Block.of("1")], LIGHT, tmp_path)
+            export_to_simulators([Block.of("1")], LIGHT, tmp_path)
     assert (place / "thesis.tex").read_text() == "precious"
     with pytest.raises(InputError, match="not a folder"):
-        export([Block.of("1")], LIGHT, place / "thesis.tex")
+        export_to_simulators([Block.of("1")], LIGHT, place / "thesis.tex")
 
 
 def test_a_writer_that_fails_leaves_the_folder_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    export([Block.of("1")], ["npy"], tmp_path)
+    export_to_simulators([Block.of("1")], ["npy"], tmp_path)
     before = everything(tmp_path)
 
-    def half(asset: Asset, where: Path) -> Written:
+    def half(asset: SimulatorAsset, where: Path) -> TargetFiles:
         (where / "half.obj").write_text("half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setitem(TARGETS, "obj", dataclasses.replace(TARGETS["obj"], write=half))
+    monkeypatch.setitem(SIMULATOR_TARGETS, "obj", dataclasses.replace(SIMULATOR_TARGETS["obj"], write=half))
     with pytest.raises(InputError, match="is full"):
-        export([Block.of("1")], ["npy", "obj"], tmp_path)
+        export_to_simulators([Block.of("1")], ["npy", "obj"], tmp_path)
     assert everything(tmp_path) == before
     assert [one.name for one in tmp_path.iterdir()] == ["texture-1"]
     with pytest.raises(InputError, match="is full"):
-        export([Block.of("2")], ["obj"], tmp_path)
+        export_to_simulators([Block.of("2")], ["obj"], tmp_path)
     assert [one.name for one in tmp_path.iterdir()] == ["texture-1"]
 
 
 @pytest.mark.parametrize("state", ["before the swap", "amid the swap", "after the swap"])
 def test_what_a_killed_run_left_is_put_right(state: str, tmp_path: Path) -> None:
-    export([Block.of("1")], ["npy"], tmp_path)
+    export_to_simulators([Block.of("1")], ["npy"], tmp_path)
     place = tmp_path / "texture-1"
     before = everything(place)
     new, old = tmp_path / f"{folder._NEW}texture-1", tmp_path / f"{folder._OLD}texture-1"
@@ -151,16 +156,16 @@ def test_what_a_killed_run_left_is_put_right(state: str, tmp_path: Path) -> None
         (new / "texture-1.obj").write_text("half")
     if state == "amid the swap":
         place.rename(old)
-    export([Block.of("2")], ["npy"], tmp_path)
+    export_to_simulators([Block.of("2")], ["npy"], tmp_path)
     assert everything(place) == before
     assert sorted(one.name for one in tmp_path.iterdir()) == ["texture-1", "texture-2"]
 
 
 def test_unknown_and_missing_targets_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match='did you mean "mjcf"'):
-        export([Block.of("1")], ["mjfc"], tmp_path / "out")
+        export_to_simulators([Block.of("1")], ["mjfc"], tmp_path / "out")
     with pytest.raises(InputError, match="allowed: mjcf, urdf"):
-        export([Block.of("1")], [], tmp_path / "out")
+        export_to_simulators([Block.of("1")], [], tmp_path / "out")
     with pytest.raises(InputError, match="without a key"):
-        export([Block.of("1", key_mm=3.0)], ["obj"], tmp_path / "out")
+        export_to_simulators([Block.of("1", key_mm=3.0)], ["obj"], tmp_path / "out")
     assert not (tmp_path / "out").exists()

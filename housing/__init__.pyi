@@ -1,0 +1,13 @@
+# The public names. lazy_loader reads this file at run time, type checkers and editors at any time.
+from . import bd as bd
+from .coupon import Coupon as Coupon
+from .drawings import coupon_drawing as coupon_drawing
+from .drawings import fixture_drawing as fixture_drawing
+from .drawings import holder_drawing as holder_drawing
+from .drawings import jig_drawing as jig_drawing
+from .fits import FITS as FITS
+from .fits import clearance_mm as clearance_mm
+from .fixture import Fixture as Fixture
+from .holder import Holder as Holder
+from .jig import Jig as Jig
+from .placement import Placement as Placement
