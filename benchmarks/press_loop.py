@@ -22,7 +22,7 @@ from typing import Any
 
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
-from tacbench_cad.lab.acquire.session import acquire
+from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.rig.devices import Rig, open_rig
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.runs.reading import Run
@@ -91,7 +91,7 @@ def main() -> int:
         study = virtual_study(texture=chosen.texture, driver=chosen.driver, speed=chosen.speed)
         protocol = replace(study.study.protocol, stationary_frames=0)
         began = time.perf_counter()
-        (result,) = acquire(
+        (result,) = acquire_study(
             replace(study.study, protocol=protocol),
             study.required_rig,
             out,

@@ -20,8 +20,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command sets it
 import psutil
 
 from tacbench_cad.cli.simulate import SHARES
-from tacbench_cad.lab.simulate.blockrun import Options, run_info
-from tacbench_cad.lab.simulate.study import estimate, make, require_room, study_of
+from tacbench_cad.lab.simulate.blockrun import SimulationOptions
+from tacbench_cad.lab.simulate.study import estimate_simulation, require_room, simulate_study, study_of
 
 MOST_MINUTES = 5.0
 MOST_GROWTH = 1.1
@@ -36,10 +36,9 @@ def main() -> int:
     parser.add_argument("--out", type=Path, help="folder that is kept; default: a temporary one")
     given = parser.parse_args()
     out = given.out or Path(tempfile.mkdtemp(prefix="tacbench-simulate-"))
-    options = Options(colour=given.colour)
+    options = SimulationOptions(colour=given.colour)
     study = study_of(given.study).study
-    infos = [run_info(study, one, options) for one in study.blocks]
-    needed = estimate(infos, out, options, given.jobs)
+    needed = estimate_simulation(study, out, options, jobs=given.jobs)
     require_room(out, needed)
     memory: list[tuple[int, int]] = []
 
@@ -49,7 +48,7 @@ def main() -> int:
 
     began = time.perf_counter()
     try:
-        blocks = make(infos, out, options, given.jobs, look)
+        blocks = simulate_study(study, out, options, jobs=given.jobs, progress=look)
         seconds = time.perf_counter() - began
         size = sum(path.stat().st_size for path in out.rglob("*") if path.is_file())
     finally:

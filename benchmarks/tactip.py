@@ -21,8 +21,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command sets it
 import cv2
 import numpy as np
 
-from tacbench_cad.lab.simulate.contact import Contact, contact_for
-from tacbench_cad.lab.simulate.heights import flat
+from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
+from tacbench_cad.lab.simulate.heights import flat_plate
 from tacbench_cad.lab.simulate.tactip import REST, RINGS, TacTip
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
 from tacbench_cad.spec.block import Block
@@ -72,7 +72,7 @@ def main() -> int:
     held &= worst <= 0.3
     print(f"markers at rest: at most {worst:.3f} px from 601 r / (48.9 + z)")
 
-    plate = Contact(flat())
+    plate = DomeContact(flat_plate())
     print(f"{'force (N)':>10}{'depth on a plate (mm)':>24}{'0.47 d^1.5 / F':>16}{'radius (mm)':>13}{'PAPER':>8}")
     for force in FORCES_N:
         z = plate.z_for_force(0.0, 0.0, force)

@@ -68,7 +68,7 @@ def command(
         return
     from tacbench_cad.lab.acquire.person import Typing
     from tacbench_cad.lab.acquire.progress import Lines
-    from tacbench_cad.lab.acquire.session import acquire
+    from tacbench_cad.lab.acquire.session import acquire_study
     from tacbench_cad.lab.runs.checking import check_run
     from tacbench_cad.lab.study.file import read_study, virtual_study
 
@@ -91,7 +91,9 @@ def command(
     folder = out or chosen.out
     if folder is None:
         raise InputError("out", None, "name the folder of the run folders")
-    results = acquire(chosen.study, chosen.required_rig, folder, person=Typing(_ask, note), progress=Lines(folder))
+    results = acquire_study(
+        chosen.study, chosen.required_rig, folder, person=Typing(_ask, note), progress=Lines(folder)
+    )
     for result in results:
         missed = f", {result.missed} of them out of their band" if result.missed else ""
         note(f"{result.folder}: {counted(result.presses, 'press')}{missed}")

@@ -29,7 +29,7 @@ def command(
     preset: Annotated[
         str, typer.Option(metavar="released|paper", help="Geometry of the blocks that were pressed.")
     ] = "released",
-    spacing: Annotated[str, typer.Option(metavar="even|1mm", help="Reading of the press grid along y.")] = "even",
+    spacing: Annotated[str, typer.Option(metavar="even|1mm", help="ImportOptions of the press grid along y.")] = "even",
 ) -> None:
     """Turn the authors' data into run folders, one a printed block; its force levels become one run.
 
@@ -42,17 +42,17 @@ def command(
       tacbench import data/PLAminus_z0_*_Bambu.npy --out runs --first-axis x
       tacbench import data/*.npy --out runs --force-levels P20=1,P30=2,P40=3
     """
-    from tacbench_cad.lab.runs.authors import Reading, gather, import_block
+    from tacbench_cad.lab.runs.authors import ImportOptions, gather_authors_files, import_block
     from tacbench_cad.spec.presets import PRESETS
 
-    how = Reading(
+    how = ImportOptions(
         force_levels=_levels(force_levels),
         first_axis="x" if one_of("first-axis", first_axis, ("x", "y")) == "x" else "y",
         unnumbered_copy=whole_of("unnumbered-copy", unnumbered_copy),
         preset=one_of("preset", preset, PRESETS),
         spacing="1mm" if one_of("spacing", spacing, ("even", "1mm")) == "1mm" else "even",
     )
-    blocks = gather(files, how)
+    blocks = gather_authors_files(files, how)
     for number, block in enumerate(blocks, start=1):
         folder = import_block(block, out)
         note(f"{number} of {len(blocks)}: {folder}, {counted(len(block.files), 'force level')}")

@@ -17,8 +17,8 @@ from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.runs.info import RunInfo
-    from tacbench_cad.lab.simulate.blockrun import BlockDone
-    from tacbench_cad.lab.simulate.study import Estimate
+    from tacbench_cad.lab.simulate.blockrun import SimulatedBlock
+    from tacbench_cad.lab.simulate.study import SimulationEstimate
     from tacbench_cad.lab.study.spec import Study
 
 NAME = "simulate"
@@ -62,16 +62,23 @@ def command(
       tacbench simulate --study mine.toml --colour
       tacbench simulate --study paper --out /shared/runs --dask tcp://10.0.0.5:8786
     """
-    from tacbench_cad.lab.simulate.blockrun import Options, run_info
-    from tacbench_cad.lab.simulate.study import estimate, make, nearest_folder, require_room, study_of
+    from tacbench_cad.lab.simulate.blockrun import SimulationOptions
+    from tacbench_cad.lab.simulate.study import (
+        estimate_simulation,
+        nearest_folder,
+        require_room,
+        run_infos,
+        simulate_study,
+        study_of,
+    )
 
-    options = Options(colour=colour, seed=whole_of("seed", seed))
+    options = SimulationOptions(colour=colour, seed=whole_of("seed", seed))
     count = jobs_of(jobs)
     found = study_of(study)
     folder = out or found.out
     if folder is None:
         raise InputError("out", None, "name a folder for the runs")
-    infos = [run_info(found.study, one, options) for one in found.study.blocks]
+    infos = run_infos(found.study, options)
     with contextlib.ExitStack() as stack:
         cluster = None
         if dask is not None:
@@ -80,13 +87,13 @@ def command(
             cluster = stack.enter_context(workers(1, dask, [nearest_folder(folder)]))
             count = cluster.jobs
         count = min(count, len(infos))
-        needed = estimate(infos, folder, options, count)
+        needed = estimate_simulation(found.study, folder, options, jobs=count)
         for line in _plan(found.study, infos, needed, colour):
             note(line)
         require_room(folder, needed)
         began = time.monotonic()
         progress = _Images(stack.enter_context(ProgressLine()), needed.presses + needed.others, needed.there)
-        blocks = make(infos, folder, options, count, progress.show, cluster)
+        blocks = simulate_study(found.study, folder, options, jobs=count, progress=progress.show, cluster=cluster)
     seconds = time.monotonic() - began
     if json:
         print_json(_document(folder, infos, blocks, needed, seconds))
@@ -94,7 +101,7 @@ def command(
         _print(folder, infos, blocks, seconds)
 
 
-def _plan(study: Study, infos: Sequence[RunInfo], needed: Estimate, colour: bool) -> list[str]:
+def _plan(study: Study, infos: Sequence[RunInfo], needed: SimulationEstimate, colour: bool) -> list[str]:
     """What will be made, in words."""
     protocol = study.protocol
     cells: dict[tuple[int, ...], int] = {}
@@ -145,12 +152,12 @@ class _Images:
             self._line.say(f"{images:,} of {self._total:,} images, {_minutes(left / 60.0)} left")
 
 
-def _shares(blocks: Sequence[BlockDone]) -> dict[str, float]:
+def _shares(blocks: Sequence[SimulatedBlock]) -> dict[str, float]:
     """Seconds of all processes by what they went to."""
     return {name: sum(block.seconds[name] for block in blocks) for name in SHARES}
 
 
-def _print(folder: Path, infos: Sequence[RunInfo], blocks: Sequence[BlockDone], seconds: float) -> None:
+def _print(folder: Path, infos: Sequence[RunInfo], blocks: Sequence[SimulatedBlock], seconds: float) -> None:
     made = table(
         f"{counted(len(blocks), 'simulated run')} in {folder}",
         *("printer", "filament", "copies", "runs", "presses made", "images made", "worst force error (mN)"),
@@ -180,7 +187,7 @@ def _print(folder: Path, infos: Sequence[RunInfo], blocks: Sequence[BlockDone], 
 
 
 def _document(
-    folder: Path, infos: Sequence[RunInfo], blocks: Sequence[BlockDone], needed: Estimate, seconds: float
+    folder: Path, infos: Sequence[RunInfo], blocks: Sequence[SimulatedBlock], needed: SimulationEstimate, seconds: float
 ) -> dict[str, Any]:
     return {
         "out": str(folder),

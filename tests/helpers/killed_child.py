@@ -14,7 +14,7 @@ from tacbench_cad.lab.acquire.block import press_block
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.safety import Signals
-from tacbench_cad.lab.acquire.session import acquire
+from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.spec import Protocol
@@ -37,7 +37,7 @@ def on_virtual_rig(folder: Path, driver: str) -> None:
     chosen = virtual_study(driver=driver, speed=100.0, out=folder)
     print("ready", flush=True)
     person = Typing(lambda prompt: "", lambda message: None)
-    acquire(chosen.study, chosen.required_rig, folder, person=person, progress=Silent())
+    acquire_study(chosen.study, chosen.required_rig, folder, person=person, progress=Silent())
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tacbench_cad.lab.study.file import StudyFile, read_study, virtual_study
-from tacbench_cad.lab.study.presses import block_order, plan
+from tacbench_cad.lab.study.presses import block_order, plan_presses
 from tacbench_cad.lab.study.spec import HolderRim, PlannedBlock, Protocol, Study, WorkFrame
 from tacbench_cad.spec.protocol import FORCES_N, PressGrid
 from tacbench_cad.util.errors import InputError
@@ -106,7 +106,7 @@ def test_a_mistake_is_named(tmp_path: Path, text: str, needles: list[str]) -> No
 
 
 def test_the_plan_presses_every_place_at_every_force_twice() -> None:
-    presses = plan(Protocol(), (1, 2, 3), "any")
+    presses = plan_presses(Protocol(), (1, 2, 3), "any")
     assert [p.number for p in presses] == list(range(1, 151))
     assert len({(p.force_level, p.repeat, p.position) for p in presses}) == 150
     assert [p.position for p in presses[:25]] == list(range(1, 26))
@@ -116,17 +116,17 @@ def test_the_plan_presses_every_place_at_every_force_twice() -> None:
 
 def test_a_shuffled_plan_is_seeded_and_another_for_each_block_and_repeat() -> None:
     protocol = Protocol(order="random", seed=7)
-    first, again, other = (plan(protocol, (2,), name) for name in ("a", "a", "b"))
+    first, again, other = (plan_presses(protocol, (2,), name) for name in ("a", "a", "b"))
     assert first == again and [p.position for p in first] != [p.position for p in other]
     assert sorted(p.position for p in first[:25]) == list(range(1, 26))
     assert [p.position for p in first[:25]] != [p.position for p in first[25:]]
-    assert [p.position for p in plan(protocol, (2,), "a")] != [
-        p.position for p in plan(Protocol(order="random", seed=8), (2,), "a")
+    assert [p.position for p in plan_presses(protocol, (2,), "a")] != [
+        p.position for p in plan_presses(Protocol(order="random", seed=8), (2,), "a")
     ]
 
 
 def test_depth_mode_has_depths_and_no_forces() -> None:
-    presses = plan(Protocol(contact="depth", depths_mm=(0.5, 1.0)), (1, 2), "any")
+    presses = plan_presses(Protocol(contact="depth", depths_mm=(0.5, 1.0)), (1, 2), "any")
     assert len(presses) == 100 and presses[-1].depth_mm == 1.0
     assert all(p.target_n is None and p.band_n is None for p in presses)
 

@@ -70,7 +70,7 @@ def places(study: Study, rig: RigSettings, out: Path) -> tuple[Place, ...]:
     )
 
 
-def acquire(
+def acquire_study(
     study: Study,
     rig: RigSettings,
     out: Path,

@@ -46,7 +46,7 @@ _NAME_TEXT = "must be named <filament>_z<texture - 1>[.<copy>]_P<level>_<printer
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
+class ImportOptions:
     """How the authors' files are read where they leave it open.
 
     Args:
@@ -111,7 +111,7 @@ class AuthorsFile:
         return (self.printer, self.filament, self.texture, self.copy)
 
     @classmethod
-    def of(cls, path: Path, how: Reading) -> AuthorsFile:
+    def of(cls, path: Path, how: ImportOptions) -> AuthorsFile:
         """Read a file's name and header.
 
         Raises:
@@ -192,7 +192,7 @@ class AuthorsBlock:
     """
 
     files: tuple[AuthorsFile, ...]
-    how: Reading
+    how: ImportOptions
 
     def __post_init__(self) -> None:
         first = self.files[0]
@@ -246,7 +246,7 @@ class AuthorsBlock:
         )
 
 
-def gather(paths: Sequence[Path], how: Reading) -> list[AuthorsBlock]:
+def gather_authors_files(paths: Sequence[Path], how: ImportOptions) -> list[AuthorsBlock]:
     """Sort files by printed block; names and headers are read, and every one of them is checked.
 
     Args:
@@ -334,7 +334,7 @@ def _tell(progress: Callable[[int, int], None] | None, writer: RunWriter, planne
 
 
 def _import_level(
-    writer: RunWriter, file: AuthorsFile, presses: Sequence[Press], how: Reading, tell: Callable[[], None]
+    writer: RunWriter, file: AuthorsFile, presses: Sequence[Press], how: ImportOptions, tell: Callable[[], None]
 ) -> None:
     frames = file.frames()
     index = {how.position(i, j): (i, j) for i in range(PER_SIDE) for j in range(PER_SIDE)}

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from tacbench_cad.lab.study.presses import Press, plan
+from tacbench_cad.lab.study.presses import Press, plan_presses
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
@@ -88,7 +88,7 @@ class RunInfo:
     @property
     def presses(self) -> tuple[Press, ...]:
         """Every press of the run in the order of the protocol."""
-        return plan(self.protocol, self.levels, self.printed.name)
+        return plan_presses(self.protocol, self.levels, self.printed.name)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for ``run.json``."""

@@ -17,7 +17,7 @@ from tacbench_cad.lab.rig.sensor import Reading
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.writing import RunWriter
-from tacbench_cad.lab.simulate.contact import Contact, contact_for
+from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.prints import printer_of, seeded
 from tacbench_cad.lab.simulate.tactip import REST, SIMULATED, Pins, TacTip
 from tacbench_cad.lab.study.presses import Press
@@ -33,7 +33,7 @@ SECONDS_A_PRESS = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class SimulationOptions:
     """How a study is simulated.
 
     Args:
@@ -65,7 +65,7 @@ class Shot:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BlockDone:
+class SimulatedBlock:
     """What was made of one block.
 
     Args:
@@ -83,7 +83,7 @@ class BlockDone:
     seconds: Mapping[str, float]
 
 
-def run_info(study: Study, planned: PlannedBlock, options: Options) -> RunInfo:
+def run_info(study: Study, planned: PlannedBlock, options: SimulationOptions) -> RunInfo:
     """What ``run.json`` says of a block's simulated run."""
     sensor = TacTip(colour=options.colour)
     printer = printer_of(planned.printed)
@@ -128,10 +128,10 @@ class Source:
         options: How it is simulated.
 
     Attributes:
-        seconds: Time spent so far, see :class:`BlockDone`.
+        seconds: Time spent so far, see :class:`SimulatedBlock`.
     """
 
-    def __init__(self, info: RunInfo, options: Options) -> None:
+    def __init__(self, info: RunInfo, options: SimulationOptions) -> None:
         self.info = info
         self.seconds = {"print": 0.0, "press": 0.0, "draw": 0.0}
         self._seed = options.seed
@@ -157,7 +157,7 @@ class Source:
         return self._frame(self._pressed(press)[2], what)
 
     @cached_property
-    def _contact(self) -> Contact:
+    def _contact(self) -> DomeContact:
         """Printed when the first press needs it: a run that lacks nothing is passed over quickly."""
         began = time.perf_counter()
         contact = contact_for(self.info.printed, self.info.holder, seed=self._seed)
@@ -194,7 +194,7 @@ class Source:
         return image
 
 
-def make_block(out: Path, info: RunInfo, options: Options) -> BlockDone:
+def make_block(out: Path, info: RunInfo, options: SimulationOptions) -> SimulatedBlock:
     """Make a block's run folder, or what is missing of it.
 
     Args:
@@ -237,7 +237,7 @@ def make_block(out: Path, info: RunInfo, options: Options) -> BlockDone:
             images += 1
         images += _stationary(run, source, "end", middle)
         seconds = {**source.seconds, "encode": run.seconds["encode"], "write": run.seconds["sync"]}
-    return BlockDone(name=info.printed.name, presses=len(missing), images=images, worst_n=worst, seconds=seconds)
+    return SimulatedBlock(name=info.printed.name, presses=len(missing), images=images, worst_n=worst, seconds=seconds)
 
 
 def other_images(info: RunInfo) -> int:
@@ -265,7 +265,7 @@ def _stationary(run: RunWriter, source: Source, when: Literal["start", "end"], m
     return made
 
 
-def _record_print(folder: Path, info: RunInfo, options: Options) -> None:
+def _record_print(folder: Path, info: RunInfo, options: SimulationOptions) -> None:
     """Write the print's record of a new run: a virtual printer knows what a person would have to look up."""
     printed, printer = info.printed, printer_of(info.printed)
     known: dict[str, Any] = {

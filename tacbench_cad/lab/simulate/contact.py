@@ -54,7 +54,7 @@ class _Reach:
     summit_mm: Floats
 
 
-class Contact:
+class DomeContact:
     """The dome over one height map. Summit and forces in the height map's frame, mm and N.
 
     Not for several threads at once: what was computed for the last place is kept for the next call.
@@ -193,7 +193,7 @@ class Contact:
         return self._last
 
 
-def contact_for(printed: PrintedBlock, holder: HolderRim, *, seed: int = 0) -> Contact:
+def contact_for(printed: PrintedBlock, holder: HolderRim, *, seed: int = 0) -> DomeContact:
     """The dome over a printed block in its holder, the block as its virtual printer makes it.
 
     Args:
@@ -202,4 +202,4 @@ def contact_for(printed: PrintedBlock, holder: HolderRim, *, seed: int = 0) -> C
         holder: What surrounds the block.
         seed: Another number gives other copies of everything.
     """
-    return Contact(stimulus(printed, holder, seed=seed))
+    return DomeContact(stimulus(printed, holder, seed=seed))

@@ -11,7 +11,7 @@ from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Reading
 from tacbench_cad.lab.rig.stage import Closing
-from tacbench_cad.lab.simulate.contact import Contact, contact_for
+from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.tactip import FLICKER, SIMULATED, TacTip
 from tacbench_cad.lab.study.spec import HolderRim, Point, PrintedBlock, WorkFrame
 from tacbench_cad.util.settings import Table
@@ -31,7 +31,7 @@ class _Follower(Closing):
         self._position = position
         self._clock = clock
         self._rng = np.random.Generator(np.random.SFC64(seed))
-        self._contact: Contact | None = None
+        self._contact: DomeContact | None = None
         self._frame: WorkFrame | None = None
 
     def put(self, printed: PrintedBlock, holder: HolderRim, frame: WorkFrame) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tacbench_cad.lab.simulate.contact import Contact, contact_for
+from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.prints import seeded
 from tacbench_cad.lab.simulate.tactip import REST, SIMULATED, TacTip
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol
@@ -70,7 +70,7 @@ def simulated_images() -> Figure:
     return figure
 
 
-def _show_ground(panel: Axes, contact: Contact, x_mm: float, y_mm: float, force_n: float) -> AxesImage:
+def _show_ground(panel: Axes, contact: DomeContact, x_mm: float, y_mm: float, force_n: float) -> AxesImage:
     """The heights round the summit, and the outline of the contact."""
     _bare(panel)
     rows, columns = contact.ground.near(x_mm, y_mm, _GROUND_MM)
@@ -88,7 +88,7 @@ def _show_ground(panel: Axes, contact: Contact, x_mm: float, y_mm: float, force_
     return shown
 
 
-def _show_image(panel: Axes, contact: Contact, x_mm: float, y_mm: float, force_n: float, seed: str) -> None:
+def _show_image(panel: Axes, contact: DomeContact, x_mm: float, y_mm: float, force_n: float, seed: str) -> None:
     """An image with a stroke for each pin."""
     _bare(panel)
     sensor = TacTip(colour=False)

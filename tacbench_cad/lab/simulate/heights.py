@@ -75,7 +75,7 @@ class HeightMap:
         return span(y_mm, self.y0_mm, ny), span(x_mm, self.x0_mm, nx)
 
 
-def flat(side_mm: float = 60.0, cell_mm: float = CELL_MM) -> HeightMap:
+def flat_plate(side_mm: float = 60.0, cell_mm: float = CELL_MM) -> HeightMap:
     """A flat plate at z = 0, its middle at (0, 0): what calibrations are checked on.
 
     Args:

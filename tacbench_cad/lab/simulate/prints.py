@@ -92,7 +92,7 @@ class VirtualPrinter:
 #: hand, by a probe, by a probe before each print. The paper: the Ender-3 "suffered the most from webbing, and
 #: inconsistent layer heights"; strings on all filament printers, none on the resin's, which all "looked and felt the
 #: same". Form 3: laser spot of 0.085 mm and layers of 0.05 mm by its maker; resin shrinks and is cured evenly.
-PRINTERS: Mapping[str, VirtualPrinter] = {
+VIRTUAL_PRINTERS: Mapping[str, VirtualPrinter] = {
     "ender-3": VirtualPrinter(
         name="ender-3",
         nozzle_mm=0.4,
@@ -156,9 +156,9 @@ GENERIC_PRINTER, GENERIC_FILAMENT = "ender-3-v3-se", "pla-plus"
 
 def printer_of(printed: PrintedBlock) -> VirtualPrinter:
     """The virtual printer of a printed block; the generic one for a printer or filament without a preset."""
-    base = PRINTERS.get(printed.printer, PRINTERS[GENERIC_PRINTER])
+    base = VIRTUAL_PRINTERS.get(printed.printer, VIRTUAL_PRINTERS[GENERIC_PRINTER])
     stringing, loss, roughness = FILAMENTS.get(printed.filament, FILAMENTS[GENERIC_FILAMENT])
-    stands_in = "" if printed.printer in PRINTERS and printed.filament in FILAMENTS else f", as {base.name}"
+    stands_in = "" if printed.printer in VIRTUAL_PRINTERS and printed.filament in FILAMENTS else f", as {base.name}"
     return replace(
         base,
         name=f"{printed.printer} with {printed.filament}{stands_in}",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_EXCEPTION, wait
 from contextlib import suppress
 from dataclasses import dataclass
@@ -15,7 +15,14 @@ from typing import TYPE_CHECKING
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.pictures import encoded
-from tacbench_cad.lab.simulate.blockrun import BlockDone, Options, Source, make_block, other_images
+from tacbench_cad.lab.simulate.blockrun import (
+    SimulatedBlock,
+    SimulationOptions,
+    Source,
+    make_block,
+    other_images,
+    run_info,
+)
 from tacbench_cad.lab.study import names
 from tacbench_cad.lab.study.file import StudyFile, read_study
 from tacbench_cad.lab.study.spec import PlannedBlock, PrintedBlock, Protocol, Study
@@ -100,7 +107,7 @@ def study_of(word: str) -> StudyFile:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Estimate:
+class SimulationEstimate:
     """What a study takes; bytes and seconds are measured on a few of its images.
 
     Args:
@@ -137,17 +144,26 @@ class Estimate:
         return self.missing * self.seconds_each / self.jobs / 60.0
 
 
-def estimate(infos: Sequence[RunInfo], out: Path, options: Options, jobs: int) -> Estimate:
-    """Count a study's images and measure what one of them takes.
+def run_infos(study: Study, options: SimulationOptions) -> list[RunInfo]:
+    """The contents of ``run.json`` for each block of a simulated study, in the study's order."""
+    return [run_info(study, block, options) for block in study.blocks]
+
+
+def estimate_simulation(
+    study: Study, out: Path, options: SimulationOptions | None = None, *, jobs: int = 1
+) -> SimulationEstimate:
+    """Count the images of a simulated study and measure the time and size of a few of them.
 
     Args:
-        infos: The study's runs.
-        out: Their folder; images that are there are not counted again.
-        options: How it is simulated.
+        study: The study.
+        out: Folder of its runs; images that are there already are not counted again.
+        options: How it is simulated; the defaults if None.
         jobs: Processes.
     """
+    options = options or SimulationOptions()
+    infos = run_infos(study, options)
     nbytes, seconds = _measured(infos[0], options)
-    return Estimate(
+    return SimulationEstimate(
         blocks=len(infos),
         presses=sum(len(info.presses) for info in infos),
         others=sum(other_images(info) for info in infos),
@@ -158,7 +174,7 @@ def estimate(infos: Sequence[RunInfo], out: Path, options: Options, jobs: int) -
     )
 
 
-def require_room(out: Path, needed: Estimate) -> None:
+def require_room(out: Path, needed: SimulationEstimate) -> None:
     """Refuse a study that the disk has no room for.
 
     Raises:
@@ -177,44 +193,47 @@ def nearest_folder(out: Path) -> Path:
     return next((one for one in (out, *out.absolute().parents) if one.is_dir()), Path("/"))
 
 
-def make(
-    infos: Sequence[RunInfo],
+def simulate_study(
+    study: Study,
     out: Path,
-    options: Options,
-    jobs: int,
+    options: SimulationOptions | None = None,
+    *,
+    jobs: int = 1,
     progress: Callable[[int], None] = lambda images: None,
     cluster: Team | None = None,
-) -> list[BlockDone]:
-    """Make the runs of a study, or what is missing of them, side by side in processes.
+) -> list[SimulatedBlock]:
+    """Write the run folders of a simulated study, or what is missing of them, with several processes.
 
-    The processes of this machine are ended at once by an interruption or an error; what they had made stays, and the
-    next call goes on at the first missing press of any block. A worker of a cluster first ends its block.
+    An interruption or an error ends the processes of this machine at once. The images that exist are kept, and the
+    next call resumes every block at its first missing press. A worker of a cluster finishes its block first.
 
     Args:
-        infos: The runs.
-        out: Their folder.
-        options: How they are simulated.
+        study: The study.
+        out: Folder of its runs.
+        options: How it is simulated; the defaults if None.
         jobs: Processes of this machine.
-        progress: Told how many images are there, twice a second; after each block of a cluster.
-        cluster: A cluster that makes the blocks instead; see :func:`tacbench_cad.lab.parallel.workers`.
+        progress: Called with the number of images that exist: twice a second, or after each block of a cluster.
+        cluster: A cluster that is used instead of processes of this machine; see
+            :func:`tacbench_cad.lab.parallel.workers`.
 
     Returns:
-        What was made of each block, in the order of ``infos``.
+        What was simulated of each block, in the study's order.
 
     Raises:
         TacbenchError: A run folder holds another run, is held by another process, or cannot be written; or a force
             cannot be reached.
     """
+    options = options or SimulationOptions()
+    infos = run_infos(study, options)
     folders = [out / info.printed.name for info in infos]
     counts = [images_there(folder) for folder in folders]
     if cluster is not None:
-        made = []
-        work = partial(make_block, out.absolute(), options=options)
-        for i, block in enumerate(cluster.map(work, infos)):
-            made.append(block)
+        blocks = []
+        for i, block in enumerate(cluster.map(partial(make_block, out.absolute(), options=options), infos)):
+            blocks.append(block)
             counts[i] = images_there(folders[i])
             progress(sum(counts))
-        return made
+        return blocks
     with Workers(jobs) as workers:
         futures = [workers.submit(make_block, out, info, options) for info in infos]
         counted: set[int] = set()
@@ -249,7 +268,7 @@ def _images(folder: Path) -> Iterator[Path]:
             yield from (folder / name).glob("*.png")
 
 
-def _measured(info: RunInfo, options: Options) -> tuple[float, float]:
+def _measured(info: RunInfo, options: SimulationOptions) -> tuple[float, float]:
     """Mean bytes and processor seconds of a run's image, from presses spread over the run, each made twice.
 
     That is as in the run itself, where repeats and stationary frames share the work of finding a pose.

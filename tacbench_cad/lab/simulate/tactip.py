@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.lab.simulate.contact import Contact
+from tacbench_cad.lab.simulate.contact import DomeContact
 from tacbench_cad.lab.simulate.rendering import READ_NOISE, Camera, blank, draw_discs, with_noise
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.spec.protocol import DOME_RADIUS_MM
@@ -168,7 +168,7 @@ class TacTip:
             "focal_px": self.camera.focal_px,
         }
 
-    def pins(self, contact: Contact | None, pose_mm: Point) -> Pins:
+    def pins(self, contact: DomeContact | None, pose_mm: Point) -> Pins:
         """Where the pins are with the summit at a pose.
 
         Args:
@@ -197,7 +197,7 @@ class TacTip:
         draw_discs(clean, self.camera, pins.tips_mm, pins.facing, PIN_DIAMETER_MM / 2.0, counts)
         return with_noise(clean, rng, colour=self.colour)
 
-    def image(self, contact: Contact | None, pose_mm: Point, rng: np.random.Generator) -> Bytes:
+    def image(self, contact: DomeContact | None, pose_mm: Point, rng: np.random.Generator) -> Bytes:
         """The image with the summit at a pose.
 
         Args:

@@ -40,7 +40,7 @@ class Press:
     depth_mm: float | None
 
 
-def plan(protocol: Protocol, levels: Sequence[int], block_name: str) -> tuple[Press, ...]:
+def plan_presses(protocol: Protocol, levels: Sequence[int], block_name: str) -> tuple[Press, ...]:
     """The presses of a block: for each force, for each repeat, every position.
 
     Args:

@@ -13,7 +13,7 @@ from helpers.rigs import FakeRig, printed, rig_settings, small_protocol, study_o
 from tacbench_cad.cli import main
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
-from tacbench_cad.lab.acquire.session import acquire
+from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.rig.errors import NoAnswerError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.reading import Run
@@ -35,7 +35,7 @@ class ThreePresses(Silent):
 def sitting(out: Path, progress: Silent) -> None:
     study = study_of(small_protocol(repeats=1, stationary_frames=1), 1)
     rig = FakeRig()
-    acquire(
+    acquire_study(
         study,
         rig_settings(),
         out,

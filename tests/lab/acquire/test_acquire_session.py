@@ -10,7 +10,7 @@ from helpers.rigs import FakeRig, printed, rig_settings, small_protocol, study_o
 from tacbench_cad.lab.acquire.block import BlockResult
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
-from tacbench_cad.lab.acquire.session import acquire, places
+from tacbench_cad.lab.acquire.session import acquire_study, places
 from tacbench_cad.lab.rig.errors import NoAnswerError
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.spec import GaugeSettings, Protocol, RigSettings, Study
@@ -37,7 +37,7 @@ class Script:
 def run(
     rig: FakeRig, study: Study, out: Path, script: Script, settings: RigSettings | None = None
 ) -> tuple[BlockResult, ...]:
-    return acquire(
+    return acquire_study(
         study,
         settings or rig_settings(),
         out,

@@ -13,7 +13,7 @@ from helpers.rigs import small_protocol
 
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
-from tacbench_cad.lab.acquire.session import acquire
+from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.reading import Run
@@ -67,7 +67,7 @@ class Trial(Silent):
 
         with monkeypatch.context() as patched:
             patched.setattr(launching, "launch", launched)
-            acquire(
+            acquire_study(
                 self.file.study,
                 self.file.required_rig,
                 out,

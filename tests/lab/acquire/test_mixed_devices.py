@@ -10,7 +10,7 @@ from helpers.rigs import LIMITS, printed, small_protocol, study_of
 
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
-from tacbench_cad.lab.acquire.session import acquire
+from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.rig.devices import open_rig
 from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.runs.reading import Run
@@ -38,7 +38,7 @@ def test_simulated_devices_follow_a_stage_of_ones_own(tmp_path: Path) -> None:
         settle_s=0.0,
     )
     study = study_of(protocol, 4)
-    acquire(
+    acquire_study(
         study,
         RIG,
         tmp_path,

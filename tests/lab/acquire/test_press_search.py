@@ -11,7 +11,7 @@ from helpers.rigs import FakeRig, small_protocol
 from tacbench_cad.lab.acquire.press import Slope
 from tacbench_cad.lab.acquire.touch import Taught
 from tacbench_cad.lab.rig.errors import DepthLimitError, GaugeError
-from tacbench_cad.lab.study.presses import plan
+from tacbench_cad.lab.study.presses import plan_presses
 from tacbench_cad.lab.study.spec import Protocol
 
 PLATES = {
@@ -26,7 +26,7 @@ def pressed(rig: FakeRig, protocol: Protocol) -> list[bool | None]:
     """Press the whole plan; whether each press was in its band."""
     presser = rig.presser(protocol)
     found = []
-    for press in plan(protocol, (1, 2), "block"):
+    for press in plan_presses(protocol, (1, 2), "block"):
         contact = presser.press(press)
         assert contact.pose_mm == pytest.approx((press.x_mm, press.y_mm, rig.stage.at[2]))
         if contact.in_band:
@@ -64,7 +64,7 @@ def test_every_step_down_in_contact_is_an_approach_step_at_most() -> None:
 def test_the_last_move_of_every_press_goes_down() -> None:
     rig = FakeRig()
     presser = rig.presser(small_protocol())
-    for press in plan(small_protocol(), (1, 2), "block"):
+    for press in plan_presses(small_protocol(), (1, 2), "block"):
         presser.press(press)
         assert rig.stage.path[-1][2] < rig.stage.path[-2][2]
         presser.carriage.lift()
@@ -74,7 +74,7 @@ def test_a_first_approach_goes_by_steps_from_the_travel_height() -> None:
     rig = FakeRig(plate=Plate(top=lambda x, y: 4.95))
     protocol = small_protocol()
     presser = rig.presser(protocol)
-    presser.press(plan(protocol, (1,), "block")[0])
+    presser.press(plan_presses(protocol, (1,), "block")[0])
     assert max(rig.gauge.readings if rig.gauge else []) < 0.2
 
 
@@ -82,7 +82,7 @@ def test_a_band_that_the_stage_cannot_hit_keeps_the_best_approach() -> None:
     rig = FakeRig(plate=Plate(stiffness=10.0, power=1.0, top=lambda x, y: 0.0003), step_mm=0.005)
     protocol = small_protocol(search_steps=12)
     presser = rig.presser(protocol)
-    contact = presser.press(plan(protocol, (1,), "block")[0])
+    contact = presser.press(plan_presses(protocol, (1,), "block")[0])
     assert contact.in_band is False
     assert contact.measured is not None
     # The two heights next to the target carry 0.053 and 0.103 N.
@@ -94,7 +94,7 @@ def test_a_target_out_of_reach_ends_at_the_depth_limit() -> None:
     protocol = small_protocol()
     presser = rig.presser(protocol)
     with pytest.raises(DepthLimitError, match=r"below the depth limit, -7 mm"):
-        presser.press(plan(protocol, (1,), "block")[0])
+        presser.press(plan_presses(protocol, (1,), "block")[0])
     assert min(z for _, _, z in rig.stage.path) >= -protocol.depth_limit_mm
 
 
@@ -104,7 +104,7 @@ def test_a_drifting_gauge_is_zeroed_before_each_press() -> None:
     rig.gauge.noise_n = 0.0
     rig.gauge.drift_n = lambda count: 0.00001 * count
     presser = rig.presser(small_protocol())
-    for press in plan(small_protocol(), (1, 2), "block"):
+    for press in plan_presses(small_protocol(), (1, 2), "block"):
         presser.press(press)
         assert press.target_n is not None
         assert press.band_n is not None
@@ -120,7 +120,7 @@ def test_a_force_on_a_free_sensor_is_refused() -> None:
     rig.gauge.drift_n = lambda count: 0.7 if count > 100 else 0.0
     presser = rig.presser(small_protocol())
     with pytest.raises(GaugeError, match=r"0\.70\d N at the travel height"):
-        for press in plan(small_protocol(), (1,), "block"):
+        for press in plan_presses(small_protocol(), (1,), "block"):
             presser.press(press)
 
 
@@ -130,7 +130,7 @@ def test_a_gauge_that_gives_no_number_is_refused() -> None:
     presser = rig.presser(small_protocol())
     rig.gauge.faults[30] = math.nan
     with pytest.raises(GaugeError, match="reads nan N"):
-        presser.press(plan(small_protocol(), (1,), "block")[0])
+        presser.press(plan_presses(small_protocol(), (1,), "block")[0])
 
 
 def test_slope_needs_two_heights_and_a_force_that_grows_with_depth() -> None:
@@ -154,5 +154,5 @@ def test_steps_smaller_than_the_stages_own_come_to_an_end(contact: str) -> None:
     protocol = small_protocol(contact=contact, touch="taught", approach_step_mm=0.02, search_steps=5)
     presser = rig.presser(protocol)
     presser.touch = Taught([0.013], 4)
-    presser.press(plan(protocol, (1,), "block")[0])
+    presser.press(plan_presses(protocol, (1,), "block")[0])
     assert rig.stage.at[2] == pytest.approx(-0.3, abs=0.1)

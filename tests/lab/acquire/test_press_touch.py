@@ -10,7 +10,7 @@ from helpers.rigs import AT_ONCE, FakeRig, small_protocol
 from tacbench_cad.lab.acquire.press import Presser
 from tacbench_cad.lab.acquire.touch import SensorChange, Taught, by_gauge, by_sensor
 from tacbench_cad.lab.rig.errors import DepthLimitError
-from tacbench_cad.lab.study.presses import plan
+from tacbench_cad.lab.study.presses import plan_presses
 from tacbench_cad.util.errors import InputError
 
 BUMPY = Plate(top=lambda x, y: 0.1 * x - 1.0)
@@ -19,7 +19,7 @@ BUMPY = Plate(top=lambda x, y: 0.1 * x - 1.0)
 def depths(rig: FakeRig, presser: Presser) -> list[float]:
     """How deep below the plate's top each press of the plan went."""
     found = []
-    for press in plan(presser.protocol, (1, 2), "block"):
+    for press in plan_presses(presser.protocol, (1, 2), "block"):
         contact = presser.press(press)
         assert contact.in_band is None
         found.append(rig.plate.top(press.x_mm, press.y_mm) - contact.pose_mm[2])
@@ -37,7 +37,7 @@ def test_stated_depths_below_first_touch(touch: str) -> None:
     else:
         presser.touch = by_sensor(presser.carriage, protocol, rig.sensor, AT_ONCE)
     found = depths(rig, presser)
-    wanted = [press.depth_mm for press in plan(protocol, (1, 2), "block")]
+    wanted = [press.depth_mm for press in plan_presses(protocol, (1, 2), "block")]
     # First touch is known to a fine step and what the gauge (5 mN) or the image needs to show it.
     assert found == pytest.approx(wanted, abs=0.12 if touch == "gauge" else 0.2)
     assert float(np.std(np.subtract(found, wanted))) < 0.03
@@ -48,7 +48,7 @@ def test_a_contact_without_a_gauge_has_no_force() -> None:
     protocol = small_protocol(contact="depth", touch="taught")
     presser = rig.presser(protocol)
     presser.touch = Taught([0.0], 4)
-    contact = presser.press(plan(protocol, (1,), "block")[0])
+    contact = presser.press(plan_presses(protocol, (1,), "block")[0])
     assert contact.measured is None
     assert contact.pose_mm[2] == pytest.approx(-0.35)
 
@@ -67,7 +67,7 @@ def test_a_depth_below_the_limit_is_not_sent() -> None:
     presser = rig.presser(protocol)
     presser.touch = Taught([-6.9], 4)
     with pytest.raises(DepthLimitError):
-        presser.press(plan(protocol, (1,), "block")[0])
+        presser.press(plan_presses(protocol, (1,), "block")[0])
     assert min(z for _, _, z in rig.stage.path) >= -7.0
 
 
@@ -77,7 +77,7 @@ def test_a_sensor_that_never_changes_ends_at_the_depth_limit() -> None:
     presser = rig.presser(protocol)
     presser.touch = by_sensor(presser.carriage, protocol, rig.sensor, AT_ONCE)
     with pytest.raises(DepthLimitError):
-        presser.press(plan(protocol, (1,), "block")[0])
+        presser.press(plan_presses(protocol, (1,), "block")[0])
 
 
 @pytest.mark.parametrize("shape", [(40, 50), (16,)])

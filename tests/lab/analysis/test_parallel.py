@@ -238,8 +238,7 @@ def test_a_study_is_simulated_and_analysed_on_a_cluster(
     from tacbench_cad.lab.analysis.classification.settings import Settings
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.lab.analysis.variance.table import variance_table
-    from tacbench_cad.lab.simulate.blockrun import Options, run_info
-    from tacbench_cad.lab.simulate.study import make, quick_study
+    from tacbench_cad.lab.simulate.study import quick_study, simulate_study
     from tacbench_cad.spec.protocol import PressGrid
 
     monkeypatch.chdir(tmp_path)
@@ -247,12 +246,10 @@ def test_a_study_is_simulated_and_analysed_on_a_cluster(
     protocol = replace(study.protocol, grid=PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0)), stationary_frames=2)
     blocks = [replace(one, levels=(2,)) for one in study.blocks if one.printed.texture in ("texture-1", "texture-4")]
     study = replace(study, blocks=tuple(blocks), protocol=protocol)
-    options = Options()
-    infos = [run_info(study, one, options) for one in study.blocks]
     seen: list[int] = []
     with workers(1, elsewhere, [tmp_path]) as team:
-        made = make(infos, Path("runs"), options, 1, seen.append, team)
-    assert [one.name for one in made] == [info.printed.name for info in infos]
+        made = simulate_study(study, Path("runs"), progress=seen.append, cluster=team)
+    assert [one.name for one in made] == [block.printed.name for block in study.blocks]
     assert len(seen) == 8 and seen[-1] == sum(one.images for one in made)
     collection = Collection.open([Path("runs")])
     assert variance_table(collection, dask=elsewhere).cells == variance_table(collection).cells

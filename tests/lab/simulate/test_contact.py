@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tacbench_cad.lab.simulate.contact import FORCE_ERROR_N, Contact, contact_for
-from tacbench_cad.lab.simulate.heights import HeightMap, flat
+from tacbench_cad.lab.simulate.contact import FORCE_ERROR_N, DomeContact, contact_for
+from tacbench_cad.lab.simulate.heights import HeightMap, flat_plate
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import (
@@ -22,7 +22,7 @@ from tacbench_cad.spec.protocol import (
 )
 from tacbench_cad.util.errors import InputError
 
-PLATE = Contact(flat())
+PLATE = DomeContact(flat_plate())
 PRINTED = PrintedBlock(block=Block.of(4), printer="bambu-p1p", filament="pla-minus")
 BLOCK = contact_for(PRINTED, HolderRim())
 
@@ -81,7 +81,7 @@ def test_the_answer_does_not_depend_on_what_was_asked_before() -> None:
 
 
 def test_smaller_cells_give_the_same_force() -> None:
-    fine = Contact(flat(cell_mm=0.05))
+    fine = DomeContact(flat_plate(cell_mm=0.05))
     for force in FORCES_N:
         assert fine.z_for_force(0.01, 0.02, force) == pytest.approx(PLATE.z_for_force(0.01, 0.02, force), abs=1e-3)
 
@@ -97,7 +97,7 @@ def test_over_nothing_there_is_no_touch_and_no_force() -> None:
     assert BLOCK.force_n(500.0, 0.0, -7.0) == 0.0
     with pytest.raises(InputError, match="cannot be reached"):
         BLOCK.z_for_force(500.0, 0.0, 1.0)
-    nothing = Contact(HeightMap(z_mm=np.full((3, 3), -math.inf), x0_mm=0.0, y0_mm=0.0))
+    nothing = DomeContact(HeightMap(z_mm=np.full((3, 3), -math.inf), x0_mm=0.0, y0_mm=0.0))
     assert nothing.first_touch(0.1, 0.1) == -math.inf
 
 
@@ -119,4 +119,4 @@ def test_no_force_is_first_touch() -> None:
 @pytest.mark.parametrize("values", [{"radius_mm": 0.0}, {"stiffness_n_per_mm3": math.nan}])
 def test_a_dome_that_cannot_be_is_refused(values: dict[str, float]) -> None:
     with pytest.raises(InputError):
-        Contact(flat(2.0), **values)
+        DomeContact(flat_plate(2.0), **values)

@@ -14,7 +14,7 @@ from tacbench_cad.lab.simulate.heights import (
     HeightMap,
     cell_of,
     centres,
-    flat,
+    flat_plate,
     held,
     on_block,
 )
@@ -88,7 +88,7 @@ def test_a_rim_above_the_block_is_the_highest() -> None:
 
 
 def test_near_is_empty_far_away_and_holds_what_is_within() -> None:
-    ground = flat(10.0)
+    ground = flat_plate(10.0)
     rows, columns = ground.near(100.0, 0.0, 5.0)
     assert ground.z_mm[rows, columns].size == 0
     rows, columns = ground.near(1.0, -2.0, 1.5)

@@ -10,7 +10,7 @@ import pytest
 from tacbench_cad.lab.simulate.heights import centres
 from tacbench_cad.lab.simulate.prints import (
     FILAMENTS,
-    PRINTERS,
+    VIRTUAL_PRINTERS,
     VirtualPrinter,
     as_printed,
     printer_of,
@@ -113,7 +113,7 @@ def test_a_copy_is_always_the_same_copy_and_no_other_one() -> None:
 
 
 def test_every_printer_and_filament_of_the_paper_has_a_preset() -> None:
-    assert set(PRINTERS) == set(names.PRINTERS)
+    assert set(VIRTUAL_PRINTERS) == set(names.PRINTERS)
     assert set(FILAMENTS) == set(names.FILAMENTS)
     for printer, filament in names.COMBINATIONS:
         assert printer_of(_printed(printer, filament)).name == f"{printer} with {filament}"
@@ -122,7 +122,7 @@ def test_every_printer_and_filament_of_the_paper_has_a_preset() -> None:
 def test_an_unknown_printer_gets_the_generic_one_and_says_so() -> None:
     found = printer_of(_printed("my-printer", "wood"))
     assert "my-printer with wood, as ender-3-v3-se" in found.name
-    assert found.peak_loss == PRINTERS["ender-3-v3-se"].peak_loss
+    assert found.peak_loss == VIRTUAL_PRINTERS["ender-3-v3-se"].peak_loss
 
 
 def test_resin_comes_closer_to_the_design_than_filament() -> None:

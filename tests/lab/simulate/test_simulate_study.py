@@ -22,15 +22,16 @@ from tacbench_cad.cli import main
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.simulate.blockrun import Options, make_block, other_images, run_info
+from tacbench_cad.lab.simulate.blockrun import SimulationOptions, make_block, other_images
 from tacbench_cad.lab.simulate.study import (
-    Estimate,
-    estimate,
+    SimulationEstimate,
+    estimate_simulation,
     images_there,
-    make,
     paper_study,
     quick_study,
     require_room,
+    run_infos,
+    simulate_study,
     study_of,
 )
 from tacbench_cad.lab.study import names
@@ -64,8 +65,8 @@ def _study(**changes: object) -> Study:
     return Study(blocks=tuple(blocks), protocol=protocol, grid_spacing="own")
 
 
-def _infos(study: Study, options: Options | None = None) -> list[RunInfo]:
-    return [run_info(study, one, options or Options()) for one in study.blocks]
+def _infos(study: Study, options: SimulationOptions | None = None) -> list[RunInfo]:
+    return run_infos(study, options or SimulationOptions())
 
 
 def _files(folder: Path) -> dict[str, bytes]:
@@ -82,7 +83,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A small study, made in two processes."""
     out = tmp_path_factory.mktemp("made")
     told: list[int] = []
-    blocks = make(_infos(_study()), out, Options(), 2, told.append)
+    blocks = simulate_study(_study(), out, SimulationOptions(), jobs=2, progress=told.append)
     assert [block.presses for block in blocks] == [24, 24]
     assert [block.images for block in blocks] == [24 + 9, 24 + 9]
     assert told and told[-1] == 66 == sum(images_there(folder) for folder in out.iterdir())
@@ -116,7 +117,7 @@ def test_the_quick_study_has_two_of_everything() -> None:
 
 
 def test_the_quick_study_stays_below_its_bound(tmp_path: Path) -> None:
-    needed = estimate(_infos(quick_study()), tmp_path, Options(), 2)
+    needed = estimate_simulation(quick_study(), tmp_path, SimulationOptions(), jobs=2)
     assert needed.missing == 1296 + 24 * 21
     assert needed.gb < 0.3
 
@@ -175,7 +176,7 @@ def test_an_interrupted_study_ends_like_one_that_was_not(made: Path, tmp_path: P
     (first / "stationary" / "stationary.csv").write_text("".join(still[:5]))
     for path in (first / "sensor_images").glob("image_2?.png"):
         path.unlink()
-    blocks = make(_infos(_study()), out, Options(), 2)
+    blocks = simulate_study(_study(), out, SimulationOptions(), jobs=2)
     assert [block.presses for block in blocks] == [15, 24]
     assert _files(out) == _files(made)
 
@@ -183,18 +184,22 @@ def test_an_interrupted_study_ends_like_one_that_was_not(made: Path, tmp_path: P
 def test_a_whole_study_is_not_made_again(made: Path, tmp_path: Path) -> None:
     out = tmp_path / "again"
     shutil.copytree(made, out)
-    blocks = make(_infos(_study()), out, Options(), 1)
+    blocks = simulate_study(_study(), out, SimulationOptions(), jobs=1)
     assert [block.images for block in blocks] == [0, 0]
-    assert estimate(_infos(_study()), out, Options(), 1).missing == 0
+    assert estimate_simulation(_study(), out, SimulationOptions(), jobs=1).missing == 0
     assert _files(out) == _files(made)
 
 
-@pytest.mark.parametrize(("options", "said"), [(Options(colour=True), "shape"), (Options(seed=7), "seed")])
-def test_a_run_is_not_gone_on_with_in_another_way(made: Path, tmp_path: Path, options: Options, said: str) -> None:
+@pytest.mark.parametrize(
+    ("options", "said"), [(SimulationOptions(colour=True), "shape"), (SimulationOptions(seed=7), "seed")]
+)
+def test_a_run_is_not_gone_on_with_in_another_way(
+    made: Path, tmp_path: Path, options: SimulationOptions, said: str
+) -> None:
     out = tmp_path / "again"
     shutil.copytree(made, out)
     with pytest.raises(TacbenchError, match=said) as refusal:
-        make(_infos(_study(), options), out, options, 1)
+        simulate_study(_study(), out, options, jobs=1)
     assert refusal.value.exit_code == 2
     assert _files(out) == _files(made)
 
@@ -202,7 +207,7 @@ def test_a_run_is_not_gone_on_with_in_another_way(made: Path, tmp_path: Path, op
 def test_colour_and_another_seed_give_other_images(tmp_path: Path) -> None:
     study = _study(forces_n=(1.0,), bands_n=(0.01,), repeats=1)
     images = []
-    for name, options in (("a", Options(colour=True)), ("b", Options(colour=True, seed=1))):
+    for name, options in (("a", SimulationOptions(colour=True)), ("b", SimulationOptions(colour=True, seed=1))):
         done = make_block(tmp_path / name, _infos(study, options)[0], options)
         assert done.worst_n <= 1e-5
         images.append(cv2.imread(str(tmp_path / name / done.name / "sensor_images" / "image_1.png"), -1))
@@ -213,7 +218,7 @@ def test_colour_and_another_seed_give_other_images(tmp_path: Path) -> None:
 def test_depth_mode_leaves_the_force_empty(tmp_path: Path) -> None:
     study = _study(contact="depth", depths_mm=(0.5, 1.0), repeats=1)
     info = _infos(study)[0]
-    make_block(tmp_path, info, Options())
+    make_block(tmp_path, info, SimulationOptions())
     rows = Run.open(tmp_path / info.printed.name).rows
     assert len(rows) == 8
     assert all(row.measured_force_n is None and row.in_band is None for row in rows)
@@ -224,7 +229,7 @@ def test_depth_mode_leaves_the_force_empty(tmp_path: Path) -> None:
 def test_references_are_made_anew_at_the_interval(tmp_path: Path) -> None:
     study = _study(reference_every_s=30.0, repeats=1)
     info = _infos(study)[0]
-    done = make_block(tmp_path, info, Options())
+    done = make_block(tmp_path, info, SimulationOptions())
     references = Run.open(tmp_path / info.printed.name).references
     assert [one.after_press for one in references] == [0, 7]
     assert done.images == 12 + other_images(info)
@@ -233,11 +238,11 @@ def test_references_are_made_anew_at_the_interval(tmp_path: Path) -> None:
 def test_a_press_below_the_depth_limit_is_refused(tmp_path: Path) -> None:
     study = _study(depth_limit_mm=2.5)
     with pytest.raises(InputError, match=r"depth_limit_mm.*would go to"):
-        make_block(tmp_path, _infos(study)[1], Options())
+        make_block(tmp_path, _infos(study)[1], SimulationOptions())
 
 
 def test_a_disk_without_room_is_refused_with_the_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    needed = Estimate(blocks=1, presses=1000, others=21, there=21, bytes_each=1e6, seconds_each=0.01, jobs=2)
+    needed = SimulationEstimate(blocks=1, presses=1000, others=21, there=21, bytes_each=1e6, seconds_each=0.01, jobs=2)
     assert needed.gb == pytest.approx(1.0) and needed.minutes == pytest.approx(1000 * 0.01 / 120)
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=1.0e9))
     with pytest.raises(InputError, match=r"has 1\.00 GB free.*1\.05 GB"):

@@ -12,9 +12,9 @@ from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.frames import frame_faults
 from tacbench_cad.lab.rig.gauge import Gauge
 from tacbench_cad.lab.rig.sensor import Sensor
-from tacbench_cad.lab.simulate.contact import Contact, contact_for
+from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.devices import GAUGE_NOISE_N, SimulatedGauge, SimulatedSensor
-from tacbench_cad.lab.simulate.heights import flat
+from tacbench_cad.lab.simulate.heights import flat_plate
 from tacbench_cad.lab.simulate.rendering import READ_NOISE, WHITE_LED_BGR, blank, with_noise
 from tacbench_cad.lab.simulate.tactip import INNER_RADIUS_MM, REST, RINGS, Skin, TacTip
 from tacbench_cad.lab.study.spec import HolderRim, Point, PrintedBlock, WorkFrame
@@ -35,7 +35,7 @@ def _rng(seed: int = 0) -> np.random.Generator:
     return np.random.Generator(np.random.SFC64(seed))
 
 
-def _pressed(contact: Contact, force_n: float, x: float = 6.5, y: float = 20.5) -> Point:
+def _pressed(contact: DomeContact, force_n: float, x: float = 6.5, y: float = 20.5) -> Point:
     return (x, y, contact.z_for_force(x, y, force_n))
 
 
@@ -141,7 +141,7 @@ def test_in_the_air_nothing_moves() -> None:
 
 
 def test_on_a_plate_pins_move_up_in_the_middle_and_outwards_at_the_side() -> None:
-    contact = Contact(flat())
+    contact = DomeContact(flat_plate())
     moved = TacTip().pins(contact, _pressed(contact, FORCES_N[1], 0.0, 0.0)).tips_mm - REST.tips_mm
     assert moved[0, 2] < -1.0 and np.hypot(*moved[0, :2]) < 1e-3
     outward = np.sum(moved[:, :2] * REST.tips_mm[:, :2], axis=1)

@@ -14,7 +14,7 @@ import pytest
 
 from tacbench_cad.cli import main
 from tacbench_cad.lab.runs import writing
-from tacbench_cad.lab.runs.authors import AuthorsFile, Reading, gather, import_block
+from tacbench_cad.lab.runs.authors import AuthorsFile, ImportOptions, gather_authors_files, import_block
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.util.errors import InputError
@@ -41,8 +41,8 @@ def test_every_image_lands_at_its_press(flat: bool, first_axis: Any, tmp_path: P
     array = images(1)
     stored = array.reshape(50, *SHAPE) if flat else array
     path = save(tmp_path, "PLAminus_z0_P40_Bambu.npy", stored)
-    how = Reading(first_axis=first_axis)
-    folder = import_block(gather([path], how)[0], tmp_path / "out")
+    how = ImportOptions(first_axis=first_axis)
+    folder = import_block(gather_authors_files([path], how)[0], tmp_path / "out")
     assert folder.name == "texture-1_released_x1_bambu-p1p_pla-minus_copy01"
     run = Run.open(folder)
     assert len(run.rows) == 50
@@ -56,7 +56,7 @@ def test_every_image_lands_at_its_press(flat: bool, first_axis: Any, tmp_path: P
 
 def test_what_nobody_recorded_stays_empty(tmp_path: Path) -> None:
     path = save(tmp_path, "resin_z3.2_P50_resin.npy", images(1))
-    run = Run.open(import_block(gather([path], Reading())[0], tmp_path / "out"))
+    run = Run.open(import_block(gather_authors_files([path], ImportOptions())[0], tmp_path / "out"))
     row = run.rows[0]
     assert (row.object_label, row.printer, row.filament, row.copy) == (4, "form-3", "grey-v4", 2)
     assert (row.force_level, row.target_force_n) == (3, 3.0137)
@@ -73,7 +73,7 @@ def test_the_levels_of_a_block_become_one_run_and_blocks_stay_apart(tmp_path: Pa
     arrays = {name: images(seed) for seed, name in enumerate(("P30", "P40", "P50"))}
     paths = [save(tmp_path, f"Plaplus_z5_{name}_creality.npy", array) for name, array in arrays.items()]
     paths.append(save(tmp_path, "PLAplus_z5.4_P30_crealty.npy", images(9)))
-    blocks = gather(paths[::-1], Reading())
+    blocks = gather_authors_files(paths[::-1], ImportOptions())
     assert [[one.level for one in block.files] for block in blocks] == [[1, 2, 3], [1]]
     folders = [import_block(block, tmp_path / "out") for block in blocks]
     run = Run.open(folders[0])
@@ -86,7 +86,7 @@ def test_the_levels_of_a_block_become_one_run_and_blocks_stay_apart(tmp_path: Pa
 
 def test_an_interrupted_import_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = save(tmp_path, "PLAminus_z0_P30_Ender.npy", images(1))
-    block = gather([path], Reading())[0]
+    block = gather_authors_files([path], ImportOptions())[0]
     real = writing.RunWriter.press
 
     def interrupted(self: Any, press: Any, *rest: Any) -> None:
@@ -106,10 +106,10 @@ def test_an_interrupted_import_goes_on(tmp_path: Path, monkeypatch: pytest.Monke
 
 def test_another_file_under_the_same_name_is_refused(tmp_path: Path) -> None:
     path = save(tmp_path, "PLAminus_z0_P30_Ender.npy", images(1))
-    import_block(gather([path], Reading())[0], tmp_path / "out")
+    import_block(gather_authors_files([path], ImportOptions())[0], tmp_path / "out")
     save(tmp_path, path.name, images(2))
     with pytest.raises(InputError, match=r"was begun with other settings: source.files"):
-        import_block(gather([path], Reading())[0], tmp_path / "out")
+        import_block(gather_authors_files([path], ImportOptions())[0], tmp_path / "out")
 
 
 @pytest.mark.parametrize(
@@ -126,7 +126,7 @@ def test_another_file_under_the_same_name_is_refused(tmp_path: Path) -> None:
     ],
 )
 def test_the_authors_spellings_are_known(name: str, printer: str, filament: str, tmp_path: Path) -> None:
-    one = AuthorsFile.of(save(tmp_path, name, images(1)), Reading())
+    one = AuthorsFile.of(save(tmp_path, name, images(1)), ImportOptions())
     assert (one.printer, one.filament, one.level, one.repeats) == (printer, filament, 1, 2)
 
 
@@ -144,7 +144,7 @@ def test_the_authors_spellings_are_known(name: str, printer: str, filament: str,
 )
 def test_unknown_names_are_refused_with_the_nearest(name: str, message: str, tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
-        gather([save(tmp_path, name, images(1))], Reading())
+        gather_authors_files([save(tmp_path, name, images(1))], ImportOptions())
     assert message in str(caught.value)
 
 
@@ -167,60 +167,60 @@ def test_unknown_names_are_refused_with_the_nearest(name: str, message: str, tmp
 def test_other_shapes_and_types_are_refused(array: Any, tmp_path: Path) -> None:
     path = save(tmp_path, "PLAminus_z0_P30_Bambu.npy", array)
     with pytest.raises(InputError, match=r"has shape|are uint8"):
-        gather([path], Reading())
+        gather_authors_files([path], ImportOptions())
 
 
 def test_one_array_cannot_become_two_copies(tmp_path: Path) -> None:
     path, out = save(tmp_path, "PLAminus_z0_P30_Bambu.npy", images(1)), tmp_path / "out"
-    first = import_block(gather([path], Reading())[0], out)
+    first = import_block(gather_authors_files([path], ImportOptions())[0], out)
     (out / "damaged").mkdir()
     (out / "damaged" / "run.json").write_text("{")
     with pytest.raises(InputError, match=f"is there already, as {re.escape(str(first))}"):
-        import_block(gather([path], Reading(unnumbered_copy=2))[0], out)
-    assert import_block(gather([path], Reading())[0], out) == first
+        import_block(gather_authors_files([path], ImportOptions(unnumbered_copy=2))[0], out)
+    assert import_block(gather_authors_files([path], ImportOptions())[0], out) == first
     assert sorted(one.name for one in out.iterdir()) == ["damaged", first.name]
 
 
 def test_a_folder_in_place_of_files_is_told_how(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"is a folder; name its files, as .*/\*\.npy"):
-        gather([tmp_path], Reading())
+        gather_authors_files([tmp_path], ImportOptions())
 
 
 def test_bad_files_are_refused_and_never_unpickled(tmp_path: Path) -> None:
     path = tmp_path / "PLAminus_z0_P30_Bambu.npy"
     np.save(path, np.array([{}], dtype=object), allow_pickle=True)
     with pytest.raises(InputError, match="holds pickled objects"):
-        gather([path], Reading())
+        gather_authors_files([path], ImportOptions())
     path.write_bytes(pickle.dumps(images(1)))
     with pytest.raises(InputError, match="is pickled"):
-        gather([path], Reading())
+        gather_authors_files([path], ImportOptions())
     np.save(path, images(1))
     path.write_bytes(path.read_bytes()[:-1])
     with pytest.raises(InputError, match="is truncated"):
-        gather([path], Reading())
+        gather_authors_files([path], ImportOptions())
     with pytest.raises(InputError, match="is a folder"):
-        gather([tmp_path.rename(tmp_path.with_name("PLAminus_z0_P30_Bambu.npy"))], Reading())
+        gather_authors_files([tmp_path.rename(tmp_path.with_name("PLAminus_z0_P30_Bambu.npy"))], ImportOptions())
     with pytest.raises(InputError, match="there is no such file"):
-        gather([tmp_path / "PLAminus_z1_P30_Bambu.npy"], Reading())
+        gather_authors_files([tmp_path / "PLAminus_z1_P30_Bambu.npy"], ImportOptions())
 
 
 def test_two_files_of_one_block_and_level_are_refused_with_the_way_out(tmp_path: Path) -> None:
     paths = [save(tmp_path, f"resin_z0{copy}_P30_resin.npy", images(1)) for copy in ("", ".1")]
     with pytest.raises(InputError, match="--unnumbered-copy"):
-        gather(paths, Reading())
-    assert [block.printed.copy for block in gather(paths, Reading(unnumbered_copy=6))] == [1, 6]
+        gather_authors_files(paths, ImportOptions())
+    assert [block.printed.copy for block in gather_authors_files(paths, ImportOptions(unnumbered_copy=6))] == [1, 6]
 
 
 def test_levels_of_a_block_must_agree(tmp_path: Path) -> None:
     paths = [save(tmp_path, f"resin_z0_P{30 + 10 * i}_resin.npy", images(1, repeats=i + 1)) for i in range(2)]
     with pytest.raises(InputError, match="of the same block has 1 x 25"):
-        gather(paths, Reading())
+        gather_authors_files(paths, ImportOptions())
 
 
 def test_memory_stays_flat(tmp_path: Path) -> None:
     array = np.random.default_rng(0).integers(0, 256, (50, 120, 160, 3), dtype=np.uint8)
     paths = [save(tmp_path, f"resin_z{z}_P30_resin.npy", array + np.uint8(z)) for z in range(3)]
-    blocks = gather(paths, Reading())
+    blocks = gather_authors_files(paths, ImportOptions())
     import_block(blocks[0], tmp_path / "out")
     tracemalloc.start()
     for block in blocks[1:]:
