@@ -7,13 +7,23 @@ JOBS ?= auto
 # Small matrix products on many threads get in the way of tests side by side.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: all test test-long lint docs bench clean system-libraries
+.PHONY: all test test-fast test-real test-long lint docs bench clean system-libraries
 all: $(VENV)/.user
 	$(BIN)/tacbench make
 
+# Everything that needs nothing but our own code.
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -n $(JOBS)
+	$(BIN)/python -m pytest -n $(JOBS) --ignore tests/real
 
+# The core alone: formulas, blocks, meshes, file formats.
+test-fast: $(VENV)/.dev
+	$(BIN)/python -m pytest -n $(JOBS) -m "not kernel" $(FAST)
+
+# Other people's programs on our files, the packages installed into empty environments, and the manual.
+test-real: $(VENV)/.dev
+	$(BIN)/python -m pytest -n $(JOBS) tests/real
+
+# The full counts of all of them.
 test-long: $(VENV)/.dev
 	$(BIN)/python -m pytest -n $(JOBS) --long
 
