@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
+from tacbench_cad.util.convert import Length, Word, read_toml
 from tacbench_cad.util.errors import InputError, nearest
-from tacbench_cad.util.settings import Table, read_toml
 
 #: The paper's printers.
 OWN_FILE = Path(__file__).with_name("printers.toml")
@@ -28,23 +30,27 @@ class Printer:
         InputError: A value is not allowed.
     """
 
-    name: str
+    name: str = field(default="", metadata={"key": None})
     bed_mm: tuple[float, float]
     height_mm: float
-    margin_mm: float
-    keep_out_mm: tuple[tuple[float, ...], ...] = ()
-    filaments: tuple[str, ...]
+    margin_mm: float = 5.0
+    keep_out_mm: tuple[tuple[float, float, float, float], ...] = ()
+    filaments: Annotated[tuple[Word, ...], Length(1)]
 
     def __post_init__(self) -> None:
-        for side in (*self.bed_mm, self.height_mm):
+        for key, side in (("bed_mm", self.bed_mm[0]), ("bed_mm", self.bed_mm[1]), ("height_mm", self.height_mm)):
             if not 10.0 <= side <= 5000.0:
-                raise InputError(f"printer {self.name}", side, "sides and height must be from 10 to 5000 mm")
+                raise InputError(key, side, "must be from 10 to 5000 mm")
         if not 0.0 <= self.margin_mm < min(self.bed_mm) / 2.0:
-            raise InputError(f"printer {self.name} margin_mm", self.margin_mm, "must leave something of the bed")
+            raise InputError("margin_mm", self.margin_mm, "must leave something of the bed")
         for x0, y0, x1, y1 in self.keep_out_mm:
             if not (x0 < x1 and y0 < y1):
-                low_high = "must be [x low, y low, x high, y high]"
-                raise InputError(f"printer {self.name} keep_out_mm", [x0, y0, x1, y1], low_high)
+                raise InputError("keep_out_mm", [x0, y0, x1, y1], "must be [x low, y low, x high, y high]")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Document:
+    printer: Mapping[str, Printer]
 
 
 def printers(own: Path | None = None) -> dict[str, Printer]:
@@ -56,8 +62,9 @@ def printers(own: Path | None = None) -> dict[str, Printer]:
     Raises:
         InputError: The file cannot be read, or a key or value in it is not allowed.
     """
-    found = read_toml(OWN_FILE, "printers", _printers)
-    return found if own is None else {**found, **read_toml(own, "printers", _printers)}
+    files = [OWN_FILE] if own is None else [OWN_FILE, own]
+    tables = [read_toml(path, _Document, "printers").printer for path in files]
+    return {name: replace(printer, name=name) for table in tables for name, printer in table.items()}
 
 
 def printer_named(name: str, known: dict[str, Printer]) -> Printer:
@@ -73,21 +80,3 @@ def printer_named(name: str, known: dict[str, Printer]) -> Printer:
     if name not in known:
         raise InputError("printer", name, nearest(name, known))
     return known[name]
-
-
-def _printers(document: Table) -> dict[str, Printer]:
-    document.only("printer")
-    tables = document.table("printer")
-    found = {}
-    for name in tables.values:
-        one = tables.table(name).named(f"[printer.{name}] ")
-        one.only("bed_mm", "height_mm", "margin_mm", "keep_out_mm", "filaments")
-        found[name] = Printer(
-            name=name,
-            bed_mm=one.numbers("bed_mm", 2),
-            height_mm=one.number("height_mm"),
-            margin_mm=one.number("margin_mm", 5.0),
-            keep_out_mm=one.rows("keep_out_mm", None, 4, ()),
-            filaments=one.texts("filaments"),
-        )
-    return found

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.settings import Table, read_toml
+from tacbench_cad.util import door
+from tacbench_cad.util.convert import Bounds, Word, from_plain
 
 #: Every field with what to write there. An empty text is a field that nobody has filled in.
 FIELDS: Mapping[str, str] = {
@@ -94,24 +95,20 @@ def read_record(path: Path) -> PrintRecord:
     Raises:
         InputError: It is missing or not TOML, or a field is unknown or not of its kind.
     """
-    return read_toml(path, "print record", _record)
+    document = door.parse_toml(door.read_text(path, "print record", "toml"), "print record", str(path))
+    values = {name: value for name, value in document.items() if name not in FIELDS or value not in ("", [])}
+    from_plain(_Fields, values, f"{path}: ")
+    empty = tuple(name for name in FIELDS if name not in values)
+    return PrintRecord(values={name: values[name] for name in FIELDS if name in values}, empty=empty)
 
 
-def _record(document: Table) -> PrintRecord:
-    document.only(*FIELDS)
-    values, empty = {}, []
-    for name in FIELDS:
-        value = document.values.get(name, "")
-        if value in ("", []):
-            empty.append(name)
-            continue
-        if name in SCORES:
-            document.whole(name, least=0, most=3)
-        elif name == "photos":
-            document.texts(name)
-        elif name.endswith(("_mm", "_c", "_percent")):
-            document.number(name)
-        elif isinstance(value, (dict, list)):
-            raise InputError(name, value, "must be a text")
-        values[name] = value
-    return PrintRecord(values=values, empty=tuple(empty))
+def _kind(name: str) -> Any:
+    if name in SCORES:
+        return Annotated[int, Bounds(0, 3)]
+    if name == "photos":
+        return tuple[Word, ...]
+    return float if name.endswith(("_mm", "_c", "_percent")) else str | float | bool | datetime.date
+
+
+#: The document: each field is of its kind, or left out.
+_Fields = make_dataclass("_Fields", [(name, _kind(name) | None, None) for name in FIELDS], kw_only=True)

@@ -6,11 +6,11 @@ import math
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from tacbench_cad.spec.waves import Wave, WaveSum
-from tacbench_cad.util.errors import InputError, one_of
-from tacbench_cad.util.settings import Table, read_toml
+from tacbench_cad.util.convert import Length, read_toml
+from tacbench_cad.util.errors import InputError, located, one_of
 
 Law = Literal["triangle", "square"]
 Terms = Literal["highest", "count"]
@@ -199,62 +199,75 @@ def read_texture(path: Path) -> TextureFile:
     Raises:
         InputError: The file cannot be read, or a key or a value in it is not allowed; the message names all three.
     """
-    return read_toml(path, "texture", _texture_file)
+    document = read_toml(path, _Document, "texture")
+    family = document.texture
+    with located(f"{path}: "):
+        if not isinstance(family, _PlaneWaves) and document.wave:
+            raise InputError("[[wave]]", None, f'belongs to family = "plane-waves", this is "{family.family}"')
+        waves = family.waves(document.wave)
+        texture = Texture(name=family.name, equation=family.equation(waves), waves=waves)
+    return TextureFile(texture=texture, block=document.block)
 
 
-_FAMILY_KEYS = {
-    "equation1": ("A1", "A2", "f1", "f2", "phase"),
-    "series": ("law", "N", "terms", "axes"),
-    "plane-waves": (),
-}
+@dataclass(frozen=True, kw_only=True)
+class _WaveTable:
+    amplitude: float
+    f: float
+    g: float
+    phase: float = 0.0
 
 
-def _texture_file(document: Table) -> TextureFile:
-    document.only("texture", "block", "wave")
-    spec = document.table("texture")
-    spec.only(*dict.fromkeys(["name", "family", *(key for keys in _FAMILY_KEYS.values() for key in keys)]))
-    family = spec.text("family", allowed=_FAMILY_KEYS)
-    spec.only("name", "family", *_FAMILY_KEYS[family])
-    name = spec.text("name")
-    if family != "plane-waves" and "wave" in document:
-        raise InputError("[[wave]]", None, f'belongs to family = "plane-waves", this is "{family}"')
-    reader = {"equation1": _read_equation1, "series": _read_series, "plane-waves": _read_waves}[family]
-    waves, text = reader(spec, document)
-    block = _read_block(document.table("block")) if "block" in document else BlockTable()
-    return TextureFile(texture=Texture(name=name, equation=text, waves=waves), block=block)
+@dataclass(frozen=True, kw_only=True)
+class _Equation1:
+    name: str
+    family: Literal["equation1"]
+    A1: float = 1.0
+    A2: float = 1.0
+    f1: float
+    f2: float
+    phase: float = 0.0
+
+    def waves(self, _: tuple[_WaveTable, ...]) -> WaveSum:
+        return equation1(self.A1, self.A2, self.f1, self.f2, self.phase)
+
+    def equation(self, waves: WaveSum) -> str:
+        return str(waves)
 
 
-def _read_equation1(spec: Table, _: Table) -> tuple[WaveSum, str]:
-    a1, a2, phase = spec.number("A1", 1.0), spec.number("A2", 1.0), spec.number("phase", 0.0)
-    waves = equation1(a1, a2, spec.number("f1"), spec.number("f2"), phase)
-    return waves, str(waves)
+@dataclass(frozen=True, kw_only=True)
+class _Series:
+    name: str
+    family: Literal["series"]
+    law: Law
+    N: int
+    terms: Terms = "highest"
+    axes: Axes = "xy"
+
+    def waves(self, _: tuple[_WaveTable, ...]) -> WaveSum:
+        return series(self.law, self.N, self.terms, self.axes)
+
+    def equation(self, _: WaveSum) -> str:
+        return f"{self.law} series along {self.axes}, {self.terms} = {self.N}"
 
 
-def _read_series(spec: Table, _: Table) -> tuple[WaveSum, str]:
-    if "N" not in spec:
-        raise InputError("[texture] N", None, "is missing; a whole number")
-    law = spec.text("law", allowed=("triangle", "square"))
-    terms = spec.text("terms", "highest", ("highest", "count"))
-    axes = spec.text("axes", "xy", ("x", "y", "xy"))
-    highest = spec.values["N"]
-    return series(law, highest, terms, axes), f"{law} series along {axes}, {terms} = {highest}"
+@dataclass(frozen=True, kw_only=True)
+class _PlaneWaves:
+    name: str
+    family: Literal["plane-waves"]
+
+    def waves(self, tables: tuple[_WaveTable, ...]) -> WaveSum:
+        if not tables:
+            raise InputError("[[wave]]", None, "at least one such table is needed")
+        return plane_waves(*((wave.amplitude, wave.f, wave.g, wave.phase) for wave in tables))
+
+    def equation(self, waves: WaveSum) -> str:
+        return str(waves)
 
 
-def _read_waves(_: Table, document: Table) -> tuple[WaveSum, str]:
-    found = []
-    for one in document.tables("wave"):
-        one.only("amplitude", "f", "g", "phase")
-        amplitude, f, g = (one.number(key) for key in ("amplitude", "f", "g"))
-        found.append((amplitude, f, g, one.number("phase", 0.0)))
-    waves = plane_waves(*found)
-    return waves, str(waves)
+@dataclass(frozen=True, kw_only=True)
+class _Document:
+    """The whole of a texture file."""
 
-
-def _read_block(spec: Table) -> BlockTable:
-    spec.only("size_mm", "height_mm", "mm_per_unit", "domain")
-    return BlockTable(
-        size_mm=spec.numbers("size_mm", 2, None),
-        height_mm=spec.number("height_mm", None),
-        mm_per_unit=spec.numbers("mm_per_unit", 3, None),
-        domain=spec.rows("domain", 2, 2, None),
-    )
+    texture: _Equation1 | _Series | _PlaneWaves
+    block: BlockTable = field(default_factory=BlockTable)
+    wave: Annotated[tuple[_WaveTable, ...], Length(high=MOST_TERMS)] = ()

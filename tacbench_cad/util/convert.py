@@ -25,7 +25,7 @@ import datetime
 import enum
 import math
 import types
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path, PurePath
@@ -240,6 +240,7 @@ def _converter() -> Converter:
     for kind, hook in ((bool, _flag), (int, _whole), (float, _number), (str, _text), (Path, _path)):
         converter.register_structure_hook(kind, hook)
     converter.register_structure_hook(datetime.datetime, _date)
+    converter.register_structure_hook(datetime.date, _date)
     factories: list[tuple[Callable[[Any], bool], Any]] = [
         (dataclasses.is_dataclass, _table_hook),
         (lambda kind: get_origin(kind) in (list, tuple, Sequence), _list_hook),
@@ -287,14 +288,13 @@ def _path(value: Any, _: Any) -> Path:
     return Path(text)
 
 
-def _date(value: Any, _: Any) -> datetime.datetime:
-    allowed = f"must be a date and time of the years {MIN_YEAR} to {MAX_YEAR}, such as 2026-01-31T12:00:00+00:00"
+def _date(value: Any, kind: Any) -> Any:
     try:
-        date = value if isinstance(value, datetime.datetime) else datetime.datetime.fromisoformat(value)
+        date = value if isinstance(value, kind) else kind.fromisoformat(value)
     except (TypeError, ValueError):
-        raise _FaultError(value, allowed) from None
-    if not MIN_YEAR <= date.year <= MAX_YEAR:
-        raise _FaultError(value, allowed)
+        date = None
+    if date is None or not MIN_YEAR <= date.year <= MAX_YEAR:
+        raise _FaultError(value, f"must be {_meaning(kind)} of the years {MIN_YEAR} to {MAX_YEAR}, such as 2026-01-31")
     return date
 
 
@@ -313,17 +313,13 @@ def _table_hook(cls: Any, converter: Converter) -> Any:
             return value
         if not isinstance(value, Mapping):
             raise _FaultError(None, "must be a table", ending="")
-        for key in value:
-            if key not in read:
-                hint = nearest(str(key), read)
-                keys = "" if hint.startswith("allowed") else f" Allowed: {', '.join(read)}"
-                raise _FaultError(None, f"unknown key; {hint}{keys}", (str(key),))
+        _refuse_unknown(value, read)
         values = {}
         for key, (name, kind) in read.items():
             if key in value:
                 values[name] = _structured(converter, value[key], kind, key)
             elif key in required:
-                if dataclasses.is_dataclass(kind):
+                if _meaning(kind) == "a table":
                     raise _FaultError(None, "such a table is needed", (key,), ending="")
                 if "tables" in _meaning(kind):
                     raise _FaultError(None, "at least one such table is needed", ending=f"[[{key}]]")
@@ -334,6 +330,14 @@ def _table_hook(cls: Any, converter: Converter) -> Any:
             raise _FaultError(error.value, error.allowed, ending=error.field) from None
 
     return structure
+
+
+def _refuse_unknown(table: Mapping[Any, Any], keys: Collection[str]) -> None:
+    for key in table:
+        if key not in keys:
+            hint = nearest(str(key), keys)
+            every = "" if hint.startswith("allowed") else f" Allowed: {', '.join(keys)}"
+            raise _FaultError(None, f"unknown key; {hint}{every}", (str(key),))
 
 
 def _structured(converter: Converter, value: Any, kind: Any, step: str | int) -> Any:
@@ -374,13 +378,23 @@ def _mapping_hook(kind: Any, converter: Converter) -> Any:
 
 
 def _union_hook(kind: Any, converter: Converter) -> Any:
-    """What makes one of several types: the first that a value of this kind may stand for, else the last error."""
+    """What makes one of several types: the first that a value of this kind may stand for, else the last error.
+
+    Dataclasses that have a ``Literal`` field of one name, such as ``family``, are told apart by it.
+    """
     members = [member for member in get_args(kind) if member is not type(None)]
     optional = len(members) < len(get_args(kind))
+    tag, tables = _tagged([member for member in members if dataclasses.is_dataclass(member)])
 
     def structure(value: Any, _: Any) -> Any:
         if value is None and optional:
             return None
+        if tag and isinstance(value, Mapping):
+            if tag not in value:
+                _refuse_unknown(value, dict.fromkeys(key for table in tables.values() for _, key in _keys(table)))
+                raise _FaultError(None, f"is missing; one of {', '.join(tables)}", (tag,))
+            word = _structured(converter, value[tag], Literal.__getitem__(tuple(tables)), tag)
+            return converter.structure(value, tables[word])
         fitting = [member for member in members if _could_be(value, member)]
         for member in fitting[:-1]:
             try:
@@ -388,10 +402,22 @@ def _union_hook(kind: Any, converter: Converter) -> Any:
             except _FaultError:
                 continue
         if not fitting and len(members) > 1:
-            raise _FaultError(value, "must be " + " or ".join(dict.fromkeys(map(_meaning, members))))
+            allowed = "must be " + " or ".join(dict.fromkeys(map(_meaning, members)))
+            raise _FaultError(value, allowed) if len(tables) < len(members) else _FaultError(None, allowed, ending="")
         return converter.structure(value, fitting[-1] if fitting else members[0])
 
     return structure
+
+
+def _tagged(tables: list[Any]) -> tuple[str, dict[str, Any]]:
+    """The ``Literal`` field that all of several dataclasses have, and the dataclass that each word of it means."""
+    hints = [get_type_hints(table) for table in tables]
+    for name, kind in hints[0].items() if len(hints) > 1 else ():
+        if get_origin(kind) is Literal and all(get_origin(each.get(name)) is Literal for each in hints):
+            return name, {
+                word: table for table, each in zip(tables, hints, strict=True) for word in get_args(each[name])
+            }
+    return "", {}
 
 
 def _could_be(value: Any, kind: Any) -> bool:
@@ -464,7 +490,8 @@ def _meaning(kind: Any, many: bool = False) -> str:
         float: ("a finite number", "numbers"),
         str: ("a text", "texts"),
         Path: ("a path", "paths"),
-        datetime.datetime: ("a date and time", "dates"),
+        datetime.datetime: ("a date and time", "dates and times"),
+        datetime.date: ("a date", "dates"),
     }
     single, plural = names.get(kind, ("a table", "tables") if kind is not Any else ("a value", "values"))
     return plural if many else single

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 
 class TacbenchError(Exception):
@@ -43,6 +44,19 @@ def _shown(value: object) -> str:
     except (ValueError, RecursionError):  # a whole number of thousands of digits, a list nested as deep
         return f"({type(value).__name__})"
     return text if len(text) <= 300 else f"{text[:200]} ... {text[-40:]}"
+
+
+@contextlib.contextmanager
+def located(where: str) -> Iterator[None]:
+    """Put a file or a table in front of the field of every :class:`InputError` that comes out of the body.
+
+    Args:
+        where: ``"rig.toml: "`` or ``"[protocol] "``.
+    """
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}{error.field}", error.value, error.allowed) from None
 
 
 class MissingToolError(TacbenchError):

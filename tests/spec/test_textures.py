@@ -114,6 +114,10 @@ GOOD = '[texture]\nname="hex"\nfamily="series"\nlaw="square"\nN=5\n'
         (GOOD.replace("N=5", "N=999999"), r"at most"),
         (GOOD + 'axes="xyz"\n', r'did you mean "xy"'),
         (GOOD + 'terms="hghest"\n', r'did you mean "highest"'),
+        (
+            GOOD.replace("law", "lwa"),
+            r'lwa: unknown key; did you mean "law"\? Allowed: name, family, law, N, terms, axes',
+        ),
         (GOOD + "A1=1\n", r"A1: unknown key"),
         (GOOD.replace('"hex"', '"Hex!"'), r"a-z, 0-9"),
         (GOOD.replace('"hex"', '"holder"'), r"taken"),
