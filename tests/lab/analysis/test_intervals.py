@@ -60,10 +60,10 @@ class Field:
 NOISE = Field(length=1.5, shared=0.1)
 
 
-def study(prints: int, repeats: int, field: Field, random: np.random.Generator, noise: Field = NOISE) -> CellSums:
+def study(prints: int, repeats: int, field: Field, random: np.random.Generator, repeat: float = REPEAT) -> CellSums:
     copies = np.repeat(np.arange(1, prints + 1), repeats)
     values = math.sqrt(PRINT) * field.draw(prints, random)[copies - 1]
-    values += math.sqrt(REPEAT) * noise.draw(len(copies), random)
+    values += math.sqrt(repeat) * NOISE.draw(len(copies), random)
     return pooled([CellSums.of(gram_of(list(values[:, p])), copies) for p in range(values.shape[1])])
 
 
@@ -74,23 +74,24 @@ def pooled(sums: list[CellSums]) -> CellSums:
     return total
 
 
-def truth(prints: int, repeats: int) -> float:
-    return (1.0 - 1.0 / prints) * PRINT + (1.0 - 1.0 / (prints * repeats)) * REPEAT
+def truth(prints: int, repeats: int, repeat: float = REPEAT) -> float:
+    return (1.0 - 1.0 / prints) * PRINT + (1.0 - 1.0 / (prints * repeats)) * repeat
 
 
-def coverage(prints: int, repeats: int, field: Field, studies: int, seed: int) -> tuple[float, float, float, float]:
-    """Shares of studies whose intervals hold the cell's variance and both components; mean estimate over the truth."""
+def coverage(prints: int, field: Field, studies: int, seed: int, repeat: float = REPEAT) -> tuple[Floats, float]:
+    """Fractions of studies whose intervals hold the variance, the component of prints and that of repeats; the bias.
+
+    The bias is the mean estimate of the variance over its true value.
+    """
     random = np.random.default_rng(seed)
     held, estimates = np.zeros(3), []
+    truths = (truth(prints, 2, repeat), PRINT, repeat)
     for _ in range(studies):
-        cell = study(prints, repeats, field, random)
-        found = variance_interval(cell)
-        pairs = [(found, truth(prints, repeats))]
-        pairs += [(component_interval([cell], name), value) for name, value in (("print", PRINT), ("repeat", REPEAT))]
-        held += [one.low <= value <= one.high for one, value in pairs]
-        estimates.append(found.estimate)
-    shares = held / studies
-    return shares[0], shares[1], shares[2], float(np.mean(estimates)) / truth(prints, repeats)
+        cell = study(prints, 2, field, random, repeat)
+        intervals = [variance_interval(cell), *(component_interval([cell], name) for name in ("print", "repeat"))]
+        held += [one.low <= value <= one.high for one, value in zip(intervals, truths, strict=True)]
+        estimates.append(intervals[0].estimate)
+    return held / studies, float(np.mean(estimates)) / truths[0]
 
 
 FIELDS = {
@@ -105,17 +106,17 @@ FIELDS = {
 @pytest.mark.parametrize("kind", ["smooth", "coarse"])
 def test_intervals_cover_in_a_hundred_studies(kind: str, prints: int) -> None:
     # Of 100 studies with 95 % coverage fewer than 88 hold in 3 of 1,000 cases.
-    held, of_print, of_repeat, _ = coverage(prints, 2, FIELDS[kind], 100, seed=prints)
-    assert min(held, of_print, of_repeat) >= 0.88
+    assert coverage(prints, FIELDS[kind], 100, seed=prints)[0].min() >= 0.88
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("repeat", [0.1, 0.5, 2.0])
 @pytest.mark.parametrize("prints", [6, 3])
 @pytest.mark.parametrize("kind", list(FIELDS))
-def test_intervals_cover_90_to_98_of_100_in_500_studies(kind: str, prints: int) -> None:
-    held, of_print, of_repeat, bias = coverage(prints, 2, FIELDS[kind], 500, seed=10 * prints)
-    for share in (held, of_print, of_repeat):
-        assert 0.90 <= share <= 0.98
+def test_intervals_cover_89_to_98_of_100_in_500_studies(kind: str, prints: int, repeat: float) -> None:
+    held, bias = coverage(prints, FIELDS[kind], 500, seed=10 * prints, repeat=repeat)
+    print(f"{kind}, {prints} prints, repeats {repeat:g}: {held}")
+    assert 0.885 <= held.min() <= held.max() <= 0.985
     assert bias == pytest.approx(1.0, abs=0.15)
 
 
@@ -173,7 +174,7 @@ def test_two_prints_have_an_interval_that_says_how_little_they_show() -> None:
     found = [variance_interval(study(2, 2, FIELDS["smooth"], random)) for _ in range(60)]
     assert all(one.low <= truth(2, 2) <= one.high for one in found)
     assert np.median([one.high / one.estimate for one in found]) > 100.0
-    assert "two prints" in found[0].note and found[0].parts == 1.0
+    assert found[0].parts == 1.0
 
 
 def test_one_print_is_refused_with_the_reason() -> None:
@@ -189,7 +190,6 @@ def test_one_repeat_has_an_interval_but_no_components() -> None:
     random = np.random.default_rng(6)
     found = [variance_interval(study(6, 1, FIELDS["smooth"], random)) for _ in range(60)]
     assert sum(one.low <= truth(6, 1) <= one.high for one in found) >= 51
-    assert "one repeat" in found[0].note
     with pytest.raises(InputError, match="cannot be told apart"):
         component_interval([study(6, 1, FIELDS["smooth"], random)], "repeat")
 
@@ -206,7 +206,6 @@ def test_components_are_pooled_over_cells_of_different_prints() -> None:
     )
     expected = (squares - sum(one.dof[0] for one in cells) * repeats) / sum(one.kappa for one in cells)
     assert together.estimate == pytest.approx(expected)
-    assert together.prints == 18
 
 
 @pytest.mark.parametrize("kind", ["smooth", "coarse"])
@@ -247,8 +246,7 @@ def test_without_a_whole_position_pixels_count_as_one() -> None:
         CellSums.of(gram_of(list(random.standard_normal((11, 50)))), np.delete(copies, i), copies) for i in range(3)
     ]
     found = variance_interval(pooled(sums))
-    assert "no position has all presses" in found.note
-    assert found.parts < 2.0
+    assert found.parts == 1.0
     assert found.low < found.estimate < found.high
 
 
@@ -260,7 +258,7 @@ def test_a_force_level_of_fewer_prints_is_pooled_too() -> None:
         assert both.variance() == pytest.approx((six.variance() + three.variance()) / 2.0)
         np.testing.assert_array_equal(both.gram, six.gram)
         found = variance_interval(both)
-        assert found.low < found.estimate < found.high and not found.note
+        assert found.low < found.estimate < found.high
 
 
 def test_order_of_presses_and_seed_do_not_matter() -> None:
@@ -291,7 +289,6 @@ def test_constant_readings_have_an_interval_of_zero() -> None:
         (lambda: CellSums.of(np.zeros((1, 1)), [1], [1, 1]).variance(1), "two presses"),
         (lambda: CellSums.of(np.zeros((2, 2)), [1, 2]).variance(2), "allowed: 0, 1"),
         (lambda: variance_interval(CellSums.of(np.zeros((2, 2)), [1, 2]), floor=-1.0), "floor"),
-        (lambda: variance_interval(CellSums.of(np.zeros((2, 2)), [1, 2]), confidence=1.0), "confidence"),
         (lambda: component_interval([CellSums.of(np.zeros((2, 2)), [1, 2])], "printer"), "allowed: print, repeat"),
     ],
 )
