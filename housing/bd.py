@@ -140,7 +140,7 @@ def assembled(
     if len(chosen) > holder.slots:
         raise InputError("blocks", len(chosen), f"the holder has {holder.slots} slots")
     for block in chosen:
-        if _outline(block) != _outline(holder.block):
+        if block.outline != holder.block.outline:
             raise InputError("blocks", block.name, f"does not go into {holder.name}")
     if jig is not None and jig.holder.name != holder.name:
         raise InputError("jig", jig.name, f"is not made for {holder.name}")
@@ -153,8 +153,3 @@ def assembled(
         parts.append(JigPart(jig))
         base.joints["jig"].connect_to(parts[-1].joints["holder"])
     return Compound(label=f"assembly_{holder.stem}", children=parts)
-
-
-def _outline(block: Block) -> tuple[object, ...]:
-    """What a holder knows of a block."""
-    return (block.size_mm, block.height_mm, block.key_mm)

@@ -71,6 +71,7 @@ def command(
     from tacbench_cad.lab.acquire.session import acquire_study
     from tacbench_cad.lab.runs.checking import check_run
     from tacbench_cad.lab.study.file import read_study, virtual_study
+    from tacbench_cad.virtual_rig.devices import open_rig
 
     if virtual:
         if file is not None:
@@ -92,7 +93,12 @@ def command(
     if folder is None:
         raise InputError("out", None, "name the folder of the run folders")
     results = acquire_study(
-        chosen.study, chosen.required_rig, folder, person=Typing(_ask, note), progress=Lines(folder)
+        chosen.study,
+        chosen.required_rig,
+        folder,
+        person=Typing(_ask, note),
+        progress=Lines(folder),
+        opener=open_rig,
     )
     for result in results:
         missed = f", {result.missed} of them out of their band" if result.missed else ""

@@ -104,11 +104,13 @@ def align(
     """
     from dataclasses import replace
 
-    from tacbench_cad.lab.rig.aligning import TOLERANCE_MM, Teaching, require_reach, store_frame
-    from tacbench_cad.lab.rig.devices import open_rig
+    from tacbench_cad.lab.rig.aligning import TOLERANCE_MM, Teaching, store_frame
+    from tacbench_cad.lab.rig.errors import OutOfRangeError
+    from tacbench_cad.lab.rig.reach import require_reach
     from tacbench_cad.lab.study.file import read_study
     from tacbench_cad.lab.study.presses import block_order
     from tacbench_cad.lab.study.spec import SensorSettings
+    from tacbench_cad.virtual_rig.devices import open_rig
 
     tolerance = given(number_of, "tolerance-mm", tolerance_mm)
     if tolerance is not None and not 0.0 < tolerance <= 5.0:
@@ -132,7 +134,12 @@ def align(
             force_n=None if gauge is None else lambda: gauge.read(protocol.force_window_s).mean_n,
         )
         taught = teaching.frame(protocol, printed.block, TOLERANCE_MM if tolerance is None else tolerance)
-    require_reach(taught.frame, protocol, stage.limits_mm, stage.slots_mm)
+    origin, turns = taught.frame.origin_mm, taught.frame.quarter_turns
+    aligned = replace(stage, origin_mm=origin, quarter_turns=turns)
+    try:
+        require_reach(protocol, settings.holder, aligned.frames, stage.limits_mm)
+    except InputError as error:
+        raise OutOfRangeError(f"{error}; nothing is stored") from None
     store_frame(file, taught.frame)
     x, y, z = taught.frame.origin_mm
     typer.echo(

@@ -32,10 +32,13 @@ from .rig.calibration import read_calibration as read_calibration
 from .rig.clock import Clock as Clock
 from .rig.devices import Rig as Rig
 from .rig.devices import open_rig as open_rig
+from .rig.drivers import open_gauge as open_gauge
+from .rig.drivers import open_sensor as open_sensor
 from .rig.drivers import open_stage as open_stage
 from .rig.errors import AlarmError as AlarmError
 from .rig.errors import DepthLimitError as DepthLimitError
 from .rig.errors import DeviceLostError as DeviceLostError
+from .rig.errors import DriverError as DriverError
 from .rig.errors import ForceLimitError as ForceLimitError
 from .rig.errors import GaugeError as GaugeError
 from .rig.errors import NoAnswerError as NoAnswerError
@@ -49,10 +52,8 @@ from .rig.errors import SensorError as SensorError
 from .rig.gauge import Force as Force
 from .rig.gauge import Gauge as Gauge
 from .rig.grbl import GrblStage as GrblStage
-from .rig.loadcell import open_gauge as open_gauge
 from .rig.marlin import MarlinStage as MarlinStage
 from .rig.sensor import Sensor as Sensor
-from .rig.sensors import open_sensor as open_sensor
 from .rig.stage import Closing as Closing
 from .rig.stage import LimitedStage as LimitedStage
 from .rig.stage import Stage as Stage

@@ -127,7 +127,7 @@ def _assemblies(
     makers = [one.maker for one in sources]
     made: list[Assembly] = []
     for holder in (one for one in makers if isinstance(one, Holder)):
-        fitting = [one for one in makers if isinstance(one, Block) and len(_geometries([holder.block, one])) == 1]
+        fitting = [one for one in makers if isinstance(one, Block) and one.outline == holder.block.outline]
         fitting.sort(key=lambda block: block.copy or 1)
         blocks, over = fitting[: holder.slots], fitting[holder.slots :]
         one = Assembly(
@@ -340,7 +340,7 @@ def _geometries(blocks: Sequence[Block]) -> list[Block]:
     """The first block of each distinct outline: to a fixture, textures of one size are the same."""
     distinct: dict[object, Block] = {}
     for block in blocks:
-        distinct.setdefault((block.preset, block.size_mm, block.height_mm, block.key_mm, block.scale), block)
+        distinct.setdefault(block.outline, block)
     return list(distinct.values())
 
 

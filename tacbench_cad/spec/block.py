@@ -293,6 +293,11 @@ class Block:
         return (first, self.preset.upper(), f"X{decimal(self.scale)}", *copy)
 
     @property
+    def outline(self) -> tuple[tuple[float, float], float, float | None]:
+        """Sides, height and key in mm: what a holder knows of a block. Blocks of one outline fit the same holder."""
+        return (self.size_mm, self.height_mm, self.key_mm)
+
+    @property
     def footprint_mm2(self) -> float:
         """Area of the underside's outline, in mm^2."""
         x, y = self.size_mm

@@ -43,15 +43,9 @@ def main() -> int:
     )
     for name, of in (("--option", "the firmware, as emergency_parser=1"), ("--gauge", "the load cell, as newtons=1")):
         parser.add_argument(name, action="append", default=[], metavar="KEY=VALUE", help=f"a setting of {of}")
-    parser.add_argument("--launched", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
-    # The end of the process by a signal goes through the same cleaning up.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
-    # An interruption of the terminal goes to a whole group of processes; the launcher decides when its rig ends.
-    signal.signal(signal.SIGINT, signal.SIG_IGN if options.launched else signal.default_int_handler)
-    if options.launched:
-        serve_launcher()
-        return 0
+    _clean_up_on_sigterm()
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         setup = Setup(
             kind=options.kind,
@@ -82,6 +76,18 @@ def main() -> int:
     finally:
         server.close()
     return 0
+
+
+def launched() -> None:
+    """What the child of a launcher does."""
+    _clean_up_on_sigterm()
+    # An interruption of the terminal goes to a whole group of processes; the launcher decides when its rig ends.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    serve_launcher()
+
+
+def _clean_up_on_sigterm() -> None:
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
 
 
 if __name__ == "__main__":

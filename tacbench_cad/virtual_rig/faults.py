@@ -112,6 +112,13 @@ class Fault:
         return cls(**values)
 
     @classmethod
+    def of(cls, given: Fault | Mapping[str, Any] | str) -> Fault:
+        """The fault, from its plain values or its text as well."""
+        if isinstance(given, Fault):
+            return given
+        return cls.parse(given) if isinstance(given, str) else cls.from_dict(given)
+
+    @classmethod
     def parse(cls, text: str) -> Fault:
         """A fault written as ``drop at_s=12 count=3 direction=in``.
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import subprocess
 import sys
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from tacbench_cad.lab.rig.errors import DeviceLostError
@@ -17,7 +18,8 @@ from tacbench_cad.util.errors import InputError
 from tacbench_cad.virtual_rig.faults import Fault
 from tacbench_cad.virtual_rig.setup import Setup
 
-_MODULE = "tacbench_cad.virtual_rig"
+#: The child gets exactly our module path: -P and PYTHONSAFEPATH keep the files of the current folder out of it.
+_PROGRAM = "import sys; sys.path[:] = {path!r}; from tacbench_cad.virtual_rig.__main__ import launched; launched()"
 
 
 class VirtualRig(Closing):
@@ -33,7 +35,11 @@ class VirtualRig(Closing):
         self.setup = setup
         self._lock = threading.Lock()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", _MODULE, "--launched"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [sys.executable, "-P", "-c", _PROGRAM.format(path=sys.path)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONSAFEPATH": "1"},
         )
         try:
             ports = self._ask(setup.as_dict())
@@ -105,57 +111,16 @@ class VirtualRig(Closing):
         return answer
 
 
-def launch(
-    kind: str,
-    *,
-    speed: float = 1.0,
-    seed: int = 0,
-    faults: Iterable[Fault | Mapping[str, Any] | str] = (),
-    tcp: bool = False,
-    stimulus: Mapping[str, Any] | None = None,
-    resets_on_open: bool = True,
-    check_baud: bool = False,
-    start_mm: Point | None = None,
-    gauge: Mapping[str, Any] | None = None,
-    **firmware: Any,
-) -> VirtualRig:
+def launch(kind: str, **options: Any) -> VirtualRig:
     """Start a virtual rig. Use it in a ``with`` statement.
 
     Args:
         kind: Which firmware: ``grbl``, ``grblhal``, ``marlin`` or ``arduino``.
-        speed: How many times faster than real time it runs.
-        seed: Of everything that is left to chance.
-        faults: Faults that happen at their time; also as plain values or texts, as a configuration file has them.
-        tcp: TCP ports instead of pseudo-terminals.
-        stimulus: What lies under the carriage, see :func:`tacbench_cad.virtual_rig.loadcell.stimulus_from`.
-        resets_on_open: Whether opening the port resets the board, as on most Arduino boards.
-        check_baud: Whether a host that set another speed gets garbage (pseudo-terminals of Linux only).
-        start_mm: Where the carriage truly stands at the start, in the frame after homing; None for the default.
-        gauge: Keyword arguments of :class:`~tacbench_cad.virtual_rig.loadcell.CellSettings`.
-        **firmware: Keyword arguments of the firmware: ``settings`` of ``grbl``, ``emergency_parser`` of ``marlin``.
+        **options: Other fields of :class:`~tacbench_cad.virtual_rig.setup.Setup`, and keyword arguments of the
+            firmware: ``settings`` of ``grbl``, ``emergency_parser`` of ``marlin``.
 
     Raises:
         InputError: An argument is wrong.
         DeviceLostError: The process ended at once.
     """
-    return VirtualRig(
-        Setup(
-            kind=kind,
-            speed=speed,
-            seed=seed,
-            faults=tuple(_fault(one) for one in faults),
-            tcp=tcp,
-            stimulus=stimulus,
-            resets_on_open=resets_on_open,
-            check_baud=check_baud,
-            start_mm=start_mm,
-            gauge=gauge or {},
-            firmware=firmware,
-        )
-    )
-
-
-def _fault(one: Fault | Mapping[str, Any] | str) -> Fault:
-    if isinstance(one, Fault):
-        return one
-    return Fault.parse(one) if isinstance(one, str) else Fault.from_dict(one)
+    return VirtualRig(Setup.of(kind, **options))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 import random
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
@@ -75,6 +75,30 @@ class Setup:
         for key in self.gauge:
             if key not in allowed:
                 raise InputError("gauge", key, nearest(key, allowed))
+
+    @classmethod
+    def of(
+        cls, kind: str, *, faults: Iterable[Fault | Mapping[str, Any] | str] = (), gauge: Any = None, **options: Any
+    ) -> Setup:
+        """A setup from one list of options: those that are no field of a setup are the firmware's.
+
+        Args:
+            kind: Which firmware.
+            faults: Faults; also as plain values or texts, as a configuration file has them.
+            gauge: See :class:`Setup`; None for the defaults.
+            **options: The other fields, and keyword arguments of the firmware.
+
+        Raises:
+            InputError: An option is unknown or a value wrong.
+        """
+        own = {field.name for field in fields(cls)}
+        return cls(
+            kind=kind,
+            faults=tuple(Fault.of(fault) for fault in faults),
+            gauge=gauge or {},
+            firmware={key: value for key, value in options.items() if key not in own},
+            **{key: value for key, value in options.items() if key in own},
+        )
 
     @property
     def cell(self) -> CellSettings:

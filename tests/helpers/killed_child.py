@@ -18,6 +18,7 @@ from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.spec import Protocol
+from tacbench_cad.virtual_rig.devices import open_rig
 
 
 def on_doubles(folder: Path, seed: int) -> None:
@@ -37,7 +38,7 @@ def on_virtual_rig(folder: Path, driver: str) -> None:
     chosen = virtual_study(driver=driver, speed=100.0, out=folder)
     print("ready", flush=True)
     person = Typing(lambda prompt: "", lambda message: None)
-    acquire_study(chosen.study, chosen.required_rig, folder, person=person, progress=Silent())
+    acquire_study(chosen.study, chosen.required_rig, folder, person=person, progress=Silent(), opener=open_rig)
 
 
 if __name__ == "__main__":

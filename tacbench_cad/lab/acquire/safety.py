@@ -14,42 +14,12 @@ from types import FrameType
 from typing import Any
 
 from tacbench_cad.lab.rig.errors import DepthLimitError, RigError
-from tacbench_cad.lab.rig.stage import Limits, Stage
+from tacbench_cad.lab.rig.reach import travel_height_mm
+from tacbench_cad.lab.rig.stage import Stage
 from tacbench_cad.lab.study.spec import HolderRim, Point, Protocol, WorkFrame
-from tacbench_cad.util.errors import InputError
 
 #: How far below the depth limit a reported height may lie: the rounding of firmware that reports micrometres.
 ROUNDING_MM = 0.002
-
-
-def travel_height_mm(protocol: Protocol, holder: HolderRim) -> float:
-    """Height of travel in the work frame: the clearance above the highest of block and rim."""
-    return protocol.clearance_mm + max(0.0, -holder.rim_mm)
-
-
-def require_within(protocol: Protocol, holder: HolderRim, frames: tuple[WorkFrame, ...], limits_mm: Limits) -> None:
-    """Refuse a protocol that would send the stage beyond its limits, before anything moves.
-
-    Args:
-        protocol: Its grid, clearance and depth limit.
-        holder: The rim that is travelled over.
-        frames: The work frame of each slot that is used.
-        limits_mm: Lowest and highest x, y, z of the stage.
-
-    Raises:
-        InputError: A place lies beyond a limit; the message has slot, axis and numbers.
-    """
-    heights = (-protocol.depth_limit_mm, travel_height_mm(protocol, holder))
-    for slot, frame in enumerate(frames, start=1):
-        places = [frame.to_stage((float(x), float(y), z)) for x, y in protocol.grid.positions_mm for z in heights]
-        for axis, (low, high) in enumerate(limits_mm):
-            least, most = min(one[axis] for one in places), max(one[axis] for one in places)
-            if not (low <= least and most <= high):
-                raise InputError(
-                    f"[stage] limits_mm {'xyz'[axis]}",
-                    [low, high],
-                    f"slot {slot} needs {least:.3f} to {most:.3f} mm (positions, clearance and depth limit)",
-                )
 
 
 class Carriage:

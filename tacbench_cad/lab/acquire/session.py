@@ -11,8 +11,9 @@ from typing import Any
 from tacbench_cad.lab.acquire.block import STATIONARY, BlockResult, press_block
 from tacbench_cad.lab.acquire.person import Person
 from tacbench_cad.lab.acquire.progress import Progress
-from tacbench_cad.lab.acquire.safety import Signals, require_within
+from tacbench_cad.lab.acquire.safety import Signals
 from tacbench_cad.lab.rig.devices import Rig, open_rig, recorded_gauge, recorded_stage
+from tacbench_cad.lab.rig.reach import require_reach
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.presses import block_order
@@ -58,12 +59,12 @@ def places(study: Study, rig: RigSettings, out: Path) -> tuple[Place, ...]:
 
     The slots are filled in turn, so a block has the same slot in every sitting.
     """
-    slots = rig.stage.slots_mm
+    slots = rig.stage.frames
     return tuple(
         Place(
             planned=planned,
             slot=number % len(slots),
-            frame=rig.stage.frame.shifted(slots[number % len(slots)]),
+            frame=slots[number % len(slots)],
             folder=out / planned.printed.name,
         )
         for number, planned in enumerate(block_order(study))
@@ -103,8 +104,8 @@ def acquire_study(
         KeyboardInterrupt: A signal came; likewise.
     """
     _require_gauge(study.protocol, rig)
-    slots = tuple(rig.stage.frame.shifted(one) for one in rig.stage.slots_mm)
-    require_within(study.protocol, rig.holder, slots, rig.stage.limits_mm)
+    slots = rig.stage.frames
+    require_reach(study.protocol, rig.holder, slots, rig.stage.limits_mm)
     results: list[BlockResult] = []
     with Signals() as signals, locked(out), ExitStack() as devices:
         every = places(study, rig, out)

@@ -151,25 +151,6 @@ def highest_point_mm(block: Block) -> tuple[float, float]:
     return float(x[columns[best]]), float(y[rows[best]])
 
 
-def require_reach(frame: WorkFrame, protocol: Protocol, limits_mm: Limits, slots_mm: Sequence[Point]) -> None:
-    """Refuse a frame in which the stage cannot reach every press.
-
-    Raises:
-        OutOfRangeError: A position, at travel height or at the depth limit, lies beyond the stage's limits.
-    """
-    for number, slot in enumerate(slots_mm, start=1):
-        there = frame.shifted(slot)
-        for x, y in protocol.grid.positions_mm:
-            for z in (protocol.clearance_mm, -protocol.depth_limit_mm):
-                point = there.to_stage((float(x), float(y), z))
-                for axis, value, (low, high) in zip("xyz", point, limits_mm, strict=True):
-                    if not low <= value <= high:
-                        raise OutOfRangeError(
-                            f"slot {number}: the press at {x:g}, {y:g} mm needs the stage at {axis} = {value:.2f} mm, "
-                            f"beyond its limits, {low:g} to {high:g} mm; nothing is stored"
-                        )
-
-
 class Teaching:
     """A person at the stage: jogs by typed lines, confirms, and the frame follows.
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tacbench_cad.lab.rig.camera_devices import Capture, Opener, chosen_camera, open_capture
 from tacbench_cad.lab.rig.errors import DeviceLostError, SensorError
 from tacbench_cad.lab.rig.frames import FrameLimits, frame_faults
-from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.spec import SensorSettings
 from tacbench_cad.util.settings import Table
@@ -175,7 +175,7 @@ class CameraSensor(Closing):
             self.close()
             raise
 
-    def read(self) -> Reading:
+    def read(self) -> Frame:
         """A picture whose exposure began after this call.
 
         Frames are thrown away until as many are gone as a driver may hold back, and the time is over that a frame

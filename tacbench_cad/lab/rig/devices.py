@@ -1,53 +1,75 @@
 """A whole rig from its settings: real, virtual and simulated devices, in any mixture.
 
 *Virtual*: a firmware simulator in a process of its own, behind a serial port; the drivers are the real ones.
-*Simulated*: a device in this process that follows the position that the stage reports.
+*Simulated*: a device in this process that follows the position that the stage reports. The lab opens neither by
+itself: whoever wants them passes :class:`Simulators` in, as ``tacbench_cad.virtual_rig.devices.open_rig`` does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.drivers import open_gauge, open_sensor, open_stage
 from tacbench_cad.lab.rig.gauge import Gauge
 from tacbench_cad.lab.rig.sensor import Sensor
 from tacbench_cad.lab.rig.stage import Stage
 from tacbench_cad.lab.study.spec import (
     GaugeSettings,
     HolderRim,
+    Point,
     PrintedBlock,
     RigSettings,
-    SensorSettings,
     StageSettings,
     WorkFrame,
 )
 from tacbench_cad.util.errors import InputError
 
-if TYPE_CHECKING:
-    from tacbench_cad.virtual_rig.launch import VirtualRig
-
-#: How many times faster than real time a virtual rig runs, if ``[stage] options.speed`` does not say.
-DEFAULT_SPEED = 1.0
-#: Beyond this a serial port is what limits it.
-MOST_SPEED = 1000.0
 #: ``[gauge] port`` of the load cell that belongs to a virtual stage.
 VIRTUAL_PORT = "virtual"
-#: Options of a virtual stage that are not part of what is recorded: they change no reading.
+#: Options of a virtual stage that are not recorded: they do not change what is measured.
 UNRECORDED = ("speed", "tcp", "faults")
-
-Put = Callable[[PrintedBlock, HolderRim, WorkFrame], None]
 
 
 @runtime_checkable
 class Following(Protocol):
-    """A simulated device, which has to be told what lies under the sensor."""
+    """A simulated device, which needs to know what lies under the sensor."""
 
     def put(self, printed: PrintedBlock, holder: HolderRim, frame: WorkFrame) -> None:
         """Another block lies there now."""
         ...
+
+
+class VirtualStage(Following, Protocol):
+    """The running firmware of a virtual stage.
+
+    Attributes:
+        port: Where the stage's driver finds it.
+        gauge_port: The port of its load cell.
+        clock: The time that it keeps.
+    """
+
+    port: str
+    gauge_port: str
+    clock: Clock
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulators:
+    """What opens the devices that are not real.
+
+    Args:
+        stage: Starts the firmware of a virtual stage.
+        gauge: A gauge that follows a position.
+        sensor: A sensor that follows a position; takes the options of ``[sensor]``.
+    """
+
+    stage: Callable[[RigSettings], AbstractContextManager[VirtualStage]]
+    gauge: Callable[[Callable[[], Point], Clock], Gauge]
+    sensor: Callable[[Callable[[], Point], Clock, Mapping[str, Any]], Sensor]
 
 
 @dataclass(kw_only=True)
@@ -60,7 +82,7 @@ class Rig:
         sensor: The tactile sensor.
         clock: The rig's time.
         settings: What they were opened from.
-        puts: Told which block lies under the sensor, and where: the simulated devices.
+        following: The simulated devices, which need to know what lies under the sensor.
     """
 
     stage: Stage
@@ -68,12 +90,12 @@ class Rig:
     sensor: Sensor
     clock: Clock
     settings: RigSettings
-    puts: tuple[Put, ...] = ()
+    following: tuple[Following, ...] = ()
 
     def put(self, printed: PrintedBlock, frame: WorkFrame) -> None:
         """Tell the simulated devices which block is pressed next."""
-        for put in self.puts:
-            put(printed, self.settings.holder, frame)
+        for device in self.following:
+            device.put(printed, self.settings.holder, frame)
 
     @property
     def stage_info(self) -> dict[str, Any]:
@@ -110,7 +132,7 @@ def recorded_stage(settings: StageSettings) -> dict[str, Any]:
     """The settings of a stage that must stay the same throughout a run; the origin is recorded with the frame."""
     return {
         "driver": settings.driver,
-        "limits_mm": [list(one) for one in settings.limits_mm],
+        "limits_mm": [list(limits) for limits in settings.limits_mm],
         "travel_mm_s": settings.travel_mm_s,
         "approach_mm_s": settings.approach_mm_s,
         "options": {key: value for key, value in settings.options.items() if key not in UNRECORDED},
@@ -123,95 +145,56 @@ def recorded_gauge(settings: GaugeSettings) -> dict[str, Any]:
 
 
 @contextmanager
-def open_rig(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> Iterator[Rig]:
+def open_rig(
+    settings: RigSettings, printed: PrintedBlock, frame: WorkFrame, *, simulators: Simulators | None = None
+) -> Iterator[Rig]:
     """Open every device; they are closed in reverse when the body ends, however it ends.
 
     Args:
         settings: The devices.
         printed: The block under the sensor: the load of virtual and simulated devices.
         frame: Where it lies.
+        simulators: What opens virtual and simulated devices; None for a rig that has none.
 
     Raises:
         RigError: A device is missing or is another one.
         InputError: A setting is not allowed.
     """
-    from tacbench_cad.lab.rig.drivers import open_stage
+
+    def simulator(table: str, driver: str) -> Simulators:
+        if simulators is None:
+            raise InputError(f"[{table}] driver", driver, "needs tacbench_cad.virtual_rig.devices.open_rig")
+        return simulators
 
     with ExitStack() as devices:
-        stage_settings, gauge_settings = settings.stage, settings.gauge
-        clock = Clock()
-        puts: list[Put] = []
+        stage_settings, gauge_settings, sensor_settings = settings.stage, settings.gauge, settings.sensor
+        clock, simulated = Clock(), ""
+        opened: list[object] = []
         if stage_settings.is_virtual:
-            virtual, clock = _launched(settings, _load(printed, settings.holder, frame))
-            devices.enter_context(virtual)
-            puts.append(lambda printed, holder, frame: virtual.put(_load(printed, holder, frame)))
+            virtual = devices.enter_context(simulator("stage", stage_settings.driver).stage(settings))
+            opened.append(virtual)
+            clock = virtual.clock
             stage_settings = replace(stage_settings, port=virtual.port)
             if gauge_settings.port == VIRTUAL_PORT:
                 gauge_settings = replace(gauge_settings, port=virtual.gauge_port)
+                simulated = "load cell of the virtual rig"
         stage = devices.enter_context(open_stage(stage_settings, clock))
-        simulated = "load cell of the virtual rig" if settings.gauge.port == VIRTUAL_PORT else ""
-        gauge = devices.enter_context(_gauge(gauge_settings, stage, clock, _ports(stage_settings.port), simulated))
-        taken = _ports(stage_settings.port, gauge_settings.port)
-        sensor = devices.enter_context(_sensor(settings.sensor, stage, clock, taken))
-        opened: tuple[object, ...] = (gauge, sensor)
-        for device in opened:
-            if isinstance(device, Following):
-                device.put(printed, settings.holder, frame)
-                puts.append(device.put)
-        yield Rig(stage=stage, gauge=gauge, sensor=sensor, clock=clock, settings=settings, puts=tuple(puts))
-
-
-def _load(printed: PrintedBlock, holder: HolderRim, frame: WorkFrame) -> dict[str, Any]:
-    """What lies under a virtual stage, as plain values for its process."""
-    return {
-        "printed": printed.as_dict(),
-        "holder": {"rim_mm": holder.rim_mm, "gap_mm": holder.gap_mm},
-        "frame": {"origin_mm": list(frame.origin_mm), "quarter_turns": frame.quarter_turns},
-    }
-
-
-def _launched(settings: RigSettings, load: dict[str, Any]) -> tuple[VirtualRig, Clock]:
-    """The virtual stage's process, and the time that it keeps."""
-    from tacbench_cad.virtual_rig.launch import launch
-
-    stage = settings.stage
-    options = {"speed": DEFAULT_SPEED, **stage.options}
-    clock = Clock(speed=_speed(options["speed"]))
-    # Without a calibration the gauge's lines are taken for newtons, so it has to send them.
-    cell = {"newtons": settings.gauge.calibration is None, **options.pop("gauge", {})}
-    return launch(stage.driver.removeprefix("virtual-"), stimulus=load, gauge=cell, **options), clock
-
-
-def _speed(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.1 <= value <= MOST_SPEED:
-        raise InputError("[stage] options speed", value, f"must be from 0.1 to {MOST_SPEED:g}")
-    return float(value)
-
-
-def _ports(*ports: str | None) -> tuple[str, ...]:
-    """Ports that another device cannot have."""
-    return tuple(port for port in ports if port is not None)
-
-
-def _gauge(
-    settings: GaugeSettings, stage: Stage, clock: Clock, taken: tuple[str, ...], simulated: str
-) -> AbstractContextManager[Gauge | None]:
-    if settings.driver == "none":
-        return nullcontext()
-    if settings.driver == "simulated":
-        from tacbench_cad.lab.simulate.devices import SimulatedGauge
-
-        return SimulatedGauge(stage.position, clock)
-    from tacbench_cad.lab.rig.loadcell import open_gauge
-
-    return open_gauge(settings, clock, taken=taken, simulated=simulated)
-
-
-def _sensor(settings: SensorSettings, stage: Stage, clock: Clock, taken: tuple[str, ...]) -> Sensor:
-    if settings.driver == "simulated":
-        from tacbench_cad.lab.simulate.devices import SimulatedSensor
-
-        return SimulatedSensor(stage.position, clock, settings.options)
-    from tacbench_cad.lab.rig.sensors import open_sensor
-
-    return open_sensor(settings, clock, taken=taken)
+        taken = [stage_settings.port] if stage_settings.port else []
+        gauge_opening: AbstractContextManager[Gauge | None]
+        if gauge_settings.driver == "none":
+            gauge_opening = nullcontext()
+        elif gauge_settings.driver == "simulated":
+            gauge_opening = simulator("gauge", "simulated").gauge(stage.position, clock)
+        else:
+            gauge_opening = open_gauge(gauge_settings, clock, taken=taken, simulated=simulated)
+        gauge = devices.enter_context(gauge_opening)
+        if sensor_settings.driver == "simulated":
+            sensor = simulator("sensor", "simulated").sensor(stage.position, clock, sensor_settings.options)
+        else:
+            taken += [gauge_settings.port] if gauge_settings.port else []
+            sensor = open_sensor(sensor_settings, clock, taken=taken)
+        opened += [gauge, devices.enter_context(sensor)]
+        following = tuple(device for device in opened if isinstance(device, Following))
+        rig = Rig(stage=stage, gauge=gauge, sensor=sensor, clock=clock, settings=settings, following=following)
+        rig.put(printed, frame)
+        yield rig

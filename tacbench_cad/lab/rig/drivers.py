@@ -1,19 +1,28 @@
-"""Stage drivers by the names that ``[stage]`` uses."""
+"""Drivers of stages, gauges and sensors by the names that ``[stage]``, ``[gauge]`` and ``[sensor]`` use."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-from tacbench_cad.lab.rig import plugin
+import numpy as np
+
+from tacbench_cad.lab.rig import plugin, ports
 from tacbench_cad.lab.rig.arduino import ArduinoStage
+from tacbench_cad.lab.rig.calibration import read_calibration
+from tacbench_cad.lab.rig.camera import open_camera
 from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.gauge import Force, Gauge
 from tacbench_cad.lab.rig.grbl import GrblStage
+from tacbench_cad.lab.rig.loadcell import LoadCell, LoadCellOptions, open_raw
 from tacbench_cad.lab.rig.marlin import MarlinStage
-from tacbench_cad.lab.rig.ports import resolve
+from tacbench_cad.lab.rig.sensor import Frame, Sensor
 from tacbench_cad.lab.rig.stage import LimitedStage, Stage
-from tacbench_cad.lab.study.spec import StageSettings
-from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.lab.rig.taxels import open_taxels
+from tacbench_cad.lab.study.spec import GaugeSettings, Point, SensorSettings, StageSettings
+from tacbench_cad.util.errors import InputError, nearest, one_of
 
 #: How the names of virtual stages begin.
 VIRTUAL = "virtual-"
@@ -23,15 +32,21 @@ SERIAL: dict[str, tuple[Callable[..., Stage], tuple[str, ...]]] = {
     "marlin": (MarlinStage, ("home_timeout_s", "home_lift_mm")),
     "arduino": (ArduinoStage, ("steps_per_mm", "home_timeout_s")),
 }
-#: What every stage has.
-NEEDED = ("identity", "simulated", "home", "move", "position", "stop", "close")
+#: Sensors that have a name of their own.
+SENSORS = ("opencv", "taxels")
+#: What every stage, gauge and sensor has.
+NEEDED = {
+    "stage": ("identity", "simulated", "home", "move", "position", "stop", "close"),
+    "gauge": ("identity", "simulated", "calibration", "read", "tare", "close"),
+    "sensor": ("name", "units", "shape", "simulated", "settings", "read", "close"),
+}
 
 
 def open_stage(settings: StageSettings, clock: Clock | None = None) -> LimitedStage:
     """Open, identify and (if asked) home the stage.
 
     A virtual stage's firmware must run already; ``settings.port`` says where. Its own options (``speed``, ``faults``)
-    are for whoever runs it and are passed over here.
+    are for whoever runs it and are ignored here.
 
     Args:
         settings: The stage's settings.
@@ -41,44 +56,122 @@ def open_stage(settings: StageSettings, clock: Clock | None = None) -> LimitedSt
         InputError: Unknown driver or option, no such port, or several candidates.
         RigError: The device is silent, is another one, or cannot be homed.
     """
-    clock = clock or Clock()
-    stage = _opened(settings, clock)
-    limited = LimitedStage(stage, settings.limits_mm)
+    stage = LimitedStage(_stage(settings, clock or Clock()), settings.limits_mm)
     try:
         if settings.home:
             stage.home()
     except BaseException:
-        limited.close()
+        stage.close()
         raise
-    return limited
+    return stage
 
 
-def _opened(settings: StageSettings, clock: Clock) -> Stage:
+def open_gauge(settings: GaugeSettings, clock: Clock, *, taken: Sequence[str] = (), simulated: str = "") -> Gauge:
+    """Open the gauge that ``[gauge]`` describes.
+
+    Args:
+        settings: The table; its driver is ``serial`` or a ``module:name``, which is given the port as ``port``.
+        clock: The rig's time.
+        taken: Ports of the rig's other devices, which it cannot have.
+        simulated: What of it is simulated: the virtual rig's load cell speaks over a real port.
+
+    Raises:
+        InputError: A setting is not allowed, the calibration cannot be read, or there is no such port.
+        RigError: Nothing that is a sample comes.
+    """
     if plugin.is_plugin(settings.driver):
-        options = dict(settings.options)
-        if settings.port is not None:
-            options["port"] = settings.port
-        stage: Stage = plugin.made(settings.driver, options, NEEDED)
+        gauge: Gauge = _own("gauge", settings.driver, settings.options, {"port": settings.port}, {"read": _force})
+        return gauge
+    one_of("[gauge] driver", settings.driver, ("serial",))
+    path = None if settings.calibration is None else Path(settings.calibration)
+    calibration = None if path is None else read_calibration(path)
+    options = LoadCellOptions.of(settings.options, calibrated=calibration is not None)
+    port = ports.resolve(settings.port, "gauge", taken=taken)
+    raw = open_raw(port, clock=clock, baud=settings.baud, options=options, timeout_s=settings.timeout_s)
+    return LoadCell(raw, calibration, calibration_name="" if path is None else path.name, simulated=simulated)
+
+
+def open_sensor(settings: SensorSettings, clock: Clock, *, taken: Sequence[str] = ()) -> Sensor:
+    """Open the sensor that ``[sensor]`` describes.
+
+    Args:
+        settings: The table; the device of a ``module:name`` is given to it as ``device``.
+        clock: The rig's time.
+        taken: Ports of the rig's other devices, which it cannot have.
+
+    Raises:
+        InputError: A setting is not allowed, or there is no such device.
+        RigError: The sensor fails, does not obey, or sends what cannot be a frame.
+    """
+    if plugin.is_plugin(settings.driver):
+        sensor: Sensor = _own(
+            "sensor", settings.driver, settings.options, {"device": settings.device}, {"read": _frame}
+        )
+        return sensor
+    if settings.driver == "opencv":
+        return open_camera(settings)
+    if settings.driver == "taxels":
+        return open_taxels(settings, clock, taken=taken)
+    raise InputError(
+        "[sensor] driver", settings.driver, f"{nearest(settings.driver, SENSORS)}, or module:name for your own"
+    )
+
+
+def _stage(settings: StageSettings, clock: Clock) -> Stage:
+    if plugin.is_plugin(settings.driver):
+        results = {"move": _point, "position": _point}
+        stage: Stage = _own("stage", settings.driver, settings.options, {"port": settings.port}, results)
         return stage
     name = settings.driver.removeprefix(VIRTUAL)
     if name not in SERIAL:
-        hint = nearest(settings.driver, [*SERIAL, *(VIRTUAL + one for one in SERIAL)])
+        hint = nearest(settings.driver, [*SERIAL, *(VIRTUAL + known for known in SERIAL)])
         raise InputError("[stage] driver", settings.driver, f"{hint}, or module:name for your own")
-    maker, known = SERIAL[name]
-    options = {**settings.options}
+    factory, known = SERIAL[name]
+    options = dict(settings.options)
     if settings.is_virtual:
         options = {key: value for key, value in options.items() if key in known}
+        if settings.port is None:
+            raise InputError("[stage] port", None, f"{settings.driver} needs the port of its running firmware")
     for key in options:
         if key not in known:
             raise InputError(f"[stage] options {key}", None, f"unknown to {name}; {nearest(key, known)}")
-    if settings.is_virtual and settings.port is None:
-        raise InputError("[stage] port", None, f"{settings.driver} needs the port of its running firmware")
-    own: dict[str, Any] = {"baud": settings.baud} if settings.baud is not None else {}
-    return maker(
-        resolve(settings.port, "stage"),
+    if settings.baud is not None:
+        options["baud"] = settings.baud
+    return factory(
+        ports.resolve(settings.port, "stage"),
         clock=clock,
         timeout_s=settings.timeout_s,
         simulated=f"stage ({settings.driver})" if settings.is_virtual else "",
-        **own,
         **options,
     )
+
+
+def _own(
+    kind: str,
+    driver: str,
+    options: Mapping[str, Any],
+    place: Mapping[str, str | None],
+    results: Mapping[str, Callable[[Any], Any]],
+) -> Any:
+    """A user's own device; it is given its port or device where the file names one."""
+    given = {key: value for key, value in place.items() if value is not None}
+    return plugin.open_device(driver, {**options, **given}, NEEDED[kind], field=f"[{kind}] driver", results=results)
+
+
+def _point(value: Any) -> Point:
+    x, y, z = (float(coordinate) for coordinate in value)
+    if not all(map(math.isfinite, (x, y, z))):
+        raise ValueError(f"{value} is not a position in mm")
+    return (x, y, z)
+
+
+def _force(value: Any) -> Force:
+    if not isinstance(value, Force):
+        raise TypeError(f"{value!r:.60} is not a Force")
+    return value
+
+
+def _frame(value: Any) -> Frame:
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "biuf":
+        raise TypeError(f"a {type(value).__name__} is not an array of numbers")
+    return value

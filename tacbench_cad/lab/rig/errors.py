@@ -1,4 +1,4 @@
-"""What can go wrong with a rig, by name. Each of these stops a run so that it can go on later."""
+"""What can go wrong with a rig, by name. Each of these stops a run so that it can be resumed later."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from tacbench_cad.util.errors import TacbenchError
 
 
 class RigError(TacbenchError):
-    """A device failed. The run stopped safely and can go on (exit code 3)."""
+    """A device failed. The run stopped safely and can be resumed (exit code 3)."""
 
     exit_code = 3
 
@@ -23,12 +23,16 @@ class ProtocolError(RigError):
     """The device answered something that its protocol does not allow here, or is another device."""
 
 
+class DriverError(RigError):
+    """A user's own driver raised what is no error of a rig, or gave what is no position, force or frame."""
+
+
 class AlarmError(RigError):
     """The stage's firmware raised an alarm (an end stop, a soft limit, a failed homing) or was halted."""
 
 
 class PositionLostError(RigError):
-    """The firmware was reset, or reports a position that cannot be: where the sensor is, nobody knows; home first."""
+    """The firmware was reset or reports an impossible position: where the sensor is, is unknown; home first."""
 
 
 class NotThereError(RigError):

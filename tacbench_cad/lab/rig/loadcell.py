@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tacbench_cad.lab.rig.calibration import Calibration, read_calibration
+from tacbench_cad.lab.rig.calibration import Calibration
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import GaugeError
-from tacbench_cad.lab.rig.gauge import Force, Gauge
+from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.samples import BAUD, Lines, SampleStream
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.spec import GaugeSettings
@@ -33,8 +32,6 @@ _OFF_N = 0.005
 _OFF_UNITS = 10.0
 #: Time over which a tare and a calibration point are averaged, in seconds.
 STILL_S = 1.0
-#: What every gauge has.
-_NEEDED = ("identity", "simulated", "calibration", "read", "tare", "close")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -300,31 +297,3 @@ def open_raw(
         timeout_s=timeout_s,
         clock=clock,
     )
-
-
-def open_gauge(settings: GaugeSettings, clock: Clock, *, taken: tuple[str, ...] = (), simulated: str = "") -> Gauge:
-    """Open the gauge that ``[gauge]`` describes.
-
-    Args:
-        settings: The table; its driver is ``serial`` or a ``module:name``.
-        clock: The rig's time.
-        taken: Ports of the rig's other devices, which it cannot have.
-        simulated: What of it is simulated: the virtual rig's load cell speaks over a real port.
-
-    Raises:
-        InputError: A setting is not allowed, the calibration cannot be read, or there is no such port.
-        RigError: Nothing that is a sample comes.
-    """
-    from tacbench_cad.lab.rig import plugin, ports
-
-    if plugin.is_plugin(settings.driver):
-        given = {} if settings.port is None else {"port": settings.port}
-        gauge: Gauge = plugin.made(settings.driver, {**settings.options, **given}, _NEEDED)
-        return gauge
-    one_of("[gauge] driver", settings.driver, ("serial",))
-    calibration = None if settings.calibration is None else read_calibration(Path(settings.calibration))
-    options = LoadCellOptions.of(settings.options, calibrated=calibration is not None)
-    port = ports.resolve(settings.port, "gauge", taken=taken)
-    raw = open_raw(port, clock=clock, baud=settings.baud, options=options, timeout_s=settings.timeout_s)
-    name = "" if settings.calibration is None else Path(settings.calibration).name
-    return LoadCell(raw, calibration, calibration_name=name, simulated=simulated)

@@ -1,18 +1,26 @@
-"""A user's own stage or sensor by ``module:name``: any Python that the working folder or the environment has.
+"""A user's own device by ``module:name``: any Python that the working folder or the environment has.
 
 The name stands for something that is called with the options of the file as keyword arguments and gives the device.
-``tests/lab/rig/example_stage.py`` is a whole one.
+``tests/helpers/example_stage.py`` is a whole one.
 """
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import sys
-from collections.abc import Iterable, Mapping
+import traceback
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import tacbench_cad
+from tacbench_cad.lab.rig.errors import DriverError
+from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.util.errors import InputError, TacbenchError, nearest
+
+#: How the names of this project's own files begin.
+_PACKAGE = str(Path(tacbench_cad.__file__).parent)
 
 
 def is_plugin(driver: str) -> bool:
@@ -20,19 +28,60 @@ def is_plugin(driver: str) -> bool:
     return ":" in driver
 
 
-def load(driver: str, folder: Path | None = None) -> Any:
+class OwnDevice(Closing):
+    """A user's own device. Whatever it raises that is no error of the rig becomes one, in one line.
+
+    Args:
+        device: The device.
+        name: What it is, for the messages: ``[stage] driver my_arm:Arm``.
+        results: For some of its methods, what makes the expected result of what they return; may raise anything.
+    """
+
+    def __init__(self, device: Any, name: str, results: Mapping[str, Callable[[Any], Any]]) -> None:
+        self._device, self._name, self._results = device, name, results
+
+    def __getattr__(self, attribute: str) -> Any:
+        value = getattr(self._device, attribute)
+        if not callable(value):
+            return value
+
+        def call(*values: Any, **named: Any) -> Any:
+            try:
+                result = value(*values, **named)
+                return self._results[attribute](result) if attribute in self._results else result
+            except TacbenchError:
+                raise
+            except Exception as error:
+                place = _place(error) or getattr(sys.modules.get(type(self._device).__module__), "__file__", "")
+                raise DriverError(f"{self._name}: {attribute}() failed: {_text(error)} ({place})") from error
+
+        return call
+
+    def stop(self) -> None:
+        """See :class:`tacbench_cad.lab.rig.stage.Stage`. Never raises."""
+        with contextlib.suppress(Exception):
+            self._device.stop()
+
+    def close(self) -> None:
+        """Let go of the device. Never raises."""
+        with contextlib.suppress(Exception):
+            self._device.close()
+
+
+def load(driver: str, folder: Path | None = None, *, field: str = "driver") -> Any:
     """What ``module:name`` stands for.
 
     Args:
         driver: ``my_arm:Arm``; the module may have dots.
         folder: Where a module that is not installed lies; None for the working folder.
+        field: What names the driver, for the messages: ``[stage] driver``.
 
     Raises:
         InputError: No such module, it fails when imported, or it has no such name.
     """
     module_name, _, name = driver.partition(":")
     if not (name.isidentifier() and all(part.isidentifier() for part in module_name.split("."))):
-        raise InputError("driver", driver, "must be module:name, such as my_arm:Arm")
+        raise InputError(field, driver, "must be module:name, such as my_arm:Arm")
     own = str(folder or Path.cwd())
     sys.path.insert(0, own)
     try:
@@ -40,42 +89,69 @@ def load(driver: str, folder: Path | None = None) -> Any:
     except TacbenchError:
         raise
     except Exception as error:
-        raise InputError("driver", driver, f"{module_name} cannot be imported: {_text(error)}") from error
+        where = _place(error) or f"looked for in {own} and the environment"
+        raise InputError(field, driver, f"{module_name} cannot be imported: {_text(error)} ({where})") from error
     finally:
         sys.path.remove(own)
     if not hasattr(module, name):
-        known = [one for one in vars(module) if not one.startswith("_")]
-        raise InputError("driver", driver, f"{module_name} has no {name}; {nearest(name, known)}")
+        known = [name for name in vars(module) if not name.startswith("_")]
+        where = getattr(module, "__file__", None) or module_name
+        raise InputError(field, driver, f"{where} has no {name}; {nearest(name, known)}")
     return getattr(module, name)
 
 
-def made(driver: str, options: Mapping[str, Any], needed: Iterable[str], folder: Path | None = None) -> Any:
-    """The device that a ``module:name`` makes.
+def open_device(
+    driver: str,
+    options: Mapping[str, Any],
+    needed: Iterable[str],
+    folder: Path | None = None,
+    *,
+    field: str = "driver",
+    results: Mapping[str, Callable[[Any], Any]] | None = None,
+) -> Any:
+    """The device that a ``module:name`` gives.
 
     Args:
         driver: See :func:`load`.
         options: Its keyword arguments.
         needed: Attributes that it must have.
         folder: See :func:`load`.
+        field: See :func:`load`.
+        results: See :class:`OwnDevice`.
 
     Raises:
         InputError: It cannot be loaded, refuses the options, or lacks an attribute.
         RigError: As it raises itself.
     """
-    maker = load(driver, folder)
-    if not callable(maker):
-        raise InputError("driver", driver, "cannot be called; name a class or a function")
+    factory = load(driver, folder, field=field)
+    if not callable(factory):
+        raise InputError(field, driver, "cannot be called; name a class or a function")
     try:
-        device = maker(**options)
+        device = factory(**options)
     except TacbenchError:
         raise
     except Exception as error:
-        raise InputError("driver", driver, f"cannot be opened: {_text(error)}") from error
-    missing = [one for one in needed if not hasattr(device, one)]
+        where = _place(error) or getattr(sys.modules.get(factory.__module__), "__file__", driver)
+        raise InputError(field, driver, f"cannot be opened: {_text(error)} ({where})") from error
+    missing = [name for name in needed if not hasattr(device, name)]
     if missing:
-        raise InputError("driver", driver, f"lacks {', '.join(missing)}")
-    return device
+        where = getattr(sys.modules.get(type(device).__module__), "__file__", None)
+        raise InputError(field, driver, f"lacks {', '.join(missing)}" + (f" ({where})" if where else ""))
+    return OwnDevice(device, f"{field} {driver}", results or {})
 
 
 def _text(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}".splitlines()[0]
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+def _place(error: Exception) -> str:
+    """File and line of the user's code where an exception came from; an empty text where it never got there."""
+    if isinstance(error, SyntaxError) and error.filename:
+        return f"{error.filename}, line {error.lineno}"
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith(("<frozen", _PACKAGE)) and frame.filename != importlib.__file__
+    ]
+    lines = [frame.lineno for frame in frames if frame.filename == frames[0].filename]
+    return f"{frames[0].filename}, line {lines[-1]}" if frames else ""

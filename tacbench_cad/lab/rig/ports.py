@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,7 +61,7 @@ def candidates(by_id: Path = BY_ID, by_path: Path = BY_PATH) -> list[Candidate]:
     return sorted(found, key=lambda one: one.name)
 
 
-def resolve(port: str | None, what: str, *, taken: tuple[str, ...] = ()) -> str:
+def resolve(port: str | None, what: str, *, taken: Sequence[str] = ()) -> str:
     """The port to open.
 
     Args:

@@ -8,7 +8,9 @@ from typing import Any, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-Reading = NDArray[Any]
+#: One image or array of a sensor.
+Frame = NDArray[Any]
+Reading = Frame
 
 
 @runtime_checkable
@@ -18,7 +20,7 @@ class Sensor(Protocol):
     Attributes:
         name: What it is, for people and for ``run.json``.
         units: Unit of the numbers: ``counts`` of an image.
-        shape: Shape of every reading.
+        shape: Shape of every frame.
         simulated: What of it is simulated, or an empty text.
         settings: ``{"requested": {...}, "actual": {...}}``, plain values.
     """
@@ -29,14 +31,14 @@ class Sensor(Protocol):
     simulated: str
     settings: dict[str, Any]
 
-    def read(self) -> Reading:
-        """A reading whose exposure or sampling began after this call.
+    def read(self) -> Frame:
+        """A frame whose exposure or sampling began after this call.
 
         Returns:
             An array of the sensor's ``shape``; an image is uint8 of shape (height, width) or (height, width, 3), BGR.
 
         Raises:
-            RigError: Lost, silent, or sending what cannot be a reading.
+            RigError: Lost, silent, or sending what cannot be a frame.
         """
         ...
 
@@ -51,8 +53,8 @@ class Sensor(Protocol):
     ) -> None: ...
 
 
-def is_image(reading: Reading) -> bool:
-    """Whether a reading is stored as a picture: uint8, (height, width) or (height, width, 3), at least 8 a side."""
-    if reading.dtype != np.uint8 or reading.ndim not in (2, 3):
+def is_image(frame: Frame) -> bool:
+    """Whether a frame is stored as a picture: uint8, (height, width) or (height, width, 3), at least 8 a side."""
+    if frame.dtype != np.uint8 or frame.ndim not in (2, 3):
         return False
-    return min(reading.shape[:2]) >= 8 and (reading.ndim == 2 or reading.shape[2] == 3)
+    return min(frame.shape[:2]) >= 8 and (frame.ndim == 2 or frame.shape[2] == 3)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import SensorError
 from tacbench_cad.lab.rig.samples import BAUD, Lines, SampleStream
-from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.spec import SensorSettings
 from tacbench_cad.util.errors import InputError
@@ -106,7 +106,7 @@ class TaxelSensor(Closing):
         """Lines so far that were no sample."""
         return self._stream.garbled
 
-    def read(self) -> Reading:
+    def read(self) -> Frame:
         """The next samples that arrive whole after this call.
 
         Returns:
@@ -133,7 +133,7 @@ class TaxelSensor(Closing):
         self._stream.close()
 
 
-def open_taxels(settings: SensorSettings, clock: Clock, *, taken: tuple[str, ...] = ()) -> TaxelSensor:
+def open_taxels(settings: SensorSettings, clock: Clock, *, taken: Sequence[str] = ()) -> TaxelSensor:
     """Open the array that ``[sensor]`` describes.
 
     Args:

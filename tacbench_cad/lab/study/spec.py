@@ -318,6 +318,11 @@ class StageSettings:
         return WorkFrame(origin_mm=self.origin_mm, quarter_turns=self.quarter_turns)
 
     @property
+    def frames(self) -> tuple[WorkFrame, ...]:
+        """The work frame of each of the tray's slots."""
+        return tuple(self.frame.shifted(offset) for offset in self.slots_mm)
+
+    @property
     def is_virtual(self) -> bool:
         """Whether the stage is a simulator of ours."""
         return self.driver.startswith("virtual-")

@@ -182,18 +182,13 @@ def _sets_of(sources: Sequence[Source]) -> list[Holder]:
     return holders
 
 
-def _geometry(block: Block) -> tuple[object, ...]:
-    """What a fixture knows of a block."""
-    return (block.preset, block.size_mm, block.height_mm, block.key_mm, block.scale)
-
-
 def _block_thing(source: Source, number: int, sets: Sequence[Holder]) -> Thing:
     """A block in its own frame, placed in the holder that takes it."""
     block = source.maker
     assert isinstance(block, Block)
     mesh, body = source.part.mesh
     assert body.certificate is not None
-    held = next((i for i, holder in enumerate(sets) if _geometry(holder.block) == _geometry(block)), None)
+    held = next((i for i, holder in enumerate(sets) if holder.block.outline == block.outline), None)
     to_world, slot = np.eye(4), 0
     if held is not None:
         places = sets[held].block_placements()

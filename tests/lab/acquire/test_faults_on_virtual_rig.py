@@ -19,7 +19,8 @@ from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.file import StudyFile, virtual_study
 from tacbench_cad.lab.study.spec import Study
-from tacbench_cad.virtual_rig import launch as launching
+from tacbench_cad.virtual_rig import devices
+from tacbench_cad.virtual_rig.devices import open_rig
 from tacbench_cad.virtual_rig.faults import Fault
 from tacbench_cad.virtual_rig.launch import VirtualRig
 
@@ -56,7 +57,7 @@ class Trial(Silent):
 
     def run(self, out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """Go on with the run; whatever ends it, where the carriage truly is when the devices are let go is kept."""
-        start = launching.launch
+        start = devices.launch
 
         def launched(*values: Any, **named: Any) -> VirtualRig:
             rig = start(*values, **named)
@@ -66,7 +67,7 @@ class Trial(Silent):
             return rig
 
         with monkeypatch.context() as patched:
-            patched.setattr(launching, "launch", launched)
+            patched.setattr(devices, "launch", launched)
             acquire_study(
                 self.file.study,
                 self.file.required_rig,
@@ -74,6 +75,7 @@ class Trial(Silent):
                 person=Typing(lambda _: "", lambda _: None),
                 progress=self,
                 durable=False,
+                opener=open_rig,
             )
 
     def _look(self, rig: VirtualRig) -> None:

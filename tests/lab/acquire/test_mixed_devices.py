@@ -11,17 +11,17 @@ from helpers.rigs import LIMITS, printed, small_protocol, study_of
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study
-from tacbench_cad.lab.rig.devices import open_rig
 from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.simulate.contact import contact_for
 from tacbench_cad.lab.study.spec import GaugeSettings, RigSettings, SensorSettings, StageSettings, WorkFrame
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.virtual_rig.devices import open_rig
 
 ORIGIN = (30.0, 10.0, -5.0)
 RIG = RigSettings(
-    stage=StageSettings(driver="lab.acquire.fakes:FakeStage", limits_mm=LIMITS, origin_mm=ORIGIN, quarter_turns=1),
+    stage=StageSettings(driver="helpers.fakes:FakeStage", limits_mm=LIMITS, origin_mm=ORIGIN, quarter_turns=1),
     gauge=GaugeSettings(driver="simulated"),
     sensor=SensorSettings(driver="simulated", options={"seed": 1}),
 )
@@ -45,6 +45,7 @@ def test_simulated_devices_follow_a_stage_of_ones_own(tmp_path: Path) -> None:
         person=Typing(lambda _: "", lambda _: None),
         progress=Silent(),
         durable=False,
+        opener=open_rig,
     )
     run = Run.open(tmp_path / printed(4).name)
     assert run.info.simulated == (

@@ -6,8 +6,9 @@ import pytest
 from helpers.fakes import FakeStage
 from helpers.rigs import LIMITS, small_protocol
 
-from tacbench_cad.lab.acquire.safety import Carriage, require_within, travel_height_mm
+from tacbench_cad.lab.acquire.safety import Carriage
 from tacbench_cad.lab.rig.errors import AlarmError, DepthLimitError, DeviceLostError, NoAnswerError
+from tacbench_cad.lab.rig.reach import require_reach, travel_height_mm
 from tacbench_cad.lab.study.spec import HolderRim, Protocol, WorkFrame
 from tacbench_cad.util.errors import InputError
 
@@ -79,7 +80,7 @@ def test_a_failing_last_lift_is_tried_again() -> None:
 
 def test_positions_are_within_the_stage_in_every_slot() -> None:
     turned = WorkFrame(origin_mm=(0.0, 0.0, 0.0), quarter_turns=1)
-    require_within(small_protocol(), HolderRim(), (turned,), LIMITS)
+    require_reach(small_protocol(), HolderRim(), (turned,), LIMITS)
     limits = ((0.0, 100.0), LIMITS[1], LIMITS[2])
     with pytest.raises(InputError, match=r"limits_mm x = \[0\.0, 100\.0\]: slot 1 needs -23\.000 to -18\.000 mm"):
-        require_within(small_protocol(), HolderRim(), (turned,), limits)
+        require_reach(small_protocol(), HolderRim(), (turned,), limits)

@@ -20,10 +20,8 @@ from tacbench_cad.lab.rig.aligning import (
     fit_frame,
     highest_point_mm,
     parse_step,
-    require_reach,
     store_frame,
 )
-from tacbench_cad.lab.rig.errors import OutOfRangeError
 from tacbench_cad.lab.rig.stage import Closing, LimitedStage
 from tacbench_cad.lab.study.spec import Point, Protocol, WorkFrame
 from tacbench_cad.spec.block import Block
@@ -141,15 +139,6 @@ def test_the_highest_point_is_the_highest_and_on_the_block(texture: str, key_mm:
     assert 0.0 <= x <= width and 0.0 <= y <= depth
     if key_mm is not None:
         assert x - y <= width - key_mm
-
-
-def test_a_frame_that_the_stage_cannot_reach_is_refused() -> None:
-    protocol = Protocol()
-    require_reach(WorkFrame(origin_mm=(80.0, 80.0, -60.0)), protocol, LIMITS, [(0.0, 0.0, 0.0)])
-    with pytest.raises(OutOfRangeError, match=r"needs the stage at z = -102.00 mm, beyond its limits"):
-        require_reach(WorkFrame(origin_mm=(80.0, 80.0, -95.0)), protocol, LIMITS, [(0.0, 0.0, 0.0)])
-    with pytest.raises(OutOfRangeError, match=r"slot 2: the press at 4, 18 mm needs the stage at x = 20"):
-        require_reach(WorkFrame(origin_mm=(80.0, 80.0, -60.0)), protocol, LIMITS, [(0.0, 0.0, 0.0), (120.0, 0.0, 0.0)])
 
 
 # --- what is typed ---

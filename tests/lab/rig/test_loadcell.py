@@ -16,9 +16,10 @@ import pytest
 
 from tacbench_cad.lab.rig.calibration import Calibration, CalibrationPoint, fit, write_calibration
 from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.drivers import open_gauge
 from tacbench_cad.lab.rig.errors import DeviceLostError, GaugeError, NoAnswerError
 from tacbench_cad.lab.rig.gauge import Force, Gauge
-from tacbench_cad.lab.rig.loadcell import LoadCell, LoadCellOptions, RawLoadCell, open_gauge
+from tacbench_cad.lab.rig.loadcell import LoadCell, LoadCellOptions, RawLoadCell
 from tacbench_cad.lab.study.spec import GaugeSettings
 from tacbench_cad.util.errors import InputError
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
 from helpers import example_stage
 
 from tacbench_cad.lab.rig import plugin
-from tacbench_cad.lab.rig.drivers import open_stage
-from tacbench_cad.lab.rig.errors import NoAnswerError, OutOfRangeError
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.drivers import open_gauge, open_sensor, open_stage
+from tacbench_cad.lab.rig.errors import DriverError, NoAnswerError, OutOfRangeError
 from tacbench_cad.lab.rig.stage import Stage
-from tacbench_cad.lab.study.spec import StageSettings
+from tacbench_cad.lab.study.spec import GaugeSettings, SensorSettings, StageSettings
 from tacbench_cad.util.errors import InputError
 
 HERE = Path(example_stage.__file__).parent
@@ -83,7 +85,7 @@ def test_rig_errors_of_its_own_come_through(tmp_path: Path) -> None:
         "def arm():\n    raise NoAnswerError('arm: does not answer')\n"
     )
     with pytest.raises(NoAnswerError, match="arm: does not answer"):
-        plugin.made("silent_arm:arm", {}, (), tmp_path)
+        plugin.open_device("silent_arm:arm", {}, (), tmp_path)
 
 
 @pytest.mark.parametrize("driver", ["gbrl", "virtual-gbrl", "octoprint"])
@@ -100,3 +102,97 @@ def test_unknown_options_are_refused_with_a_hint() -> None:
 def test_a_virtual_stage_needs_its_port() -> None:
     with pytest.raises(InputError, match="port of its running firmware"):
         open_stage(settings("virtual-grbl"))
+
+
+OWN = """
+import numpy as np
+from tacbench_cad.lab.rig.gauge import Force
+
+class Arm:
+    identity, simulated = "arm", ""
+    wrong = None
+    def __init__(self, fails="", gives=(0.0, 0.0, 50.0)):
+        self.fails, self.gives = fails, gives
+    def _do(self, name):
+        if name == self.fails:
+            raise OSError(5, "Input/output error")
+    def home(self): self._do("home")
+    def position(self):
+        self._do("position")
+        return self.gives
+    def move(self, target_mm, speed_mm_s):
+        return 1.0 / 0.0 if self.fails == "move" else target_mm
+    def stop(self): self._do("stop")
+    def close(self): self._do("close")
+
+class Cell:
+    identity, simulated, calibration = "cell", "", {}
+    def read(self, window_s): return 0.1
+    def tare(self): pass
+    def close(self): pass
+
+class Skin:
+    name, units, shape, simulated, settings = "skin", "pF", (3,), "", {}
+    def read(self): return None
+    def close(self): pass
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    path = tmp_path / "own_rig.py"
+    path.write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "own_rig", raising=False)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("fails", "line", "text"),
+    [("home", 12, "OSError: .*Input/output error"), ("position", 12, "OSError"), ("move", 18, "ZeroDivisionError")],
+)
+def test_an_exception_of_ones_own_driver_is_one_line_with_its_file(own: Path, fails: str, line: int, text: str) -> None:
+    values = ((1.0, 1.0, 1.0), 5.0) if fails == "move" else ()
+    with (
+        open_stage(settings("own_rig:Arm", home=False, options={"fails": fails})) as stage,
+        pytest.raises(DriverError, match=text) as caught,
+    ):
+        getattr(stage, fails)(*values)
+    assert str(caught.value).endswith(f"({own}, line {line})")
+    assert f"[stage] driver own_rig:Arm: {fails}() failed: " in str(caught.value)
+    assert "\n" not in str(caught.value) and caught.value.exit_code == 3
+
+
+@pytest.mark.parametrize("fails", ["stop", "close"])
+@pytest.mark.usefixtures("own")
+def test_stop_and_close_of_ones_own_driver_never_raise(fails: str) -> None:
+    with open_stage(settings("own_rig:Arm", home=False, options={"fails": fails})) as stage:
+        stage.stop()
+
+
+@pytest.mark.parametrize("gives", [None, (1.0, 2.0), (0.0, float("nan"), 1.0), "abc"])
+def test_what_is_no_position_is_an_error_of_the_driver(own: Path, gives: object) -> None:
+    with (
+        open_stage(settings("own_rig:Arm", home=False, options={"gives": gives})) as stage,
+        pytest.raises(DriverError, match=str(own)),
+    ):
+        stage.position()
+
+
+def test_what_is_no_force_or_frame_is_an_error_of_the_driver(own: Path) -> None:
+    gauge = open_gauge(GaugeSettings(driver="own_rig:Cell"), Clock())
+    with pytest.raises(DriverError, match=r"\[gauge\] driver own_rig:Cell: read\(\) failed: .*0.1 is not a Force"):
+        gauge.read(0.1)
+    sensor = open_sensor(SensorSettings(driver="own_rig:Skin"), Clock())
+    with pytest.raises(DriverError, match=rf"a NoneType is not an array of numbers \({own}\)"):
+        sensor.read()
+
+
+def test_errors_when_it_is_opened_name_its_file(tmp_path: Path, own: Path) -> None:
+    with pytest.raises(InputError, match=rf"\[stage\] driver = 'own_rig:Arm': cannot be opened: TypeError.*{own}"):
+        open_stage(settings("own_rig:Arm", options={"speed": 3}))
+    with pytest.raises(InputError, match=rf"{own} has no Arms; did you mean"):
+        open_stage(settings("own_rig:Arms"))
+    (tmp_path / "torn_rig.py").write_text("x = (\n")
+    with pytest.raises(InputError, match=rf"SyntaxError.*{tmp_path / 'torn_rig.py'}, line 1"):
+        open_stage(settings("torn_rig:Arm"))

@@ -20,7 +20,7 @@ from tacbench_cad.lab.rig import loadcell, ports, probing
 from tacbench_cad.lab.rig.aligning import highest_point_mm
 from tacbench_cad.lab.rig.calibration import read_calibration
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError
+from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, OutOfRangeError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.loadcell import LoadCellOptions, RawLoadCell
 from tacbench_cad.lab.rig.ports import Candidate
@@ -283,7 +283,7 @@ class FakeGauge(Closing):
 
 @pytest.fixture
 def stage(monkeypatch: Patch) -> FakeStage:
-    from tacbench_cad.lab.rig import devices
+    from tacbench_cad.virtual_rig import devices
 
     found, gauge = FakeStage(), FakeGauge()
 
@@ -346,6 +346,25 @@ def test_align_stores_nothing_unless_it_ends_well(
         run("align", str(path))
     assert path.read_text() == STUDY
     assert stage.here[2] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("[holder]\nrim_mm = -60\n", r"needs -68\.000 to 4\.000 mm .*; nothing is stored"),
+        ("[protocol]\ndepth_limit_mm = 50.0\n", r"limits_mm z .*needs -111\.000"),
+    ],
+)
+def test_align_refuses_what_cannot_be_reached(
+    stage: FakeStage, tmp_path: Path, monkeypatch: Patch, line: str, message: str
+) -> None:
+    """By the rule of acquire: the travel height over a rim that stands above the block counts, too."""
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY + line)
+    typed(monkeypatch, *answers())
+    with pytest.raises(OutOfRangeError, match=message):
+        run("align", str(path))
+    assert path.read_text() == STUDY + line
 
 
 def test_align_refuses_odd_tolerances_and_studies_without_a_rig(tmp_path: Path) -> None:

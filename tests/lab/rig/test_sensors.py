@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.drivers import open_sensor
 from tacbench_cad.lab.rig.errors import DeviceLostError
 from tacbench_cad.lab.rig.sensor import Sensor
-from tacbench_cad.lab.rig.sensors import open_sensor
 from tacbench_cad.lab.study.spec import SensorSettings
 from tacbench_cad.util.errors import InputError
 

@@ -305,5 +305,16 @@ def test_the_programs_help_and_its_refusals() -> None:
 
 def test_a_launched_process_answers_nonsense_with_an_error() -> None:
     for text in ("", "nonsense\n", '{"kind": "reprap"}\n'):
-        done = subprocess.run([sys.executable, "-m", MODULE, "--launched"], input=text, capture_output=True, text=True)
+        code = "from tacbench_cad.virtual_rig.__main__ import launched; launched()"
+        done = subprocess.run([sys.executable, "-c", code], input=text, capture_output=True, text=True)
         assert "error" in json.loads(done.stdout) and done.stderr == ""
+
+
+@needs_pty
+def test_files_of_the_working_folder_are_not_imported(tmp_path: Path) -> None:
+    for name in ("tacbench_cad", "json", "argparse", "signal"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('a file of the working folder was imported')\n")
+    code = "from tacbench_cad.virtual_rig.launch import launch\nwith launch('grbl') as rig: print(rig.now_s() >= 0.0)"
+    command = [sys.executable, "-P", "-c", code]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert result.stdout == "True\n", result.stderr
