@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from tacbench_cad import __version__
 from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError
+from tacbench_cad.util.processes import safe_children
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -101,7 +102,8 @@ def workers(jobs: int = 1, dask: str | None = None, folders: Sequence[Path] = ()
         from joblib.externals.loky.process_executor import BrokenProcessPool
 
         what = "a process was lost; was the memory full? fewer --jobs need less"
-        with parallel_config(backend="loky"):
+        # loky starts "python -m joblib...": a joblib.py in the current folder must not be taken for it.
+        with safe_children(), parallel_config(backend="loky"):
             yield Team(jobs, Parallel(n_jobs=jobs, return_as="generator"), (BrokenProcessPool,), what)
         return
     with _connected(dask) as client:

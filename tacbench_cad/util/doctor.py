@@ -236,7 +236,7 @@ def repair(diagnosis: Diagnosis) -> list[tuple[str, ...]]:
     for finding in diagnosis.findings:
         if finding.ok or not finding.pip:
             continue
-        command = [sys.executable, "-m", "pip", "install", "--disable-pip-version-check", *finding.pip]
+        command = [sys.executable, "-P", "-m", "pip", "install", "--disable-pip-version-check", *finding.pip]
         if subprocess.run(command, stdout=sys.stderr.fileno(), check=False).returncode != 0:
             raise MissingToolError(f"the repair failed; run it by hand: {finding.repair}")
         done.append(finding.pip)

@@ -8,6 +8,7 @@ pickles over their pipes: unlike ``multiprocessing`` they never import the calle
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import importlib
 import os
@@ -17,21 +18,48 @@ import subprocess
 import sys
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
 
+from tacbench_cad.util.door import limits_factor
 from tacbench_cad.util.errors import CheckFailedError, TacbenchError
 
+#: A child of :func:`isolated` may use this much memory, in MB, times the user's factor of all limits.
+MAX_ISOLATED_MB = 8000
 
-class RefusedError(TacbenchError):
-    """A :class:`~tacbench_cad.util.errors.TacbenchError` raised in a child, with its message and exit code."""
 
-    def __init__(self, message: str, exit_code: int) -> None:
-        self.exit_code = exit_code
+class LostProcessError(CheckFailedError):
+    """A child ended in the middle of a call.
+
+    Attributes:
+        seconds: The time limit that it exceeded; None where it ended by itself.
+    """
+
+    def __init__(self, message: str, seconds: float | None = None) -> None:
+        self.seconds = seconds
         super().__init__(message)
+
+
+def child_environment() -> dict[str, str]:
+    """The environment of a Python child: it never imports from the folder that a command happens to be started in."""
+    return {**os.environ, "PYTHONSAFEPATH": "1"}
+
+
+@contextlib.contextmanager
+def safe_children() -> Iterator[None]:
+    """The same for children that a library starts while the body runs."""
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = before
 
 
 def cpu_count() -> int:
@@ -52,6 +80,7 @@ class _Call:
     function: str
     arguments: tuple[Any, ...]
     first_child: bool
+    seconds: float | None
     future: Future[Any]
 
 
@@ -60,10 +89,12 @@ class Workers:
 
     Args:
         count: Most children at a time; each starts when there is work for it.
+        max_mb: The memory that each may use, in MB; None for any. Without effect where the system has no such limit.
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, max_mb: float | None = None) -> None:
         self._count = max(1, count)
+        self._max_mb = max_mb
         self._changed = threading.Condition()
         self._calls: list[_Call] = []
         self._threads: list[threading.Thread] = []
@@ -95,7 +126,13 @@ class Workers:
                     with contextlib.suppress(OSError):
                         pipe.close()
 
-    def submit(self, function: Callable[..., Any], *arguments: Any, first_child: bool = False) -> Future[Any]:
+    def submit(
+        self,
+        function: Callable[..., Any],
+        *arguments: Any,
+        first_child: bool = False,
+        seconds: float | None = None,
+    ) -> Future[Any]:
         """Run a module-level function in a child.
 
         Args:
@@ -103,15 +140,16 @@ class Workers:
             arguments: Anything that pickles, as must the result.
             first_child: Only the first child may take it, before any other call: for work that needs what only that
                 one has imported.
+            seconds: How long it may take once a child has begun; then the child is ended. None for any time.
 
         Returns:
-            A future, which can be cancelled until a child takes it. Its exception is a :class:`RefusedError` for a
-            message meant for the user, the ``OSError`` that the function raised, or a ``CheckFailedError`` where the
-            child was lost.
+            A future, which can be cancelled until a child takes it. Its exception is the ``TacbenchError`` or the
+            ``OSError`` that the function raised, or a :class:`LostProcessError` where the child was lost.
         """
         future: Future[Any] = Future()
         with self._changed:
-            self._calls.append(_Call(function.__module__, function.__name__, arguments, first_child, future))
+            call = _Call(function.__module__, function.__name__, arguments, first_child, seconds, future)
+            self._calls.append(call)
             if len(self._threads) < self._count:
                 number = len(self._threads)
                 thread = threading.Thread(target=self._attend, args=(number,), name=f"tacbench-{number}", daemon=True)
@@ -153,36 +191,56 @@ class Workers:
 
     def _ask(self, child: subprocess.Popen[bytes], call: _Call) -> Any:
         assert child.stdin is not None and child.stdout is not None, "both are pipes"
+        late = threading.Event()
+
+        def end() -> None:
+            late.set()
+            child.kill()
+
+        timer = None if call.seconds is None else threading.Timer(call.seconds, end)
         try:
+            if timer is not None:
+                timer.start()
             pickle.dump((call.module, call.function, call.arguments), child.stdin)
             child.stdin.flush()
             outcome, value = pickle.load(child.stdout)
         except (EOFError, BrokenPipeError, pickle.UnpicklingError):
             code = child.wait()
+            if late.is_set():
+                raise LostProcessError(f"{call.function} took longer than {call.seconds:g} s", call.seconds) from None
             how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
             hint = "; was the memory full?" if code == -int(getattr(signal, "SIGKILL", 9)) else ""
-            raise CheckFailedError(f"the process at work on {call.function} {how}{hint}") from None
+            raise LostProcessError(f"the process at work on {call.function} {how}{hint}") from None
+        finally:
+            if timer is not None:
+                timer.cancel()
         if outcome == "done":
             return value
-        if outcome == "refused":
-            raise RefusedError(*value)
-        if outcome == "os":
+        if outcome == "raised":
             raise value
         raise RuntimeError(f"in a child process:\n{value}")
 
     def _start(self) -> subprocess.Popen[bytes]:
         # The child gets exactly our module path: -P keeps a stray numpy.py of the current folder out of it.
-        code = f"import sys; sys.path[:] = {sys.path!r}; from tacbench_cad.util.processes import serve; serve()"
+        code = f"import sys; sys.path[:] = {sys.path!r}; from tacbench_cad.util.processes import serve; "
+        code += f"serve({self._max_mb!r})"
         with self._changed:
             if self._closed:
                 raise EOFError
-            child = subprocess.Popen([sys.executable, "-P", "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+            command = [sys.executable, "-P", "-c", code]
+            child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=child_environment())
             self._children.append(child)
         return child
 
 
-def serve() -> None:
-    """What a child does: read a call, run it, write its outcome, until the pipe closes."""
+def serve(max_mb: float | None = None) -> None:
+    """What a child does: read a call, run it, write its outcome, until the pipe closes.
+
+    Args:
+        max_mb: The memory that it may use, in MB; None for any.
+    """
+    if max_mb is not None:
+        _limit_memory(max_mb)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interruption is the parent's to handle: it ends us
     answers = os.fdopen(os.dup(1), "wb")
     # The kernel prints to the standard output at will; that must reach neither our answers nor the user's JSON.
@@ -195,14 +253,64 @@ def serve() -> None:
             return
         try:
             outcome = ("done", getattr(importlib.import_module(module), name)(*arguments))
-        except TacbenchError as error:
-            outcome = ("refused", (str(error), error.exit_code))
-        except OSError as error:
-            outcome = ("os", error)
+        except (TacbenchError, OSError) as error:
+            outcome = ("raised", _portable(error))
         except Exception:
             outcome = ("failed", traceback.format_exc())
         pickle.dump(outcome, answers, protocol=pickle.HIGHEST_PROTOCOL)
         answers.flush()
+
+
+def _limit_memory(max_mb: float) -> None:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    limit = int(max_mb * 1e6)
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    if hard == resource.RLIM_INFINITY or limit < hard:
+        with contextlib.suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
+
+
+def _portable(error: TacbenchError | OSError) -> Exception:
+    """An error that survives the way to the parent; one whose class does not becomes a plain one with its message."""
+    try:
+        same: Exception = pickle.loads(pickle.dumps(error))
+    except Exception:
+        plain = TacbenchError(str(error))
+        plain.exit_code = getattr(error, "exit_code", plain.exit_code)
+        return plain
+    return same
+
+
+_kept: Workers | None = None
+
+
+def isolated(function: Callable[..., Any], *arguments: Any, seconds: float | None = None) -> Any:
+    """Run a module-level function in a child, which is kept for the next call, and wait for its result.
+
+    For libraries that end the whole process on damaged data, or that never come back.
+
+    Args:
+        function: As of :meth:`Workers.submit`.
+        arguments: Likewise.
+        seconds: Likewise.
+
+    Raises:
+        LostProcessError: The child was lost, or ended because it took too long. What the function raises comes through.
+    """
+    global _kept
+    if _kept is None:
+        _kept = Workers(1, MAX_ISOLATED_MB * limits_factor())
+        atexit.register(_kept.close)
+    workers = _kept
+    try:
+        return workers.submit(function, *arguments, seconds=seconds).result()
+    except KeyboardInterrupt:
+        _kept = None
+        workers.close()
+        raise
 
 
 def why_not_importable(modules: tuple[str, ...]) -> str | None:

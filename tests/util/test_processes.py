@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -11,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tacbench_cad.util.errors import CheckFailedError, InputError
-from tacbench_cad.util.processes import RefusedError, Workers, cpu_count, why_not_importable
+from tacbench_cad.util.processes import LostProcessError, Workers, cpu_count, isolated, why_not_importable
 
 
 def double(value: int) -> int:
@@ -44,6 +45,10 @@ def chatter() -> str:
     return "heard"
 
 
+def allocate(megabytes: int) -> int:
+    return len(bytearray(megabytes * 10**6)) // 10**6
+
+
 def sleep() -> None:
     time.sleep(600)
 
@@ -51,7 +56,7 @@ def sleep() -> None:
 @pytest.fixture(autouse=True)
 def tests_are_importable_in_children(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    for function in (double, process, refuse, fill_disk, fail, crash, chatter, sleep):
+    for function in (double, process, refuse, fill_disk, fail, crash, chatter, allocate, sleep):
         monkeypatch.setattr(function, "__module__", "test_processes")
 
 
@@ -71,9 +76,9 @@ def test_work_for_the_first_child_is_done_by_the_first_child() -> None:
 
 def test_a_refusal_keeps_its_message_and_exit_code() -> None:
     with Workers(1) as workers:
-        with pytest.raises(RefusedError, match="scale = -1: must be positive") as caught:
+        with pytest.raises(InputError, match="scale = -1: must be positive") as caught:
             workers.submit(refuse).result()
-        assert caught.value.exit_code == 2
+        assert caught.value.exit_code == 2 and caught.value.field == "scale"
         assert workers.submit(double, 4).result() == 8, "the child must still be of use"
 
 
@@ -93,6 +98,49 @@ def test_a_lost_child_is_a_failed_check_and_is_replaced() -> None:
         with pytest.raises(CheckFailedError, match="crash ended with code 7"):
             workers.submit(crash).result()
         assert workers.submit(double, 3).result() == 6
+
+
+def test_a_call_that_takes_too_long_ends_its_child_only() -> None:
+    begin = time.monotonic()
+    with Workers(1) as workers:
+        with pytest.raises(LostProcessError, match="sleep took longer than 1 s") as caught:
+            workers.submit(sleep, seconds=1.0).result()
+        assert caught.value.seconds == 1.0
+        assert workers.submit(double, 3, seconds=60.0).result() == 6
+    assert time.monotonic() - begin < 20.0
+
+
+def test_an_isolated_call_keeps_its_child_and_survives_a_crash() -> None:
+    first = isolated(process)
+    assert isolated(process) == first != os.getpid()
+    with pytest.raises(LostProcessError, match="code 7") as caught:
+        isolated(crash)
+    assert caught.value.seconds is None
+    assert isolated(double, 2) == 4
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a limit of memory is kept by Linux")
+def test_a_child_may_be_limited_in_memory() -> None:
+    with Workers(1, max_mb=400) as workers:
+        assert workers.submit(allocate, 100).result() == 100
+        with pytest.raises(RuntimeError, match="MemoryError"):
+            workers.submit(allocate, 600).result()
+
+
+def test_stray_modules_of_the_current_folder_are_not_imported(tmp_path: Path) -> None:
+    for name in ("joblib", "tacbench_cad", "numpy", "pip", "json"):
+        (tmp_path / f"{name}.py").write_text("import os, sys; os.write(2, b'HOSTILE'); sys.exit(9)")
+    code = (
+        "from tacbench_cad.lab.parallel import workers; from tacbench_cad.util.processes import isolated;"
+        "from operator import neg;"
+        "ok = isolated(neg, 2) == -2;"
+        "context = workers(2, None, ()); team = context.__enter__();"
+        "assert ok and list(team.map(neg, [1, 2])) == [-1, -2]; context.__exit__(None, None, None)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert (done.returncode, done.stdout, "HOSTILE" in done.stderr) == (0, "", False), done.stderr
 
 
 def test_what_a_child_prints_goes_nowhere(capfd: pytest.CaptureFixture[str]) -> None:
