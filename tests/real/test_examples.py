@@ -18,7 +18,7 @@ pytest.importorskip("OCP")
 
 from tacbench_cad.spec.block import Block
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
 #: Volume of each example's result in closed form, in its own names, and what else must be true of it. The one for CQGI
