@@ -85,7 +85,7 @@ def recorded(folder: Path, runs: list[Path]) -> None:
     from tacbench_cad.lab.analysis.preprocess import Preprocess
 
     study, prepare = Collection.open(runs), Preprocess(resolution=0.4)
-    rows = (np.asarray(prepare(study.reading(index)), dtype=np.uint8) for index in range(len(study)))
+    rows = (np.asarray(prepare(study.frame(index)), dtype=np.uint8) for index in range(len(study)))
     np.save(folder / "images.npy", stacked(rows, len(study)))
     labels = [np.unique(one, return_inverse=True)[1] for one in (study.texture, study.combination)]
     np.save(folder / "labels.npy", np.array(labels))

@@ -73,7 +73,7 @@ def decode(collection: Collection, part: np.ndarray[Any, Any]) -> None:
     """Read, decode and grey some readings."""
     grey = Preprocess()
     for index in part.tolist():
-        grey(collection.reading(index))
+        grey(collection.frame(index))
 
 
 def largest_difference(collection: Collection, places: Any, cells: int) -> float:
@@ -85,7 +85,7 @@ def largest_difference(collection: Collection, places: Any, cells: int) -> float
         key = list(place.cells)[number // len(places) % len(place.cells)]
         mine = (collection.level == place.level) & (collection.position == place.position)
         mine &= (collection.combination == key[0]) & (collection.texture == key[1])
-        stack = np.stack([Preprocess()(collection.reading(int(i))) for i in np.flatnonzero(mine)]).astype(np.float64)
+        stack = np.stack([Preprocess()(collection.frame(int(i))) for i in np.flatnonzero(mine)]).astype(np.float64)
         two_pass = float(stack.var(axis=0).mean())
         worst = max(worst, abs(place.cells[key].variance() - two_pass) / two_pass)
     return worst
@@ -100,7 +100,7 @@ def main() -> int:
     options = parser.parse_args()
     collection = opened(options.runs, 1)
     parts = np.array_split(np.arange(len(collection)), 4 * options.jobs)
-    frames = sum(1 for run in collection.runs for one in run.stationary_readings if one.in_contact)
+    frames = sum(1 for run in collection.runs for one in run.stationary_frames if one.in_contact)
     times: dict[str, list[float]] = {"decode": [], "variance": []}
     done = None
     for _ in range(2):  # interleaved, the better of two; the first round also fills the disk's cache

@@ -157,7 +157,7 @@ def command(
         estimators=estimators,
         resolution=number_of("resolution", resolution),
         components=_components(components, own),
-        augmentation=_augmentation(noise, brightness, is_image(collection.reading(0))),
+        augmentation=_augmentation(noise, brightness, is_image(collection.frame(0))),
         clip=clip,
         seed=whole_of("seed", seed),
         rungs=words_of(rungs) or RUNGS,

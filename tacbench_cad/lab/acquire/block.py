@@ -19,7 +19,7 @@ from tacbench_cad.lab.rig.devices import Rig
 from tacbench_cad.lab.rig.errors import NotReachedError, SensorError
 from tacbench_cad.lab.rig.sensor import Reading, is_image
 from tacbench_cad.lab.runs.info import RunInfo
-from tacbench_cad.lab.runs.schema import reading_name, reading_path
+from tacbench_cad.lab.runs.schema import frame_name, frame_path
 from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import Protocol
@@ -152,7 +152,7 @@ class _Sitting:
         self.carriage.lift()
         self.run.press(press, contact.pose_mm, reading, contact.measured, after, contact.in_band, time_utc)
         self.presses += 1
-        path = self.run.folder / reading_path(reading_name(press.number, is_image(reading)))
+        path = self.run.folder / frame_path(frame_name(press.number, is_image(reading)))
         self.progress.pressed(len(self.run.done), contact.measured, contact.in_band, path)
         self._count_misses(press, contact)
 

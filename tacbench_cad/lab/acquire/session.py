@@ -192,7 +192,7 @@ def _finished(study: Study, rig: RigSettings, place: Place) -> bool:
         if not run.rows:
             ways = "it holds no press, so delete it or name another folder"
         raise InputError("run", str(place.folder), f"was begun with other settings: {shown}; {ways}")
-    still = [(one.when, one.in_contact) for one in run.stationary_readings]
+    still = [(one.when, one.in_contact) for one in run.stationary_frames]
     count = study.protocol.stationary_frames
     done = {row.number for row in run.rows}
     return all(still.count(group) >= count for group in STATIONARY) and all(

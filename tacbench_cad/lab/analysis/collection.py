@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.finding import find_runs
 from tacbench_cad.lab.runs.info import RunInfo
@@ -137,18 +137,18 @@ class Collection:
         """The force levels there are."""
         return tuple(int(one) for one in np.unique(self.level))
 
-    def reading(self, index: int) -> Reading:
+    def frame(self, index: int) -> Frame:
         """The reading of a press, as it was recorded.
 
         Raises:
             CheckFailedError: Its file is missing or damaged; the message names it.
         """
         run = int(self.run[index])
-        return self.runs[run].reading(self._rows[run][int(self.number[index])])
+        return self.runs[run].frame(self._rows[run][int(self.number[index])])
 
     def path(self, index: int) -> str:
         """Where a press's reading lies, from its run folder: ``sensor_images/image_7.png``."""
-        return schema.reading_path(self._rows[int(self.run[index])][int(self.number[index])].sensor_image)
+        return schema.frame_path(self._rows[int(self.run[index])][int(self.number[index])].sensor_image)
 
     @cached_property
     def _rows(self) -> list[dict[int, schema.Row]]:
@@ -195,6 +195,6 @@ def _common(info: RunInfo) -> dict[str, object]:
         "preset": block.preset,
         "scale": block.scale,
         "sensor": info.sensor.get("name"),
-        "sensor shape": list(info.reading_shape or ()),
+        "sensor shape": list(info.frame_shape or ()),
         "sensor units": info.sensor.get("units"),
     }

@@ -160,10 +160,6 @@ def _layout(path: Path) -> tuple[int, tuple[int, int, int]]:
     """Repeats and image shape of an array in one of the two layouts."""
     try:
         header = read_header(path)
-    except FileNotFoundError:
-        raise InputError("file", str(path), "there is no such file") from None
-    except OSError as error:
-        raise InputError("file", str(path), f"cannot be read: {error.strerror}") from None
     except CheckFailedError as error:
         raise InputError("file", str(path), str(error)) from None
     if header.dtype != np.uint8:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +14,17 @@ from tacbench_cad.lab.rig.frames import FrameLimits, frame_faults
 from tacbench_cad.lab.rig.sensor import is_image
 from tacbench_cad.lab.runs import params, schema
 from tacbench_cad.lab.runs.info import RunInfo
-from tacbench_cad.lab.runs.npyfile import read_array
 from tacbench_cad.lab.runs.pictures import decoded, sha256
-from tacbench_cad.lab.runs.reading import Run, read_rows, shape_fault
-from tacbench_cad.lab.runs.table import read_lines
+from tacbench_cad.lab.runs.reading import Run, planned, shape_fault
+from tacbench_cad.lab.runs.table import cut_torn_line, read_lines, read_table
+from tacbench_cad.util import door
+from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import CheckFailedError, InputError
-from tacbench_cad.util.files import locked, refusing
+from tacbench_cad.util.files import locked
 from tacbench_cad.util.text import counted
 
-#: Called with the readings examined so far and their number in all.
-Progress = Callable[[int, int], None]
+#: Called with the number of frames examined so far and the number of all.
+FramesExamined = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,12 +44,13 @@ class Finding:
 
     def as_dict(self) -> dict[str, str]:
         """Plain values."""
-        return {"kind": self.kind, "where": self.where, "text": self.text}
+        plain: dict[str, str] = to_plain(self)
+        return plain
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunReport:
-    """What was found of a run.
+    """The result of checking a run.
 
     Args:
         folder: The run folder.
@@ -57,8 +58,8 @@ class RunReport:
         simulated: What of its rig was simulated.
         planned: Presses in its protocol.
         presses: Rows that are there.
-        references: Readings without contact.
-        stationary: Readings without motion.
+        references: Frames without contact.
+        stationary: Frames without motion.
         out_of_band: Rows that say that the target was not reached (no fault: they say so).
         findings: What is wrong.
         repaired: What was repaired.
@@ -69,13 +70,13 @@ class RunReport:
     name: str
     simulated: tuple[str, ...]
     planned: int
-    presses: int
-    references: int
-    stationary: int
-    out_of_band: int
-    findings: tuple[Finding, ...]
-    repaired: tuple[str, ...]
-    empty_fields: tuple[str, ...]
+    presses: int = 0
+    references: int = 0
+    stationary: int = 0
+    out_of_band: int = 0
+    findings: tuple[Finding, ...] = ()
+    repaired: tuple[str, ...] = ()
+    empty_fields: tuple[str, ...] = field(default=(), metadata={"key": "empty_print_fields"})
 
     @property
     def ok(self) -> bool:
@@ -84,266 +85,213 @@ class RunReport:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for ``--json``."""
-        return {
-            "folder": str(self.folder),
-            "name": self.name,
-            "ok": self.ok,
-            "simulated": list(self.simulated),
-            "planned": self.planned,
-            "presses": self.presses,
-            "references": self.references,
-            "stationary": self.stationary,
-            "out_of_band": self.out_of_band,
-            "findings": [one.as_dict() for one in self.findings],
-            "repaired": list(self.repaired),
-            "empty_print_fields": list(self.empty_fields),
-        }
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Expected:
-    """A reading that must be there: its path from the run folder and its checksum."""
-
-    path: str
-    digest: str
-
-
-@dataclass
-class _Draft:
-    """A report in the making."""
-
-    run: Run
-    findings: list[Finding] = field(default_factory=list)
-    repaired: list[str] = field(default_factory=list)
-    expected: list[_Expected] = field(default_factory=list)
-    counts: Counter[str] = field(default_factory=Counter)
-
-    def add(self, kind: str, where: str, text: str) -> None:
-        self.findings.append(Finding(kind=kind, where=where, text=text))
+        return {"folder": str(self.folder), "name": self.name, "ok": self.ok, **to_plain(self)}
 
 
 def check_run(
-    folder: Path, *, repair: bool = False, workers: int | None = None, progress: Progress | None = None
+    folder: Path, *, repair: bool = False, workers: int | None = None, progress: FramesExamined | None = None
 ) -> RunReport:
-    """Examine a run folder, every reading in it.
+    """Examine a run folder and every frame in it.
 
     Args:
         folder: The run folder.
         repair: Cut off a torn last row. Nothing else is ever changed.
         workers: Threads that read, decode and judge; one for each core if None.
-        progress: Told how far it is.
+        progress: Called after each frame.
 
     Raises:
         InputError: It is no run folder, of another schema version, or its ``run.json`` is damaged; with ``repair`` also
             if another process writes to it.
     """
-    draft = _Draft(run=Run.open(folder))
-    _tables(draft, repair)
-    _protocol(draft)
-    _extra(draft)
-    _readings(draft, workers or os.cpu_count() or 1, progress)
-    empty = _record(draft)
-    for name in (params.COLLECT_FILE, params.ENVIRONMENT_FILE, params.SENSOR_FILE):
-        if not (folder / name).is_file():
-            draft.add("missing", name, "is not there; TacTip toolchains look for it")
-        elif not _is_json(folder / name):
-            draft.add("unreadable", name, "is not valid JSON")
-    return RunReport(
+    run = Run.open(folder)
+    report = RunReport(
         folder=folder,
-        name=draft.run.info.printed.name,
-        simulated=draft.run.info.simulated,
-        planned=len(draft.run.info.presses),
-        presses=draft.counts["presses"],
-        references=draft.counts["references"],
-        stationary=draft.counts["stationary"],
-        out_of_band=draft.counts["out_of_band"],
-        findings=tuple(draft.findings),
-        repaired=tuple(draft.repaired),
-        empty_fields=empty,
+        name=run.info.printed.name,
+        simulated=run.info.simulated,
+        planned=len(run.info.presses),
     )
+    check = _Check(run)
+    report = check.tables(report, repair)
+    check.extra_files()
+    check.frames(workers or os.cpu_count() or 1, progress)
+    empty = check.print_record()
+    check.parameters()
+    return replace(report, findings=tuple(check.findings), empty_fields=empty)
 
 
-def _record(draft: _Draft) -> tuple[str, ...]:
-    """What is wrong with ``print.toml``; the fields that are empty."""
-    try:
-        record = draft.run.print_record
-    except InputError as error:
-        draft.add("record", schema.PRINT_FILE, str(error))
-        return ()
-    for photo in record.values.get("photos", ()):
-        if not (draft.run.folder / photo).is_file():
-            draft.add("record", schema.PRINT_FILE, f"names the photo {photo}, which is not in the run folder")
-    return record.empty
+@dataclass
+class _Check:
+    """The findings of a run so far, and the checksums that its rows give for the paths of frames."""
 
+    run: Run
+    findings: list[Finding] = field(default_factory=list)
+    expected: list[tuple[str, str]] = field(default_factory=list)
 
-def _is_json(path: Path) -> bool:
-    try:
-        json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError):
-        return False
-    return True
+    def add(self, kind: str, where: str, text: str) -> None:
+        self.findings.append(Finding(kind=kind, where=where, text=text))
 
+    def tables(self, report: RunReport, repair: bool) -> RunReport:
+        """Examine the three CSV files and compare them with the protocol."""
+        rows: dict[str, tuple[Any, ...]] = {}
+        for name, kind in schema.TABLES.items():
+            path = self.run.folder / name
+            faults: list[InputError] = []
+            check = planned(self.run.info) if name == schema.TARGETS_FILE else lambda line, row: None
+            try:
+                table = read_table(path, kind, check, faults)
+                rows[name] = table.rows
+                if table.text.torn and repair:
+                    cut = f"{name}: cut off a torn last row of {_cut(self.run.folder, path, kind)} bytes"
+                    report = replace(report, repaired=(*report.repaired, cut))
+                elif table.text.torn:
+                    self.add("torn", name, "ends in a torn row; --repair cuts it off, and its press is then made again")
+            except InputError as error:
+                faults.append(error)
+            if name == schema.TARGETS_FILE and name in rows:
+                self._press_gaps({row.number for row in rows[name]})
+            for fault in faults:
+                kind_of_fault = "duplicate" if "already" in fault.allowed else "row"
+                self.add(kind_of_fault, name, str(fault).removeprefix(f"{self.run.folder}{os.sep}"))
+        targets, references, still = (rows.get(name, ()) for name in schema.TABLES)
+        self.expected = [
+            *((schema.frame_path(row.sensor_image), row.image_sha256) for row in targets),
+            *((row.path, row.image_sha256) for row in (*references, *still)),
+        ]
+        if schema.REFERENCES_FILE in rows and not references and not self.run.info.source:
+            self.add("gap", "references", "there is no reading without contact")
+        if schema.STATIONARY_FILE in rows:
+            self._stationary_gaps({row.key for row in still})
+        return replace(
+            report,
+            presses=len(targets),
+            references=len(references),
+            stationary=len(still),
+            out_of_band=sum(row.in_band is False for row in targets),
+        )
 
-def _tables(draft: _Draft, repair: bool) -> None:
-    """The three CSV files: their rows, and what is wrong with single rows."""
-    run, folder = draft.run, draft.run.folder
-    for name, columns in (
-        (schema.TARGETS_FILE, schema.COLUMNS),
-        (schema.REFERENCES_FILE, schema.REFERENCE_COLUMNS),
-        (schema.STATIONARY_FILE, schema.STATIONARY_COLUMNS),
-    ):
-        path = folder / name
-        faults: list[InputError] = []
+    def _press_gaps(self, present: set[int]) -> None:
+        presses = self.run.info.presses
+        missing = [press.number for press in presses if press.number not in present]
+        if missing:
+            text = f"{len(missing)} of {counted(len(presses), 'press')} missing: {ranges(missing)}"
+            self.add("gap", "protocol", text)
+
+    def _stationary_gaps(self, present: set[tuple[str, bool, int]]) -> None:
+        count = self.run.info.protocol.stationary_frames
+        for when, in_contact in schema.STATIONARY:
+            missing = sum((when, in_contact, index) not in present for index in range(1, count + 1))
+            if missing:
+                contact = "in contact" if in_contact else "without contact"
+                text = f"{missing} of {count} readings {contact} at the {when} missing"
+                self.add("gap", schema.STATIONARY_FOLDER, text)
+
+    def extra_files(self) -> None:
+        """Find files that no row names, and rows that name the same file."""
+        named = Counter(path for path, _ in self.expected)
+        for path, times in named.items():
+            if times > 1:
+                self.add("duplicate", path, f"is named by {times} rows")
+        for name in schema.FRAME_FOLDERS:
+            sub = self.run.folder / name
+            if not sub.is_dir():
+                continue
+            for path in (f"{name}/{entry.name}" for entry in sorted(sub.iterdir())):
+                if path not in named and path not in schema.TABLES:
+                    self.add(
+                        "extra", path, "has no row: an interrupted press (made again when the run goes on) or yours"
+                    )
+
+    def frames(self, workers: int, progress: FramesExamined | None) -> None:
+        """Read and judge every frame; two images with the same bytes come from a camera that hangs."""
+        expected = dict(self.expected)
+        limits = limits_of(self.run.info)
+        first: dict[str, str] = {}
+        with ThreadPoolExecutor(workers) as pool:
+            judged = pool.map(lambda path: _judge(self.run, path, expected[path], limits), expected)
+            for number, (path, (digest, faults)) in enumerate(zip(expected, judged, strict=True), start=1):
+                for kind, text in faults:
+                    self.add(kind, path, text)
+                if digest and digest in first:
+                    self.add("stuck", path, f"is identical to {first[digest]}: the camera gave an old frame again")
+                elif digest:
+                    first[digest] = path
+                if progress is not None:
+                    progress(number, len(expected))
+
+    def print_record(self) -> tuple[str, ...]:
+        """Examine ``print.toml``; the result is its empty fields."""
         try:
-            lines = read_lines(path, columns, faults)
-            if lines.torn and repair:
-                draft.repaired.append(f"{name}: cut off a torn last row of {_cut(folder, path, columns)} bytes")
-            elif lines.torn:
-                draft.add("torn", name, "ends in a torn row; --repair cuts it off, and its press is then made again")
-            if name == schema.TARGETS_FILE:
-                rows = read_rows(run.info, path, lines.rows, faults)
-                draft.expected += [
-                    _Expected(path=schema.reading_path(row.sensor_image), digest=row.image_sha256) for row in rows
-                ]
-                draft.counts["out_of_band"] = sum(row.in_band is False for row in rows)
-                draft.counts["presses"] = len(rows)
-                _gaps(draft, {row.number for row in rows})
-            else:
-                others = run.references if name == schema.REFERENCES_FILE else run.stationary_readings
-                draft.expected += [_Expected(path=one.path, digest=one.image_sha256) for one in others]
+            record = self.run.print_record
         except InputError as error:
-            faults.append(error)
-        for fault in faults:
-            kind = "duplicate" if "already" in fault.allowed else "row"
-            draft.add(kind, name, str(fault).removeprefix(f"{folder}{os.sep}"))
+            self.add("record", schema.PRINT_FILE, str(error))
+            return ()
+        for photo in record.values.get("photos", ()):
+            if not (self.run.folder / photo).is_file():
+                self.add("record", schema.PRINT_FILE, f"names the photo {photo}, which is not in the run folder")
+        return record.empty
+
+    def parameters(self) -> None:
+        """Examine the files that TacTip toolchains look for."""
+        for name in params.PARAMETERS:
+            path = self.run.folder / name
+            if not path.is_file():
+                self.add("missing", name, "is not there; TacTip toolchains look for it")
+                continue
+            try:
+                door.parse_json(door.read_bytes(path, kind="json"), "parameters", name)
+            except InputError:
+                self.add("unreadable", name, "is not valid JSON")
 
 
-def _cut(folder: Path, path: Path, columns: Sequence[str]) -> int:
+def _cut(folder: Path, path: Path, kind: type[Any]) -> int:
     """Cut off a torn last row while nobody else writes; return its length."""
     with locked(folder):
-        lines = read_lines(path, columns, [])
-        with refusing(path.parent), path.open("rb+") as stream:
-            stream.truncate(lines.whole_bytes)
-            stream.flush()
-            os.fsync(stream.fileno())
-        return len(lines.torn)
+        text = read_lines(path, schema.columns(kind), [])
+        cut_torn_line(path, text)
+        return len(text.torn)
 
 
-def _gaps(draft: _Draft, there: set[int]) -> None:
-    missing = [press.number for press in draft.run.info.presses if press.number not in there]
-    if missing:
-        planned = len(draft.run.info.presses)
-        draft.add("gap", "protocol", f"{len(missing)} of {counted(planned, 'press')} missing: {ranges(missing)}")
-
-
-def _protocol(draft: _Draft) -> None:
-    """References and stationary readings that the protocol asks for; imported runs have none."""
-    info = draft.run.info
+def _judge(run: Run, path: str, expected: str, limits: FrameLimits) -> tuple[str | None, list[tuple[str, str]]]:
+    """The checksum of a frame (of an image; else None), and its faults by kind and text."""
+    if not os.path.lexists(run.folder / path):
+        return None, [("missing", "is not there though a row names it")]
     try:
-        draft.counts["references"] = len(draft.run.references)
-        still = draft.run.stationary_readings
-    except InputError:
-        return
-    draft.counts["stationary"] = len(still)
-    if not draft.run.references and not info.source:
-        draft.add("gap", "references", "there is no reading without contact")
-    for when in ("start", "end"):
-        for in_contact in (True, False):
-            have = {one.index for one in still if one.when == when and one.in_contact == in_contact}
-            lacking = sorted(set(range(1, info.protocol.stationary_frames + 1)) - have)
-            if lacking:
-                what = "in contact" if in_contact else "without contact"
-                draft.add(
-                    "gap",
-                    schema.STATIONARY_FOLDER,
-                    f"{len(lacking)} of {info.protocol.stationary_frames} readings {what} at the {when} missing",
-                )
-
-
-def _extra(draft: _Draft) -> None:
-    """Files that no row names; and rows that name the same file."""
-    counted = Counter(one.path for one in draft.expected)
-    for path, times in counted.items():
-        if times > 1:
-            draft.add("duplicate", path, f"is named by {times} rows")
-    tables = (schema.REFERENCES_FILE, schema.STATIONARY_FILE)
-    for name in (schema.IMAGE_FOLDER, schema.DATA_FOLDER, schema.REFERENCE_FOLDER, schema.STATIONARY_FOLDER):
-        sub = draft.run.folder / name
-        if not sub.is_dir():
-            continue
-        for entry in sorted(os.scandir(sub), key=lambda one: one.name):
-            path = f"{name}/{entry.name}"
-            if path not in counted and path not in tables:
-                draft.add("extra", path, "has no row: an interrupted press (made again when the run goes on) or yours")
-
-
-def _readings(draft: _Draft, workers: int, progress: Progress | None) -> None:
-    expected = list({one.path: one for one in draft.expected}.values())
-    limits = limits_of(draft.run.info)
-    first: dict[str, str] = {}
-    with ThreadPoolExecutor(workers) as pool:
-        judged = pool.map(lambda one: _judge(draft.run, one, limits), expected)
-        for number, (one, (digest, findings)) in enumerate(zip(expected, judged, strict=True), start=1):
-            draft.findings += findings
-            if digest and digest in first:
-                draft.add("stuck", one.path, f"is identical to {first[digest]}: the camera gave an old frame again")
-            elif digest:
-                first[digest] = one.path
-            if progress is not None:
-                progress(number, len(expected))
-
-
-def _judge(run: Run, expected: _Expected, limits: FrameLimits) -> tuple[str | None, list[Finding]]:
-    """A reading's own checksum (of an image; else None) and what is wrong with it."""
-    path = run.folder / expected.path
-    found: list[Finding] = []
-
-    def add(kind: str, text: str) -> None:
-        found.append(Finding(kind=kind, where=expected.path, text=text))
-
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        add("missing", "is not there though a row names it")
-        return None, found
-    except OSError as error:
-        add("unreadable", "is a folder" if path.is_dir() else f"cannot be read: {error.strerror}")
-        return None, found
+        data = run.read_bytes(path)
+    except InputError as error:
+        return None, [("unreadable", error.allowed)]
     digest = sha256(data)
-    if digest != expected.digest:
-        add("checksum", "is not the file that was written: its checksum differs from its row's")
+    faults = []
+    if digest != expected:
+        faults.append(("checksum", "is not the file that was written: its checksum differs from its row's"))
     try:
-        reading = decoded(data) if path.suffix == ".png" else read_array(path)
-    except (CheckFailedError, OSError) as error:
-        add("unreadable", str(error))
-        return None, found
-    wrong = shape_fault(run.info, reading)
-    if wrong:
-        add("shape", wrong)
-    if path.suffix != ".png":
-        return None, found
-    if not is_image(reading):
-        add("shape", f"is an image of {reading.dtype}, shape {reading.shape}; uint8, grey or BGR belong here")
-        return digest, found
-    for fault in frame_faults(reading, limits=limits):
-        add(fault, f"is {fault}")
-    return digest, found
+        frame = decoded(data, path)
+    except CheckFailedError as error:
+        return None, [*faults, ("unreadable", str(error))]
+    fault = shape_fault(run.info, frame)
+    if fault:
+        faults.append(("shape", fault))
+    if not path.endswith(".png"):
+        return None, faults
+    if not is_image(frame):
+        faults.append(("shape", f"is an image of {frame.dtype}, shape {frame.shape}; uint8, grey or BGR belong here"))
+        return digest, faults
+    return digest, [*faults, *((name, f"is {name}") for name in frame_faults(frame, limits=limits))]
 
 
 def limits_of(info: RunInfo) -> FrameLimits:
-    """When an image of this run is dark or blurred: what its camera was told, else the usual.
+    """When an image of this run is dark or blurred: as set for its camera, else the default.
 
     Raises:
         InputError: A limit in ``run.json`` is not allowed.
     """
     try:
-        told = info.sensor.get("settings", {}).get("limits", {})
-        return FrameLimits(**{name: float(told[name]) for name in ("dark_counts", "blur_px") if name in told})
+        limits = info.sensor.get("settings", {}).get("limits", {})
+        return FrameLimits(**{name: float(limits[name]) for name in ("dark_counts", "blur_px") if name in limits})
     except (AttributeError, TypeError, ValueError):
         raise InputError("run.json sensor.settings.limits", None, "must be dark_counts and blur_px, numbers") from None
 
 
-def ranges(numbers: Sequence[int], most: int = 8) -> str:
+def ranges(numbers: Sequence[int], max_parts: int = 8) -> str:
     """Rising numbers for people: ``3, 7 to 25, 31``."""
     parts: list[list[int]] = []
     for number in numbers:
@@ -351,7 +299,7 @@ def ranges(numbers: Sequence[int], most: int = 8) -> str:
             parts[-1][1] = number
         else:
             parts.append([number, number])
-    shown = [str(low) if low == high else f"{low} to {high}" for low, high in parts[:most]]
-    if len(parts) > most:
-        shown.append(f"and {sum(high - low + 1 for low, high in parts[most:])} more")
+    shown = [str(low) if low == high else f"{low} to {high}" for low, high in parts[:max_parts]]
+    if len(parts) > max_parts:
+        shown.append(f"and {sum(high - low + 1 for low, high in parts[max_parts:])} more")
     return ", ".join(shown)

@@ -7,17 +7,17 @@ and the JSON files beside them for the range of the labels and for what was done
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.lab.rig.sensor import Reading, is_image
+from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs import params, schema
 from tacbench_cad.lab.runs.pictures import encoded
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.writing import write_json
+from tacbench_cad.util import door
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked, refusing, replacing
 from tacbench_cad.util.packages import require
@@ -65,17 +65,18 @@ class Processing:
             raise InputError("bbox", list(self.bbox), f"leaves the image of {width} x {height} pixels")
         return self.bbox
 
-    def __call__(self, image: Reading) -> Reading:
+    def __call__(self, image: Frame) -> Frame:
         """The processed image, uint8."""
         import cv2
         import numpy as np
 
         x0, y0, x1, y1 = self.bbox_for(image.shape)
-        made = image[y0:y1, x0:x1]
-        if self.grey and made.ndim == 3:
-            made = np.asarray(cv2.cvtColor(made, cv2.COLOR_BGR2GRAY))
-        shrinks = self.size[0] * self.size[1] < made.shape[0] * made.shape[1]
-        return np.asarray(cv2.resize(made, self.size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR))
+        processed = image[y0:y1, x0:x1]
+        if self.grey and processed.ndim == 3:
+            processed = np.asarray(cv2.cvtColor(processed, cv2.COLOR_BGR2GRAY))
+        shrinks = self.size[0] * self.size[1] < processed.shape[0] * processed.shape[1]
+        interpolation = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+        return np.asarray(cv2.resize(processed, self.size, interpolation=interpolation))
 
 
 def export_tactile_data(
@@ -93,7 +94,7 @@ def export_tactile_data(
         folder: A run folder.
         out: Folder for the result; None for the run folder itself, where those toolchains put it.
         processing: What is done to every image.
-        progress: Told the images written so far and their number.
+        progress: Called with the number of images written so far and the number of all.
 
     Returns:
         Number of images of presses.
@@ -105,7 +106,7 @@ def export_tactile_data(
     """
     require("the export of images", "cv2")
     run, target, how = Run.open(folder), out or folder, processing or Processing()
-    shape = run.info.reading_shape
+    shape = run.info.frame_shape
     names = [row.sensor_image for row in run.rows]
     if not names:
         raise InputError("run", str(folder), "has no press yet")
@@ -120,7 +121,7 @@ def export_tactile_data(
         for reference in run.references[:1]:
             shape = _process(run, reference.path, reference.image_sha256, images, how)
         for row in run.rows:
-            shape = _process(run, schema.reading_path(row.sensor_image), row.image_sha256, images, how)
+            shape = _process(run, schema.frame_path(row.sensor_image), row.image_sha256, images, how)
             done += 1
             if progress is not None:
                 progress(done, len(names))
@@ -129,7 +130,7 @@ def export_tactile_data(
         with replacing(target / TARGETS_IMAGES_FILE) as path, path.open("w", encoding="utf-8", newline="") as stream:
             writer = csv.writer(stream, lineterminator="\n")
             writer.writerow(schema.COLUMNS)
-            writer.writerows([values[column] for column in schema.COLUMNS] for _, values in run.lines.rows)
+            writer.writerows([values[column] for column in schema.COLUMNS] for _, values in run.targets.text.rows)
     return done
 
 
@@ -144,7 +145,7 @@ def _process(run: Run, path: str, digest: str, images: Path, how: Processing) ->
 
 
 def _parameters(run: Run, target: Path, how: Processing, shape: tuple[int, ...]) -> None:
-    for name in (params.COLLECT_FILE, params.ENVIRONMENT_FILE, params.SENSOR_FILE):
+    for name in params.PARAMETERS:
         document = _json_of(run, name)
         if target != run.folder:
             write_json(target / name, document)
@@ -162,8 +163,8 @@ def _parameters(run: Run, target: Path, how: Processing, shape: tuple[int, ...])
 def _json_of(run: Run, name: str) -> dict[str, Any]:
     path = run.folder / name
     try:
-        document = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError):
+        document = door.parse_json(door.read_bytes(path, kind="json"), "parameters", name)
+    except InputError:
         raise InputError("run", str(path), "is missing or damaged; put a copy of it back") from None
     if not isinstance(document, dict):
         raise InputError("run", str(path), "must be a JSON object")

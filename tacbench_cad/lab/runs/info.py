@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
 from tacbench_cad.lab.study.presses import Press, plan_presses
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
-from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.protocol import PressGrid
-from tacbench_cad.spec.sampling import SampleGrid, Tolerance
-from tacbench_cad.spec.textures import Texture
-from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.util.convert import from_plain, to_plain
 from tacbench_cad.util.errors import InputError
 
 #: What ``run.json`` calls this kind of folder, and the version of its layout that this program writes and reads.
@@ -25,8 +21,10 @@ FRAME_TEXT = (
     "x and y are the block's own, z is 0 at the block's highest point and grows upwards; a pose is where the sensor's "
     "summit is, in mm and degrees"
 )
-#: Keys that may change between two sittings of one run: where a device is plugged in and what it calls itself.
+#: Keys that may change between two sessions of one run: where a device is plugged in and what it calls itself.
 CHANGING = ("identity", "port", "firmware", "version")
+#: Differences between two runs that are named; the others are counted.
+MAX_SHOWN = 6
 
 Plain = Mapping[str, Any]
 
@@ -38,21 +36,21 @@ class RunInfo:
     Args:
         printed: The printed block.
         levels: The force levels that are pressed, rising.
-        protocol: How.
-        grid_spacing: Which of the paper's two readings of the grid was taken, or ``own``.
+        protocol: How they are pressed.
+        grid_spacing: Which interpretation of the paper's grid was used, or ``own``.
         holder: What surrounds the block.
         frame: The work frame in the stage's frame.
         slot: Slot of the tray, from 0.
-        stage: Plain values: ``identity``, ``simulated``, ``settings`` and what else is worth keeping.
+        stage: Plain values: ``identity``, ``simulated``, ``settings`` and further ones.
         gauge: Likewise, with ``calibration``.
         sensor: Likewise: ``name``, ``simulated``, ``units``, ``shape``, ``settings`` (requested and actual).
-        source: Where the readings come from if they were imported: the files with their SHA-256.
+        source: The files with their SHA-256, where the frames were imported.
 
     Raises:
         InputError: A mapping holds what JSON cannot, or a level is not in the protocol.
     """
 
-    printed: PrintedBlock
+    printed: PrintedBlock = field(metadata={"key": "block"})
     levels: tuple[int, ...]
     protocol: Protocol
     grid_spacing: str
@@ -80,8 +78,8 @@ class RunInfo:
         return tuple(f"{name}: {device['simulated']}" for name, device in devices if device.get("simulated"))
 
     @property
-    def reading_shape(self) -> tuple[int, ...] | None:
-        """Shape of every reading, or None where the sensor does not say."""
+    def frame_shape(self) -> tuple[int, ...] | None:
+        """Shape of every frame, or None where the sensor does not say."""
         shape = self.sensor.get("shape")
         return tuple(shape) if shape else None
 
@@ -90,59 +88,48 @@ class RunInfo:
         """Every press of the run in the order of the protocol."""
         return plan_presses(self.protocol, self.levels, self.printed.name)
 
+    @property
+    def middle_press(self) -> Press:
+        """The press of the frames without motion: middle force level, middle position."""
+        level = self.levels[len(self.levels) // 2]
+        presses = sorted((press for press in self.presses if press.force_level == level), key=lambda p: p.position)
+        return presses[len(presses) // 2]
+
     def as_dict(self) -> dict[str, Any]:
         """Plain values for ``run.json``."""
-        return {
-            "block": self.printed.as_dict(),
-            "levels": list(self.levels),
-            "protocol": self.protocol.as_dict(),
-            "grid_spacing": self.grid_spacing,
-            "holder": {"rim_mm": self.holder.rim_mm, "gap_mm": self.holder.gap_mm},
-            "frame": {
-                "origin_mm": list(self.frame.origin_mm),
-                "quarter_turns": self.frame.quarter_turns,
-                "meaning": FRAME_TEXT,
-            },
-            "slot": self.slot,
-            "stage": dict(self.stage),
-            "gauge": dict(self.gauge),
-            "sensor": dict(self.sensor),
-            "source": dict(self.source),
-        }
+        values: dict[str, Any] = to_plain(self)
+        values["block"] = self.printed.as_dict()
+        values["protocol"]["grid"] = values["protocol"].pop("grid")
+        values["frame"]["meaning"] = FRAME_TEXT
+        return values
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> RunInfo:
+    def from_dict(cls, values: Mapping[str, Any], where: str = "run.json: ") -> RunInfo:
         """The run that :meth:`as_dict` described.
+
+        Args:
+            values: Its plain values; keys of other things that ``run.json`` says are ignored.
+            where: Prefix of the field in messages.
 
         Raises:
             InputError: A key is missing or has another type or value than this program writes.
         """
-        try:
-            frame, holder = values["frame"], values["holder"]
-            return cls(
-                printed=printed_from(values["block"]),
-                levels=tuple(values["levels"]),
-                protocol=_protocol(values["protocol"]),
-                grid_spacing=str(values["grid_spacing"]),
-                holder=HolderRim(rim_mm=holder["rim_mm"], gap_mm=holder["gap_mm"]),
-                frame=WorkFrame(origin_mm=_three(frame["origin_mm"]), quarter_turns=frame["quarter_turns"]),
-                slot=values["slot"],
-                stage=values["stage"],
-                gauge=values["gauge"],
-                sensor=values["sensor"],
-                source=values["source"],
-            )
-        except InputError:
-            raise
-        except KeyError as error:
-            raise InputError("run.json", None, f"has no key {error.args[0]!r}") from None
-        except (TypeError, ValueError, AttributeError) as error:
-            raise InputError("run.json", None, f"holds a value of the wrong kind: {error}") from None
+        keys = [each.metadata.get("key", each.name) for each in fields(cls)]
+        known = {key: values[key] for key in keys if key in values}
+        if "block" in known:
+            known["block"] = printed_from(known["block"], where)
+        if isinstance(known.get("frame"), Mapping):
+            known["frame"] = {key: value for key, value in known["frame"].items() if key != "meaning"}
+        for key, kind in (("holder", HolderRim), ("frame", WorkFrame)):  # a default is no measured value
+            for each in fields(kind):
+                if isinstance(known.get(key), Mapping) and each.name not in known[key]:
+                    raise InputError(f"{where}[{key}] {each.name}", None, "is missing")
+        return from_plain(cls, known, where)
 
     def differences(self, other: RunInfo) -> list[str]:
         """What differs between this run and another: ``sensor.settings.requested.exposure: 5 then, 7 now``.
 
-        Ports, identities and versions (:data:`CHANGING`) may change from one sitting to the next and are left out.
+        Ports, identities and versions (:data:`CHANGING`) may change from one session to the next and are left out.
 
         Args:
             other: The run as it is now; ``self`` is the one that was begun.
@@ -154,13 +141,30 @@ class RunInfo:
             if key not in then or key not in now or then[key] != now[key]
         ]
 
+    def require_same(self, other: RunInfo, what: str, advice: str) -> None:
+        """Refuse to resume this run as another one.
+
+        Args:
+            other: The run as it is now.
+            what: The run's name or folder, for the message.
+            advice: What the user can do.
+
+        Raises:
+            InputError: The two differ; the message names the first differences.
+        """
+        differences = self.differences(other)
+        if differences:
+            more = f"; and {len(differences) - MAX_SHOWN} more" if len(differences) > MAX_SHOWN else ""
+            shown = "; ".join(differences[:MAX_SHOWN]) + more
+            raise InputError("run", what, f"was begun with other settings: {shown}; {advice}")
+
 
 def _plain(name: str, value: Any) -> dict[str, Any]:
     try:
-        made: dict[str, Any] = json.loads(json.dumps(dict(value), allow_nan=False))
+        plain: dict[str, Any] = json.loads(json.dumps(dict(value), allow_nan=False))
     except (TypeError, ValueError) as error:
         raise InputError(name, None, f"holds what JSON cannot: {error}") from None
-    return made
+    return plain
 
 
 def _leaves(value: Any, where: str = "") -> Iterator[tuple[str, Any]]:
@@ -180,47 +184,30 @@ def _shown(values: Mapping[str, Any], key: str) -> str:
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
-def _three(values: Sequence[float]) -> tuple[float, float, float]:
-    x, y, z = values
-    return (float(x), float(y), float(z))
+def printed_from(values: Any, where: str = "") -> PrintedBlock:
+    """The printed block of :meth:`PrintedBlock.as_dict`, its texture made from the waves: it may be a user's own.
 
-
-def printed_from(values: Mapping[str, Any]) -> PrintedBlock:
-    """The printed block, its texture made anew from the waves (so it may be a user's own)."""
-    waves = tuple(Wave(amplitude=a, f=f, g=g, phase=phase) for a, f, g, phase in values["waves"])
-    texture = Texture(
-        name=values["texture"], equation=values["equation"], waves=WaveSum(waves), number=values["number"]
-    )
-    x, y = values["nominal_size_mm"]
-    u, v = values["origin_uv"]
-    sampling = values["sampling"]
-    block = Block(
-        texture=texture,
-        preset=values["preset"],
-        nominal_size_mm=(x, y),
-        nominal_height_mm=values["nominal_height_mm"],
-        nominal_mm_per_unit=_three(values["nominal_mm_per_unit"]),
-        sampling=(
-            Tolerance(mm=sampling["tolerance_mm"])
-            if "tolerance_mm" in sampling
-            else SampleGrid(nx=sampling["grid"][0], ny=sampling["grid"][1])
-        ),
-        origin_uv=(u, v),
-        scale=values["scale"],
-        key_mm=values["key_mm"],
-        label=values["label"],
-        copy=values["engraved_copy"],
-    )
-    return PrintedBlock(block=block, printer=values["printer"], filament=values["filament"], copy=values["copy"])
-
-
-def _protocol(values: Mapping[str, Any]) -> Protocol:
-    known = {one.name for one in fields(Protocol)}
-    unknown = [key for key in values if key not in known]
-    if unknown:
-        raise InputError("run.json protocol", unknown[0], "is not a key of this version's protocol")
-    grid = PressGrid(x_mm=tuple(values["grid"]["x_mm"]), y_mm=tuple(values["grid"]["y_mm"]))
-    plain: dict[str, Any] = {key: value for key, value in values.items() if key != "grid"}
-    for key, value in plain.items():
-        plain[key] = tuple(value) if isinstance(value, list) else value
-    return Protocol(grid=grid, **plain)
+    Raises:
+        InputError: A key is missing, or a value is not allowed.
+    """
+    try:
+        block = dict(values)
+        waves = [dict(zip(("amplitude", "f", "g", "phase"), wave, strict=True)) for wave in block.pop("waves")]
+        sampling = block.pop("sampling")
+        texture = {"name": block.pop("texture"), "waves": {"waves": waves}}
+        texture |= {key: block.pop(key) for key in ("number", "equation")}
+        printed = {key: block.pop(key) for key in ("printer", "filament", "copy")}
+        block |= {
+            "texture": texture,
+            "copy": block.pop("engraved_copy"),
+            "sampling": (
+                {"mm": sampling["tolerance_mm"]}
+                if "tolerance_mm" in sampling
+                else dict(zip(("nx", "ny"), sampling["grid"], strict=True))
+            ),
+        }
+    except KeyError as error:
+        raise InputError(f"{where}[block]", None, f"has no key {error.args[0]!r}") from None
+    except (TypeError, ValueError):
+        raise InputError(f"{where}[block]", None, "is not a block as this program writes it") from None
+    return from_plain(PrintedBlock, {"block": block, **printed}, where)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from tacbench_cad.util import door
 from tacbench_cad.util.errors import CheckFailedError
 
 
@@ -36,23 +38,16 @@ def read_header(path: Path) -> Header:
 
     Raises:
         CheckFailedError: It is no NumPy file, is truncated, or holds pickled objects; the message begins with what.
-        OSError: It cannot be opened.
+        InputError: It cannot be opened.
     """
-    with path.open("rb") as stream:
-        header = _header(stream)
-        size = stream.seek(0, 2)
-    need = header.offset + math.prod(header.shape) * header.dtype.itemsize
-    if size != need:
-        what = "is truncated" if size < need else "is longer than it says"
-        raise CheckFailedError(f"{what}: {size} bytes where its header asks for {need}")
-    return header
+    with door.open_input(path, kind="array") as stream:
+        return _header(stream)
 
 
 def _header(stream: BinaryIO) -> Header:
-    first = stream.read(2)
-    stream.seek(0)
-    if first[:1] == b"\x80":
+    if stream.read(1) == b"\x80":
         raise CheckFailedError("is pickled; such files can run anything when they are read, so it is not opened")
+    stream.seek(0)
     try:
         version = npy.read_magic(stream)
         read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
@@ -64,20 +59,24 @@ def _header(stream: BinaryIO) -> Header:
         raise CheckFailedError(f"is not a NumPy file, or its head is damaged: {str(error)[:80]}") from None
     if dtype.hasobject:
         raise CheckFailedError("holds pickled objects; such files can run anything when they are read")
-    if any(one < 0 for one in shape):
+    if any(side < 0 for side in shape):
         raise CheckFailedError(f"is not a NumPy file, or its head is damaged: shape {shape}")
-    return Header(shape=shape, dtype=dtype, fortran=fortran, offset=stream.tell())
+    header = Header(shape=shape, dtype=dtype, fortran=fortran, offset=stream.tell())
+    need, size = header.offset + math.prod(shape) * dtype.itemsize, stream.seek(0, 2)
+    if size != need:
+        what = "is truncated" if size < need else "is longer than it says"
+        raise CheckFailedError(f"{what}: {size} bytes where its header asks for {need}")
+    return header
 
 
-def read_array(path: Path) -> NDArray[Any]:
-    """Read a whole file.
+def array_of(data: bytes) -> NDArray[Any]:
+    """The array in the bytes of a file.
 
     Raises:
         CheckFailedError: As :func:`read_header`.
-        OSError: It cannot be opened.
     """
-    header = read_header(path)
-    numbers = np.fromfile(path, dtype=header.dtype, offset=header.offset)
+    header = _header(io.BytesIO(data))
+    numbers = np.frombuffer(data, dtype=header.dtype, offset=header.offset).copy()
     return numbers.reshape(header.shape, order="F" if header.fortran else "C")
 
 
@@ -86,8 +85,8 @@ def mapped(path: Path) -> NDArray[Any]:
 
     Raises:
         CheckFailedError: As :func:`read_header`.
-        OSError: It cannot be opened.
+        InputError: It cannot be opened.
     """
     read_header(path)
-    made: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
-    return made
+    array: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
+    return array

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from tacbench_cad.lab.runs.info import FRAME_TEXT, RunInfo
@@ -51,7 +52,7 @@ def environment_params(info: RunInfo) -> dict[str, Any]:
 
 def sensor_params(info: RunInfo) -> dict[str, Any]:
     """``sensor_image_params.json``: the sensor, the part of the camera's image that is kept (all) and its size."""
-    shape = info.reading_shape
+    shape = info.frame_shape
     height, width = shape[:2] if shape and len(shape) in (2, 3) else (None, None)
     settings = info.sensor.get("settings", {})
     return {
@@ -63,3 +64,11 @@ def sensor_params(info: RunInfo) -> dict[str, Any]:
         "image_size": None if width is None else [width, height],
         "simulated": list(info.simulated),
     }
+
+
+#: The files of a run, and what writes the contents of each.
+PARAMETERS: Mapping[str, Callable[[RunInfo], dict[str, Any]]] = {
+    COLLECT_FILE: collect_params,
+    ENVIRONMENT_FILE: environment_params,
+    SENSOR_FILE: sensor_params,
+}

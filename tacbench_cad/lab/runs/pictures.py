@@ -1,4 +1,4 @@
-"""Readings as bytes: images as PNG (with a word that they are simulated), everything else as NumPy files."""
+"""Frames as bytes: images as PNG (with a word that they are simulated), everything else as NumPy files."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ import io
 import struct
 import zlib
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tacbench_cad.lab.rig.sensor import Reading, is_image
+from tacbench_cad.lab.rig.sensor import Frame, is_image
+from tacbench_cad.lab.runs.npyfile import array_of
 from tacbench_cad.util.errors import CheckFailedError
 
 #: Keyword of the PNG text that says what was simulated.
@@ -21,26 +20,26 @@ SIMULATED_KEYWORD = "simulated"
 _HEAD_BYTES = 33
 
 
-def encoded(reading: Reading, simulated: Sequence[str]) -> tuple[bytes, bool]:
-    """A reading as the bytes of its file.
+def encoded(frame: Frame, simulated: Sequence[str]) -> tuple[bytes, bool]:
+    """A frame as the bytes of its file.
 
     OpenCV's own settings are used: run lengths after the Sub filter. On images with camera noise they are both
     quicker and smaller than any level of full compression.
 
     Args:
-        reading: The reading.
+        frame: The frame.
         simulated: What of the rig was simulated; it goes into an image's metadata.
 
     Returns:
         The bytes, and whether they are a PNG.
     """
-    if not is_image(reading):
+    if not is_image(frame):
         stream = io.BytesIO()
-        np.save(stream, np.asarray(reading), allow_pickle=False)
+        np.save(stream, np.asarray(frame), allow_pickle=False)
         return stream.getvalue(), False
     import cv2
 
-    data = cv2.imencode(".png", reading)[1].tobytes()
+    data = cv2.imencode(".png", frame)[1].tobytes()
     if simulated:
         text = SIMULATED_KEYWORD.encode() + b"\0" + "; ".join(simulated).encode("latin-1", "replace")
         kind = b"tEXt" + text
@@ -49,18 +48,24 @@ def encoded(reading: Reading, simulated: Sequence[str]) -> tuple[bytes, bool]:
     return data, True
 
 
-def decoded(data: bytes) -> NDArray[Any]:
-    """The image in a PNG's bytes: uint8, (height, width) or (height, width, 3), BGR.
+def decoded(data: bytes, name: str) -> Frame:
+    """The frame in the bytes of its file; an image is uint8, (height, width) or (height, width, 3), BGR.
+
+    Args:
+        data: The bytes.
+        name: The file's name, whose ending says what it is.
 
     Raises:
-        CheckFailedError: They are no whole PNG.
+        CheckFailedError: They are no whole PNG, or no whole NumPy file.
     """
+    if not name.endswith(".png"):
+        return array_of(data)
     import cv2
 
     # OpenCV decodes what it finds of a truncated file, and takes memory for whatever size a damaged head names.
     whole = data.startswith(b"\x89PNG\r\n\x1a\n") and data.endswith(b"IEND\xaeB`\x82") and len(data) > _HEAD_BYTES
-    sound = whole and struct.pack(">I", zlib.crc32(data[12:29])) == data[29:_HEAD_BYTES]
-    image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED) if sound else None
+    intact = whole and struct.pack(">I", zlib.crc32(data[12:29])) == data[29:_HEAD_BYTES]
+    image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED) if intact else None
     if image is None:
         raise CheckFailedError("is not a readable PNG image")
     return np.asarray(image)

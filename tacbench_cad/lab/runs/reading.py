@@ -2,66 +2,28 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import datetime
 from functools import cached_property
 from pathlib import Path
+from typing import Any, TypeVar
 
-from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import SCHEMA, SCHEMA_VERSION, RunInfo
-from tacbench_cad.lab.runs.npyfile import read_array
-from tacbench_cad.lab.runs.pictures import decoded
-from tacbench_cad.lab.runs.schema import PressKey, Row
-from tacbench_cad.lab.runs.table import Lines, read_lines
-from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.runs.pictures import decoded, sha256
+from tacbench_cad.lab.runs.schema import PressKey, Reference, Row, Stationary
+from tacbench_cad.lab.runs.table import RunTable, read_table
 from tacbench_cad.spec.printrecord import PrintRecord, read_record
-from tacbench_cad.util.errors import CheckFailedError, InputError, one_of
-from tacbench_cad.util.files import sha256
+from tacbench_cad.util import door
+from tacbench_cad.util.errors import CheckFailedError, InputError
 
-
-@dataclass(frozen=True, kw_only=True)
-class Reference:
-    """A reading without contact.
-
-    Args:
-        path: Its file, from the run folder.
-        time_utc: When it was taken.
-        after_press: Number of the press before it, 0 for none.
-        image_sha256: SHA-256 of the file.
-    """
-
-    path: str
-    time_utc: datetime
-    after_press: int
-    image_sha256: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Stationary:
-    """A reading without motion.
-
-    Args:
-        path: Its file, from the run folder.
-        when: ``start`` or ``end`` of the block.
-        in_contact: At the middle force, or without contact.
-        index: From 1.
-        image_sha256: SHA-256 of the file.
-    """
-
-    path: str
-    when: str
-    in_contact: bool
-    index: int
-    image_sha256: str
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder. Only ``run.json`` is read at once; rows and readings when they are asked for.
+    """A run folder. Only ``run.json`` is read at once; rows and frames when they are asked for.
 
     Args:
         folder: The folder.
@@ -83,12 +45,7 @@ class Run:
             raise InputError("run", str(folder), "is not a folder" if folder.exists() else "there is no such folder")
         if not path.is_file():
             raise InputError("run", str(folder), f"is no run folder: it has no {schema.RUN_FILE}")
-        try:
-            document = json.loads(path.read_bytes())
-        except OSError as error:
-            raise InputError("run", str(path), f"cannot be read: {error.strerror}") from None
-        except (ValueError, RecursionError):
-            raise InputError("run", str(path), "is not valid JSON; put a copy of it back") from None
+        document = door.parse_json(door.read_bytes(path, "run", "json", within=folder), "run", str(path))
         if not isinstance(document, dict) or document.get("schema") != SCHEMA:
             raise InputError("run", str(path), f'is of another kind: "schema" must be "{SCHEMA}"')
         version = document.get("version")
@@ -98,28 +55,25 @@ class Run:
                 str(path),
                 f"has schema version {version!r}, this program reads {SCHEMA_VERSION}; use the version that wrote it",
             )
-        try:
-            return cls(folder=folder, info=RunInfo.from_dict(document))
-        except InputError as error:
-            raise InputError(f"{path}: {error.field}", error.value, error.allowed) from None
+        return cls(folder=folder, info=RunInfo.from_dict(document, f"{path}: "))
 
     @cached_property
-    def lines(self) -> Lines:
-        """The lines of ``targets.csv`` as texts.
+    def targets(self) -> RunTable[Row]:
+        """``targets.csv``: its rows and their texts; a torn last line is left out.
 
         Raises:
-            InputError: See :func:`tacbench_cad.lab.runs.table.read_lines`.
+            InputError: A row cannot be read, contradicts the run, or occurs twice; the message names its line.
         """
-        return read_lines(self.folder / schema.TARGETS_FILE, schema.COLUMNS)
+        return read_table(self.folder / schema.TARGETS_FILE, Row, planned(self.info))
 
-    @cached_property
+    @property
     def rows(self) -> tuple[Row, ...]:
-        """The presses in the order of ``targets.csv``, which may be any; a torn last line is left out.
+        """The presses in the order of ``targets.csv``, which may be any.
 
         Raises:
-            InputError: A row cannot be read, contradicts the run, or stands there twice; the message names its line.
+            InputError: As :attr:`targets`.
         """
-        return read_rows(self.info, self.folder / schema.TARGETS_FILE, self.lines.rows)
+        return self.targets.rows
 
     @cached_property
     def by_key(self) -> dict[PressKey, Row]:
@@ -128,23 +82,21 @@ class Run:
 
     @cached_property
     def references(self) -> tuple[Reference, ...]:
-        """The readings without contact, the first one first.
+        """The frames without contact, the first one first.
 
         Raises:
             InputError: ``references.csv`` cannot be read.
         """
-        path = self.folder / schema.REFERENCES_FILE
-        return read_references(path, read_lines(path, schema.REFERENCE_COLUMNS).rows)
+        return read_table(self.folder / schema.REFERENCES_FILE, Reference).rows
 
     @cached_property
-    def stationary_readings(self) -> tuple[Stationary, ...]:
-        """The readings without motion.
+    def stationary_frames(self) -> tuple[Stationary, ...]:
+        """The frames without motion.
 
         Raises:
             InputError: ``stationary.csv`` cannot be read.
         """
-        path = self.folder / schema.STATIONARY_FILE
-        return read_stationary(path, read_lines(path, schema.STATIONARY_COLUMNS).rows)
+        return read_table(self.folder / schema.STATIONARY_FILE, Stationary).rows
 
     @cached_property
     def print_record(self) -> PrintRecord:
@@ -155,8 +107,8 @@ class Run:
         """
         return read_record(self.folder / schema.PRINT_FILE)
 
-    def reading(self, row: Row, verify: bool = False) -> Reading:
-        """A press's reading.
+    def frame(self, row: Row, verify: bool = False) -> Frame:
+        """The frame of a press.
 
         Args:
             row: Its row.
@@ -166,181 +118,104 @@ class Run:
             An array of the sensor's shape; an image is uint8, BGR if it has colours.
 
         Raises:
-            CheckFailedError: The file is missing, is no file, damaged, or of another shape; with ``verify`` also if it
-                was changed.
+            CheckFailedError: The file is missing, damaged, or of another shape; with ``verify`` also if it was changed.
         """
-        return self.read(schema.reading_path(row.sensor_image), row.image_sha256 if verify else None)
+        return self.read(schema.frame_path(row.sensor_image), row.image_sha256 if verify else None)
 
-    def reference(self, number: int = 0) -> Reading:
-        """A reading without contact: the first one, or a later one.
+    def reference(self, number: int = 0) -> Frame:
+        """A frame without contact: the first one, or a later one.
 
         Raises:
             InputError: There is no such reference.
-            CheckFailedError: As :meth:`reading`.
+            CheckFailedError: As :meth:`frame`.
         """
         if not 0 <= number < len(self.references):
             raise InputError("reference", number, f"the run has {len(self.references)} of them, counted from 0")
         return self.read(self.references[number].path)
 
-    def stationary(self, when: str, in_contact: bool) -> list[Reading]:
-        """The readings without motion of one kind, in their order.
+    def stationary(self, when: str, in_contact: bool) -> list[Frame]:
+        """The frames without motion of one group, in their order.
 
         Args:
-            when: ``start`` or ``end`` of the sitting.
+            when: ``start`` or ``end`` of the session.
             in_contact: Of the pressed sensor, or of the free one.
 
         Raises:
-            CheckFailedError: As :meth:`reading`.
+            CheckFailedError: As :meth:`frame`.
         """
-        wanted = [one for one in self.stationary_readings if one.when == when and one.in_contact == in_contact]
-        return [self.read(one.path) for one in sorted(wanted, key=lambda one: one.index)]
+        group = [frame for frame in self.stationary_frames if (frame.when, frame.in_contact) == (when, in_contact)]
+        return [self.read(frame.path) for frame in sorted(group, key=lambda frame: frame.index)]
 
-    def read(self, path: str, digest: str | None = None) -> Reading:
-        """A reading by its path from the run folder.
+    def read(self, path: str, digest: str | None = None) -> Frame:
+        """A frame by its path from the run folder.
 
         Args:
             path: The path.
             digest: The SHA-256 that the file must have.
 
         Raises:
-            CheckFailedError: As :meth:`reading`.
+            CheckFailedError: As :meth:`frame`.
         """
         file = self.folder / path
         try:
-            if digest is not None and sha256(file) != digest:
+            data = self.read_bytes(path)
+            if digest is not None and sha256(data) != digest:
                 raise CheckFailedError("is not the file that was written: its checksum differs")
-            reading = decoded(file.read_bytes()) if file.suffix == ".png" else read_array(file)
+            frame = decoded(data, path)
+            fault = shape_fault(self.info, frame)
+            if fault:
+                raise CheckFailedError(fault)
         except CheckFailedError as error:
             raise CheckFailedError(f"{file}: {error}") from None
-        except IsADirectoryError:
-            raise CheckFailedError(f"{file}: is a folder") from None
-        except OSError as error:
-            raise CheckFailedError(f"{file}: cannot be read: {error.strerror}") from None
-        wrong = shape_fault(self.info, reading)
-        if wrong:
-            raise CheckFailedError(f"{file}: {wrong}")
-        return reading
+        except InputError as error:
+            raise CheckFailedError(f"{file}: {error.allowed}") from None
+        return frame
+
+    def read_bytes(self, path: str) -> bytes:
+        """The bytes of a frame's file, by its path from the run folder.
+
+        Raises:
+            InputError: It cannot be read, is too large, or is a link that leads out of the folder.
+        """
+        kind = "image" if path.endswith(".png") else "array"
+        return door.read_bytes(self.folder / path, "frame", kind, within=self.folder)
 
 
-def shape_fault(info: RunInfo, reading: Reading) -> str | None:
-    """What is wrong with a reading's shape or type, or None."""
-    shape = info.reading_shape
-    if shape is not None and reading.shape != shape:
-        return f"has shape {reading.shape}, the sensor gives {shape}"
-    if reading.dtype.kind not in "iufb":
-        return f"holds {reading.dtype}, not real numbers"
+def shape_fault(info: RunInfo, frame: Frame) -> str | None:
+    """What is wrong with a frame's shape or type, or None."""
+    shape = info.frame_shape
+    if shape is not None and frame.shape != shape:
+        return f"has shape {frame.shape}, the sensor gives {shape}"
+    if frame.dtype.kind not in "iufb":
+        return f"holds {frame.dtype}, not real numbers"
     return None
 
 
-def read_rows(
-    info: RunInfo,
-    path: Path,
-    lines: Sequence[tuple[int, dict[str, str]]],
-    faults: list[InputError] | None = None,
-) -> tuple[Row, ...]:
-    """The typed rows of ``targets.csv``.
-
-    Args:
-        info: The run.
-        path: The file, for messages.
-        lines: Line numbers and texts.
-        faults: A list to which bad rows are added, where they shall not be raised.
-
-    Raises:
-        InputError: See ``Run.rows``.
-    """
+def planned(info: RunInfo) -> Callable[[int, Any], None]:
+    """A check of one row of ``targets.csv`` after another: it is of the run's plan and block, and not there already."""
     plan = {press.number: press for press in info.presses}
-    rows: list[Row] = []
+    block = info.printed
     seen: dict[PressKey, int] = {}
-    for line, values in lines:
-        try:
-            with _naming(path, line):
-                row = Row.of(values)
-                _require_planned(info, row, plan.get(row.number), len(plan))
-                if row.key in seen:
-                    raise InputError("sensor_image", row.sensor_image, f"stands in line {seen[row.key]} already")
-        except InputError as error:
-            if faults is None:
-                raise
-            faults.append(error)
-            continue
-        seen[row.key] = line
-        rows.append(row)
-    return tuple(rows)
 
-
-def read_references(path: Path, lines: Sequence[tuple[int, dict[str, str]]]) -> tuple[Reference, ...]:
-    """The typed rows of ``references.csv``.
-
-    Raises:
-        InputError: A row cannot be read; the message names its line.
-    """
-    found = []
-    for line, values in lines:
-        with _naming(path, line):
-            found.append(
-                Reference(
-                    path=_inside(values["reference"]),
-                    time_utc=schema.moment("time_utc", values["time_utc"]),
-                    after_press=schema.count("after_press", values["after_press"], least=0),
-                    image_sha256=values["image_sha256"],
-                )
+    def check(line: int, row: Row) -> None:
+        press = plan.get(row.number)
+        if press is None:
+            raise InputError("sensor_image", row.sensor_image, f"the protocol has {len(plan)} presses")
+        key = (press.force_level, press.repeat, press.position)
+        if row.key != key:
+            raise InputError(
+                "force_level, repeat, position",
+                row.key,
+                f"contradicts the protocol, where press {press.number} is {key}",
             )
-    return tuple(found)
+        if (row.texture, row.printer, row.filament, row.copy) != (
+            block.texture,
+            block.printer,
+            block.filament,
+            block.copy,
+        ):
+            raise InputError("texture", row.texture, f"the run is of {block.name}")
+        if seen.setdefault(row.key, line) != line:
+            raise InputError("sensor_image", row.sensor_image, f"stands in line {seen[row.key]} already")
 
-
-def read_stationary(path: Path, lines: Sequence[tuple[int, dict[str, str]]]) -> tuple[Stationary, ...]:
-    """The typed rows of ``stationary.csv``.
-
-    Raises:
-        InputError: A row cannot be read; the message names its line.
-    """
-    found = []
-    for line, values in lines:
-        with _naming(path, line):
-            found.append(
-                Stationary(
-                    path=_inside(values["reading"]),
-                    when=one_of("when", values["when"], ("start", "end")),
-                    in_contact=schema.flag("in_contact", values["in_contact"]),
-                    index=schema.count("index", values["index"]),
-                    image_sha256=values["image_sha256"],
-                )
-            )
-    return tuple(found)
-
-
-def _require_planned(info: RunInfo, row: Row, press: Press | None, presses: int) -> None:
-    if press is None:
-        raise InputError("sensor_image", row.sensor_image, f"the protocol has {presses} presses")
-    key = (press.force_level, press.repeat, press.position)
-    if row.key != key:
-        raise InputError(
-            "force_level, repeat, position",
-            row.key,
-            f"contradicts the protocol, where press {press.number} is {key}",
-        )
-    if (row.texture, row.printer, row.filament, row.copy) != _block_of(info):
-        raise InputError("texture", row.texture, f"the run is of {info.printed.name}")
-
-
-def _block_of(info: RunInfo) -> tuple[str, str, str, int]:
-    return (info.printed.texture, info.printed.printer, info.printed.filament, info.printed.copy)
-
-
-def _inside(path: str) -> str:
-    """A path of the run's own; a row cannot lead elsewhere."""
-    parts = path.split("/")
-    folders = (schema.IMAGE_FOLDER, schema.DATA_FOLDER, schema.REFERENCE_FOLDER, schema.STATIONARY_FOLDER)
-    if len(parts) != 2 or parts[0] not in folders or parts[1] in ("", ".", "..") or "\\" in path:
-        raise InputError("path", path, "must be a file in one of the run's own folders")
-    return path
-
-
-@contextmanager
-def _naming(path: Path, line: int) -> Iterator[None]:
-    """Put file and line in front of an error's field."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{path} line {line}: {error.field}", error.value, error.allowed) from None
+    return check

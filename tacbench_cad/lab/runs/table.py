@@ -6,25 +6,28 @@ import csv
 import errno
 import io
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Generic, TypeVar
 
 from tacbench_cad.lab.rig.stage import Closing
-from tacbench_cad.lab.runs.schema import cell
+from tacbench_cad.lab.runs.schema import cells, columns, parse_row
+from tacbench_cad.util import door
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import refusing
 
+T = TypeVar("T")
+
 
 @dataclass(frozen=True, kw_only=True)
-class Lines:
-    """What a CSV file holds.
+class TableText:
+    """The text of a CSV file.
 
     Args:
-        rows: Line number (from 1, the head is line 1) and the columns' texts of every whole line after the head.
+        rows: Line number (from 1, the header is line 1) and the columns' texts of every whole line after the header.
         torn: The bytes behind the last whole line; empty if the file ends as it should.
-        whole_bytes: Where the last whole line ends.
+        whole_bytes: End of the last whole line.
     """
 
     rows: tuple[tuple[int, dict[str, str]], ...]
@@ -32,28 +35,67 @@ class Lines:
     whole_bytes: int
 
 
-def read_lines(path: Path, columns: Sequence[str], faults: list[InputError] | None = None) -> Lines:
-    """Read a CSV file.
+@dataclass(frozen=True, kw_only=True)
+class RunTable(Generic[T]):
+    """A CSV file of a run.
+
+    Args:
+        rows: Its rows.
+        text: Their texts, and what is torn at the end of the file.
+    """
+
+    rows: tuple[T, ...]
+    text: TableText
+
+
+def read_table(
+    path: Path,
+    kind: type[T],
+    check: Callable[[int, T], None] = lambda line, row: None,
+    faults: list[InputError] | None = None,
+) -> RunTable[T]:
+    """Read a table of a run.
+
+    Args:
+        path: The file. One that does not exist, or is empty, has no rows.
+        kind: What its rows are.
+        check: Called with the line number and the row; raises an InputError where the row contradicts the others.
+        faults: A list that takes the faults of single rows instead of their being raised.
+
+    Raises:
+        InputError: As :func:`read_lines`, or a row cannot be read; the message names its line.
+    """
+    text = read_lines(path, columns(kind), faults)
+    rows = []
+    for line, values in text.rows:
+        try:
+            row = parse_row(kind, values)
+            check(line, row)
+        except InputError as error:
+            fault = InputError(f"{path} line {line}: {error.field}", error.value, error.allowed)
+            if faults is None:
+                raise fault from None
+            faults.append(fault)
+        else:
+            rows.append(row)
+    return RunTable(rows=tuple(rows), text=text)
+
+
+def read_lines(path: Path, names: Sequence[str], faults: list[InputError] | None = None) -> TableText:
+    """Read the lines of a CSV file.
 
     A line counts as torn if its newline is missing, or if zero bytes stand in it: both are what a power cut leaves of
     a line that was being appended. Only the end of the file can be torn so.
 
     Args:
-        path: The file. One that is not there, or is empty, has no rows.
-        columns: The columns that it must have; further ones are left alone.
-        faults: A list to which lines with another number of fields are added, where they shall not be raised.
+        path: The file. One that does not exist, or is empty, has no rows.
+        names: The columns that it must have; further ones are ignored.
+        faults: A list that takes the faults of lines with another number of fields instead of their being raised.
 
     Raises:
         InputError: It cannot be read, is not UTF-8, lacks a column, or a line has another number of fields.
     """
-    if path.is_dir():
-        raise InputError("file", str(path), "is a folder; it must be a CSV file")
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        content = b""
-    except OSError as error:
-        raise InputError("file", str(path), f"cannot be read: {error.strerror}") from None
+    content = door.read_bytes(path, kind="table") if os.path.lexists(path) else b""
     end = content.rfind(b"\n") + 1
     zero = content.find(b"\0")
     if zero >= 0:
@@ -65,69 +107,81 @@ def read_lines(path: Path, columns: Sequence[str], faults: list[InputError] | No
         raise InputError("file", str(path), "is not UTF-8 text") from None
     except csv.Error as error:
         raise InputError("file", str(path), f"is not a CSV file: {error}") from None
-    head = parsed[0] if parsed else list(columns)
-    missing = [column for column in columns if column not in head]
+    header = parsed[0] if parsed else list(names)
+    missing = [name for name in names if name not in header]
     if missing:
-        raise InputError(f"{path} line 1", ",".join(head)[:120], f"lacks the column {missing[0]}")
+        raise InputError(f"{path} line 1", ",".join(header)[:120], f"lacks the column {missing[0]}")
     rows = []
-    for number, fields in enumerate(parsed[1:], start=2):
-        if len(fields) != len(head):
-            fault = InputError(
-                f"{path} line {number}", ",".join(fields)[:120], f"has {len(fields)} fields where {len(head)} belong"
-            )
-            if faults is None:
-                raise fault
-            faults.append(fault)
+    for number, texts in enumerate(parsed[1:], start=2):
+        if len(texts) == len(header):
+            rows.append((number, dict(zip(header, texts, strict=True))))
             continue
-        rows.append((number, dict(zip(head, fields, strict=True))))
-    return Lines(rows=tuple(rows), torn=content[end:], whole_bytes=end)
+        fault = InputError(
+            f"{path} line {number}", ",".join(texts)[:120], f"has {len(texts)} fields where {len(header)} belong"
+        )
+        if faults is None:
+            raise fault
+        faults.append(fault)
+    return TableText(rows=tuple(rows), torn=content[end:], whole_bytes=end)
 
 
-class GrowingTable(Closing):
+def cut_torn_line(path: Path, text: TableText) -> None:
+    """Cut off what stands behind the last whole line, and force that to the disk.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    with refusing(path.parent), path.open("rb+") as stream:
+        stream.truncate(text.whole_bytes)
+        os.fsync(stream.fileno())
+
+
+class GrowingTable(Closing, Generic[T]):
     """A CSV file to append to.
 
     Args:
-        path: The file; it is made with its head if it is not there.
-        columns: Its columns.
+        path: The file; it is made with its header if it does not exist.
+        kind: What its rows are.
+        check: As of :func:`read_table`.
         durable: Force every line to the disk before :meth:`append` returns.
 
     Raises:
         InputError: What is there cannot be appended to; nothing was changed.
 
     Attributes:
-        rows: The rows that were there: line number and texts.
+        rows: The rows that were there.
         torn: What was cut off its end, as bytes.
     """
 
-    def __init__(self, path: Path, columns: Sequence[str], *, durable: bool) -> None:
-        found = read_lines(path, columns)
-        self.path = path
-        self.rows = found.rows
-        self.torn = found.torn
-        self._columns = tuple(columns)
+    def __init__(
+        self, path: Path, kind: type[T], check: Callable[[int, T], None] = lambda line, row: None, *, durable: bool
+    ) -> None:
+        table = read_table(path, kind, check)
+        self.path, self.rows, self.torn = path, table.rows, table.text.torn
         self._durable = durable
+        header = columns(kind)
         with refusing(path.parent):
+            if self.torn:
+                cut_torn_line(path, table.text)
             self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o666)
             try:
-                if found.torn:
-                    os.ftruncate(self._handle, found.whole_bytes)
-                if found.whole_bytes == 0:
-                    self._write(columns)
+                if table.text.whole_bytes == 0:
+                    self._write(header)
                     sync_folder(path.parent)
-                elif self._head() != self._columns:
+                elif self._header() != header:
                     raise InputError(str(path), None, "has its columns in another order than this program appends")
             except BaseException:
                 os.close(self._handle)
                 raise
 
-    def append(self, values: Sequence[Any]) -> None:
+    def append(self, row: T) -> None:
         """Add a row; it is there as a whole or not at all, and with ``durable`` on the disk.
 
         Raises:
             InputError: The disk is full, or the file cannot be written any more.
         """
         with refusing(self.path.parent):
-            self._write([cell(value) for value in values])
+            self._write(cells(row))
 
     def _write(self, texts: Sequence[str]) -> None:
         line = io.StringIO(newline="")
@@ -144,7 +198,7 @@ class GrowingTable(Closing):
             os.ftruncate(self._handle, before)
             raise
 
-    def _head(self) -> tuple[str, ...]:
+    def _header(self) -> tuple[str, ...]:
         with self.path.open(encoding="utf-8-sig", newline="") as stream:
             return tuple(next(csv.reader(stream)))
 

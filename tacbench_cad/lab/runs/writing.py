@@ -1,7 +1,7 @@
-"""Writing a run folder so that it can be interrupted at any instant and gone on with.
+"""Writing a run folder so that it can be interrupted at any instant and resumed.
 
-A reading's file is forced to the disk, with its folder, before its row is written; the row is forced to the disk before
-the next press may begin. A reading without a row therefore counts as never taken, and its press is made again.
+A frame's file is forced to the disk, with its folder, before its row is written; the row is forced to the disk before
+the next press may begin. A frame without a row therefore counts as never taken, and its press is made again.
 """
 
 from __future__ import annotations
@@ -14,26 +14,27 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
-from importlib import metadata
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, TypeVar
 
 from tacbench_cad import __version__
 from tacbench_cad.lab.rig.errors import SensorError
 from tacbench_cad.lab.rig.gauge import Force
-from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import params, schema
 from tacbench_cad.lab.runs.info import SCHEMA, SCHEMA_VERSION, RunInfo
 from tacbench_cad.lab.runs.pictures import encoded, sha256
-from tacbench_cad.lab.runs.reading import Run, read_references, read_rows, read_stationary
+from tacbench_cad.lab.runs.reading import Run, planned
+from tacbench_cad.lab.runs.schema import Reference, Row, Stationary, When
 from tacbench_cad.lab.runs.table import GrowingTable, sync_folder
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.spec.printrecord import form
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, refusing, replacing
+from tacbench_cad.util.packages import version
 
-When = Literal["start", "end"]
+T = TypeVar("T")
 
 
 class RunWriter:
@@ -43,50 +44,48 @@ class RunWriter:
         folder: The run folder.
         info: The run.
         durable: See :meth:`open`.
-        tables: Targets, references and stationary readings, open.
+        stack: Closes the tables.
 
     Attributes:
         info: The run.
         done: Numbers of the presses that are there.
         notes: What was repaired when the folder was opened, for the person.
-        seconds: Time spent so far in ``encode`` (readings to bytes, checksums) and ``sync`` (writing to the disk).
-        reference_time: When the last reference was read, or None.
+        seconds: Time spent so far in ``encode`` (frames to bytes, checksums) and ``sync`` (writing to the disk).
+        reference_time: Time of the last reference, or None.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        info: RunInfo,
-        durable: bool,
-        tables: tuple[GrowingTable, GrowingTable, GrowingTable],
-    ) -> None:
+    def __init__(self, folder: Path, info: RunInfo, durable: bool, stack: ExitStack) -> None:
+        def table(name: str, kind: type[T], **check: Any) -> GrowingTable[T]:
+            return stack.enter_context(GrowingTable(folder / name, kind, durable=durable, **check))
+
         self.folder = folder
         self.info = info
         self.seconds = {"encode": 0.0, "sync": 0.0}
         self._durable = durable
-        self._targets, self._references, self._stationary = tables
-        rows = read_rows(info, self._targets.path, self._targets.rows)
+        self._targets = table(schema.TARGETS_FILE, Row, check=planned(info))
+        self._references = table(schema.REFERENCES_FILE, Reference)
+        self._stationary = table(schema.STATIONARY_FILE, Stationary)
+        rows, references = self._targets.rows, self._references.rows
         self.done = {row.number for row in rows}
         self._last_press = rows[-1].number if rows else 0
-        references = read_references(self._references.path, self._references.rows)
         self._reference_count = len(references)
         self.reference_time: datetime | None = references[-1].time_utc if references else None
-        still = read_stationary(self._stationary.path, self._stationary.rows)
-        self._still = {(one.when, one.in_contact, one.index) for one in still}
+        self._still = {frame.key for frame in self._stationary.rows}
+        torn = {table.path: len(table.torn) for table in (self._targets, self._references, self._stationary)}
         self.notes = tuple(
-            f"{table.path.relative_to(folder)}: cut off a torn last row of {len(table.torn)} bytes; it is taken again"
-            for table in tables
-            if table.torn
+            f"{path.relative_to(folder)}: cut off a torn last row of {length} bytes; it is taken again"
+            for path, length in torn.items()
+            if length
         )
         _require_files(folder, [row.sensor_image for row in rows])
 
     @classmethod
     @contextmanager
     def open(cls, folder: Path, info: RunInfo, *, durable: bool = True) -> Iterator[RunWriter]:
-        """Begin a run, or go on with one.
+        """Begin a run, or resume one.
 
         Args:
-            folder: The run folder; it is made if it is not there.
+            folder: The run folder; it is made if it does not exist.
             info: The run as it is to be made.
             durable: Force every file to the disk. False for what can be made again from its source (simulations,
                 imports): a kill then still loses nothing, a power cut may.
@@ -99,9 +98,8 @@ class RunWriter:
                 run of another schema version or something else, or cannot be written. Nothing is lost.
         """
         with locked(folder), ExitStack() as stack:
-            begun = (folder / schema.RUN_FILE).exists()
-            if begun:
-                _require_same(Run.open(folder).info, info)
+            if (folder / schema.RUN_FILE).exists():
+                Run.open(folder).info.require_same(info, info.printed.name, "restore them or name another folder")
             else:
                 _begin(folder, info)
             with refusing(folder):
@@ -110,17 +108,8 @@ class RunWriter:
                 if durable:
                     sync_folder(folder)
                     sync_folder(folder.parent)
-            tables = (
-                stack.enter_context(GrowingTable(folder / schema.TARGETS_FILE, schema.COLUMNS, durable=durable)),
-                stack.enter_context(
-                    GrowingTable(folder / schema.REFERENCES_FILE, schema.REFERENCE_COLUMNS, durable=durable)
-                ),
-                stack.enter_context(
-                    GrowingTable(folder / schema.STATIONARY_FILE, schema.STATIONARY_COLUMNS, durable=durable)
-                ),
-            )
-            writer = cls(folder, info, durable, tables)
-            _record_sitting(folder, info)
+            writer = cls(folder, info, durable, stack)
+            _record_session(folder, info)
             yield writer
 
     def missing(self, plan: Sequence[Press]) -> tuple[Press, ...]:
@@ -128,116 +117,125 @@ class RunWriter:
         return tuple(press for press in plan if press.number not in self.done)
 
     def stationary_missing(self, when: When, in_contact: bool, count: int) -> tuple[int, ...]:
-        """Which of ``count`` stationary readings (numbered from 1) are not there yet."""
+        """Which of ``count`` frames without motion of one group (numbered from 1) are not there yet."""
         return tuple(index for index in range(1, count + 1) if (when, in_contact, index) not in self._still)
 
-    def reference(self, reading: Reading, time_utc: datetime) -> None:
-        """Keep a reading without contact.
+    def reference(self, frame: Frame, time_utc: datetime) -> None:
+        """Keep a frame without contact.
 
         Args:
-            reading: The reading.
+            frame: The frame.
             time_utc: When it was taken.
 
         Raises:
-            SensorError: The reading has another shape than the sensor's.
+            SensorError: The frame has another shape than the sensor's.
             InputError: The disk is full, or the folder cannot be written.
         """
-        data, image = self._encoded(reading)
-        count = self._reference_count
-        name = schema.reference_path(count, image)
-        self._store(name, data)
-        self._append(self._references, (name, time_utc, self._last_press, sha256(data)))
-        self._reference_count = count + 1
+        path, digest = self._store(frame, lambda image: schema.reference_path(self._reference_count, image))
+        row = Reference(path=path, time_utc=time_utc, after_press=self._last_press, image_sha256=digest)
+        self._append(self._references, row)
+        self._reference_count += 1
         self.reference_time = time_utc
 
-    def stationary(self, when: When, in_contact: bool, index: int, reading: Reading) -> None:
-        """Keep one of the readings without motion.
+    def stationary(self, when: When, in_contact: bool, index: int, frame: Frame) -> None:
+        """Keep one of the frames without motion.
 
         Args:
             when: Before the first press or after the last one.
             in_contact: At the middle force, or without contact.
             index: From 1.
-            reading: The reading.
+            frame: The frame.
 
         Raises:
-            SensorError: The reading has another shape than the sensor's.
+            SensorError: The frame has another shape than the sensor's.
             InputError: It is there already, the disk is full, or the folder cannot be written.
         """
         if (when, in_contact, index) in self._still:
-            raise InputError("stationary reading", f"{when} {index}", "is in the run already")
-        data, image = self._encoded(reading)
-        name = schema.stationary_path(when, in_contact, index, image)
-        self._store(name, data)
-        self._append(self._stationary, (name, when, in_contact, index, sha256(data)))
-        self._still.add((when, in_contact, index))
+            raise InputError("stationary frame", f"{when} {index}", "is in the run already")
+        path, digest = self._store(frame, lambda image: schema.stationary_path(when, in_contact, index, image))
+        row = Stationary(path=path, when=when, in_contact=in_contact, index=index, image_sha256=digest)
+        self._append(self._stationary, row)
+        self._still.add(row.key)
 
     def press(
         self,
         press: Press,
         pose_mm: Point,
-        reading: Reading,
+        frame: Frame,
         measured: Force | None = None,
         after: Force | None = None,
         in_band: bool | None = None,
         time_utc: datetime | None = None,
     ) -> None:
-        """Keep a press: its reading, then its row.
+        """Keep a press: its frame, then its row.
 
         Args:
             press: The press, from the run's plan.
-            pose_mm: Where the sensor's summit was, in the work frame; z is nan where nobody measured it.
-            reading: The reading.
-            measured: Force before the reading.
-            after: Force after the reading.
+            pose_mm: The sensor's summit in the work frame; z is nan where nobody measured it.
+            frame: The frame.
+            measured: Force before the frame.
+            after: Force after the frame.
             in_band: Whether the target was reached; None without a gauge.
-            time_utc: When the reading was taken.
+            time_utc: When the frame was taken.
 
         Raises:
-            SensorError: The reading has another shape than the sensor's.
+            SensorError: The frame has another shape than the sensor's.
             InputError: The press is there already, the disk is full, or the folder cannot be written.
         """
         if press.number in self.done:
             raise InputError("press", press.number, "is in the run already")
-        data, image = self._encoded(reading)
-        began = time.perf_counter()
-        digest = sha256(data)
-        self.seconds["encode"] += time.perf_counter() - began
-        name = schema.reading_name(press.number, image)
-        self._store(schema.reading_path(name), data)
-        age = None
+        path, digest = self._store(frame, lambda image: schema.frame_path(schema.frame_name(press.number, image)))
+        age_s = None
         if time_utc is not None and self.reference_time is not None:
-            age = (time_utc - self.reference_time).total_seconds()
-        values = schema.press_values(
-            self.info.printed,
-            press,
-            name=name,
-            pose_mm=pose_mm,
-            measured=measured,
-            after=after,
+            age_s = (time_utc - self.reference_time).total_seconds()
+        printed, (x, y, z) = self.info.printed, (round(float(value), 6) for value in pose_mm)
+        row = Row(
+            sensor_image=path.rpartition("/")[2],
+            object_label=printed.object_label,
+            pose_x=x,
+            pose_y=y,
+            pose_z=z,
+            texture=printed.texture,
+            preset=printed.block.preset,
+            scale=printed.block.scale,
+            printer=printed.printer,
+            filament=printed.filament,
+            copy=printed.copy,
+            position=press.position,
+            force_level=press.force_level,
+            target_force_n=press.target_n,
+            measured_force_n=None if measured is None else round(measured.mean_n, 6),
+            force_after_n=None if after is None else round(after.mean_n, 6),
             in_band=None if in_band is None else bool(in_band),
+            repeat=press.repeat,
             time_utc=time_utc,
-            sha256=digest,
-            reference_age_s=age,
+            image_sha256=digest,
+            reference_age_s=None if age_s is None else round(age_s, 3),
         )
-        self._append(self._targets, values)
+        self._append(self._targets, row)
         self.done.add(press.number)
         self._last_press = press.number
 
-    def _encoded(self, reading: Reading) -> tuple[bytes, bool]:
-        shape = self.info.reading_shape
-        if shape is not None and reading.shape != shape:
-            raise SensorError(f"the sensor gave a reading of shape {reading.shape} where the run has {shape}")
-        began = time.perf_counter()
-        made = encoded(reading, self.info.simulated)
-        self.seconds["encode"] += time.perf_counter() - began
-        return made
+    def _store(self, frame: Frame, path_of: Callable[[bool], str]) -> tuple[str, str]:
+        """Write a frame's file; with ``durable`` it and its folder's entry are on the disk afterwards.
 
-    def _store(self, name: str, data: bytes) -> None:
-        """Write a reading's file; with ``durable`` it and its folder's entry are on the disk afterwards."""
+        Args:
+            frame: The frame.
+            path_of: Its path from the run folder; called with whether it is an image.
+
+        Returns:
+            The path, and the SHA-256 of the file.
+        """
+        shape = self.info.frame_shape
+        if shape is not None and frame.shape != shape:
+            raise SensorError(f"the sensor gave a frame of shape {frame.shape} where the run has {shape}")
+        with self._timed("encode"):
+            data, image = encoded(frame, self.info.simulated)
+            digest = sha256(data)
+        name = path_of(image)
         path = self.folder / name
-        began = time.perf_counter()
-        with refusing(path.parent):
-            # What is no image has a folder of its own, made when the first such reading comes.
+        with self._timed("sync"), refusing(path.parent):
+            # What is no image has a folder of its own, made when the first such frame comes.
             if not path.parent.exists():
                 path.parent.mkdir()
                 if self._durable:
@@ -248,32 +246,27 @@ class RunWriter:
                     stream.flush()
                     os.fsync(stream.fileno())
                     sync_folder(path.parent)
-        self.seconds["sync"] += time.perf_counter() - began
+        return name, digest
 
-    def _append(self, table: GrowingTable, values: Sequence[Any]) -> None:
+    def _append(self, table: GrowingTable[T], row: T) -> None:
+        with self._timed("sync"):
+            table.append(row)
+
+    @contextmanager
+    def _timed(self, what: str) -> Iterator[None]:
         began = time.perf_counter()
-        table.append(values)
-        self.seconds["sync"] += time.perf_counter() - began
+        yield
+        self.seconds[what] += time.perf_counter() - began
 
 
 def software() -> dict[str, str]:
     """Versions of what a run is made with."""
     versions = {"tacbench-cad": __version__, "python": platform.python_version(), "system": sys.platform}
     for package in ("numpy", "scipy", "opencv-python-headless", "opencv-python", "pyserial"):
-        try:
-            versions[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            continue
+        number = version(package)
+        if number is not None:
+            versions[package] = number
     return versions
-
-
-def _require_same(begun: RunInfo, info: RunInfo) -> None:
-    differences = begun.differences(info)
-    if differences:
-        shown = "; ".join(differences[:6]) + (f"; and {len(differences) - 6} more" if len(differences) > 6 else "")
-        raise InputError(
-            "run", info.printed.name, f"was begun with other settings: {shown}; restore them or name another folder"
-        )
 
 
 def _require_files(folder: Path, names: Sequence[str]) -> None:
@@ -283,7 +276,7 @@ def _require_files(folder: Path, names: Sequence[str]) -> None:
         if (folder / sub).is_dir()
     }
     for name in names:
-        path = schema.reading_path(name)
+        path = schema.frame_path(name)
         if name not in there.get(path.partition("/")[0], ()):
             raise InputError(
                 str(folder / path),
@@ -297,13 +290,8 @@ def _begin(folder: Path, info: RunInfo) -> None:
     targets = folder / schema.TARGETS_FILE
     if targets.exists() and targets.stat().st_size > 0:
         raise InputError("run folder", str(folder), "holds a targets.csv but no run.json; name another folder")
-    writers: tuple[tuple[str, Callable[[RunInfo], Mapping[str, Any]]], ...] = (
-        (params.COLLECT_FILE, params.collect_params),
-        (params.ENVIRONMENT_FILE, params.environment_params),
-        (params.SENSOR_FILE, params.sensor_params),
-    )
-    for name, write in writers:
-        write_json(folder / name, write(info))
+    for name, parameters in params.PARAMETERS.items():
+        write_json(folder / name, parameters(info))
     if not (folder / schema.PRINT_FILE).is_file():
         printed = info.printed
         record = form(f"Record of the print {printed.name}.", printed.printer, printed.filament)
@@ -315,19 +303,19 @@ def _begin(folder: Path, info: RunInfo) -> None:
         sync_folder(folder)
 
 
-def _record_sitting(folder: Path, info: RunInfo) -> None:
-    """Note in ``run.json`` when, and with which software and devices, the run was gone on with."""
+def _record_session(folder: Path, info: RunInfo) -> None:
+    """Note in ``run.json`` when, and with which software and devices, the run was resumed."""
     path = folder / schema.RUN_FILE
     document = json.loads(path.read_text(encoding="utf-8"))
-    sittings = document["sittings"]
+    sessions = document["sittings"]
     devices = {"stage": info.stage, "gauge": info.gauge, "sensor": info.sensor}
-    sitting = {
+    session = {
         "software": software(),
         "devices": {name: device.get("identity", device.get("name")) for name, device in devices.items()},
     }
-    if sittings and {key: value for key, value in sittings[-1].items() if key != "begun_utc"} == sitting:
+    if sessions and {key: value for key, value in sessions[-1].items() if key != "begun_utc"} == session:
         return
-    sittings.append({"begun_utc": schema.cell(datetime.now(UTC)), **sitting})
+    sessions.append({"begun_utc": schema.cell(datetime.now(UTC)), **session})
     write_json(path, document)
 
 

@@ -114,7 +114,7 @@ def try_fault(
     run = Run.open(folder)
     assert [row.number for row in run.rows] == [1, 2, 3, 4]
     for row in run.rows:
-        run.reading(row, verify=True)
+        run.frame(row, verify=True)
         assert row.measured_force_n is not None
         assert row.measured_force_n < file.study.protocol.hard_limit_n
     return caught, trial

@@ -51,7 +51,7 @@ def require_sound(folder: Path) -> None:
     assert sorted(row.number for row in run.rows) == list(range(1, 151))
     assert len(run.by_key) == 150
     for row in run.rows:
-        run.reading(row, verify=True)
+        run.frame(row, verify=True)
     found = check_run(folder).findings
     # The doubles' pattern is not judged: it is no TacTip.
     assert [one for one in found if one.kind not in ("dark", "blurred")] == []

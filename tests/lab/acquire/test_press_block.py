@@ -65,7 +65,7 @@ def require_whole(folder: Path, protocol: Protocol) -> Run:
     assert sorted(row.number for row in run.rows) == list(range(1, count + 1))
     assert len(run.by_key) == count
     for row in run.rows:
-        run.reading(row, verify=True)
+        run.frame(row, verify=True)
     for when in ("start", "end"):
         for contact in (True, False):
             assert len(run.stationary(when, contact)) == protocol.stationary_frames

@@ -20,7 +20,7 @@ def union(collection: Collection, combination: str, level: int, textures: tuple[
     for position in np.unique(collection.position):
         mine = (collection.combination == combination) & (collection.level == level)
         mine &= (collection.position == position) & np.isin(collection.texture, textures)
-        stack = np.stack([collection.reading(int(i)).astype(np.float64) for i in np.flatnonzero(mine)])
+        stack = np.stack([collection.frame(int(i)).astype(np.float64) for i in np.flatnonzero(mine)])
         found.append(stack.var(axis=0, ddof=ddof).mean())
     return float(np.mean(found))
 

@@ -51,7 +51,7 @@ def test_readings_are_those_of_the_chosen_presses(study: Path) -> None:
     some = found.chosen((found.texture == "texture-2") & (found.level == 3) & (found.position == 4))
     assert len(some) == 2 * 2 * 2 and set(some.copy.tolist()) == {1, 2}
     whole = np.flatnonzero((found.texture == "texture-2") & (found.level == 3) & (found.position == 4))
-    assert all(np.array_equal(some.reading(i), found.reading(j)) for i, j in enumerate(whole))
+    assert all(np.array_equal(some.frame(i), found.frame(j)) for i, j in enumerate(whole))
     assert len(found.chosen(whole[:3])) == 3
 
 
@@ -92,7 +92,7 @@ def test_a_damaged_reading_is_named_when_it_is_asked_for(tmp_path: Path) -> None
     found = Collection.open([folder])
     (folder / "sensor_images" / "image_3.png").write_bytes(b"no picture")
     with pytest.raises(CheckFailedError, match=r"image_3\.png"):
-        found.reading(2)
+        found.frame(2)
 
 
 def test_what_is_simulated_is_said_once(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ def at(collection: Collection, level: int, position: int) -> Ints:
 
 
 def readings(collection: Collection, which: Ints) -> Floats:
-    return np.stack([collection.reading(int(i)).astype(np.float64).ravel() for i in which])
+    return np.stack([collection.frame(int(i)).astype(np.float64).ravel() for i in which])
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +146,7 @@ def test_any_array_is_taken_and_nan_is_left_out_by_name(tmp_path: Path) -> None:
     cells = {place.position: place.cells["ender-3_pla-plus", "texture-1"] for place in done.places}
     assert [cells[position].presses for position in (1, 2, 3, 4)] == [4, 4, 3, 4]
     here = np.flatnonzero((found.combination == "ender-3_pla-plus") & (found.texture == "texture-1"))
-    usable = [i for i in here if found.position[i] == 3 and np.isfinite(found.reading(int(i))).all()]
+    usable = [i for i in here if found.position[i] == 3 and np.isfinite(found.frame(int(i))).all()]
     assert cells[3].variance() == pytest.approx(readings(found, np.array(usable)).var(axis=0).mean(), rel=1e-9)
     assert done.maps["ender-3_pla-plus", "texture-1"][0].shape == (4, 4)
 

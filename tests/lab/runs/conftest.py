@@ -68,7 +68,7 @@ def picture(seed: int, shape: tuple[int, ...] = (24, 32)) -> np.ndarray:
 
 def press_all(writer: RunWriter, most: int | None = None) -> None:
     """What the press loop does: reference, stationary readings, presses."""
-    shape = writer.info.reading_shape or (24, 32)
+    shape = writer.info.frame_shape or (24, 32)
     image = len(shape) > 1
 
     def reading(seed: int) -> np.ndarray:

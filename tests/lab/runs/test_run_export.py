@@ -20,7 +20,7 @@ Capture = pytest.CaptureFixture[str]
 
 
 def image_of(path: Path) -> Any:
-    return decoded(path.read_bytes())
+    return decoded(path.read_bytes(), path.name)
 
 
 def test_images_table_and_parameters_lie_where_tactile_learning_looks(run_folder: Path) -> None:

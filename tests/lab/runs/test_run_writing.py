@@ -250,7 +250,7 @@ def test_what_is_no_image_is_stored_as_numbers(tmp_path: Path, make_info: Any, f
     assert rows_of(tmp_path / "run")[0]["sensor_image"] == "reading_1.npy"
     assert (tmp_path / "run" / "sensor_data" / "reading_0.npy").is_file()
     run = Run.open(tmp_path / "run")
-    assert run.reading(run.rows[4], verify=True).shape == (16,)
+    assert run.frame(run.rows[4], verify=True).shape == (16,)
     assert check_run(tmp_path / "run").ok
 
 
@@ -262,7 +262,7 @@ def test_a_large_array_of_taxels_is_no_image(tmp_path: Path, make_info: Any) -> 
         writer.press(info.presses[0], (4.0, 18.0, -1.0), taxels + 0.5)
     run = Run.open(tmp_path / "run")
     assert (tmp_path / "run" / "sensor_data" / "reading_1.npy").is_file()
-    assert np.array_equal(run.reading(run.rows[0], verify=True), taxels + 0.5)
+    assert np.array_equal(run.frame(run.rows[0], verify=True), taxels + 0.5)
 
 
 def test_images_say_what_was_simulated(run_folder: Path, tmp_path: Path, make_info: Any, noise: Any) -> None:

@@ -63,7 +63,7 @@ def read_features(
 
     def read(index: int) -> tuple[NDArray[Any] | None, str]:
         try:
-            row = preprocess(collection.reading(index))
+            row = preprocess(collection.frame(index))
         except CheckFailedError as error:
             return None, str(error)
         if row.dtype != np.uint8 and not np.isfinite(row).all():

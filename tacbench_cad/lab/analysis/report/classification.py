@@ -78,7 +78,7 @@ def classify_into(collection: Collection, folder: Path, trials: int, team: Any, 
     from tacbench_cad.lab.analysis.classification.settings import Settings
     from tacbench_cad.lab.rig.sensor import is_image
 
-    image = is_image(collection.reading(0))
+    image = is_image(collection.frame(0))
     settings = Settings(augmentation=Augmentation() if image else Augmentation(noise=None, brightness=()))
 
     def show(what: str, done: int, total: int) -> None:

@@ -51,7 +51,7 @@ def design_text(collection: Collection) -> str:
             f"At the start and at the end of each block: {counted(protocol.stationary_frames, 'reading')} without "
             "motion in contact, and as many without contact."
         )
-    shape = " x ".join(map(str, first.reading_shape or ())) or "unknown"
+    shape = " x ".join(map(str, first.frame_shape or ())) or "unknown"
     sentences.append(
         f"Sensor: {first.sensor.get('name', 'not named')} (readings of shape {shape} in {collection.units}); stage: "
         f"{_devices(collection, 'stage')}; force gauge: {_devices(collection, 'gauge')}. The holder's top lay "

@@ -76,7 +76,7 @@ class Context:
         own = protocol.grid.positions_mm
         return cls(
             units=str(info.sensor.get("units", UNITS)),
-            shape=info.reading_shape,
+            shape=info.frame_shape,
             contact=protocol.contact,
             forces_n=protocol.forces_n if protocol.contact == "force" else (),
             repeats=protocol.repeats,

@@ -222,7 +222,7 @@ def levels_with_most_prints(designs: Mapping[tuple[int, CellKey], Sequence[int]]
 
 
 def _still_frames(run: Run) -> int:
-    return sum(1 for one in run.stationary_readings if one.in_contact)
+    return sum(1 for one in run.stationary_frames if one.in_contact)
 
 
 def _tasks(collection: Collection, preprocess: Preprocess, jobs: int) -> list[_Task]:
@@ -278,7 +278,7 @@ class _Worker:
         self.decode = 0.0
         self.maps: dict[CellKey, tuple[Floats, int]] = {}
 
-    def reading(self, run: int, path: str) -> Reading | None:
+    def frame(self, run: int, path: str) -> Reading | None:
         """A reading, or None (and a line in ``left_out``) if it cannot be used."""
         began = time.perf_counter()
         values: Reading | None = None
@@ -301,9 +301,7 @@ class _Worker:
         for number, (combination, presses) in enumerate(groups):
             means: dict[str, Floats] = {}
             for (_, texture), of_cell in _grouped(presses, lambda one: one.cell):
-                used = [
-                    (one.copy, values) for one in of_cell if (values := self.reading(one.run, one.path)) is not None
-                ]
+                used = [(one.copy, values) for one in of_cell if (values := self.frame(one.run, one.path)) is not None]
                 if not used:
                     continue
                 key = (combination, texture)
@@ -347,8 +345,8 @@ class _Worker:
         run = self.task.runs[number]
         squares, dof = 0.0, 0
         for when in ("start", "end"):
-            paths = [one.path for one in run.stationary_readings if one.in_contact and one.when == when]
-            frames = spread(one for path in paths if (one := self.reading(number, path)) is not None)
+            paths = [one.path for one in run.stationary_frames if one.in_contact and one.when == when]
+            frames = spread(one for path in paths if (one := self.frame(number, path)) is not None)
             squares, dof = squares + frames.squares, dof + max(0, frames.count - 1)
         return Floor(run=number, squares=squares, dof=dof) if dof else None
 
