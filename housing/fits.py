@@ -1,16 +1,14 @@
-"""Named fits, the least walls that a printer can be trusted with, and the clearances that follow."""
+"""Named fits, and the least walls that a printer can be trusted with."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 
-from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.spec.fits import FITS as FITS
+from tacbench_cad.spec.fits import clearance_mm as clearance_mm
+from tacbench_cad.util.errors import InputError
 
-#: Clearance on each side between a block and its pocket, in mm.
-FITS: dict[str, float] = {"press": 0.05, "slip": 0.15, "loose": 0.30}
-#: Clearances outside of this range are taken for mistakes, in mm per side.
-CLEARANCE_RANGE_MM = (0.0, 1.0)
 #: Least thickness below a pocket, in mm.
 LEAST_FLOOR_MM = 1.2
 #: Least thickness of a wall that bears something, in mm; also at least two nozzle widths.
@@ -21,27 +19,6 @@ NOZZLE_MM = 0.4
 NOZZLE_RANGE_MM = (0.02, 1.2)
 #: Lengths that differ by less than this are equal: below any rounding that matters, in mm.
 ROUNDING_MM = 1e-9
-
-
-def clearance_mm(fit: str | float) -> float:
-    """Clearance per side of a fit.
-
-    Args:
-        fit: ``press``, ``slip``, ``loose``, or a number of mm per side (also as text).
-
-    Raises:
-        InputError: The fit is unknown, or the number is not from 0 to 1 mm.
-    """
-    if isinstance(fit, str) and fit in FITS:
-        return FITS[fit]
-    try:
-        value = float(fit)
-    except (TypeError, ValueError):
-        raise InputError("fit", fit, f"{nearest(str(fit), FITS)}, or a number of mm per side") from None
-    least, most = CLEARANCE_RANGE_MM
-    if isinstance(fit, bool) or not (math.isfinite(value) and least <= value <= most):
-        raise InputError("fit", fit, f"must be press, slip, loose, or from {least:g} to {most:g} mm per side")
-    return value
 
 
 def require_nozzle(nozzle_mm: float) -> None:

@@ -115,7 +115,7 @@ def align(
     tolerance = given(number_of, "tolerance-mm", tolerance_mm)
     if tolerance is not None and not 0.0 < tolerance <= 5.0:
         raise InputError("tolerance-mm", tolerance, "must be above 0 and at most 5 mm")
-    study = read_study(file)
+    study = read_study(file, teaching=True)
     # The sensor is not needed: its camera or port stays free, and may not even be plugged in yet.
     settings = replace(study.required_rig, sensor=SensorSettings(driver="simulated"))
     stage, protocol = settings.stage, study.study.protocol

@@ -150,6 +150,22 @@ def from_plain(cls: type[T], data: Any, where: str = "") -> T:
     return made
 
 
+def check_fields(value: Any) -> None:
+    """Refuse a dataclass whose fields hold what their types do not allow, in its ``__post_init__``.
+
+    Only what is read from a file has passed the converter; objects that Python code makes have not.
+
+    Raises:
+        InputError: A field has a value that is not allowed.
+    """
+    hints = get_type_hints(type(value), include_extras=True)
+    for field, key in _keys(type(value)):
+        try:
+            _structured(_converter(), getattr(value, field.name), hints[field.name], key)
+        except _FaultError as fault:
+            raise InputError(fault.field, fault.value, fault.allowed) from None
+
+
 def read_toml(path: Path, cls: type[T], what: str, *, within: Path | None = None) -> T:
     """Read a TOML file from outside into a dataclass.
 

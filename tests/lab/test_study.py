@@ -80,6 +80,12 @@ def test_a_texture_of_ones_own_is_found_beside_the_file(tmp_path: Path) -> None:
         (BLOCK + "[protocol]\ngrid = {x_mm = [1, 30], y_mm = [1, 2]}\n", ["30 x 2 mm", "leaves the block"]),
         (BLOCK + "[protocol]\ngrid = {x_mm = [2, 1], y_mm = [1, 2]}\n", ["grid x_mm", "rise"]),
         (BLOCK + "[protocol]\nsettle_s = nan\n", ["settle_s", "finite"]),
+        (BLOCK + "[protocol]\nrepeats = 1000\ndepths_mm = 5\n", ["[protocol] depths_mm", "list of numbers"]),
+        (
+            BLOCK + f"[protocol]\nrepeats = 1000\nforces_n = {[i / 300 for i in range(1, 901)]}\n"
+            f"bands_n = {[1e-4] * 900}\n",
+            ["[protocol] repeats", "22,500,000 presses", "at most 1,000,000"],
+        ),
         (BLOCK + RIG.replace("grbl", "gbrl"), ["[stage] driver", "gbrl", "grbl"]),
         (BLOCK + RIG.replace("origin_mm = [1, 2, 3]\n", ""), ["[stage] origin_mm", "missing"]),
         (BLOCK + RIG.replace("[-9, 0]", "[0, -9]"), ["limits_mm z", "lower"]),

@@ -9,7 +9,8 @@ from tacbench_cad.util.files import replacing
 
 #: The text of the file.
 TEMPLATE = """\
-# A data run for `tacbench acquire`. Lines that begin with "# key =" show a default: take the "#" away to change it.
+# A data run for `tacbench acquire`. Keys that are empty ("" or []) must be filled in: only you know them.
+# Lines that begin with "# key =" show a default: take the "#" away to change it.
 # Lengths in mm, forces in N, times in s. Files are found from this file's folder.
 
 # Folder of the run folders, one a block. `--out DIR` comes first.
@@ -18,16 +19,16 @@ out = "runs"
 # One block. For a whole study take this table away and [study] in.
 [block]
 # Number of the texture (1 to 6), or a texture file of your own.
-texture = 1
+texture = ""
 # "paper" or "released": which of the two geometries was printed.
 # preset = "paper"
 # The block's scale; the press grid scales with it.
 # scale = 1.0
 # Leg of the chamfered corner, if the block was printed with a key.
 # key_mm = 3.0
-# Who printed it, from what, and which copy it is.
-printer = "bambu-p1p"
-filament = "pla-minus"
+# The printer ("bambu-p1p", "ender-3", "form-3", or a name of your own), the filament ("pla-minus", "petg"), the copy.
+printer = ""
+filament = ""
 # copy = 1
 
 # [study]
@@ -46,8 +47,10 @@ filament = "pla-minus"
 [holder]
 # How far the holder's top lies below the block's highest point: the sensor touches the rim beyond the block.
 # rim_mm = 1.18
-# Clearance between block and pocket on each side.
-# gap_mm = 0.2
+# The fit that the holder was printed with: "press", "slip", "loose", or the clearance on each side in mm.
+# fit = "slip"
+# The clearance itself, where it was measured.
+# gap_mm = 0.15
 
 # How the block is pressed: the paper's protocol, and ours where the paper is silent.
 [protocol]
@@ -100,12 +103,12 @@ driver = "grbl"
 # Symbols per second; without it the driver's own.
 # baud = 115200
 # Where the stage stands with the sensor's summit at the block's lower corner, at the height of the block's highest
-# point: `tacbench rig align` finds it.
-origin_mm = [50.0, 50.0, -40.0]
+# point, as [x, y, z]: `tacbench rig align` finds it and writes it here.
+origin_mm = []
 # Quarter turns counter-clockwise by which the block lies on the stage.
 # quarter_turns = 0
-# Lowest and highest x, y and z that the stage may be sent to, in its own frame.
-limits_mm = [[0.0, 200.0], [0.0, 200.0], [-60.0, 0.0]]
+# Lowest and highest x, y and z that the stage may be sent to, in its own frame, as [[0, 200], [0, 200], [-60, 0]].
+limits_mm = []
 # Speed at the travel height, and of every step down.
 # travel_mm_s = 20.0
 # approach_mm_s = 2.0
@@ -138,7 +141,7 @@ driver = "opencv"
 # device = "/dev/v4l/by-id/usb-..."
 # The other keys belong to the driver. A camera's exposure, in its own unit, must be given: with automatic exposure the
 # brightness follows the contact.
-exposure = 100
+exposure = ""
 # width = 640
 # height = 480
 # fps = 30

@@ -19,6 +19,8 @@ CELL_MM = 0.1
 MOST_CELLS = 1500
 #: Width of the holder's plate round the pocket, in mm: that of the project's own holder.
 PLATE_MM = 11.0
+#: Lengths that differ by less are equal.
+ROUNDING_MM = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,7 +121,8 @@ def held(block: Block, top: HeightMap, holder: HolderRim) -> HeightMap:
         holder: Height of the rim and width of the gap; a gap below a cell's side may fall between two cells.
     """
     cell = top.cell_mm
-    gap = max(holder.gap_mm, 0.0)
+    # Cells whose centres lie on its edge belong to the gap on every side.
+    gap = max(holder.gap_mm, 0.0) + ROUNDING_MM
     border = math.ceil((gap + PLATE_MM) / cell)
     ny, nx = top.z_mm.shape
     z = np.full((ny + 2 * border, nx + 2 * border), -math.inf)

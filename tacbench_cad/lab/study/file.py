@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, Literal
 
 from tacbench_cad.lab.study import names
 from tacbench_cad.lab.study.plate import block_of_word, read_layout
 from tacbench_cad.lab.study.spec import (
+    Copy,
     GaugeSettings,
     HolderRim,
     PlannedBlock,
@@ -20,26 +21,26 @@ from tacbench_cad.lab.study.spec import (
     StageSettings,
     Study,
 )
-from tacbench_cad.spec.presets import PRESETS
+from tacbench_cad.spec.fits import clearance_mm
 from tacbench_cad.spec.protocol import PressGrid
-from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.settings import Table, read_toml
+from tacbench_cad.util import door
+from tacbench_cad.util.convert import Bounds, Length, Word, from_plain
+from tacbench_cad.util.errors import InputError, located, one_of
 
-T = TypeVar("T")
-
-#: Stage drivers that have a name of their own.
-STAGES = ("grbl", "marlin", "arduino", "virtual-grbl", "virtual-marlin")
-#: Gauge drivers that have a name of their own.
-GAUGES = ("serial", "simulated", "none")
-#: Sensor drivers that have a name of their own.
-SENSORS = ("opencv", "taxels", "simulated")
-#: Where the virtual stages' blocks lie, and how far those stages go, in mm.
-VIRTUAL_ORIGINS_MM = {"virtual-grbl": (80.0, 80.0, -60.0), "virtual-marlin": (80.0, 80.0, 40.0)}
-#: How far the virtual stages go along x, y and z, in mm.
-VIRTUAL_LIMITS_MM = {
-    "virtual-grbl": ((0.0, 200.0), (0.0, 200.0), (-100.0, 0.0)),
-    "virtual-marlin": ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0)),
+#: Drivers of each table that have a name of their own.
+DRIVERS = {
+    "stage": ("grbl", "marlin", "arduino", "virtual-grbl", "virtual-marlin"),
+    "gauge": ("serial", "simulated", "none"),
+    "sensor": ("opencv", "taxels", "simulated"),
 }
+#: Where the blocks of virtual stages lie, and how far those stages go, in mm.
+VIRTUAL_STAGES: Mapping[str, Mapping[str, Any]] = {
+    "virtual-grbl": {"origin_mm": (80.0, 80.0, -60.0), "limits_mm": ((0.0, 200.0), (0.0, 200.0), (-100.0, 0.0))},
+    "virtual-marlin": {"origin_mm": (80.0, 80.0, 40.0), "limits_mm": ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0))},
+}
+Preset = Literal["paper", "released"]
+Scale = Annotated[float, Bounds(0.01, 100.0)]
+Numbers = Annotated[tuple[Annotated[int, Bounds(1)], ...], Length(1, 1000)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,16 +69,20 @@ class StudyFile:
         return self.rig
 
 
-def read_study(path: Path) -> StudyFile:
+def read_study(path: Path, *, teaching: bool = False) -> StudyFile:
     """Read a study. ``tacbench acquire --init FILE.toml`` writes one with every key explained.
 
     Args:
         path: The file; texture files and calibrations in it, and ``out``, are found from its folder.
+        teaching: The origin is about to be taught and may be empty.
 
     Raises:
-        InputError: The file cannot be read, or something in it is not allowed; the message names key and value.
+        InputError: The file cannot be read, or something in it is empty or not allowed; the message names key and
+            value.
     """
-    return read_toml(path, "study", lambda document: _study_file(document, path.parent))
+    document = door.parse_toml(door.read_text(path, "study", "toml"), "study", str(path))
+    with located(f"{path}: "):
+        return _study_file(document, path.parent, teaching)
 
 
 def virtual_study(
@@ -106,53 +111,153 @@ def virtual_study(
     Raises:
         InputError: A value is not allowed.
     """
+    if driver not in VIRTUAL_STAGES:
+        raise InputError("driver", driver, "allowed: " + ", ".join(VIRTUAL_STAGES))
     document: dict[str, Any] = {
         "block": {"texture": texture, "preset": preset, "scale": scale, "printer": printer, "filament": filament},
         "stage": {"driver": driver, "options": {"speed": speed}},
         "gauge": {"driver": "serial", "port": "virtual"},
         "sensor": {"driver": "simulated"},
     }
-    if driver not in VIRTUAL_ORIGINS_MM:
-        raise InputError("driver", driver, "allowed: " + ", ".join(VIRTUAL_ORIGINS_MM))
-    made = _study_file(Table(document), Path())
-    return StudyFile(study=made.study, rig=made.rig, out=out)
+    return replace(_study_file(document, Path()), out=out)
 
 
-def _study_file(document: Table, folder: Path) -> StudyFile:
-    document.only("out", "block", "study", "holder", "protocol", "stage", "gauge", "sensor")
-    out = document.text("out", None)
-    if ("block" in document) == ("study" in document):
+@dataclass(frozen=True, kw_only=True)
+class _BlockTable:
+    texture: Word
+    preset: Preset = "paper"
+    scale: Scale = 1.0
+    key_mm: float | None = None
+    printer: str
+    filament: str
+    copy: Copy = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Prints:
+    """A line of ``[study] prints``; ``copies = 3`` means 1, 2 and 3, a list names them."""
+
+    printer: str
+    filament: str
+    copies: Copy | Numbers = 1
+    force_levels: Numbers | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in (("copies", self.copies), ("force_levels", self.force_levels)):
+            if isinstance(value, tuple) and list(value) != sorted(set(value)):
+                raise InputError(name, list(value), "must be whole numbers from 1, rising")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _StudyTable:
+    textures: Annotated[tuple[Word, ...], Length(1, 1000)] = tuple("123456")
+    preset: Preset = "paper"
+    scale: Scale = 1.0
+    key_mm: float | None = None
+    prints: Annotated[tuple[_Prints, ...], Length(1, 1000)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Layouts:
+    """``[study]`` where the layouts of plates say what the blocks are."""
+
+    layouts: Annotated[tuple[str, ...], Length(1, 1000)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _HolderTable:
+    rim_mm: float = HolderRim.rim_mm
+    fit: str | float = "slip"
+    gap_mm: float | None = None
+
+    @property
+    def rim(self) -> HolderRim:
+        gap_mm = clearance_mm(self.fit) if self.gap_mm is None else self.gap_mm
+        return HolderRim(rim_mm=self.rim_mm, gap_mm=gap_mm)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Grid:
+    x_mm: Annotated[tuple[float, ...], Length(1, 1000)]
+    y_mm: Annotated[tuple[float, ...], Length(1, 1000)]
+
+    def __post_init__(self) -> None:
+        for name, values in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
+            if list(values) != sorted(set(values)) or values[0] < 0.0:
+                raise InputError(name, list(values), "must rise, from 0 or more")
+
+    def scaled(self, scale: float) -> PressGrid:
+        """The grid of a scaled block."""
+        return PressGrid(x_mm=tuple(scale * x for x in self.x_mm), y_mm=tuple(scale * y for y in self.y_mm))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Document:
+    """The whole file; tables that need others to be read are read afterwards."""
+
+    out: str | None = None
+    block: _BlockTable | None = None
+    study: _Layouts | _StudyTable | None = None
+    holder: _HolderTable = field(default_factory=_HolderTable)
+    protocol: Mapping[str, Any] = field(default_factory=dict)
+    stage: Mapping[str, Any] | None = None
+    gauge: Mapping[str, Any] | None = None
+    sensor: Mapping[str, Any] | None = None
+
+
+def _study_file(plain: Mapping[str, Any], folder: Path, teaching: bool = False) -> StudyFile:
+    _require_filled(plain, "[stage] origin_mm" if teaching else "")
+    if ("block" in plain) == ("study" in plain):
         raise InputError("[block], [study]", None, "exactly one of these tables is needed")
-    one = document.table("block" if "block" in document else "study")
-    layouts = one.only("layouts").texts("layouts") if "layouts" in one and "study" in document else ()
-    plates = tuple(printed for word in layouts for printed in read_layout(folder / word))
-    preset = one.text("preset", "paper", PRESETS)
-    scale = _common_scale(plates) if plates else one.number("scale", 1.0, 0.01, 100.0)
-    table = document.table("protocol", required=False)
-    grid, spacing = _grid(table, scale)
-    protocol = _protocol(table, grid)
-    levels = tuple(range(1, protocol.levels + 1))
-    if plates:
-        blocks = tuple(PlannedBlock(printed=printed, levels=levels) for printed in plates)
-    elif "block" in document:
-        blocks = (PlannedBlock(printed=_one_block(one, preset, scale, folder), levels=levels),)
+    document = from_plain(_Document, plain)
+    table = document.block or document.study
+    assert table is not None
+    plates: tuple[PrintedBlock, ...] = ()
+    if isinstance(table, _Layouts):
+        plates = tuple(printed for word in table.layouts for printed in read_layout(folder / word))
+        scale = _common_scale(plates)
     else:
-        blocks = _many_blocks(one, preset, scale, folder, levels)
-    holder = document.table("holder", required=False).only("rim_mm", "gap_mm")
-    rim = _made("[holder] ", HolderRim, {key: holder.number(key) for key in holder.values})
+        scale = table.scale
+    protocol, spacing = _protocol(document.protocol, scale)
+    levels = tuple(range(1, protocol.levels + 1))
+    if isinstance(table, _BlockTable):
+        prints = _Prints(printer=table.printer, filament=table.filament, copies=(table.copy,))
+        blocks = tuple(_planned(table, "[block] ", [prints], [table.texture], levels, folder))
+    elif isinstance(table, _StudyTable):
+        blocks = tuple(_planned(table, "[study] ", table.prints, table.textures, levels, folder))
+    else:
+        blocks = tuple(PlannedBlock(printed=printed, levels=levels) for printed in plates)
+    with located("[holder] "):
+        rim = document.holder.rim
     study = Study(blocks=blocks, protocol=protocol, holder=rim, grid_spacing=spacing)
     rig = None
-    if "stage" in document or "sensor" in document or "gauge" in document:
-        stage = _stage(document.table("stage"))
-        gauge = _gauge(document.table("gauge", required=False), stage, folder)
-        rig = RigSettings(stage=stage, gauge=gauge, sensor=_sensor(document.table("sensor")), holder=rim)
-        if protocol.contact == "force" and gauge.driver == "none":
-            raise InputError(
-                "[gauge] driver", "none", 'contact = "force" needs a gauge; without one use contact = "depth"'
-            )
-        if protocol.contact == "depth" and protocol.touch == "gauge" and gauge.driver == "none":
-            raise InputError("[protocol] touch", "gauge", 'needs a gauge; without one use "sensor" or "taught"')
-    return StudyFile(study=study, rig=rig, out=folder / out if out is not None else None)
+    if not (document.stage is document.gauge is document.sensor is None):
+        rig = _rig(document, rim, protocol, folder, teaching)
+    return StudyFile(study=study, rig=rig, out=folder / document.out if document.out is not None else None)
+
+
+def _require_filled(plain: Mapping[str, Any], may_be_empty: str) -> None:
+    """Refuse a file in which something that only its user knows was left empty.
+
+    Raises:
+        InputError: There are such keys; the message names all of them.
+    """
+    own_sensor = ":" in str(_table(plain, "sensor").get("driver"))
+    empty = [
+        name
+        for table in ("block", "stage", "gauge", *(() if own_sensor else ("sensor",)))
+        for key, value in _table(plain, table).items()
+        if value in ("", []) and (name := f"[{table}] {key}") != may_be_empty
+    ]
+    if empty:
+        raise InputError(
+            ", ".join(empty), None, "must be filled in, since only you know what is true of your block and rig"
+        )
+
+
+def _table(plain: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    values = plain.get(name)
+    return values if isinstance(values, Mapping) else {}
 
 
 def _common_scale(plates: tuple[PrintedBlock, ...]) -> float:
@@ -163,156 +268,68 @@ def _common_scale(plates: tuple[PrintedBlock, ...]) -> float:
     return scales[0]
 
 
-def _one_block(table: Table, preset: str, scale: float, folder: Path) -> PrintedBlock:
-    table.only("texture", "preset", "scale", "key_mm", "printer", "filament", "copy")
-    texture = table.values.get("texture")
-    word = str(texture) if type(texture) is int else table.text("texture")
-    return PrintedBlock(
-        block=block_of_word(word, preset, scale, table.number("key_mm", None), folder),
-        printer=names.own_name("printer", table.text("printer")),
-        filament=names.own_name("filament", table.text("filament")),
-        copy=table.whole("copy", 1, 1, 999),
-    )
+def _planned(
+    table: _BlockTable | _StudyTable,
+    where: str,
+    prints: Iterable[_Prints],
+    textures: Iterable[str],
+    levels: tuple[int, ...],
+    folder: Path,
+) -> Iterable[PlannedBlock]:
+    with located(where):
+        blocks = [block_of_word(word, table.preset, table.scale, table.key_mm, folder) for word in textures]
+        for each in prints:
+            printer, filament = names.own_name("printer", each.printer), names.own_name("filament", each.filament)
+            for copy in range(1, each.copies + 1) if isinstance(each.copies, int) else each.copies:
+                for block in blocks:
+                    printed = PrintedBlock(block=block, printer=printer, filament=filament, copy=copy)
+                    yield PlannedBlock(printed=printed, levels=each.force_levels or levels)
 
 
-def _many_blocks(
-    table: Table, preset: str, scale: float, folder: Path, levels: tuple[int, ...]
-) -> tuple[PlannedBlock, ...]:
-    table.only("textures", "prints", "preset", "scale", "key_mm")
-    words = table.texts("textures", tuple("123456"))
-    key = table.number("key_mm", None)
-    blocks = [block_of_word(word, preset, scale, key, folder) for word in words]
-    planned = []
-    for one in table.tables("prints"):
-        one.only("printer", "filament", "copies", "force_levels")
-        printer = names.own_name("printer", one.text("printer"))
-        filament = names.own_name("filament", one.text("filament"))
-        chosen = _whole_numbers(one, "force_levels", levels)
-        for copy in _copies(one):
-            for block in blocks:
-                printed = PrintedBlock(block=block, printer=printer, filament=filament, copy=copy)
-                planned.append(PlannedBlock(printed=printed, levels=chosen))
-    return tuple(planned)
-
-
-def _copies(table: Table) -> tuple[int, ...]:
-    """``copies = 3`` means 1, 2 and 3; a list names them."""
-    if isinstance(table.values.get("copies"), list):
-        return _whole_numbers(table, "copies", ())
-    return tuple(range(1, table.whole("copies", 1, 1, 999) + 1))
-
-
-def _whole_numbers(table: Table, key: str, default: tuple[int, ...]) -> tuple[int, ...]:
-    numbers = table.numbers(key, None, None)
-    if numbers is None:
-        return default
-    if any(one != int(one) or one < 1 for one in numbers) or list(numbers) != sorted(set(numbers)):
-        raise InputError(f"{table.where}{key}", list(numbers), "must be whole numbers from 1, rising")
-    return tuple(int(one) for one in numbers)
-
-
-def _grid(table: Table, scale: float) -> tuple[PressGrid, str]:
-    """The press grid, scaled with the block, and which one it is."""
-    found = table.values.get("grid", "even")
-    if not isinstance(found, Mapping):
-        spacing = table.text("grid", "even", ("even", "1mm"))
-        return PressGrid.paper(scale, spacing), spacing
-    own = Table(found, "[protocol] grid ").only("x_mm", "y_mm")
-    lines = []
-    for key in ("x_mm", "y_mm"):
-        values = own.numbers(key, None)
-        if list(values) != sorted(set(values)) or values[0] < 0.0:
-            raise InputError(f"[protocol] grid {key}", list(values), "must rise, from 0 or more")
-        lines.append(tuple(scale * one for one in values))
-    return PressGrid(x_mm=lines[0], y_mm=lines[1]), "own"
-
-
-def _protocol(table: Table, grid: PressGrid) -> Protocol:
-    known = [one.name for one in fields(Protocol)]
-    table.only(*known)
-    readers: dict[str, Callable[[str], Any]] = {
-        "contact": lambda key: table.text(key, allowed=("force", "depth")),
-        "touch": lambda key: table.text(key, allowed=("gauge", "sensor", "taught")),
-        "order": lambda key: table.text(key, allowed=("paper", "random")),
-        "block_order": lambda key: table.text(key, allowed=("paper", "random")),
-        **{key: lambda key: table.numbers(key, None) for key in ("forces_n", "bands_n", "depths_mm")},
-        **{
-            key: lambda key: table.whole(key)
-            for key in ("repeats", "seed", "stationary_frames", "search_steps", "misses_allowed")
-        },
-    }
-    values = {key: readers.get(key, table.number)(key) for key in table.values if key != "grid"}
+def _protocol(plain: Mapping[str, Any], scale: float) -> tuple[Protocol, str]:
+    """The protocol, and which of the press grids it has: they are scaled with the block."""
+    values: dict[str, Any] = {"grid": "even", **plain}
+    grid = values["grid"]
+    if isinstance(grid, str):
+        spacing = one_of("[protocol] grid", grid, ("even", "1mm"))
+        values["grid"] = PressGrid.paper(scale, spacing)  # type: ignore[arg-type]
+    else:
+        spacing = "own"
+        values["grid"] = from_plain(_Grid, grid, "[protocol] grid ").scaled(scale)
     if "forces_n" in values and "bands_n" not in values:
         raise InputError("[protocol] bands_n", None, "is missing; forces of your own need bands of their own")
-    return _made("[protocol] ", Protocol, {**values, "grid": grid})
+    return from_plain(Protocol, values, "[protocol] "), spacing
 
 
-def _stage(table: Table) -> StageSettings:
-    table.only(
-        *("driver", "port", "baud", "origin_mm", "quarter_turns", "limits_mm", "travel_mm_s", "approach_mm_s"),
-        *("slots_mm", "home", "timeout_s", "options"),
-    )
-    driver = _driver(table, STAGES)
-    origin, limits = VIRTUAL_ORIGINS_MM.get(driver), VIRTUAL_LIMITS_MM.get(driver)
-    values: dict[str, Any] = {
-        "driver": driver,
-        "port": table.text("port", None),
-        "baud": table.whole("baud", None, 300, 10_000_000),
-        "origin_mm": table.numbers("origin_mm", 3) if origin is None else table.numbers("origin_mm", 3, origin),
-        "quarter_turns": table.whole("quarter_turns", 0, 0, 3),
-        "limits_mm": table.rows("limits_mm", 3, 2) if limits is None else table.rows("limits_mm", 3, 2, limits),
-        "home": table.flag("home", True),
-        "options": _options(table),
-    }
-    for key in ("travel_mm_s", "approach_mm_s", "timeout_s"):
-        if key in table:
-            values[key] = table.number(key)
-    if "slots_mm" in table:
-        values["slots_mm"] = table.rows("slots_mm", None, 3)
-    return _made("[stage] ", StageSettings, values)
+def _rig(document: _Document, rim: HolderRim, protocol: Protocol, folder: Path, teaching: bool) -> RigSettings:
+    for table, values in (("stage", document.stage), ("sensor", document.sensor)):
+        if values is None:
+            raise InputError(f"[{table}]", None, "such a table is needed")
+    stage = _stage(document.stage or {}, teaching)
+    gauge = from_plain(GaugeSettings, document.gauge or {}, "[gauge] ")
+    if gauge.calibration is not None:
+        gauge = replace(gauge, calibration=str(folder / gauge.calibration))
+    # Keys beside driver and device are settings of the driver, which knows them by name.
+    values = dict(document.sensor or {})
+    own = {key: values.pop(key) for key in ("driver", "device") if key in values}
+    sensor = from_plain(SensorSettings, {**own, "options": values}, "[sensor] ")
+    for table, driver in (("stage", stage.driver), ("gauge", gauge.driver), ("sensor", sensor.driver)):
+        if ":" not in driver:
+            one_of(f"[{table}] driver", driver, (*DRIVERS[table], "module:name"))
+    if gauge.port == "virtual" and not stage.is_virtual:
+        raise InputError("[gauge] port", gauge.port, "the virtual load cell belongs to a virtual stage; name a port")
+    if gauge.driver == "none" and protocol.contact == "force":
+        raise InputError("[gauge] driver", "none", 'contact = "force" needs a gauge; without one use contact = "depth"')
+    if gauge.driver == "none" and protocol.touch == "gauge":
+        raise InputError("[protocol] touch", "gauge", 'needs a gauge; without one use "sensor" or "taught"')
+    return RigSettings(stage=stage, gauge=gauge, sensor=sensor, holder=rim)
 
 
-def _gauge(table: Table, stage: StageSettings, folder: Path) -> GaugeSettings:
-    table.only("driver", "port", "baud", "calibration", "timeout_s", "options")
-    driver = _driver(table, GAUGES) if table.values else "none"
-    port, calibration = table.text("port", None), table.text("calibration", None)
-    if port == "virtual" and not stage.is_virtual:
-        raise InputError("[gauge] port", port, "the virtual load cell belongs to a virtual stage; name a port")
-    return GaugeSettings(
-        driver=driver,
-        port=port,
-        baud=table.whole("baud", None, 300, 10_000_000),
-        calibration=None if calibration is None else str(folder / calibration),
-        timeout_s=table.number("timeout_s", 2.0, 0.1, 600.0),
-        options=_options(table),
-    )
-
-
-def _sensor(table: Table) -> SensorSettings:
-    """Keys beside driver and device are settings of the driver, which knows them by name."""
-    driver = _driver(table, SENSORS)
-    options = {key: value for key, value in table.values.items() if key not in ("driver", "device")}
-    return SensorSettings(driver=driver, device=table.text("device", None), options=options)
-
-
-def _driver(table: Table, known: tuple[str, ...]) -> str:
-    """A driver with a name of its own, or ``module:name``."""
-    driver = table.text("driver")
-    if ":" in driver:
-        return str(driver)
-    return str(table.text("driver", allowed=(*known, "module:name")))
-
-
-def _options(table: Table) -> dict[str, Any]:
-    found = table.values.get("options", {})
-    if not isinstance(found, Mapping):
-        raise InputError(f"{table.where}options", found, "must be a table")
-    return dict(found)
-
-
-def _made(where: str, kind: Callable[..., T], values: Mapping[str, Any]) -> T:
-    """A value whose own errors come out with the table's name in front."""
-    try:
-        return kind(**values)
-    except InputError as error:
-        raise InputError(f"{where}{error.field}", error.value, error.allowed) from None
+def _stage(plain: Mapping[str, Any], teaching: bool) -> StageSettings:
+    driver = plain.get("driver")
+    values = {**VIRTUAL_STAGES.get(driver if isinstance(driver, str) else "", {}), **plain}
+    if teaching and not values.get("origin_mm"):
+        values["origin_mm"] = (0.0, 0.0, 0.0)
+    if "origin_mm" not in values:
+        raise InputError("[stage] origin_mm", None, "is missing; a list of 3 numbers, which `tacbench rig align` finds")
+    return from_plain(StageSettings, values, "[stage] ")

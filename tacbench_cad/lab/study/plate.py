@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Mapping
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from tacbench_cad.lab.study import names
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.textures import read_texture
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util import door
+from tacbench_cad.util.errors import InputError, located
+
+T = TypeVar("T")
 
 #: What a row says of its block; other columns say where it lay and are not needed here.
 NEEDED = ("texture", "preset", "scale", "key_mm", "copy", "printer", "filament")
@@ -30,8 +33,8 @@ def block_of_word(word: str, preset: str, scale: float, key_mm: float | None, fo
         InputError: A value is not allowed.
     """
     if word.endswith(".toml"):
-        found = read_texture(folder / word)
-        return Block.of(found.texture, preset, scale=scale, key_mm=key_mm, table=found.block)
+        file = read_texture(folder / word)
+        return Block.of(file.texture, preset, scale=scale, key_mm=key_mm, table=file.block)
     return Block.of(word, preset, scale=scale, key_mm=key_mm)
 
 
@@ -43,54 +46,33 @@ def read_layout(path: Path) -> tuple[PrintedBlock, ...]:
 
     Raises:
         InputError: The file cannot be read, lacks a column, or a value in it is not allowed; the message names the
-            line.
+            row.
     """
-    try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            reader = csv.DictReader(stream, strict=True)
-            missing = [name for name in NEEDED if name not in (reader.fieldnames or ())]
-            if missing:
-                raise InputError(
-                    f"layout {path}", None, f"has no column {missing[0]}; tacbench plate writes such files"
-                )
-            rows = [(reader.line_num, row) for row in reader]
-    except OSError as error:
-        raise InputError("layout", str(path), f"cannot be read: {error.strerror}") from None
-    except (UnicodeDecodeError, csv.Error):
-        raise InputError("layout", str(path), "is no CSV text") from None
+    header, rows = door.read_table(path, "layout")
+    missing = [name for name in NEEDED if name not in header]
+    if missing:
+        raise InputError(f"layout {path}", None, f"has no column {missing[0]}; tacbench plate writes such files")
     if not rows:
         raise InputError("layout", str(path), "has no block")
-    return tuple(_printed(row, f"layout {path}, line {number}: ", path.parent) for number, row in rows)
+    blocks = []
+    for number, row in enumerate(rows, start=2):
+        with located(f"layout {path}, line {number}: "):
+            word = {name: row[header.index(name)].strip() for name in NEEDED}
+            scale = _number(float, "scale", word["scale"])
+            key_mm = _number(float, "key_mm", word["key_mm"]) if word["key_mm"] else None
+            blocks.append(
+                PrintedBlock(
+                    block=block_of_word(word["texture"], word["preset"], scale, key_mm, path.parent),
+                    printer=names.own_name("printer", word["printer"]),
+                    filament=names.own_name("filament", word["filament"]),
+                    copy=_number(int, "copy", word["copy"]),
+                )
+            )
+    return tuple(blocks)
 
 
-def _printed(row: Mapping[str, str | None], where: str, folder: Path) -> PrintedBlock:
-    words = {name: (row[name] or "").strip() for name in NEEDED}
+def _number(kind: Callable[[str], T], name: str, word: str) -> T:
     try:
-        return PrintedBlock(
-            block=block_of_word(
-                words["texture"],
-                words["preset"],
-                _number("scale", words["scale"]),
-                _number("key_mm", words["key_mm"]) if words["key_mm"] else None,
-                folder,
-            ),
-            printer=names.own_name("printer", words["printer"]),
-            filament=names.own_name("filament", words["filament"]),
-            copy=_whole("copy", words["copy"]),
-        )
-    except InputError as error:
-        raise InputError(f"{where}{error.field}", error.value, error.allowed) from None
-
-
-def _number(name: str, word: str) -> float:
-    try:
-        return float(word)
+        return kind(word)
     except ValueError:
-        raise InputError(name, word, "must be a number") from None
-
-
-def _whole(name: str, word: str) -> int:
-    try:
-        return int(word)
-    except ValueError:
-        raise InputError(name, word, "must be a whole number") from None
+        raise InputError(name, word, f"must be a {'whole ' if kind is int else ''}number") from None

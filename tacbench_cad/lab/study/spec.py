@@ -5,23 +5,31 @@ Everything in the lab reads these; nothing here touches a file or a device. Mill
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.fits import FITS
 from tacbench_cad.spec.protocol import FORCE_SPREADS_N, FORCES_N, REPEATS, PressGrid
 from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.convert import Bounds, Length, check_fields, to_plain
+from tacbench_cad.util.errors import InputError
 
 Contact = Literal["force", "depth"]
 Touch = Literal["gauge", "sensor", "taught"]
 Order = Literal["paper", "random"]
 Point = tuple[float, float, float]
+QuarterTurns = Annotated[int, Bounds(0, 3)]
+Baud = Annotated[int, Bounds(300, 10_000_000)]
+Copy = Annotated[int, Bounds(1, 999)]
+#: Forces or depths.
+Levels = Annotated[tuple[float, ...], Length(1, 1000)]
 
 #: The contact force that ends any run, in newtons.
 HARD_LIMIT_N = 5.0
+#: Most presses of a block: a year of work.
+MAX_PRESSES = 1_000_000
 #: Depths below first touch for a rig without a gauge: what the three forces sink the simulated dome into a flat
 #: plate, rounded; a rig's own calibration is better.
 DEPTHS_MM = (0.35, 1.7, 2.2)
@@ -41,11 +49,10 @@ class PrintedBlock:
     block: Block
     printer: str
     filament: str
-    copy: int = 1
+    copy: Copy = 1
 
     def __post_init__(self) -> None:
-        if isinstance(self.copy, bool) or not isinstance(self.copy, int) or not 1 <= self.copy <= 999:
-            raise InputError("copy", self.copy, "must be a whole number from 1 to 999")
+        check_fields(self)
 
     @property
     def texture(self) -> str:
@@ -125,34 +132,29 @@ class Protocol:
     """
 
     contact: Contact = "force"
-    forces_n: tuple[float, ...] = FORCES_N
-    bands_n: tuple[float, ...] = FORCE_SPREADS_N
-    depths_mm: tuple[float, ...] = DEPTHS_MM
+    forces_n: Levels = FORCES_N
+    bands_n: Levels = FORCE_SPREADS_N
+    depths_mm: Levels = DEPTHS_MM
     touch: Touch = "gauge"
-    repeats: int = REPEATS
+    repeats: Annotated[int, Bounds(1, 1000)] = REPEATS
     grid: PressGrid = field(default_factory=PressGrid.paper)
     order: Order = "paper"
     block_order: Order = "paper"
-    seed: int = 0
-    reference_every_s: float = 600.0
-    stationary_frames: int = 30
-    clearance_mm: float = 5.0
-    depth_limit_mm: float = 7.0
-    hard_limit_n: float = HARD_LIMIT_N
-    approach_step_mm: float = 0.1
-    fine_step_mm: float = 0.001
-    search_steps: int = 40
-    settle_s: float = 0.2
-    force_window_s: float = 0.1
-    misses_allowed: int = 5
+    seed: Annotated[int, Bounds(0, 2**32 - 1)] = 0
+    reference_every_s: Annotated[float, Bounds(0.001, 1e7)] = 600.0
+    stationary_frames: Annotated[int, Bounds(0, 10_000)] = 30
+    clearance_mm: Annotated[float, Bounds(0.5, 200.0)] = 5.0
+    depth_limit_mm: Annotated[float, Bounds(0.01, 100.0)] = 7.0
+    hard_limit_n: Annotated[float, Bounds(0.0, 50.0)] = HARD_LIMIT_N
+    approach_step_mm: Annotated[float, Bounds(1e-4, 1.0)] = 0.1
+    fine_step_mm: Annotated[float, Bounds(1e-5, 0.1)] = 0.001
+    search_steps: Annotated[int, Bounds(1, 10_000)] = 40
+    settle_s: Annotated[float, Bounds(0.0, 60.0)] = 0.2
+    force_window_s: Annotated[float, Bounds(0.0, 60.0)] = 0.1
+    misses_allowed: Annotated[int, Bounds(1, 10_000)] = 5
 
     def __post_init__(self) -> None:
-        one_of("contact", self.contact, ("force", "depth"))
-        one_of("touch", self.touch, ("gauge", "sensor", "taught"))
-        for name in ("order", "block_order"):
-            one_of(name, getattr(self, name), ("paper", "random"))
-        if not 0.0 < self.hard_limit_n <= 50.0:
-            raise InputError("hard_limit_n", self.hard_limit_n, "must be above 0 and at most 50 N")
+        check_fields(self)
         self._rising("forces_n", self.forces_n, self.hard_limit_n, "N, the hard limit")
         self._rising("depths_mm", self.depths_mm, self.depth_limit_mm, "mm, the depth limit")
         if len(self.bands_n) != len(self.forces_n):
@@ -160,32 +162,13 @@ class Protocol:
         for band, force in zip(self.bands_n, self.forces_n, strict=True):
             if not 0.0 < band < force:
                 raise InputError("bands_n", band, f"must be above 0 and below its force, {force:g} N")
-        for name, least, most in (
-            ("repeats", 1, 1000),
-            ("stationary_frames", 0, 10_000),
-            ("search_steps", 1, 10_000),
-            ("misses_allowed", 1, 10_000),
-            ("seed", 0, 2**32 - 1),
-        ):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-                raise InputError(name, value, f"must be a whole number from {least} to {most}")
-        for name, low, high in (
-            ("reference_every_s", 0.001, 1e7),
-            ("clearance_mm", 0.5, 200.0),
-            ("depth_limit_mm", 0.01, 100.0),
-            ("approach_step_mm", 1e-4, 1.0),
-            ("fine_step_mm", 1e-5, 0.1),
-            ("settle_s", 0.0, 60.0),
-            ("force_window_s", 0.0, 60.0),
-        ):
-            number = getattr(self, name)
-            if not (math.isfinite(number) and low <= number <= high):
-                raise InputError(name, number, f"must be from {low:g} to {high:g}")
+        presses = self.levels * self.repeats * len(self.grid.x_mm) * len(self.grid.y_mm)
+        if presses > MAX_PRESSES:
+            raise InputError("repeats", self.repeats, f"gives {presses:,} presses of a block, at most {MAX_PRESSES:,}")
 
     @staticmethod
     def _rising(name: str, values: tuple[float, ...], limit: float, what: str) -> None:
-        if not values or any(not math.isfinite(v) or v <= 0.0 for v in values) or list(values) != sorted(set(values)):
+        if values[0] <= 0.0 or list(values) != sorted(set(values)):
             raise InputError(name, list(values), "must be positive numbers, rising")
         if values[-1] >= limit:
             raise InputError(name, values[-1], f"must be below {limit:g} {what}")
@@ -201,9 +184,9 @@ class Protocol:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for ``run.json``."""
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "grid"}
-        values["grid"] = {"x_mm": list(self.grid.x_mm), "y_mm": list(self.grid.y_mm)}
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+        plain = to_plain(self)
+        grid = plain.pop("grid")
+        return {**plain, "grid": grid}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,17 +195,14 @@ class HolderRim:
 
     Args:
         rim_mm: How far the holder's top lies below the block's highest point.
-        gap_mm: Clearance between block and pocket on each side.
+        gap_mm: Clearance between block and pocket on each side; that of a slip fit by default.
     """
 
-    rim_mm: float = 1.18
-    gap_mm: float = 0.2
+    rim_mm: Annotated[float, Bounds(-100.0, 100.0)] = 1.18
+    gap_mm: Annotated[float, Bounds(-10.0, 10.0)] = FITS["slip"]
 
     def __post_init__(self) -> None:
-        for name, most in (("rim_mm", 100.0), ("gap_mm", 10.0)):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and -most <= value <= most):
-                raise InputError(name, value, f"must be from {-most:g} to {most:g} mm")
+        check_fields(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,13 +218,10 @@ class WorkFrame:
     """
 
     origin_mm: Point
-    quarter_turns: int = 0
+    quarter_turns: QuarterTurns = 0
 
     def __post_init__(self) -> None:
-        if self.quarter_turns not in (0, 1, 2, 3):
-            raise InputError("quarter_turns", self.quarter_turns, "must be 0, 1, 2 or 3")
-        if not all(math.isfinite(one) for one in self.origin_mm):
-            raise InputError("origin_mm", list(self.origin_mm), "must be three finite numbers")
+        check_fields(self)
 
     def to_stage(self, pose_mm: Point) -> Point:
         """A point of the work frame in the stage's frame."""
@@ -290,27 +267,22 @@ class StageSettings:
 
     driver: str
     port: str | None = None
-    baud: int | None = None
+    baud: Baud | None = None
     origin_mm: Point = (0.0, 0.0, 0.0)
-    quarter_turns: int = 0
+    quarter_turns: QuarterTurns = 0
     limits_mm: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
-    travel_mm_s: float = 20.0
-    approach_mm_s: float = 2.0
-    slots_mm: tuple[Point, ...] = ((0.0, 0.0, 0.0),)
+    travel_mm_s: Annotated[float, Bounds(0.001, 1000.0)] = 20.0
+    approach_mm_s: Annotated[float, Bounds(0.001, 1000.0)] = 2.0
+    slots_mm: Annotated[tuple[Point, ...], Length(1, 1000)] = ((0.0, 0.0, 0.0),)
     home: bool = True
-    timeout_s: float = 10.0
+    timeout_s: Annotated[float, Bounds(0.1, 600.0)] = 10.0
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         for axis, (low, high) in zip("xyz", self.limits_mm, strict=True):
-            if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            if not low < high:
                 raise InputError(f"limits_mm {axis}", [low, high], "must be two numbers, the lower one first")
-        for name in ("travel_mm_s", "approach_mm_s"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and 0.001 <= value <= 1000.0):
-                raise InputError(name, value, "must be from 0.001 to 1000 mm/s")
-        if not (math.isfinite(self.timeout_s) and 0.1 <= self.timeout_s <= 600.0):
-            raise InputError("timeout_s", self.timeout_s, "must be from 0.1 to 600 s")
 
     @property
     def frame(self) -> WorkFrame:
@@ -343,10 +315,13 @@ class GaugeSettings:
 
     driver: str = "none"
     port: str | None = None
-    baud: int | None = None
+    baud: Baud | None = None
     calibration: str | None = None
-    timeout_s: float = 2.0
+    timeout_s: Annotated[float, Bounds(0.1, 600.0)] = 2.0
     options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -412,20 +387,20 @@ class Study:
     grid_spacing: str = "even"
 
     def __post_init__(self) -> None:
-        names = [one.printed.name for one in self.blocks]
+        names = [planned.printed.name for planned in self.blocks]
         if not names:
             raise InputError("study", None, "has no block")
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
             raise InputError("study", twice, "is in it twice; give the copies different numbers")
-        for one in self.blocks:
-            self.protocol.grid.require_on(one.printed.block)
-            wrong = [level for level in one.levels if not 1 <= level <= self.protocol.levels]
+        for planned in self.blocks:
+            self.protocol.grid.require_on(planned.printed.block)
+            wrong = [level for level in planned.levels if not 1 <= level <= self.protocol.levels]
             if wrong:
                 raise InputError("force_levels", wrong[0], f"must be from 1 to {self.protocol.levels}")
 
     @property
     def presses(self) -> int:
         """Presses in the whole study."""
-        places = len(self.protocol.grid.positions_mm)
-        return sum(len(one.levels) * self.protocol.repeats * places for one in self.blocks)
+        presses = self.protocol.repeats * len(self.protocol.grid.positions_mm)
+        return sum(len(planned.levels) * presses for planned in self.blocks)

@@ -1,4 +1,4 @@
-"""The file of ``acquire --init``: valid as it is, every key in it, every default the true one."""
+"""The file of ``acquire --init``: refused until it is filled in, every key in it, every default the true one."""
 
 from __future__ import annotations
 
@@ -19,6 +19,16 @@ from tacbench_cad.util.settings import Table
 TAXELS = "# Taxels instead:"
 #: Not defaults but examples of what has none.
 EXAMPLES = ("port", "device", "calibration", "key_mm", "baud")
+#: What only the user knows, and something for a test.
+FILLED = {
+    "texture": "1",
+    "printer": '"bambu-p1p"',
+    "filament": '"pla-minus"',
+    "origin_mm": "[50, 50, -40]",
+    "limits_mm": "[[0, 200], [0, 200], [-60, 0]]",
+    "exposure": "100",
+}
+READY = re.sub(rf"(?m)^({'|'.join(FILLED)}) = .*$", lambda line: f"{line[1]} = {FILLED[line[1]]}", TEMPLATE)
 
 
 def read(folder: Path, text: str) -> StudyFile:
@@ -37,17 +47,50 @@ def without_study(text: str) -> str:
     return before + rest[rest.index("[holder]") :]
 
 
-def test_it_is_valid_as_it_is(tmp_path: Path) -> None:
-    write_template(tmp_path / "study.toml")
-    file = read_study(tmp_path / "study.toml")
+def test_it_is_refused_until_it_is_filled_in(tmp_path: Path) -> None:
+    path = tmp_path / "study.toml"
+    write_template(path)
+    keys = "[block] texture, [block] printer, [block] filament, [stage] origin_mm, [stage] limits_mm, [sensor] exposure"
+    with pytest.raises(InputError, match=re.escape(f"study.toml: {keys}: must be filled in")):
+        read_study(path)
+    for key in FILLED:
+        empty = re.search(rf"(?m)^{key} = (.*)$", TEMPLATE)
+        assert empty is not None
+        with pytest.raises(InputError, match=rf"^[^,]*\] {key}: must be filled in"):
+            read(tmp_path, READY.replace(f"{key} = {FILLED[key]}", f"{key} = {empty[1]}"))
+
+
+def test_the_origin_alone_may_be_empty_where_it_is_taught(tmp_path: Path) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(READY.replace(FILLED["origin_mm"], "[]", 1))
+    assert read_study(path, teaching=True).required_rig.stage.limits_mm[0] == (0.0, 200.0)
+    write_template(tmp_path / "new.toml")
+    with pytest.raises(InputError, match=r"\[block\] texture.*limits_mm, \[sensor\] exposure: must be filled in"):
+        read_study(tmp_path / "new.toml", teaching=True)
+
+
+def test_it_is_valid_when_it_is_filled_in(tmp_path: Path) -> None:
+    file = read(tmp_path, READY)
     assert file.study.protocol == Protocol()
     assert file.out == tmp_path / "runs"
     assert file.required_rig.holder == HolderRim()
 
 
+@pytest.mark.parametrize(("fit", "gap_mm"), [('"slip"', 0.15), ('"loose"', 0.30), ('"press"', 0.05), ("0.22", 0.22)])
+def test_the_gap_follows_the_fit_of_the_holder(tmp_path: Path, fit: str, gap_mm: float) -> None:
+    text = READY.replace('# fit = "slip"', f"fit = {fit}")
+    assert read(tmp_path, text).study.holder == HolderRim(gap_mm=gap_mm)
+    assert read(tmp_path, text.replace("# gap_mm = 0.15", "gap_mm = 0.2")).study.holder == HolderRim(gap_mm=0.2)
+
+
+def test_a_fit_that_there_is_not_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"study.toml: \[holder\] fit = 'slop': did you mean \"slip\""):
+        read(tmp_path, READY.replace('# fit = "slip"', 'fit = "slop"'))
+
+
 def test_the_defaults_that_it_shows_are_the_true_ones(tmp_path: Path) -> None:
-    plain = read(tmp_path, TEMPLATE)
-    explicit = read(tmp_path, with_defaults(without_study(TEMPLATE)))
+    plain = read(tmp_path, READY)
+    explicit = read(tmp_path, with_defaults(without_study(READY)))
     assert explicit.study == plain.study
     stage, shown = plain.required_rig.stage, explicit.required_rig.stage
     for one in fields(StageSettings):
@@ -57,7 +100,7 @@ def test_the_defaults_that_it_shows_are_the_true_ones(tmp_path: Path) -> None:
 
 
 def test_its_study_is_valid_too(tmp_path: Path) -> None:
-    text = re.sub(r"(?s)\[block\].*?# \[study\]\n", "[study]\n", TEMPLATE)
+    text = re.sub(r"(?s)\[block\].*?# \[study\]\n", "[study]\n", READY)
     head, _, rest = text.partition("[study]\n")
     own, _, rest = rest.partition("[holder]")
     own = re.sub(r"(?m)^# (?=[a-z_]+ = |    \{|\])", "", own)
@@ -77,7 +120,7 @@ def test_the_sensors_drivers_know_the_keys_that_are_shown() -> None:
     from tacbench_cad.lab.rig.camera import CameraOptions
     from tacbench_cad.lab.rig.taxels import TaxelOptions
 
-    both = TEMPLATE.partition("[sensor]")[2].split(TAXELS)
+    both = READY.partition("[sensor]")[2].split(TAXELS)
     for text, options in zip(both, (CameraOptions, TaxelOptions), strict=True):
         values = Table(tomllib.loads(re.sub(r"(?m)^# (?=[a-z_]+ = )", "", f"# {text}"))).values
         options.of({key: value for key, value in values.items() if key not in ("driver", "device")})

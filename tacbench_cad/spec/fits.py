@@ -1,0 +1,33 @@
+"""Named fits between a block and the pocket of its holder, for the holder's shape and for the pressing alike."""
+
+from __future__ import annotations
+
+import math
+
+from tacbench_cad.util.errors import InputError, nearest
+
+#: Clearance on each side between a block and its pocket, in mm.
+FITS: dict[str, float] = {"press": 0.05, "slip": 0.15, "loose": 0.30}
+#: Clearances outside of this range are taken for mistakes, in mm per side.
+CLEARANCE_RANGE_MM = (0.0, 1.0)
+
+
+def clearance_mm(fit: str | float) -> float:
+    """Clearance per side of a fit.
+
+    Args:
+        fit: ``press``, ``slip``, ``loose``, or a number of mm per side (also as text).
+
+    Raises:
+        InputError: The fit is unknown, or the number is not from 0 to 1 mm.
+    """
+    if isinstance(fit, str) and fit in FITS:
+        return FITS[fit]
+    try:
+        value = float(fit)
+    except (TypeError, ValueError):
+        raise InputError("fit", fit, f"{nearest(str(fit), FITS)}, or a number of mm per side") from None
+    least, most = CLEARANCE_RANGE_MM
+    if isinstance(fit, bool) or not (math.isfinite(value) and least <= value <= most):
+        raise InputError("fit", fit, f"must be press, slip, loose, or from {least:g} to {most:g} mm per side")
+    return value
