@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -68,6 +69,7 @@ def command(
         return
     from tacbench_cad.lab.acquire.person import Typing
     from tacbench_cad.lab.acquire.progress import Lines
+    from tacbench_cad.lab.acquire.safety import RunInterruptedError
     from tacbench_cad.lab.acquire.session import acquire_study
     from tacbench_cad.lab.runs.checking import check_run
     from tacbench_cad.lab.study.file import read_study, virtual_study
@@ -92,14 +94,21 @@ def command(
     folder = out or chosen.out
     if folder is None:
         raise InputError("out", None, "name the folder of the run folders")
-    results = acquire_study(
-        chosen.study,
-        chosen.required_rig,
-        folder,
-        person=Typing(_ask, note),
-        progress=Lines(folder),
-        opener=open_rig,
-    )
+    options = {"--texture": texture, "--driver": driver, "--speed": speed, "--out": out}
+    given = [word for name, value in options.items() if value is not None for word in (name, str(value))]
+    try:
+        results = acquire_study(
+            chosen.study,
+            chosen.required_rig,
+            folder,
+            person=Typing(_ask, note),
+            progress=Lines(folder),
+            opener=open_rig,
+        )
+    except RunInterruptedError as error:
+        again = shlex.join(["tacbench", "acquire", "--virtual" if virtual else str(file), *given])
+        note(f"{error}; resume with: {again}")
+        raise
     for result in results:
         missed = f", {result.missed} of them out of their band" if result.missed else ""
         note(f"{result.folder}: {counted(result.presses, 'press')}{missed}")

@@ -112,7 +112,10 @@ def test_ctrl_c_ends_with_130_and_a_run_that_goes_on(tmp_path: Path) -> None:
     assert "Traceback" not in error
     assert error.rstrip().endswith("error: interrupted")
     assert "not lifted" not in error
-    assert len(Run.open(tmp_path / "runs" / NAME).rows) >= 2
+    rows = len(Run.open(tmp_path / "runs" / NAME).rows)
+    assert rows >= 2
+    told = f"the sensor is lifted; {rows} of 200 presses are saved; resume with: tacbench acquire {path}\n"
+    assert told in error
 
 
 @pytest.mark.parametrize(

@@ -68,7 +68,7 @@ def press_block(
         RigError: A device failed or a limit was met. The sensor was lifted if the stage still answered, and the run
             can go on.
         InputError: The folder holds another run, is held by another process, or cannot be written.
-        KeyboardInterrupt: A signal came; likewise.
+        RunInterruptedError: A signal came; likewise.
     """
     with RunWriter.open(folder, info, durable=durable) as run:
         for note in run.notes:

@@ -17,9 +17,30 @@ from tacbench_cad.lab.rig.errors import DepthLimitError, RigError
 from tacbench_cad.lab.rig.reach import travel_height_mm
 from tacbench_cad.lab.rig.stage import Stage
 from tacbench_cad.lab.study.spec import HolderRim, Point, Protocol, WorkFrame
+from tacbench_cad.util.text import counted
 
 #: How far below the depth limit a reported height may lie: the rounding of firmware that reports micrometres.
 ROUNDING_MM = 0.002
+
+
+class RunInterruptedError(KeyboardInterrupt):
+    """A signal ended a run, which can be resumed.
+
+    Attributes:
+        signal: ``SIGINT``, ``SIGTERM`` or ``SIGHUP``.
+        lifted: Whether the sensor is lifted off the block.
+        saved: Presses of the study that are on the disk.
+        planned: Presses that it will have.
+    """
+
+    def __init__(self, signal: str) -> None:
+        super().__init__(signal)
+        self.signal, self.lifted = signal, True
+        self.saved = self.planned = 0
+
+    def __str__(self) -> str:
+        sensor = "the sensor is lifted" if self.lifted else "the sensor was NOT lifted: lift it by hand"
+        return f"{sensor}; {self.saved} of {counted(self.planned, 'press')} are saved"
 
 
 class Carriage:
@@ -74,10 +95,10 @@ class Carriage:
         """Leave the loop if a signal came.
 
         Raises:
-            KeyboardInterrupt: It did.
+            RunInterruptedError: It did.
         """
         if self._interrupted and not self._retreating:
-            raise KeyboardInterrupt(self._interrupted)
+            raise RunInterruptedError(self._interrupted)
 
     def over(self, x_mm: float, y_mm: float) -> None:
         """Go above a place of the block: up to the travel height first, then sideways, then down to it from above.
@@ -160,10 +181,12 @@ class Carriage:
         try:
             yield
             self.lift()
-        except BaseException:
+        except BaseException as error:
             failed = self.retreat()
             if failed:
                 say(failed)
+            if isinstance(error, RunInterruptedError):
+                error.lifted = not failed
             raise
 
     def _go(self, target_mm: Point, speed_mm_s: float) -> None:
@@ -185,7 +208,7 @@ class Signals:
     """Turns SIGINT, SIGTERM and SIGHUP into an orderly end.
 
     While a block is pressed they go to the carriage, which stops; at any other time (a question to the user, devices
-    being opened) they raise ``KeyboardInterrupt`` at once. Outside of the main thread nothing is caught.
+    being opened) they raise :class:`RunInterruptedError` at once. Outside of the main thread nothing is caught.
     """
 
     def __init__(self) -> None:
@@ -216,5 +239,5 @@ class Signals:
     def _caught(self, number: int, _: FrameType | None) -> None:
         name = signal.Signals(number).name
         if self._carriage is None:
-            raise KeyboardInterrupt(name)
+            raise RunInterruptedError(name)
         self._carriage.interrupt(name)

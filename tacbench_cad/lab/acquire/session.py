@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 from tacbench_cad.lab.acquire.block import STATIONARY, BlockResult, press_block
 from tacbench_cad.lab.acquire.person import Person
 from tacbench_cad.lab.acquire.progress import Progress
-from tacbench_cad.lab.acquire.safety import Signals
+from tacbench_cad.lab.acquire.safety import RunInterruptedError, Signals
 from tacbench_cad.lab.rig.devices import Rig, open_rig, recorded_gauge, recorded_stage
 from tacbench_cad.lab.rig.reach import require_reach
 from tacbench_cad.lab.runs.info import RunInfo
@@ -101,20 +101,21 @@ def acquire_study(
     Raises:
         InputError: The study cannot be pressed on this rig, or a run was begun with other settings.
         RigError: A device failed or a limit was met; the run can go on.
-        KeyboardInterrupt: A signal came; likewise.
+        RunInterruptedError: A signal came; likewise. It says whether the sensor is lifted and how many presses are
+            saved.
     """
     _require_gauge(study.protocol, rig)
     slots = rig.stage.frames
     require_reach(study.protocol, rig.holder, slots, rig.stage.limits_mm)
     results: list[BlockResult] = []
-    with Signals() as signals, locked(out), ExitStack() as devices:
-        every = places(study, rig, out)
-        open_ones = [place for place in every if not _finished(study, rig, place)]
-        if len(open_ones) < len(every):
-            progress.say(f"complete: {len(every) - len(open_ones)} of {counted(len(every), 'block')}")
+    blocks = places(study, rig, out)
+    with Signals() as signals, locked(out), _counting(study, blocks), ExitStack() as devices:
+        unfinished = [place for place in blocks if not _finished(study, rig, place)]
+        if len(unfinished) < len(blocks):
+            progress.say(f"complete: {len(blocks) - len(unfinished)} of {counted(len(blocks), 'block')}")
         opened: Rig | None = None
-        for tray in _trays(open_ones, len(slots)):
-            taught = {place.slot: _prepare(study, rig, place, person, len(slots), len(every)) for place in tray}
+        for tray in _trays(unfinished, len(slots)):
+            taught = {place.slot: _prepare(study, rig, place, person, len(slots), len(blocks)) for place in tray}
             for place in tray:
                 if opened is None:
                     opened = devices.enter_context(opener(rig, place.planned.printed, place.frame))
@@ -138,6 +139,17 @@ def acquire_study(
                     )
                 )
     return tuple(results)
+
+
+@contextmanager
+def _counting(study: Study, blocks: Sequence[Place]) -> Iterator[None]:
+    """Give an interruption the number of presses that are on the disk."""
+    try:
+        yield
+    except RunInterruptedError as error:
+        runs = [Run.open(place.folder) for place in blocks if (place.folder / "run.json").exists()]
+        error.saved, error.planned = sum(len(run.rows) for run in runs), study.presses
+        raise
 
 
 def _require_gauge(protocol: Protocol, rig: RigSettings) -> None:

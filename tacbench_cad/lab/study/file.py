@@ -305,6 +305,10 @@ def _rig(document: _Document, rim: HolderRim, protocol: Protocol, folder: Path, 
     for table, values in (("stage", document.stage), ("sensor", document.sensor)):
         if values is None:
             raise InputError(f"[{table}]", None, "such a table is needed")
+    for table, known in DRIVERS.items():
+        driver = (getattr(document, table) or {}).get("driver")
+        if isinstance(driver, str) and ":" not in driver:
+            one_of(f"[{table}] driver", driver, (*known, "module:name"))
     stage = _stage(document.stage or {}, teaching)
     gauge = from_plain(GaugeSettings, document.gauge or {}, "[gauge] ")
     if gauge.calibration is not None:
@@ -313,9 +317,6 @@ def _rig(document: _Document, rim: HolderRim, protocol: Protocol, folder: Path, 
     values = dict(document.sensor or {})
     own = {key: values.pop(key) for key in ("driver", "device") if key in values}
     sensor = from_plain(SensorSettings, {**own, "options": values}, "[sensor] ")
-    for table, driver in (("stage", stage.driver), ("gauge", gauge.driver), ("sensor", sensor.driver)):
-        if ":" not in driver:
-            one_of(f"[{table}] driver", driver, (*DRIVERS[table], "module:name"))
     if gauge.port == "virtual" and not stage.is_virtual:
         raise InputError("[gauge] port", gauge.port, "the virtual load cell belongs to a virtual stage; name a port")
     if gauge.driver == "none" and protocol.contact == "force":

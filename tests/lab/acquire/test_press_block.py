@@ -15,7 +15,7 @@ from helpers.rigs import FakeRig, info_of, small_protocol
 
 from tacbench_cad.lab.acquire.block import BlockResult, press_block
 from tacbench_cad.lab.acquire.progress import Silent
-from tacbench_cad.lab.acquire.safety import Signals
+from tacbench_cad.lab.acquire.safety import RunInterruptedError, Signals
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
     DeviceLostError,
@@ -191,8 +191,9 @@ def test_a_signal_stops_lifts_and_leaves_the_run_resumable(tmp_path: Path, name:
     rig, protocol = FakeRig(), small_protocol()
     before = signal.getsignal(getattr(signal, name))
     rig.stage.on_move = lambda _: signal.raise_signal(getattr(signal, name)) if rig.stage.calls == 250 else None
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(RunInterruptedError, match="the sensor is lifted") as caught:
         pressed(rig, tmp_path / "run", protocol)
+    assert caught.value.signal == name and isinstance(caught.value, KeyboardInterrupt)
     assert rig.stage.stopped == 1
     assert rig.stage.at[2] >= TRAVEL_MM - 0.01
     assert signal.getsignal(getattr(signal, name)) == before
@@ -209,10 +210,23 @@ def test_a_second_signal_does_not_disturb_the_lift(tmp_path: Path) -> None:
             signal.raise_signal(signal.SIGINT)
 
     rig.stage.on_move = twice
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(RunInterruptedError):
         pressed(rig, tmp_path / "run", small_protocol())
     assert rig.stage.stopped == 1
     assert rig.stage.at[2] >= TRAVEL_MM - 0.01
+
+
+def test_an_interruption_says_that_the_lift_failed(tmp_path: Path) -> None:
+    rig = FakeRig()
+
+    def gone(_: object) -> None:
+        if rig.stage.calls == 250:
+            rig.stage.dead_after = (251, DeviceLostError("unplugged"))
+            signal.raise_signal(signal.SIGINT)
+
+    rig.stage.on_move = gone
+    with pytest.raises(RunInterruptedError, match="the sensor was NOT lifted: lift it by hand"):
+        pressed(rig, tmp_path / "run", small_protocol())
 
 
 def test_a_full_disk_lifts_the_sensor_and_the_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
