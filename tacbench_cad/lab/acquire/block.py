@@ -93,15 +93,6 @@ def press_block(
         return BlockResult(folder=folder, presses=sitting.presses, missed=sitting.missed, seconds=dict(run.seconds))
 
 
-#: The groups of stationary readings.
-STATIONARY: tuple[tuple[Literal["start", "end"], bool], ...] = (
-    ("start", True),
-    ("start", False),
-    ("end", True),
-    ("end", False),
-)
-
-
 class _Sitting:
     """The work at one block from the first move to the last.
 
@@ -132,7 +123,7 @@ class _Sitting:
         """Everything that is missing; the sensor ends in contact or above, and the caller lifts it."""
         plan = self.run.info.presses
         missing = self.run.missing(plan)
-        middle = _middle(plan, self.run.info.levels)
+        middle = self.run.info.middle_press
         self.carriage.over(middle.x_mm, middle.y_mm)
         if self.force is not None:
             self.force.tare()
@@ -218,10 +209,3 @@ class _Sitting:
         if self.force is None:
             raise InputError("[protocol] touch", "gauge", 'needs a gauge; without one use "sensor" or "taught"')
         return by_gauge(self.carriage, self.protocol, self.force)
-
-
-def _middle(plan: Sequence[Press], levels: Sequence[int]) -> Press:
-    """The press of the stationary readings: middle force, middle position."""
-    level = levels[len(levels) // 2]
-    of_level = sorted((one for one in plan if one.force_level == level and one.repeat == 1), key=lambda p: p.position)
-    return of_level[len(of_level) // 2]

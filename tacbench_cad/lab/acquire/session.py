@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.lab.acquire.block import STATIONARY, BlockResult, press_block
+from tacbench_cad.lab.acquire.block import BlockResult, press_block
 from tacbench_cad.lab.acquire.person import Person
 from tacbench_cad.lab.acquire.progress import Progress
 from tacbench_cad.lab.acquire.safety import RunInterruptedError, Signals
@@ -16,6 +16,7 @@ from tacbench_cad.lab.rig.devices import Rig, open_rig, recorded_gauge, recorded
 from tacbench_cad.lab.rig.reach import require_reach
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.runs.schema import STATIONARY
 from tacbench_cad.lab.study.presses import block_order
 from tacbench_cad.lab.study.spec import PlannedBlock, PrintedBlock, Protocol, RigSettings, Study, WorkFrame
 from tacbench_cad.util.errors import InputError
@@ -25,8 +26,6 @@ from tacbench_cad.util.text import counted
 
 #: File in a run folder with the heights of first touch that a person taught.
 TAUGHT_FILE = "touch.toml"
-#: Differences between a run and the study that are named; the rest are counted.
-SHOWN = 6
 
 Opener = Callable[[RigSettings, PrintedBlock, WorkFrame], AbstractContextManager[Rig]]
 
@@ -195,15 +194,10 @@ def _finished(study: Study, rig: RigSettings, place: Place) -> bool:
         stage={**run.info.stage, "settings": recorded_stage(rig.stage)},
         gauge={**run.info.gauge, "settings": recorded_gauge(rig.gauge)},
     )
-    differences = run.info.differences(now)
-    if differences:
-        shown = "; ".join(differences[:SHOWN]) + (
-            f"; and {len(differences) - SHOWN} more" if differences[SHOWN:] else ""
-        )
-        ways = "restore them or name another folder"
-        if not run.rows:
-            ways = "it holds no press, so delete it or name another folder"
-        raise InputError("run", str(place.folder), f"was begun with other settings: {shown}; {ways}")
+    advice = "restore them or name another folder"
+    if not run.rows:
+        advice = "it holds no press, so delete it or name another folder"
+    run.info.require_same(now, str(place.folder), advice)
     still = [(one.when, one.in_contact) for one in run.stationary_frames]
     count = study.protocol.stationary_frames
     done = {row.number for row in run.rows}

@@ -92,8 +92,9 @@ class RunInfo:
     def middle_press(self) -> Press:
         """The press of the frames without motion: middle force level, middle position."""
         level = self.levels[len(self.levels) // 2]
-        presses = sorted((press for press in self.presses if press.force_level == level), key=lambda p: p.position)
-        return presses[len(presses) // 2]
+        presses = (press for press in self.presses if press.force_level == level and press.repeat == 1)
+        in_order = sorted(presses, key=lambda press: press.position)
+        return in_order[len(in_order) // 2]
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for ``run.json``."""

@@ -229,12 +229,12 @@ class RunWriter:
         shape = self.info.frame_shape
         if shape is not None and frame.shape != shape:
             raise SensorError(f"the sensor gave a frame of shape {frame.shape} where the run has {shape}")
-        with self._timed("encode"):
+        with timed(self.seconds, "encode"):
             data, image = encoded(frame, self.info.simulated)
             digest = sha256(data)
         name = path_of(image)
         path = self.folder / name
-        with self._timed("sync"), refusing(path.parent):
+        with timed(self.seconds, "sync"), refusing(path.parent):
             # What is no image has a folder of its own, made when the first such frame comes.
             if not path.parent.exists():
                 path.parent.mkdir()
@@ -249,14 +249,16 @@ class RunWriter:
         return name, digest
 
     def _append(self, table: GrowingTable[T], row: T) -> None:
-        with self._timed("sync"):
+        with timed(self.seconds, "sync"):
             table.append(row)
 
-    @contextmanager
-    def _timed(self, what: str) -> Iterator[None]:
-        began = time.perf_counter()
-        yield
-        self.seconds[what] += time.perf_counter() - began
+
+@contextmanager
+def timed(seconds: dict[str, float], what: str) -> Iterator[None]:
+    """Add the time that the body takes to one of the sums."""
+    began = time.perf_counter()
+    yield
+    seconds[what] += time.perf_counter() - began
 
 
 def software() -> dict[str, str]:

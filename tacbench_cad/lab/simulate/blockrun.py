@@ -4,32 +4,32 @@ from __future__ import annotations
 
 import json
 import math
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from tacbench_cad.lab.rig.gauge import Force
-from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import RunInfo
-from tacbench_cad.lab.runs.writing import RunWriter
+from tacbench_cad.lab.runs.writing import RunWriter, timed
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.prints import printer_of, seeded
 from tacbench_cad.lab.simulate.tactip import REST, SIMULATED, Pins, TacTip
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PlannedBlock, Point, Study, WorkFrame
 from tacbench_cad.spec.printrecord import FIELDS
+from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, replacing
 
 #: Simulated runs have times so that a reference has an age; they begin at a date that nobody takes for a real one.
 BEGIN = datetime(2000, 1, 1, tzinfo=UTC)
 #: Time from one simulated press to the next, in seconds.
-SECONDS_A_PRESS = 4.0
+SECONDS_PER_PRESS = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,30 +49,15 @@ class SimulationOptions:
             raise InputError("seed", self.seed, "must be a whole number from 0 to 4294967295")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Shot:
-    """A simulated press.
-
-    Args:
-        pose_mm: The summit in the work frame.
-        force_n: The contact force there.
-        reading: The image.
-    """
-
-    pose_mm: Point
-    force_n: float
-    reading: Reading
-
-
 @dataclass(frozen=True, kw_only=True)
 class SimulatedBlock:
-    """What was made of one block.
+    """What one call simulated of a block.
 
     Args:
         name: Name of its run folder.
-        presses: Presses made now.
-        images: Images made now, references and stationary ones included.
-        worst_n: Largest distance of a force made now from its target, in N; 0 in depth mode.
+        presses: New presses.
+        images: New images, references and frames without motion included.
+        worst_n: Largest distance of a new force from its target, in N; 0 in depth mode.
         seconds: Time in ``print`` (the height map), ``press`` (poses and pins), ``draw``, ``encode`` and ``write``.
     """
 
@@ -99,9 +84,9 @@ def run_info(study: Study, planned: PlannedBlock, options: SimulationOptions) ->
             "identity": "none",
             "simulated": f"no stage: poses from the contact model; block from a virtual printer, {printer.name}",
             "settings": {
-                "virtual_printer": printer.as_dict(),
+                "virtual_printer": to_plain(printer),
                 "seed": options.seed,
-                "seconds_a_press": SECONDS_A_PRESS,
+                "seconds_a_press": SECONDS_PER_PRESS,
             },
         },
         gauge={
@@ -120,8 +105,8 @@ def run_info(study: Study, planned: PlannedBlock, options: SimulationOptions) ->
     )
 
 
-class Source:
-    """Gives the readings of one run. The same press gives the same bytes, whenever it is made.
+class FrameSource:
+    """Gives the frames of one run. The same press gives the same bytes, whenever it is simulated.
 
     Args:
         info: The run.
@@ -139,63 +124,49 @@ class Source:
         # Repeats of a press have the same pose: the pins are kept, some 6 kB each.
         self._kept: dict[tuple[int, int], tuple[Point, float, Pins]] = {}
 
-    def press(self, press: Press) -> Shot:
-        """A press at its target force or depth.
+    @cached_property
+    def _contact(self) -> DomeContact:
+        """Printed when the first press needs it, so that a complete run takes no time."""
+        with timed(self.seconds, "print"):
+            return contact_for(self.info.printed, self.info.holder, seed=self._seed)
+
+    def pressed(self, press: Press) -> tuple[Point, float, Pins]:
+        """Pose of the summit in the work frame, contact force in N, and pins of a press at its target force or depth.
 
         Raises:
             InputError: The force cannot be reached there, or lies below the depth limit.
         """
-        pose, force, pins = self._pressed(press)
-        return Shot(pose_mm=pose, force_n=force, reading=self._frame(pins, f"press {press.number}"))
-
-    def free(self, what: str) -> Reading:
-        """A reading without contact."""
-        return self._frame(REST, what)
-
-    def still(self, press: Press, what: str) -> Reading:
-        """A reading in contact that belongs to no press of its own."""
-        return self._frame(self._pressed(press)[2], what)
-
-    @cached_property
-    def _contact(self) -> DomeContact:
-        """Printed when the first press needs it: a run that lacks nothing is passed over quickly."""
-        began = time.perf_counter()
-        contact = contact_for(self.info.printed, self.info.holder, seed=self._seed)
-        self.seconds["print"] += time.perf_counter() - began
-        return contact
-
-    def _pressed(self, press: Press) -> tuple[Point, float, Pins]:
         key = (press.force_level, press.position)
         if key not in self._kept:
             contact = self._contact
-            began = time.perf_counter()
-            x, y = press.x_mm, press.y_mm
-            if press.target_n is not None:
-                z = contact.z_for_force(x, y, press.target_n)
-            else:
-                assert press.depth_mm is not None, "a press has a force or a depth"
-                z = contact.first_touch(x, y) - press.depth_mm
-            limit = self.info.protocol.depth_limit_mm
-            if z < -limit:
-                raise InputError(
-                    "depth_limit_mm",
-                    limit,
-                    f"press {press.number} of {self.info.printed.name} would go to {-z:.3f} mm below the block's top",
-                )
-            pose = (x, y, z)
-            self._kept[key] = (pose, contact.force_n(*pose), self._sensor.pins(contact, pose))
-            self.seconds["press"] += time.perf_counter() - began
+            with timed(self.seconds, "press"):
+                pose = (press.x_mm, press.y_mm, self._depth_of(press, contact))
+                self._kept[key] = (pose, contact.force_n(*pose), self._sensor.pins(contact, pose))
         return self._kept[key]
 
-    def _frame(self, pins: Pins, what: str) -> Reading:
-        began = time.perf_counter()
-        image = self._sensor.frame(pins, seeded("image", self._seed, self.info.printed.name, what))
-        self.seconds["draw"] += time.perf_counter() - began
-        return image
+    def _depth_of(self, press: Press, contact: DomeContact) -> float:
+        if press.target_n is not None:
+            z = contact.z_for_force(press.x_mm, press.y_mm, press.target_n)
+        else:
+            assert press.depth_mm is not None, "a press has a force or a depth"
+            z = contact.first_touch(press.x_mm, press.y_mm) - press.depth_mm
+        limit = self.info.protocol.depth_limit_mm
+        if z < -limit:
+            raise InputError(
+                "depth_limit_mm",
+                limit,
+                f"press {press.number} of {self.info.printed.name} would go to {-z:.3f} mm below the block's top",
+            )
+        return z
+
+    def frame(self, pins: Pins, name: str) -> Frame:
+        """A frame of pins; its name seeds the noise."""
+        with timed(self.seconds, "draw"):
+            return self._sensor.frame(pins, seeded("image", self._seed, self.info.printed.name, name))
 
 
-def make_block(out: Path, info: RunInfo, options: SimulationOptions) -> SimulatedBlock:
-    """Make a block's run folder, or what is missing of it.
+def simulate_block(out: Path, info: RunInfo, options: SimulationOptions) -> SimulatedBlock:
+    """Write a block's run folder, or what is missing of it.
 
     Args:
         out: The folder of the runs.
@@ -212,57 +183,46 @@ def make_block(out: Path, info: RunInfo, options: SimulationOptions) -> Simulate
     folder = out / info.printed.name
     _record_print(folder, info, options)
     with RunWriter.open(folder, info, durable=False) as run:
+        source = FrameSource(info, options)
         missing = run.missing(info.presses)
-        middle = middle_press(info)
-        images, worst = 0, 0.0
-        source = Source(info, options)
+        images, worst = len(missing), 0.0
         if run.reference_time is None:
-            run.reference(source.free("reference 0"), BEGIN)
+            run.reference(source.frame(REST, "reference 0"), BEGIN)
             images += 1
-        images += _stationary(run, source, "start", middle)
+        images += _stationary(run, source, "start")
         for press in missing:
-            now = BEGIN + timedelta(seconds=SECONDS_A_PRESS * press.number)
+            now = BEGIN + timedelta(seconds=SECONDS_PER_PRESS * press.number)
             since = run.reference_time
             if since is None or (now - since).total_seconds() > info.protocol.reference_every_s:
-                run.reference(source.free(f"reference before {press.number}"), now)
+                run.reference(source.frame(REST, f"reference before {press.number}"), now)
                 images += 1
-            shot = source.press(press)
-            felt = None
-            in_band = None
+            pose, force_n, pins = source.pressed(press)
+            force = in_band = None
             if press.target_n is not None and press.band_n is not None:
-                felt = Force(mean_n=shot.force_n, spread_n=0.0, samples=1)
-                error = abs(shot.force_n - press.target_n)
+                force = Force(mean_n=force_n, spread_n=0.0, samples=1)
+                error = abs(force_n - press.target_n)
                 in_band, worst = error <= press.band_n, max(worst, error)
-            run.press(press, shot.pose_mm, shot.reading, felt, felt, in_band, now)
-            images += 1
-        images += _stationary(run, source, "end", middle)
+            run.press(press, pose, source.frame(pins, f"press {press.number}"), force, force, in_band, now)
+        images += _stationary(run, source, "end")
         seconds = {**source.seconds, "encode": run.seconds["encode"], "write": run.seconds["sync"]}
     return SimulatedBlock(name=info.printed.name, presses=len(missing), images=images, worst_n=worst, seconds=seconds)
 
 
 def other_images(info: RunInfo) -> int:
     """Reference and stationary images of a run: all of its images that show no press."""
-    presses_each = math.floor(info.protocol.reference_every_s / SECONDS_A_PRESS) + 1
+    presses_each = math.floor(info.protocol.reference_every_s / SECONDS_PER_PRESS) + 1
     return 1 + len(info.presses) // presses_each + 4 * info.protocol.stationary_frames
 
 
-def middle_press(info: RunInfo) -> Press:
-    """The press of the stationary readings: middle force level, middle position."""
-    level = info.levels[len(info.levels) // 2]
-    presses = sorted((one for one in info.presses if one.force_level == level), key=lambda one: one.position)
-    return presses[len(presses) // 2]
-
-
-def _stationary(run: RunWriter, source: Source, when: Literal["start", "end"], middle: Press) -> int:
-    """Make the stationary readings that are missing; returns how many."""
-    made = 0
-    for in_contact in (True, False):
+def _stationary(run: RunWriter, source: FrameSource, when: schema.When) -> int:
+    """Write the frames without motion that are missing, and return their number."""
+    count = 0
+    for in_contact, state in ((True, "pressed"), (False, "free")):
         for index in run.stationary_missing(when, in_contact, run.info.protocol.stationary_frames):
-            what = f"stationary {when} {index}"
-            reading = source.still(middle, f"{what} pressed") if in_contact else source.free(f"{what} free")
-            run.stationary(when, in_contact, index, reading)
-            made += 1
-    return made
+            pins = source.pressed(run.info.middle_press)[2] if in_contact else REST
+            run.stationary(when, in_contact, index, source.frame(pins, f"stationary {when} {index} {state}"))
+            count += 1
+    return count
 
 
 def _record_print(folder: Path, info: RunInfo, options: SimulationOptions) -> None:

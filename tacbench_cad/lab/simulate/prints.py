@@ -14,14 +14,14 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tacbench_cad.lab.simulate.heights import HeightMap, cell_of, centres, held, on_block
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
 from tacbench_cad.spec.block import Block
+from tacbench_cad.util.convert import Bounds
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
@@ -36,6 +36,16 @@ DRIFT_MM = 5.0
 STRING_MM, STRING_LENGTH_MM = 0.08, 15.0
 #: Where the nozzle set off it leaves a blob of this height and radius (standard deviation), in mm.
 BLOB_MM, BLOB_RADIUS_MM = 0.12, 0.25
+
+
+#: The numbers of a virtual printer and their bounds.
+NUMBERS: Mapping[str, Bounds] = {
+    "nozzle_mm": Bounds(0.01, 5.0),
+    "layer_mm": Bounds(0.005, 2.0),
+    **dict.fromkeys(("xy_error_mm", "layer_error_mm", "z_error_mm", "tilt_mm", "peak_loss"), Bounds(0.0, 1.0)),
+    "roughness_mm": Bounds(0.0, 1.0),
+    "stringing_per_cm2": Bounds(0.0, 100.0),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,80 +77,28 @@ class VirtualPrinter:
     stringing_per_cm2: float
 
     def __post_init__(self) -> None:
-        for field, least, most in (
-            ("nozzle_mm", 0.01, 5.0),
-            ("layer_mm", 0.005, 2.0),
-            ("xy_error_mm", 0.0, 1.0),
-            ("layer_error_mm", 0.0, 1.0),
-            ("z_error_mm", 0.0, 1.0),
-            ("tilt_mm", 0.0, 1.0),
-            ("peak_loss", 0.0, 1.0),
-            ("roughness_mm", 0.0, 1.0),
-            ("stringing_per_cm2", 0.0, 100.0),
-        ):
-            value = getattr(self, field)
-            if not (math.isfinite(value) and least <= value <= most):
-                raise InputError(field, value, f"must be from {least:g} to {most:g}")
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values, for a print's record."""
-        return asdict(self)
+        for field, bounds in NUMBERS.items():
+            refusal = bounds.refusal(getattr(self, field))
+            if refusal is not None:
+                raise InputError(field, getattr(self, field), refusal)
 
 
+#: Their values in the order of the fields.
+#:
 #: Layers of 0.2 mm are the slicers' default for 0.4 mm nozzles (Cura, Creality Print, Bambu Studio). Walls: the usual
 #: calibration cubes of open bed slingers are right within 0.1 to 0.2 mm, of the CoreXY within 0.1 mm. Beds: levelled by
 #: hand, by a probe, by a probe before each print. The paper: the Ender-3 "suffered the most from webbing, and
 #: inconsistent layer heights"; strings on all filament printers, none on the resin's, which all "looked and felt the
 #: same". Form 3: laser spot of 0.085 mm and layers of 0.05 mm by its maker; resin shrinks and is cured evenly.
+_VALUES: tuple[tuple[str, *tuple[float, ...]], ...] = (
+    ("ender-3", 0.4, 0.2, 0.10, 0.03, 0.05, 0.04, 0.30, 0.030, 4.0),
+    ("ender-3-v3-se", 0.4, 0.2, 0.08, 0.02, 0.03, 0.02, 0.25, 0.025, 2.0),
+    ("bambu-p1p", 0.4, 0.2, 0.05, 0.008, 0.02, 0.015, 0.20, 0.015, 1.0),
+    ("form-3", 0.085, 0.05, 0.03, 0.0, 0.02, 0.015, 0.05, 0.004, 0.0),
+)
+#: The virtual printers that have presets, by the names of :mod:`tacbench_cad.lab.study.names`.
 VIRTUAL_PRINTERS: Mapping[str, VirtualPrinter] = {
-    "ender-3": VirtualPrinter(
-        name="ender-3",
-        nozzle_mm=0.4,
-        layer_mm=0.2,
-        xy_error_mm=0.10,
-        layer_error_mm=0.03,
-        z_error_mm=0.05,
-        tilt_mm=0.04,
-        peak_loss=0.30,
-        roughness_mm=0.030,
-        stringing_per_cm2=4.0,
-    ),
-    "ender-3-v3-se": VirtualPrinter(
-        name="ender-3-v3-se",
-        nozzle_mm=0.4,
-        layer_mm=0.2,
-        xy_error_mm=0.08,
-        layer_error_mm=0.02,
-        z_error_mm=0.03,
-        tilt_mm=0.02,
-        peak_loss=0.25,
-        roughness_mm=0.025,
-        stringing_per_cm2=2.0,
-    ),
-    "bambu-p1p": VirtualPrinter(
-        name="bambu-p1p",
-        nozzle_mm=0.4,
-        layer_mm=0.2,
-        xy_error_mm=0.05,
-        layer_error_mm=0.008,
-        z_error_mm=0.02,
-        tilt_mm=0.015,
-        peak_loss=0.20,
-        roughness_mm=0.015,
-        stringing_per_cm2=1.0,
-    ),
-    "form-3": VirtualPrinter(
-        name="form-3",
-        nozzle_mm=0.085,
-        layer_mm=0.05,
-        xy_error_mm=0.03,
-        layer_error_mm=0.0,
-        z_error_mm=0.02,
-        tilt_mm=0.015,
-        peak_loss=0.05,
-        roughness_mm=0.004,
-        stringing_per_cm2=0.0,
-    ),
+    name: VirtualPrinter(name=name, **dict(zip(NUMBERS, numbers, strict=True))) for name, *numbers in _VALUES
 }
 #: What a filament does to stringing, peak loss and roughness, as factors. The paper saw more strings on the cheaper
 #: PLA and calls PETG "trickier to print with": it oozes more and stays soft longer than PLA.

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import FIRST_EXCEPTION, wait
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,15 +15,16 @@ from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.pictures import encoded
 from tacbench_cad.lab.simulate.blockrun import (
+    FrameSource,
     SimulatedBlock,
     SimulationOptions,
-    Source,
-    make_block,
     other_images,
     run_info,
+    simulate_block,
 )
 from tacbench_cad.lab.study import names
 from tacbench_cad.lab.study.file import StudyFile, read_study
+from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PlannedBlock, PrintedBlock, Protocol, Study
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
@@ -229,13 +229,13 @@ def simulate_study(
     counts = [images_there(folder) for folder in folders]
     if cluster is not None:
         blocks = []
-        for i, block in enumerate(cluster.map(partial(make_block, out.absolute(), options=options), infos)):
+        for i, block in enumerate(cluster.map(partial(simulate_block, out.absolute(), options=options), infos)):
             blocks.append(block)
             counts[i] = images_there(folders[i])
             progress(sum(counts))
         return blocks
     with Workers(jobs) as workers:
-        futures = [workers.submit(make_block, out, info, options) for info in infos]
+        futures = [workers.submit(simulate_block, out, info, options) for info in infos]
         counted: set[int] = set()
         pending = set(futures)
         while pending:
@@ -258,25 +258,21 @@ def _planned(texture: int, combination: tuple[str, str], copy: int, levels: tupl
 
 
 def images_there(folder: Path) -> int:
-    """Images in a run folder."""
-    return sum(1 for _ in _images(folder))
-
-
-def _images(folder: Path) -> Iterator[Path]:
-    for name in (schema.IMAGE_FOLDER, schema.REFERENCE_FOLDER, schema.STATIONARY_FOLDER):
-        with suppress(OSError):
-            yield from (folder / name).glob("*.png")
+    """Number of images in a run folder."""
+    return sum(1 for name in schema.FRAME_FOLDERS for _ in (folder / name).glob("*.png"))
 
 
 def _measured(info: RunInfo, options: SimulationOptions) -> tuple[float, float]:
-    """Mean bytes and processor seconds of a run's image, from presses spread over the run, each made twice.
+    """Mean bytes and processor seconds of a run's image, from presses spread over the run, each drawn twice.
 
     That is as in the run itself, where repeats and stationary frames share the work of finding a pose.
     """
-    source = Source(info, options)
-    encoded(source.press(info.presses[-1]).reading, info.simulated)  # what is imported and printed only once
-    sizes, began = [], time.process_time()
-    for i in range(SAMPLE):
-        press = info.presses[(i // 2) * len(info.presses) // SAMPLE]
-        sizes.append(len(encoded(source.press(press).reading, info.simulated)[0]))
+    source = FrameSource(info, options)
+
+    def size(press: Press) -> int:
+        return len(encoded(source.frame(source.pressed(press)[2], f"press {press.number}"), info.simulated)[0])
+
+    size(info.presses[-1])  # what is imported and printed only once
+    began = time.process_time()
+    sizes = [size(info.presses[(i // 2) * len(info.presses) // SAMPLE]) for i in range(SAMPLE)]
     return sum(sizes) / SAMPLE, (time.process_time() - began) / SAMPLE

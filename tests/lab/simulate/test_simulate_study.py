@@ -22,7 +22,7 @@ from tacbench_cad.cli import main
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.simulate.blockrun import SimulationOptions, make_block, other_images
+from tacbench_cad.lab.simulate.blockrun import SimulationOptions, other_images, simulate_block
 from tacbench_cad.lab.simulate.study import (
     SimulationEstimate,
     estimate_simulation,
@@ -208,7 +208,7 @@ def test_colour_and_another_seed_give_other_images(tmp_path: Path) -> None:
     study = _study(forces_n=(1.0,), bands_n=(0.01,), repeats=1)
     images = []
     for name, options in (("a", SimulationOptions(colour=True)), ("b", SimulationOptions(colour=True, seed=1))):
-        done = make_block(tmp_path / name, _infos(study, options)[0], options)
+        done = simulate_block(tmp_path / name, _infos(study, options)[0], options)
         assert done.worst_n <= 1e-5
         images.append(cv2.imread(str(tmp_path / name / done.name / "sensor_images" / "image_1.png"), -1))
     assert images[0].shape == (480, 640, 3)
@@ -218,7 +218,7 @@ def test_colour_and_another_seed_give_other_images(tmp_path: Path) -> None:
 def test_depth_mode_leaves_the_force_empty(tmp_path: Path) -> None:
     study = _study(contact="depth", depths_mm=(0.5, 1.0), repeats=1)
     info = _infos(study)[0]
-    make_block(tmp_path, info, SimulationOptions())
+    simulate_block(tmp_path, info, SimulationOptions())
     rows = Run.open(tmp_path / info.printed.name).rows
     assert len(rows) == 8
     assert all(row.measured_force_n is None and row.in_band is None for row in rows)
@@ -229,7 +229,7 @@ def test_depth_mode_leaves_the_force_empty(tmp_path: Path) -> None:
 def test_references_are_made_anew_at_the_interval(tmp_path: Path) -> None:
     study = _study(reference_every_s=30.0, repeats=1)
     info = _infos(study)[0]
-    done = make_block(tmp_path, info, SimulationOptions())
+    done = simulate_block(tmp_path, info, SimulationOptions())
     references = Run.open(tmp_path / info.printed.name).references
     assert [one.after_press for one in references] == [0, 7]
     assert done.images == 12 + other_images(info)
@@ -238,7 +238,7 @@ def test_references_are_made_anew_at_the_interval(tmp_path: Path) -> None:
 def test_a_press_below_the_depth_limit_is_refused(tmp_path: Path) -> None:
     study = _study(depth_limit_mm=2.5)
     with pytest.raises(InputError, match=r"depth_limit_mm.*would go to"):
-        make_block(tmp_path, _infos(study)[1], SimulationOptions())
+        simulate_block(tmp_path, _infos(study)[1], SimulationOptions())
 
 
 def test_a_disk_without_room_is_refused_with_the_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
