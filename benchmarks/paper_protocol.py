@@ -80,13 +80,12 @@ def synthetic(folder: Path, selected: int, others: int, shape: tuple[int, int], 
 
 def recorded(folder: Path, runs: list[Path]) -> None:
     """Write the images of run folders, grey and at 40 % of their size."""
-    from tacbench_cad.lab.analysis.classification.gram import stacked
+    from tacbench_cad.lab.analysis.classification.features import read_features
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.lab.analysis.preprocess import Preprocess
 
-    study, prepare = Collection.open(runs), Preprocess(resolution=0.4)
-    rows = (np.asarray(prepare(study.frame(index)), dtype=np.uint8) for index in range(len(study)))
-    np.save(folder / "images.npy", stacked(rows, len(study)))
+    study = Collection.open(runs)
+    np.save(folder / "images.npy", read_features(study, Preprocess(resolution=0.4)).rows)
     labels = [np.unique(one, return_inverse=True)[1] for one in (study.texture, study.combination)]
     np.save(folder / "labels.npy", np.array(labels))
 
@@ -164,8 +163,8 @@ def workers_kb() -> int:
 
 def ours(study: Study, trials: int, epochs: int, cores: int) -> Result:
     """What ``tacbench classify --protocol paper`` does once the images are read."""
-    from tacbench_cad.lab.analysis.classification.features import Features
     from tacbench_cad.lab.analysis.classification.paper_protocol import RUNGS, batches, paper_trials
+    from tacbench_cad.lab.analysis.classification.pca import Products
     from tacbench_cad.lab.analysis.classification.settings import Settings
     from tacbench_cad.lab.analysis.classification.splits import PressTable
     from tacbench_cad.lab.parallel import workers
@@ -174,14 +173,16 @@ def ours(study: Study, trials: int, epochs: int, cores: int) -> Result:
     count = np.arange(len(study.images))
     names = study.texture.astype(str), study.combination.astype(str)
     presses = PressTable(run=count, texture=names[0], combination=names[1], copy=count, level=count, position=count)
-    features = Features(rows=study.images, shape=study.images.shape[1:], units="counts")
+    products = Products(rows=study.images)
     settings = Settings(
         protocol="paper", estimators=CLASSIFIERS, epochs=epochs, train_on=tuple(map(str, study.selected))
     )
     with workers(cores) as team:
+        with result.timed("inner products"):
+            products.compute(cores)
         for combination in settings.train_on:
-            with result.timed("Gram matrix, augmenting, PCA"):
-                parts = list(batches(features, presses, settings, combination, range(trials), cores))
+            with result.timed("augmenting, PCA"):
+                parts = list(batches(products, presses, settings, combination, range(trials), cores))
             with result.timed("forest, network, predicting"):
                 found = [one for part in team.map(paper_trials, parts) for one in part]
             for outcomes in found:

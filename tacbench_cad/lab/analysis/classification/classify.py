@@ -17,6 +17,7 @@ from tacbench_cad.lab.analysis.classification.accuracy import Score, paper_score
 from tacbench_cad.lab.analysis.classification.features import Features, read_features
 from tacbench_cad.lab.analysis.classification.leak_free import Task, folds_of, sound_trial
 from tacbench_cad.lab.analysis.classification.paper_protocol import WARNING, batches, paper_trials, require_possible
+from tacbench_cad.lab.analysis.classification.pca import Products
 from tacbench_cad.lab.analysis.classification.settings import ESTIMATORS, Outcome, Settings, data_key, one_thread
 from tacbench_cad.lab.analysis.classification.splits import UNITS, PressTable
 from tacbench_cad.lab.analysis.collection import Collection
@@ -201,12 +202,14 @@ def _run_paper(
     if done < len(pairs):
         features = _features(collection, settings, team, said)
         require_possible(features, presses, settings)
+        products = Products(rows=features.rows)
+        products.compute(team.jobs)
         said("trials", done, len(pairs))
     for train_on in settings.train_on:
         missing = [trial for one, trial in pairs if one == train_on and found[one, trial] is None]
         if not missing:
             continue
-        parts = list(batches(features, presses, settings, train_on, missing, team.jobs))
+        parts = list(batches(products, presses, settings, train_on, missing, team.jobs))
         for part, results in zip(parts, team.map(paper_trials, parts), strict=True):
             for trial, outcomes in zip(part.trials, results, strict=True):
                 kept.write(keys[train_on], trial, outcomes)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.classification.augment import trial_seed
 from tacbench_cad.lab.analysis.classification.features import Features
-from tacbench_cad.lab.analysis.classification.foldpca import Products, fold_scores
+from tacbench_cad.lab.analysis.classification.pca import Noise, Pool, Products, principal_scores
 from tacbench_cad.lab.analysis.classification.settings import Outcome, Settings, guarded, one_thread, predicted_index
 from tacbench_cad.lab.analysis.classification.splits import Fold, Ladder, PressTable, ladder, with_copies
 
@@ -33,21 +33,23 @@ class Task:
 
     Args:
         features: All readings.
-        products: Their inner products, if principal components are wanted.
+        pool: Their inner products, if principal components are wanted.
         presses: What splits need of each press.
         settings: The settings.
     """
 
     features: Features
-    products: Products | None
+    pool: Pool | None
     presses: PressTable
     settings: Settings
 
     @classmethod
     def of(cls, features: Features, presses: PressTable, settings: Settings) -> Task:
         """Compute what is shared."""
-        products = None if settings.components is None else Products.of(features.rows)
-        return cls(features=features, products=products, presses=presses, settings=settings)
+        pool = None
+        if settings.components is not None:
+            pool = Products(rows=features.rows).pool(noise=settings.augmentation.noise is not None)
+        return cls(features=features, pool=pool, presses=presses, settings=settings)
 
 
 def folds_of(presses: PressTable, settings: Settings, trial: int) -> Ladder:
@@ -103,14 +105,15 @@ def _rows(task: Task, folds: Sequence[Fold], seed: int) -> Any:
     """Training rows, augmented, and test rows of each fold."""
     settings = task.settings
     copies = settings.augmentation
-    if task.products is None or settings.components is None:
+    if task.pool is None or settings.components is None:
         for fold in folds:
             test = task.features.rows[fold.test].astype(np.float64)
             yield copies.rows(task.features, fold.train, seed), test
         return
-    products = task.products if copies.noise is None else task.products.with_noise(copies.noise, seed)
-    for one in fold_scores(products, copies, [(fold.train, fold.test) for fold in folds], settings.components):
-        yield one.train, one.test
+    noise = None if copies.noise is None else Noise.of(task.pool, copies.noise, seed)
+    for fold in folds:
+        scores = principal_scores(task.pool, noise, copies, settings.components, fold.train)
+        yield scores.train, scores.plain[fold.test]
 
 
 def _said(task: Task, name: str, data: tuple[Any, Any, Any], seed: int, where: str) -> NDArray[Any]:
@@ -120,6 +123,6 @@ def _said(task: Task, name: str, data: tuple[Any, Any, Any], seed: int, where: s
 
     train, labels, test = data
     model = task.settings.estimator(name, seed)
-    if task.products is not None:
+    if task.pool is not None:
         model = make_pipeline(StandardScaler(), model)
     return np.asarray(guarded(name, where, lambda: model.fit(train, labels).predict(test)))

@@ -3,8 +3,7 @@
 Every image of one printer-filament combination is copied four times, principal components are fitted to all of these
 copies, and only then are 20 % of the rows split off at random: copies of one image lie on both sides, so the test
 column says how well a classifier recognises an image that it has seen. The unseen column is sound: it is of other
-combinations. Components and batched networks come from :mod:`.augmented_pca` and
-:mod:`.network`.
+combinations. Components and batched networks come from :mod:`.pca` and :mod:`.network`.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ import numpy as np
 
 from tacbench_cad.lab.analysis.classification.augment import trial_seed
 from tacbench_cad.lab.analysis.classification.features import Features
-from tacbench_cad.lab.analysis.classification.gram import Scores
+from tacbench_cad.lab.analysis.classification.pca import Noise, Products, Scores, clipped_scores, principal_scores
 from tacbench_cad.lab.analysis.classification.settings import (
     ESTIMATORS,
     TEST_SHARE,
@@ -82,7 +81,7 @@ def require_possible(features: Features, presses: PressTable, settings: Settings
 
 
 def batches(
-    features: Features,
+    products: Products,
     presses: PressTable,
     settings: Settings,
     train_on: str,
@@ -92,7 +91,7 @@ def batches(
     """The trials of a combination with their components' scores, in parts for processes.
 
     Args:
-        features: All readings, images.
+        products: Of all readings, images.
         presses: What is known of each press.
         settings: The settings.
         train_on: The combination.
@@ -103,43 +102,25 @@ def batches(
         InputError: There are more components than the images have directions.
     """
     from joblib import Parallel, delayed
-    from threadpoolctl import threadpool_limits
 
-    from tacbench_cad.lab.analysis.classification.augmented_pca import AugmentedPCA
-    from tacbench_cad.lab.analysis.classification.gram import clipped_scores
     from tacbench_cad.lab.analysis.classification.network import TOGETHER
 
-    images = np.asarray(features.rows, dtype=np.uint8)
     chosen = np.flatnonzero(presses.combination == train_on)
     unseen = np.flatnonzero(presses.combination != train_on)
-    assert settings.components is not None  # Settings refuses it for this protocol
-    seeds = [trial_seed(settings.seed, trial) for trial in trials]
+    components = settings.components
+    assert components is not None  # Settings refuses it for this protocol
     copies = settings.augmentation
-    if settings.clip:
-        found = [
-            clipped_scores(
-                images,
-                chosen,
-                unseen,
-                seed=seed,
-                components=settings.components,
-                noise=copies.noise,
-                brightness=copies.brightness,
-            )
-            for seed in seeds
-        ]
-    else:
-        pca = AugmentedPCA(
-            images, chosen, components=settings.components, noise=copies.noise, brightness=copies.brightness
-        )
-        # A thread for each share of the trials waits less than threads within each product.
-        shares = [seeds[first::jobs] for first in range(min(jobs, len(seeds)))]
-        with threadpool_limits(limits=1):
-            drawn = Parallel(n_jobs=jobs, backend="threading")(delayed(pca.fits)(share, unseen) for share in shares)
-        by_seed = {
-            seed: one for share, some in zip(shares, drawn, strict=True) for seed, one in zip(share, some, strict=True)
-        }
-        found = [by_seed[seed] for seed in seeds]
+    pool = None if settings.clip else products.pool(chosen, noise=copies.noise is not None)
+
+    def scores(trial: int) -> Scores:
+        seed = trial_seed(settings.seed, trial)
+        if pool is None:
+            return clipped_scores(np.asarray(products.rows, np.uint8), chosen, copies, components, seed)
+        noise = None if copies.noise is None else Noise.of(pool, copies.noise, seed)
+        return principal_scores(pool, noise, copies, components)
+
+    # Each trial in a thread of its own: threads within each product would mostly wait for each other.
+    found = Parallel(n_jobs=1 if pool is None else jobs, backend="threading")(delayed(scores)(one) for one in trials)
     size = min(TOGETHER, -(-len(trials) // jobs))
     for first in range(0, len(trials), size):
         part = slice(first, first + size)
@@ -170,7 +151,7 @@ def paper_trials(batch: Batch) -> list[list[Outcome]]:
     textures = [str(one) for one in np.unique(batch.labels)]
     labels = np.tile(batch.labels[batch.chosen], settings.augmentation.count)
     seeds = [trial_seed(settings.seed, trial) for trial in batch.trials]
-    rows = [one.augmented.reshape(len(labels), -1) for one in batch.scores]
+    rows = [one.train for one in batch.scores]
     try:
         splits = [train_test_split(np.arange(len(labels)), test_size=TEST_SHARE, random_state=seed) for seed in seeds]
     except ValueError as error:
@@ -184,7 +165,7 @@ def paper_trials(batch: Batch) -> list[list[Outcome]]:
             for rung, scores, which in (
                 ("train", rows[index][train], train),
                 ("test", rows[index][test], test),
-                ("unseen", batch.scores[index].others, None),
+                ("unseen", batch.scores[index].plain[batch.unseen], None),
             ):
                 if not len(scores):
                     continue

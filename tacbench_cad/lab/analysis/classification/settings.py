@@ -26,6 +26,8 @@ from tacbench_cad.util.types import Ints
 PROTOCOLS = ("sound", "paper")
 #: Estimators of our own: the paper's two.
 ESTIMATORS = ("forest", "network")
+#: Units in the hidden layer of the network.
+HIDDEN = 50
 #: Share of the augmented rows that the paper's protocol holds back.
 TEST_SHARE = 0.2
 
@@ -125,7 +127,7 @@ class Settings:
         if name == "network":
             from tacbench_cad.lab.analysis.classification.network import NetworkClassifier
 
-            return NetworkClassifier(max_iter=self.epochs, batch_size=self.batch_size, random_state=seed)
+            return NetworkClassifier((HIDDEN,), max_iter=self.epochs, batch_size=self.batch_size, random_state=seed)
         return _own(name, seed)
 
 

@@ -1,4 +1,4 @@
-"""The batched network against scikit-learn's MLPClassifier, and as a scikit-learn estimator."""
+"""The batched network against scikit-learn's MLPClassifier."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ pytest.importorskip("sklearn")
 
 from sklearn.base import clone
 from sklearn.neural_network import MLPClassifier
-from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from tacbench_cad.lab.analysis.classification import network as module
 from tacbench_cad.lab.analysis.classification.network import NetworkClassifier, fit_together
-from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats, Ints
+
+#: The paper's network.
+PAPER: dict[str, Any] = {"hidden_layer_sizes": (50,), "batch_size": 200}
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning", "ignore:Got `batch_size`")
 
@@ -33,17 +34,7 @@ def clusters(
 
 def peer(network: NetworkClassifier) -> MLPClassifier:
     """The scikit-learn network that ours follows."""
-    return MLPClassifier(
-        hidden_layer_sizes=(network.hidden,),
-        alpha=network.alpha,
-        batch_size=network.batch_size,
-        learning_rate_init=network.learning_rate_init,
-        max_iter=network.max_iter,
-        shuffle=network.shuffle,
-        random_state=network.random_state,
-        n_iter_no_change=network.max_iter,
-        tol=0,
-    )
+    return MLPClassifier(**{**network.get_params(), "n_iter_no_change": network.max_iter, "tol": 0})
 
 
 @pytest.mark.parametrize(
@@ -56,14 +47,16 @@ def peer(network: NetworkClassifier) -> MLPClassifier:
         pytest.param(300, 5, 2, 1.0, 1.0, {}, id="two-classes-one-output"),
         pytest.param(300, 5, 3, 1.0, 1.0, {"shuffle": False}, id="unshuffled"),
         pytest.param(300, 5, 3, 1.0, 1.0, {"alpha": 0.0}, id="no-penalty"),
-        pytest.param(300, 5, 3, 1.0, 1.0, {"alpha": 2.0, "hidden": 1, "batch_size": 7}, id="one-unit-much-penalty"),
+        pytest.param(
+            300, 5, 3, 1.0, 1.0, {"alpha": 2.0, "hidden_layer_sizes": (1,), "batch_size": 7}, id="one-unit-much-penalty"
+        ),
     ],
 )
 def test_the_loss_curve_and_weights_are_those_of_scikit_learn(
     rows: int, features: int, classes: int, noise: float, scale: float, options: dict[str, Any]
 ) -> None:
     values, labels = clusters(rows, features, classes, noise=noise, scale=scale)
-    ours = NetworkClassifier(max_iter=60, random_state=7, **options)
+    ours = NetworkClassifier(**{**PAPER, "max_iter": 60, "random_state": 7, **options})
     theirs = peer(ours).fit(values, labels)
     ours.fit(values, labels)
     assert len(ours.loss_curve_) == ours.n_iter_ == 60
@@ -79,7 +72,7 @@ def test_the_loss_curve_and_weights_are_those_of_scikit_learn(
 @pytest.mark.parametrize(("noise", "scale"), [(1.0, 1.0), (1.0, 500.0), (30.0, 1.0)])
 def test_the_loss_curve_follows_through_all_epochs_of_the_paper(noise: float, scale: float) -> None:
     values, labels = clusters(5760, 25, 6, noise=noise, scale=scale)
-    ours = NetworkClassifier(random_state=1)
+    ours = NetworkClassifier(**PAPER, max_iter=1500, random_state=1)
     theirs = peer(ours).fit(values, labels)
     ours.fit(values, labels)
     assert len(ours.loss_curve_) == 1500
@@ -97,7 +90,7 @@ def test_the_loss_curve_follows_through_all_epochs_of_the_paper(noise: float, sc
 def test_float32_stays_float32_as_in_scikit_learn() -> None:
     values, labels = clusters(400, 10, 6)
     narrow = values.astype(np.float32)
-    ours = NetworkClassifier(max_iter=20, random_state=3).fit(narrow, labels)
+    ours = NetworkClassifier(**PAPER, max_iter=20, random_state=3).fit(narrow, labels)
     theirs = peer(ours).fit(narrow, labels)
     assert {one.dtype for one in ours.coefs_ + ours.intercepts_} == {np.dtype(np.float32)}
     assert ours.predict_proba(narrow).dtype == np.float32
@@ -108,8 +101,8 @@ def test_trained_together_or_one_by_one_is_the_same(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(module, "TOGETHER", 3)
     sizes = [(300, 6), (300, 6), (300, 6), (300, 6), (260, 6), (300, 2)]
     data = [clusters(rows, 8, classes, seed=i) for i, (rows, classes) in enumerate(sizes)]
-    networks = [NetworkClassifier(max_iter=15, random_state=i) for i in range(len(data))]
-    networks[1].set_params(hidden=20)
+    networks = [NetworkClassifier(**PAPER, max_iter=15, random_state=i) for i in range(len(data))]
+    networks[1].set_params(hidden_layer_sizes=(20,))
     fitted = fit_together(networks, data)
     assert [a is b for a, b in zip(fitted, networks, strict=True)] == [True] * len(data)
     for network, (values, labels) in zip(networks, data, strict=True):
@@ -121,7 +114,7 @@ def test_trained_together_or_one_by_one_is_the_same(monkeypatch: pytest.MonkeyPa
 def test_labels_may_be_words_and_the_seed_is_the_only_chance() -> None:
     values, labels = clusters(300, 5, 3, noise=0.2)
     words = np.array(["texture-1", "texture-2", "texture-6"])[labels]
-    one, two, other = (NetworkClassifier(max_iter=80, random_state=s).fit(values, words) for s in (1, 1, 2))
+    one, two, other = (NetworkClassifier(**PAPER, max_iter=80, random_state=s).fit(values, words) for s in (1, 1, 2))
     assert list(one.classes_) == ["texture-1", "texture-2", "texture-6"]
     assert one.loss_curve_ == two.loss_curve_ != other.loss_curve_
     assert one.score(values, words) > 0.95
@@ -132,9 +125,8 @@ def test_labels_may_be_words_and_the_seed_is_the_only_chance() -> None:
     ("change", "options", "message"),
     [
         ("nan", {}, "NaN"),
-        ("one class", {}, "1 class"),
         ("lengths", {}, "inconsistent numbers of samples"),
-        ("huge", {"learning_rate_init": 1e200}, "not finite"),
+        ("huge", {"learning_rate_init": 1e200}, "finite"),
     ],
 )
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
@@ -142,38 +134,19 @@ def test_bad_data_raise_as_in_scikit_learn(change: str, options: dict[str, Any],
     values, labels = clusters(60, 4, 3)
     if change == "nan":
         values[3, 2] = np.nan
-    elif change == "one class":
-        labels[:] = 1
     elif change == "lengths":
         labels = labels[:-1]
     elif change == "huge":
         values *= 1e200
     with pytest.raises(ValueError, match=message):
-        NetworkClassifier(**{"max_iter": 5, "random_state": 0, **options}).fit(values, labels)
+        NetworkClassifier(**{**PAPER, "max_iter": 5, "random_state": 0, **options}).fit(values, labels)
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"hidden": 0}, "hidden = 0: must be a whole number of at least 1"),
-        ({"max_iter": True}, "max_iter = True"),
-        ({"batch_size": 2.5}, "batch_size = 2.5"),
-        ({"alpha": -1.0}, "alpha = -1.0: must be a finite number of at least 0"),
-        ({"alpha": "much"}, "alpha = 'much'"),
-        ({"learning_rate_init": 0.0}, "learning_rate_init = 0.0: must be a finite number above 0"),
-        ({"learning_rate_init": float("nan")}, "learning_rate_init = nan"),
-    ],
+    "options", [{"max_iter": 0}, {"batch_size": 2.5}, {"alpha": -1.0}, {"learning_rate_init": 0.0}]
 )
-def test_parameters_that_are_not_allowed_are_named(options: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        NetworkClassifier(**options).fit(*clusters(60, 4, 3))
-
-
-def test_each_network_needs_its_data() -> None:
-    with pytest.raises(InputError, match="one set for each of 2 networks"):
-        fit_together([NetworkClassifier(), NetworkClassifier()], [clusters(10, 2, 2)])
-
-
-@parametrize_with_checks([NetworkClassifier(max_iter=150, learning_rate_init=0.01)])
-def test_it_is_a_scikit_learn_estimator(estimator: Any, check: Any) -> None:
-    check(estimator)
+def test_parameters_that_are_not_allowed_are_refused_by_scikit_learn(options: dict[str, Any]) -> None:
+    network = NetworkClassifier(**{**PAPER, **options})
+    with pytest.raises(ValueError, match=f"The '{next(iter(options))}' parameter of"):
+        network.fit(*clusters(60, 4, 3))
+    assert network.get_params()[next(iter(options))] == next(iter(options.values()))

@@ -1,0 +1,271 @@
+"""Principal components from inner products against scikit-learn's PCA of sets that are written out."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+pytest.importorskip("sklearn")
+
+from sklearn.decomposition import PCA
+
+from tacbench_cad.lab.analysis.classification.augment import Augmentation, noise_block
+from tacbench_cad.lab.analysis.classification.features import Features
+from tacbench_cad.lab.analysis.classification.pca import (
+    WRITTEN_OUT,
+    Noise,
+    Pool,
+    Products,
+    Scores,
+    clipped_scores,
+    leading,
+    principal_scores,
+)
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Bytes, Floats
+
+pytestmark = pytest.mark.usefixtures("single_thread")
+
+PLAIN = Augmentation(noise=None, brightness=())
+
+
+def images_of(count: int, pixels: int, seed: int = 0) -> Bytes:
+    """Six kinds of images with some noise."""
+    random = np.random.default_rng(seed)
+    kinds = random.integers(0, 120, (6, pixels))
+    return np.asarray(kinds[np.arange(count) % 6] + random.integers(0, 30, (count, pixels)), dtype=np.uint8)
+
+
+def scores_of(pool: Pool, augmentation: Augmentation, components: int, seed: int = 7) -> Scores:
+    noise = None if augmentation.noise is None else Noise.of(pool, augmentation.noise, seed)
+    return principal_scores(pool, noise, augmentation, components)
+
+
+def assert_scikit_learns(found: Scores, written: Floats, readings: Floats, variance: float = 1e-9) -> None:
+    """Scores are those of scikit-learn's PCA of a written-out set, with signs by its rows' largest scores."""
+    components = found.train.shape[1]
+    full = PCA(components, svd_solver="full").fit(written)
+    train, plain = full.transform(written), full.transform(readings)
+    signs = np.sign(train[np.argmax(np.abs(train), axis=0), np.arange(components)])
+    size = np.abs(train).max()
+    np.testing.assert_allclose(found.train, train * signs, atol=1e-9 * size)
+    np.testing.assert_allclose(found.plain, plain * signs, atol=1e-9 * size)
+    np.testing.assert_allclose(found.variance, full.explained_variance_, rtol=variance)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.float64])
+@pytest.mark.parametrize(
+    ("count", "numbers", "components", "augmentation"),
+    [
+        pytest.param(40, 30, 6, Augmentation(), id="noise-drawn-number-by-number"),
+        pytest.param(60, 15, 6, Augmentation(), id="fewer-numbers-than-readings"),
+        pytest.param(40, 24, 22, Augmentation(), id="components-in-the-noise"),
+        pytest.param(40, 30, 6, Augmentation(brightness=(10.0, 25.0, -4.0), noise=3.0), id="brightness-unbalanced"),
+        pytest.param(40, 30, 6, Augmentation(brightness=()), id="noise-only"),
+        pytest.param(60, 300, 6, Augmentation(noise=None), id="brightness-only"),
+        pytest.param(60, 300, 6, PLAIN, id="as-they-are"),
+        pytest.param(260, 2500, 25, Augmentation(noise=None), id="not-written-out-and-several-blocks"),
+    ],
+)
+def test_scores_are_those_of_the_set_written_out(
+    count: int, numbers: int, components: int, augmentation: Augmentation, kind: type
+) -> None:
+    rows = images_of(count, numbers).astype(kind)
+    features = Features(rows=rows, shape=(numbers,), units="counts")
+    chosen = np.random.default_rng(1).permutation(count)[: count // 2]
+    products = Products(rows=rows)
+    # A fold of all readings: its noise is that of the copies which other estimators get.
+    pool = products.pool()
+    noise = None if augmentation.noise is None else Noise.of(pool, augmentation.noise, 7)
+    found = principal_scores(pool, noise, augmentation, components, chosen)
+    written = augmentation.rows(features, chosen, 7)
+    assert_scikit_learns(found, written, rows.astype(float))
+    # A pool beside other readings, with noise of its own.
+    found = scores_of(products.pool(chosen), augmentation, components)
+    if augmentation.noise is not None:
+        drawn = augmentation.noise * noise_block(7, 0, len(chosen), numbers).astype(float)
+        written[len(chosen) : 2 * len(chosen)] = rows[chosen] + drawn
+    assert_scikit_learns(found, written, rows.astype(float))
+
+
+def explicit_noise(products: Products, pool: Pool, noise: Noise) -> Floats:
+    """Numbers of noise with the inner products of a draw, (m, numbers); its directions beside the readings are free."""
+    assert pool.factor is not None
+    count = len(pool.inside)
+    rows = np.vstack([np.ones(pool.numbers), products.rows[np.r_[pool.inside, pool.outside]].astype(float) - 128.0])
+    frame = scipy.linalg.solve_triangular(pool.factor, rows, lower=True)  # orthonormal, (n + 1, numbers)
+    along = noise.sigma * noise_block(noise.seed, 0, count, count + 1).astype(float)
+    beside = scipy.linalg.cholesky(noise.own - along @ along.T, lower=True)
+    rest = scipy.linalg.null_space(frame[: count + 1]).T
+    return np.asarray(along @ frame[: count + 1] + beside @ rest[:count])
+
+
+def test_scores_of_the_training_set_are_those_of_noise_with_the_drawn_inner_products() -> None:
+    """Where noise is not drawn number by number, any noise with the drawn products gives the same scores."""
+    rows = images_of(45, 400)
+    products = Products(rows=rows)
+    pool = products.pool(np.arange(0, 45, 2))
+    assert pool.factor is not None
+    noise = Noise.of(pool, 5.0, 3)
+    found = principal_scores(pool, noise, Augmentation(), 8)
+    drawn = explicit_noise(products, pool, noise)
+    assert 0.95 < drawn.std() / 5.0 < 1.05
+    train = rows[pool.inside].astype(float)
+    np.testing.assert_allclose(noise.cross[1:], (train - 128) @ drawn.T, atol=1e-6)
+    written = np.concatenate([train, train + drawn, train + 10, train - 10])
+    inside = Scores(train=found.train, plain=found.plain[pool.inside], variance=found.variance)
+    assert_scikit_learns(inside, written, train)
+
+
+def test_the_noise_has_the_law_of_drawn_pixels() -> None:
+    """Means over many draws agree with those over explicit draws of all pixels, within their standard errors."""
+    images = images_of(24, 90)
+    train = images[:12].astype(float)
+    pool = Products(rows=images).pool(np.arange(12))
+    assert pool.factor is not None
+    random = np.random.default_rng(9)
+    ours, theirs = [], []
+    for seed in range(300):
+        one = scores_of(pool, Augmentation(noise=20.0), 8, seed)
+        ours.append(features(one.variance, one.train[12:24], one.plain[12:]))
+    for _ in range(300):
+        noisy = train + 20.0 * random.standard_normal(train.shape)
+        written = np.concatenate([train, noisy, train + 10, train - 10])
+        full = PCA(8, svd_solver="full").fit(written)
+        theirs.append(features(full.explained_variance_, full.transform(noisy), full.transform(images[12:])))
+    one_mean, other = np.array(ours), np.array(theirs)
+    error = np.sqrt((one_mean.var(axis=0) + other.var(axis=0)) / 300)
+    assert np.all(np.abs(one_mean.mean(axis=0) - other.mean(axis=0)) < 4.5 * error)
+    ratio = one_mean.std(axis=0) / other.std(axis=0)
+    assert np.all((ratio > 0.75) & (ratio < 1.33))
+
+
+def features(variance: Floats, noisy: Floats, others: Floats) -> Floats:
+    """Numbers of one trial that do not depend on signs: where noise matters much and little."""
+    return np.concatenate([variance, (noisy**2).mean(axis=0), (others**2).mean(axis=0)])
+
+
+def test_a_draw_depends_on_its_seed_alone() -> None:
+    pool = Products(rows=images_of(40, 300)).pool(np.arange(0, 40, 2))
+    one, again, other = (scores_of(pool, Augmentation(), 5, seed) for seed in (1, 1, 2))
+    assert np.array_equal(one.train, again.train) and np.array_equal(one.plain, again.plain)
+    assert np.abs(one.train - other.train).max() > 1
+
+
+@pytest.mark.parametrize("pixels", [1, 1023, 1024, 3000])
+def test_inner_products_of_images_are_exact(pixels: int) -> None:
+    images = np.random.default_rng(0).integers(0, 256, (9, pixels), dtype=np.uint8)
+    images[0], images[1] = 0, 255
+    shifted = np.vstack([np.ones(pixels, dtype=np.int64), images.astype(np.int64) - 128])
+    assert np.array_equal(Products(rows=images).plain, shifted @ shifted.T)
+
+
+@pytest.mark.parametrize("numbers", [64, 4000])
+def test_a_trial_needs_two_matrices_beside_those_of_the_readings(numbers: int) -> None:
+    """Readings with noise, and noise with noise; a study of the paper's size has 0.5 GB in each."""
+    rows = np.random.default_rng(0).integers(0, 256, (1500, numbers), dtype=np.uint8)
+    pool = Products(rows=rows).pool()
+    tracemalloc.start()
+    Noise.of(pool, 5.0, seed=1)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < (2.6 if numbers == 64 else 4.2) * pool.plain.nbytes
+
+
+def test_clipped_copies_are_those_of_the_set_written_out() -> None:
+    images = images_of(40, 150)
+    images[:, :75] = 3  # a dark background: darker copies are clipped there
+    augmentation = Augmentation(noise=None)
+    found = clipped_scores(images, np.arange(20), augmentation, 5, seed=4)
+    train = images[:20].astype(float)
+    written = np.concatenate([np.clip(train + level, 0, 255) for level in (0, 10, -10)])
+    assert_scikit_learns(found, written, images.astype(float))
+    unclipped = scores_of(Products(rows=images).pool(np.arange(20)), augmentation, 5)
+    assert not np.allclose(found.variance, unclipped.variance, rtol=1e-3)
+
+
+def test_clipped_noise_is_rounded_drawn_by_seed_and_near_the_unclipped_on_bright_images() -> None:
+    images = np.asarray(images_of(60, 400) // 2 + 70, dtype=np.uint8)
+    one, two, again = (clipped_scores(images, np.arange(40), Augmentation(), 4, seed=seed) for seed in (1, 2, 1))
+    np.testing.assert_array_equal(one.train, again.train)
+    assert np.abs(one.train[40:80] - two.train[40:80]).max() > 1
+    free = scores_of(Products(rows=images).pool(np.arange(40)), Augmentation(), 4)
+    np.testing.assert_allclose(one.variance, free.variance, rtol=0.05)
+    assert one.train.shape == free.train.shape == (160, 4)
+
+
+SPECTRA = {
+    "falling": np.exp(-np.arange(WRITTEN_OUT + 100) / 20),
+    "flat": 1 - 1e-9 * np.arange(WRITTEN_OUT + 100),
+    "equal": np.ones(WRITTEN_OUT + 100),
+    "several-equal": np.repeat([9.0, 4.0], [6, WRITTEN_OUT + 94]),
+    "one-large": np.r_[1e6, np.linspace(1, 0.5, WRITTEN_OUT + 99)],
+    "written-out": np.exp(-np.arange(WRITTEN_OUT) / 20),
+}
+
+
+@pytest.mark.parametrize("spectrum", SPECTRA)
+def test_leading_eigenvectors(spectrum: str) -> None:
+    values = SPECTRA[spectrum]
+    size = len(values)
+    turn = np.linalg.qr(np.random.default_rng(2).standard_normal((size, size)))[0]
+    matrix = turn * values @ turn.T
+    found, vectors = leading(lambda v: matrix @ v, size, 4)
+    np.testing.assert_allclose(found, values[:4], rtol=0, atol=1e-12 * values[0])
+    np.testing.assert_allclose(vectors.T @ vectors, np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(matrix @ vectors, vectors * found, atol=1e-12 * max(values[0], 1.0))
+    assert np.all(vectors[np.argmax(np.abs(vectors), axis=0), np.arange(4)] > 0)
+
+
+@pytest.mark.parametrize(("values", "most"), [((3.0, 2.0), 2), ((), 0)])
+def test_a_matrix_with_fewer_directions_is_refused(values: tuple[float, ...], most: int) -> None:
+    diagonal = np.zeros((WRITTEN_OUT + 100, 1))
+    diagonal[: len(values), 0] = values
+    with pytest.raises(InputError, match=f"components = 4: must be at most {most}: so many directions"):
+        leading(lambda v: diagonal * v, len(diagonal), 4)
+
+
+def test_white_noise_takes_no_more_memory_than_its_eigenvectors() -> None:
+    """Its spectrum is flat; a matrix of this size would be 18 MB."""
+    noise = np.random.default_rng(3).standard_normal((1500, 300))
+    wanted = np.linalg.eigvalsh(noise.T @ noise)[::-1][:25]
+    tracemalloc.start()
+    found, vectors = leading(lambda v: noise @ (noise.T @ v), 1500, 25)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2e6
+    np.testing.assert_allclose(found, wanted, rtol=1e-8)
+    np.testing.assert_allclose(noise @ (noise.T @ vectors), vectors * found, atol=1e-8 * wanted[-1])
+    again, same = leading(lambda v: noise @ (noise.T @ v), 1500, 25)
+    assert np.array_equal(found, again) and np.array_equal(vectors, same)
+
+
+def test_more_components_than_directions_are_refused() -> None:
+    products = Products(rows=images_of(20, 50))
+    for components, augmentation, message in [
+        (0, Augmentation(), "components = 0: must be from 1 to 50"),
+        (51, Augmentation(), "components = 51"),
+        (20, PLAIN, "components = 20: must be from 1 to 19"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            scores_of(products.pool(), augmentation, components)
+    with pytest.raises(InputError, match="components = 25: must be from 1 to 19"):
+        clipped_scores(images_of(20, 50), np.arange(5), Augmentation(), 25, seed=1)
+
+
+def test_constant_images_have_no_directions_but_their_noise_and_brightness() -> None:
+    """Images that are alike have no coordinates of full rank; they are set apart by a trifle."""
+    images = np.full((10, 64), 80, np.uint8)
+    products = Products(rows=images)
+    with pytest.raises(InputError, match="at most 1: so many directions"):
+        scores_of(products.pool(), Augmentation(noise=None), 2)
+    with pytest.raises(InputError, match="at most 1: so many directions"):
+        clipped_scores(images, np.arange(10), Augmentation(noise=None), 2, seed=0)
+    pool = products.pool(np.arange(6))
+    assert pool.factor is not None
+    found = scores_of(pool, Augmentation(), 2)
+    assert found.variance[0] > found.variance[1] > 0
+    assert np.ptp(found.plain, axis=0).max() < 1e-2
