@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from housing.coupon import CLEARANCES_MM, DEPTH_OF_POCKET_MM, FLOOR_MM, GAP_MM, STUB_MM, TAB_MM, Coupon
+from housing.coupon import CLEARANCES_MM, FLOOR_MM, GAP_MM, STUB_MM, TAB_MM, Coupon
 from housing.drawings.shared import BELOW_MM
 from housing.fits import FITS
 from housing.lettering import HEIGHT_MM
 from housing.marks import DEPTH_MM
-from tacbench_cad.render.drawing.blocks import ACCEPTS_MM
 from tacbench_cad.render.drawing.cuts import Cuts
-from tacbench_cad.render.drawing.sheet import Callout, CutMark, Dimension, Drawing, View, length
-from tacbench_cad.util.types import Floats
+from tacbench_cad.render.drawing.sheet import Callout, Dimension, Drawing, View, length
 
-#: Deviation that is accepted of stub and pockets: what is left is for the fit to find, in mm.
-_ACCEPTS_MM = 0.2
+#: Accepted deviation of the stub: what is left is for the fit to find, in mm.
+_ACCEPTED_MM = 0.2
 
 
 def coupon_drawing(coupon: Coupon) -> Drawing:
@@ -28,125 +26,54 @@ def coupon_drawing(coupon: Coupon) -> Drawing:
         MissingToolError: The CAD kernel is not there.
     """
     cuts = Cuts(coupon.part().mesh[0])
-    pocket, tab = coupon.pockets[0], coupon.tab
-    at = (tab.low[0] + 0.5, (pocket.low[1] + pocket.high[1]) / 2.0)
-    named = ", ".join(f"{name} {length(one)}" for name, one in FITS.items())
+    (x, y, top), stub, tab, pockets = coupon.plate_mm, coupon.stub, coupon.tab, coupon.pockets
+    first, last = pockets[0], pockets[-1]
+    section_x, section_y = tab.low[0] + 0.5, (first.low[1] + first.high[1]) / 2.0
+    upper = cuts.level(top - BELOW_MM)
+    numerals = [loop for loop in upper if np.ptp(loop[:, 1]) < 2.0 * HEIGHT_MM]
+    others = [loop for loop in upper if np.ptp(loop[:, 1]) >= 2.0 * HEIGHT_MM]
+    middle = (tab.high[0], (tab.low[1] + tab.high[1]) / 2.0)
+    dimensions = [
+        Dimension("plate x", (0.0, 0.0), (x, 0.0), "bottom"),
+        Dimension("plate y", (0.0, 0.0), (0.0, y), "left"),
+        Dimension("stub x", (stub.low[0], stub.high[1]), stub.high, "top", _ACCEPTED_MM),
+        Dimension("stub y", stub.low, (stub.low[0], stub.high[1]), "left", _ACCEPTED_MM),
+        Dimension("first pocket y", first.low, (first.low[0], first.high[1]), "left"),
+        Dimension("last pocket y", (last.high[0], last.low[1]), last.high, "right"),
+    ]
+    for pocket, clearance in zip(pockets, CLEARANCES_MM, strict=True):
+        name, end = f"pocket {round(100 * clearance):02d} x", (pocket.high[0], pocket.low[1])
+        dimensions.append(Dimension(name, pocket.low, end, "bottom"))
+    plan = View(
+        {"seen": others, "fine": numerals},
+        dimensions,
+        [Callout(f"tab {length(TAB_MM[0])} x {length(GAP_MM)} x {length(TAB_MM[1])}", middle)],
+        cuts=(section_y, section_x),
+    )
+    front = [
+        Dimension("plate height", (0.0, 0.0), (0.0, top), "left"),
+        Dimension("pocket depth", (last.high[0], FLOOR_MM), (last.high[0], top), "right"),
+        Dimension("floor", (x, 0.0), (last.high[0], FLOOR_MM), "right"),
+    ]
+    side = [
+        Dimension("stub height", (-STUB_MM[2], stub.high[1]), (0.0, stub.high[1]), "top"),
+        Dimension("tab", (-top, y), (-coupon.tab_height_mm[0], y), "bottom"),
+        Dimension("gap", (0.0, y), (0.0, stub.low[1]), "right"),
+    ]
     return Drawing(
         name=coupon.name,
         title="Fit coupon",
-        facts=(
-            ("pockets", ", ".join(f"{one:.2f}" for one in CLEARANCES_MM) + " mm clearance per side"),
-            ("named fits", named),
-            ("numerals", f"clearance per side in 0.01 mm, {length(DEPTH_MM)} deep"),
-        ),
-        accepts_mm=ACCEPTS_MM,
-        plan=_plan(coupon, cuts, at),
-        front=_front(coupon, cuts, at[1]),
-        side=_side(coupon, cuts, at[0]),
+        facts={
+            "pockets": ", ".join(f"{clearance:.2f}" for clearance in CLEARANCES_MM) + " mm clearance per side",
+            "named fits": ", ".join(f"{name} {length(clearance)}" for name, clearance in FITS.items()),
+            "numerals": f"clearance per side in 0.01 mm, {length(DEPTH_MM)} deep",
+        },
+        plan=plan,
+        front=View(cuts.front(section_y), front),
+        side=View(cuts.right(section_x), side),
         notes=[
-            "Pockets, x by y: " + ", ".join(" x ".join(map(length, plan.size_mm)) for plan in coupon.pockets) + ".",
+            "Pockets, x by y: " + ", ".join(" x ".join(map(length, pocket.size_mm)) for pocket in pockets) + ".",
             "Snap the stub off at its tab and try it in each pocket, lower end first, its long side along the row.",
-            "Print as drawn. No supports: the tab bridges " + length(GAP_MM) + " mm.",
+            f"Print as drawn. No supports: the tab bridges {length(GAP_MM)} mm.",
         ],
-    )
-
-
-def _plan(coupon: Coupon, cuts: Cuts, at: tuple[float, float]) -> View:
-    (x, y, top), stub, tab = coupon.plate_mm, coupon.stub, coupon.tab
-    first, last = coupon.pockets[0], coupon.pockets[-1]
-    dimensions = [
-        Dimension(name="plate x", value_mm=x, start=(0.0, y), end=(x, y), side="bottom"),
-        Dimension(name="plate y", value_mm=y, start=(0.0, 0.0), end=(0.0, y), side="left"),
-        Dimension(
-            name="stub x",
-            value_mm=STUB_MM[0],
-            start=(stub.low[0], stub.high[1]),
-            end=stub.high,
-            side="top",
-            accept_mm=_ACCEPTS_MM,
-        ),
-        Dimension(
-            name="stub y",
-            value_mm=STUB_MM[1],
-            start=stub.low,
-            end=(stub.low[0], stub.high[1]),
-            side="left",
-            accept_mm=_ACCEPTS_MM,
-        ),
-        Dimension(
-            name="first pocket y",
-            value_mm=first.size_mm[1],
-            start=first.low,
-            end=(first.low[0], first.high[1]),
-            side="left",
-        ),
-        Dimension(
-            name="last pocket y",
-            value_mm=last.size_mm[1],
-            start=(last.high[0], last.low[1]),
-            end=last.high,
-            side="right",
-        ),
-    ]
-    dimensions += [
-        Dimension(
-            name=f"pocket {round(100 * one):02d} x",
-            value_mm=plan.size_mm[0],
-            start=plan.low,
-            end=(plan.high[0], plan.low[1]),
-            side="bottom",
-        )
-        for plan, one in zip(coupon.pockets, CLEARANCES_MM, strict=True)
-    ]
-    tip = (tab.high[0], (tab.low[1] + tab.high[1]) / 2.0)
-    text = f"tab {length(TAB_MM[0])} x {length(GAP_MM)} x {length(TAB_MM[1])}"
-    upper = cuts.level(top - BELOW_MM)
-    return View(
-        seen=tuple(one for one in upper if not _is_numeral(one)),
-        fine=tuple(one for one in upper if _is_numeral(one)),
-        dimensions=tuple(dimensions),
-        callouts=(Callout(name="tab", text=text, at=tip),),
-        cut_marks=(CutMark(letter="A", at=at[1], across=True), CutMark(letter="B", at=at[0], across=False)),
-    )
-
-
-def _is_numeral(loop: Floats) -> bool:
-    """Whether a loop is a part of a numeral."""
-    return bool(np.ptp(loop[:, 1]) < 2.0 * HEIGHT_MM)
-
-
-def _front(coupon: Coupon, cuts: Cuts, y_mm: float) -> View:
-    (x, _, top), pocket = coupon.plate_mm, coupon.pockets[-1]
-    return View(
-        caption="A–A",
-        cut=cuts.from_front(y_mm),
-        seen=cuts.beyond_front(y_mm),
-        dimensions=(
-            Dimension(name="plate height", value_mm=top, start=(0.0, 0.0), end=(0.0, top), side="left"),
-            Dimension(
-                name="pocket depth",
-                value_mm=DEPTH_OF_POCKET_MM,
-                start=(pocket.high[0], FLOOR_MM),
-                end=(pocket.high[0], top),
-                side="right",
-            ),
-            Dimension(name="floor", value_mm=FLOOR_MM, start=(x, 0.0), end=(pocket.high[0], FLOOR_MM), side="right"),
-        ),
-    )
-
-
-def _side(coupon: Coupon, cuts: Cuts, x_mm: float) -> View:
-    (_, y, top), stub, (low, _) = coupon.plate_mm, coupon.stub, coupon.tab_height_mm
-    height = STUB_MM[2]
-    return View(
-        caption="B–B",
-        cut=cuts.from_right(x_mm),
-        seen=cuts.beyond_right(x_mm),
-        dimensions=(
-            Dimension(
-                name="stub height", value_mm=height, start=(-height, stub.high[1]), end=(0.0, stub.high[1]), side="top"
-            ),
-            Dimension(name="tab", value_mm=TAB_MM[1], start=(-top, y), end=(-low, y), side="bottom"),
-            Dimension(name="gap", value_mm=GAP_MM, start=(0.0, y), end=(0.0, stub.low[1]), side="right"),
-        ),
     )

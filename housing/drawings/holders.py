@@ -4,24 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from housing.drawings.shared import (
-    BELOW_MM,
-    accepts_mm,
-    block_boxes,
-    detail_scale,
-    fit_of,
-    made_for,
-)
+from housing.drawings.shared import BELOW_MM, accepted_mm, block_boxes
 from housing.holder import Holder
-from housing.shapes import Rectangle
-from tacbench_cad.render.drawing.blocks import ACCEPTS_MM, BLOCK_ACCEPTS_MM
+from tacbench_cad.render.drawing.blocks import BLOCK_ACCEPTED_MM
 from tacbench_cad.render.drawing.cuts import Cuts
-from tacbench_cad.render.drawing.sheet import Callout, Circle, CutMark, Dimension, Drawing, Point, Side, View, length
-from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.text import mm
+from tacbench_cad.render.drawing.sheet import Callout, Circle, Dimension, Drawing, Point, Side, View, length, sides
+from tacbench_cad.util.text import decimal, mm
 
 #: Least radius of the detail, in mm, and what it shows beyond the rim.
 _DETAIL_MM, _BEYOND_MM = 3.0, 1.5
+#: Where the pitches of pockets stand.
+_OPPOSITE: tuple[Side, Side] = ("bottom", "right")
 
 
 def holder_drawing(holder: Holder) -> Drawing:
@@ -34,23 +27,38 @@ def holder_drawing(holder: Holder) -> Drawing:
         MissingToolError: The CAD kernel is not there.
     """
     cuts = Cuts(holder.part().mesh[0])
-    y = holder.push_outs[0].at_mm[1] if holder.push_outs else sum(_first(holder, 1)) / 2.0
-    circle = _circle(holder)
-    front = _front(holder, cuts, y, circle)
+    top, floor, first = holder.size_mm[2], holder.layout.floor_mm, holder.pockets[0]
+    section_y = holder.push_outs[0].at_mm[1] if holder.push_outs else (first.low[1] + first.high[1]) / 2.0
+    radius = max(_DETAIL_MM, _BEYOND_MM + max(holder.rim_height_mm, *holder.clearance_mm))
+    circle = Circle((first.low[0], top), radius)
+    row = [pocket for pocket in holder.pockets if pocket.low[1] < section_y < pocket.high[1]]
+    holes = [bore.at_mm[0] for bore in holder.push_outs if abs(bore.at_mm[1] - section_y) < bore.diameter_mm / 2.0]
+    section = cuts.front(section_y)
+    section["other"] = block_boxes(holder, section_y)
+    front = [
+        Dimension("plate height", (0.0, 0.0), (0.0, top), "left"),
+        Dimension("floor", (first.low[0], 0.0), (first.low[0], floor), "left"),
+        Dimension("pocket depth", (row[-1].high[0], floor), (row[-1].high[0], top), "right", BLOCK_ACCEPTED_MM),
+    ]
+    axes = [np.array([(x, -1.5), (x, floor + 1.5)]) for x in holes]
+    what = "Holder" if holder.slots == 1 else f"Tray for {holder.slots} blocks"
+    what = "The authors' holder" if holder.is_released else what
+    block, (cx, cy) = holder.block, holder.clearance_mm
+    clearance = f"{cx:.4g}" if abs(cx - cy) < 1e-9 else f"{cx:.4g} (x), {cy:.4g} (y)"
+    fit = f"{holder.fit}, " if isinstance(holder.fit, str) and not holder.is_released else ""
+    key = "no key" if block.key_mm is None else f"key {block.key_mm:g}"
     return Drawing(
         name=holder.name,
-        title=f"{_what(holder)}, {mm(*holder.size_mm)}",
-        facts=(
-            ("for blocks", made_for(holder)),
-            ("fit", fit_of(holder)),
-            ("slots", str(holder.slots)),
-            ("a block goes in", " or ".join(f"{one}°" for one in holder.admits_deg)),
-        ),
-        accepts_mm=ACCEPTS_MM,
-        plan=_plan(holder, cuts, y),
-        front=front,
-        side=_detail(holder, front, circle),
-        detail_scale=detail_scale(circle.radius),
+        title=f"{what}, {mm(*holder.size_mm)}",
+        facts={
+            "for blocks": f"{mm(*block.size_mm, block.height_mm)}, {key}; {block.preset}, scale {decimal(block.scale)}",
+            "fit": f"{fit}{clearance} mm clearance per side",
+            "slots": str(holder.slots),
+            "a block goes in": " or ".join(f"{angle}°" for angle in holder.admits_deg),
+        },
+        plan=_plan(holder, cuts, section_y),
+        front=View({**section, "axis": axes}, front, circle=circle),
+        side=View(section, *_detail(holder, circle), within=circle),
         notes=[
             "Thin chain line: the block, up to its highest point. The rim is how far the holder's top lies below it.",
             "Print as drawn, pockets upward. No supports.",
@@ -58,245 +66,57 @@ def holder_drawing(holder: Holder) -> Drawing:
     )
 
 
-def _what(holder: Holder) -> str:
-    if holder.is_released:
-        return "The authors' holder"
-    return "Holder" if holder.slots == 1 else f"Tray for {holder.slots} blocks"
-
-
-def _first(holder: Holder, axis: int) -> tuple[float, float]:
-    """Ends of the first pocket along an axis."""
-    pocket = holder.pockets[0]
-    return pocket.low[axis], pocket.high[axis]
-
-
-def _circle(holder: Holder) -> Circle:
-    radius = max(_DETAIL_MM, holder.rim_height_mm + _BEYOND_MM, max(holder.clearance_mm) + _BEYOND_MM)
-    return Circle(letter="C", centre=(_first(holder, 0)[0], holder.size_mm[2]), radius=radius)
-
-
-def _plan(holder: Holder, cuts: Cuts, y_mm: float) -> View:
-    top, floor = holder.size_mm[2], holder.layout.floor_mm
-    bores = holder.push_outs
-    bottom = (
-        tuple(one for one in cuts.level(floor / 2.0) if np.ptp(one[:, 0]) < holder.pocket_size_mm[0]) if bores else ()
-    )
-    callouts = [_screws(holder)]
-    if bores:
-        number = f"{len(bores)} x " if len(bores) > 1 else ""
-        last = bores[-1]
-        callouts.append(
-            Callout(
-                name="push-out hole",
-                text=f"{number}⌀{length(last.diameter_mm)} push-out",
-                at=last.at_mm,
-                diameter_mm=last.diameter_mm,
-            )
-        )
-    if holder.pocket_key_mm:
-        callouts.append(_key(holder))
-    return View(
-        seen=(*cuts.level(top - BELOW_MM), *bottom),
-        dimensions=(*_plate(holder), *_pockets(holder), *_screw_dimensions(holder), *_push_out_dimensions(holder)),
-        callouts=tuple(callouts),
-        cut_marks=(CutMark(letter="A", at=y_mm, across=True),),
-    )
-
-
-def _screws(holder: Holder) -> Callout:
-    last = holder.screws[-1]
-    text = f"{len(holder.screws)} x ⌀{length(last.diameter_mm)} through"
-    return Callout(name="screw holes", text=text, at=last.at_mm, diameter_mm=last.diameter_mm)
-
-
-def _key(holder: Holder) -> Callout:
-    """The filled corner of the last pocket."""
-    place, outline = holder.block_placements()[-1], holder.pocket_outline()
-    x, y = place.to_holder([(outline[1] + outline[2]) / 2.0])[0]
-    text = f"corner filled,\nleg {length(holder.pocket_key_mm)}"
-    return Callout(name="filled corner", text=text, at=(float(x), float(y)))
-
-
-def _plate(holder: Holder) -> list[Dimension]:
-    x, y, _ = holder.size_mm
-    return [
-        Dimension(name="plate x", value_mm=x, start=(0.0, y), end=(x, y), side="top"),
-        Dimension(name="plate y", value_mm=y, start=(0.0, 0.0), end=(0.0, y), side="left"),
-    ]
-
-
-def _at(axis: int, value: float, other: float) -> Point:
-    return (value, other) if axis == 0 else (other, value)
-
-
-def _pockets(holder: Holder) -> list[Dimension]:
-    found: list[Dimension] = []
-    first = holder.pockets[0]
-    middle = ((first.low[1] + first.high[1]) / 2.0, (first.low[0] + first.high[0]) / 2.0)
-    sides: tuple[tuple[Side, Side], tuple[Side, Side]] = (("top", "bottom"), ("left", "right"))
-    for axis, (side, opposite) in enumerate(sides):
-        letter, (low, high) = "xy"[axis], _first(holder, axis)
-        start, end = _at(axis, low, middle[axis]), _at(axis, high, middle[axis])
-        accept = accepts_mm(holder.clearance_mm[axis])
-        size = holder.pocket_size_mm[axis]
-        found.append(
-            Dimension(name=f"pocket {letter}", value_mm=size, start=start, end=end, side=side, accept_mm=accept)
-        )
-        edge = _at(axis, 0.0, middle[axis])
-        found.append(Dimension(name=f"pocket from edge {letter}", value_mm=low, start=edge, end=start, side=side))
-        others = [one for one in holder.pockets if one.low[1 - axis] == first.low[1 - axis]]
-        if len(others) > 1:
-            found.append(_pitch(holder, others, axis, opposite))
-    return found
-
-
-def _pitch(holder: Holder, row: list[Rectangle], axis: int, side: Side) -> Dimension:
-    """From the first pocket's low edge to the next one's."""
-    a, b = row[0], row[1]
-    middle = (a.low[1 - axis] + a.high[1 - axis]) / 2.0
-    return Dimension(
-        name=f"pocket pitch {'xy'[axis]}",
-        value_mm=holder.pocket_size_mm[axis] + holder.web_mm,
-        start=_at(axis, a.low[axis], middle),
-        end=_at(axis, b.low[axis], middle),
-        side=side,
-    )
-
-
-def _screw_dimensions(holder: Holder) -> list[Dimension]:
-    """From the plate's edges to the first hole of a row, and from hole to hole; a row equal to the other only once."""
-    points = [bore.at_mm for bore in holder.screws]
-    rows: list[tuple[int, Side, Point, Point]] = [
-        (0, "top", points[2], points[3]),
-        (0, "bottom", points[0], points[1]),
-        (1, "left", points[0], points[2]),
-        (1, "right", points[1], points[3]),
-    ]
-    found: list[Dimension] = []
-    shown: set[tuple[int, float, float]] = set()
-    for axis, side, a, b in rows:
-        if (axis, a[axis], b[axis]) in shown:
-            continue
-        shown.add((axis, a[axis], b[axis]))
-        letter = "xy"[axis]
-        inset = Dimension(
-            name=f"screw from edge {letter}",
-            value_mm=a[axis],
-            start=_at(axis, 0.0, holder.size_mm[1 - axis] / 2.0),
-            end=a,
-            side=side,
-            ends=("edge", "axis"),
-        )
-        apart = Dimension(
-            name=f"screw to screw {letter}",
-            value_mm=b[axis] - a[axis],
-            start=a,
-            end=b,
-            side=side,
-            ends=("axis", "axis"),
-        )
-        found += [inset, apart]
-    return found
-
-
-def _push_out_dimensions(holder: Holder) -> list[Dimension]:
-    if not holder.push_outs:
-        return []
-    (x, y), first = holder.push_outs[0].at_mm, holder.pockets[0]
-    return [
-        Dimension(
-            name="push-out from pocket x",
-            value_mm=x - first.low[0],
-            start=(first.low[0], y),
-            end=(x, y),
-            side="bottom",
-            ends=("edge", "axis"),
-        ),
-        Dimension(
-            name="push-out from pocket y",
-            value_mm=y - first.low[1],
-            start=(x, first.low[1]),
-            end=(x, y),
-            side="right",
-            ends=("edge", "axis"),
-        ),
-    ]
-
-
-def _front(holder: Holder, cuts: Cuts, y_mm: float, circle: Circle) -> View:
-    top, floor, depth = holder.size_mm[2], holder.layout.floor_mm, holder.pocket_size_mm[2]
-    blocks = block_boxes(holder, y_mm)
-    if not blocks:
-        raise InputError("section", y_mm, "passes no pocket")
-    low, high = float(blocks[0][0, 0]), max(one.high[0] for one in holder.pockets if one.low[1] < y_mm < one.high[1])
-    wall = low - holder.clearance_mm[0]
+def _plan(holder: Holder, cuts: Cuts, section_y: float) -> View:
+    (x, y, top), floor, bores, first = holder.size_mm, holder.layout.floor_mm, holder.push_outs, holder.pockets[0]
+    seen = [*cuts.level(top - BELOW_MM)]
+    edges = ((0.0, y / 2.0), (x / 2.0, 0.0))
+    pocket = sides("pocket", first.low, first.high, ("top", "left"), *accepted_mm(holder.clearance_mm))
     dimensions = [
-        Dimension(name="plate height", value_mm=top, start=(0.0, 0.0), end=(0.0, top), side="left"),
-        Dimension(name="floor", value_mm=floor, start=(wall, 0.0), end=(wall, floor), side="left"),
-        Dimension(
-            name="pocket depth",
-            value_mm=depth,
-            start=(high, floor),
-            end=(high, top),
-            side="right",
-            accept_mm=BLOCK_ACCEPTS_MM,
-        ),
+        *sides("plate", (0.0, 0.0), (x, y), ("top", "left")),
+        *pocket,
+        Dimension("pocket from edge x", edges[0], pocket[0].start, "top"),
+        Dimension("pocket from edge y", edges[1], pocket[1].start, "left"),
     ]
-    axes = [
-        (bore.at_mm[0], 0.0, floor) for bore in holder.push_outs if abs(bore.at_mm[1] - y_mm) < bore.diameter_mm / 2.0
-    ]
-    return View(
-        caption="A–A",
-        cut=cuts.from_front(y_mm),
-        seen=cuts.beyond_front(y_mm),
-        other=blocks,
-        axes=tuple(((a, low_z - 1.5), (a, high_z + 1.5)) for a, low_z, high_z in axes),
-        dimensions=tuple(dimensions),
-        circles=(circle,),
-    )
+    for axis, side in enumerate(_OPPOSITE):
+        row = [plan for plan in holder.pockets if plan.low[1 - axis] == first.low[1 - axis]]
+        if len(row) > 1:
+            beside = sides("pocket", row[1].low, row[1].high, _OPPOSITE)
+            dimensions.append(Dimension(f"pocket pitch {'xy'[axis]}", pocket[axis].start, beside[axis].start, side))
+    a, b, c, d = (bore.at_mm for bore in holder.screws)
+    rows: list[tuple[int, Side, Point, Point]] = [(0, "top", c, d), (1, "left", a, c)]
+    # The other row and the other column only where they differ.
+    rows += [(0, "bottom", a, b)] if (a[0], b[0]) != (c[0], d[0]) else []
+    rows += [(1, "right", b, d)] if (a[1], c[1]) != (b[1], d[1]) else []
+    for axis, side, start, end in rows:
+        dimensions.append(Dimension(f"screw from edge {'xy'[axis]}", edges[axis], start, side))
+        dimensions.append(Dimension(f"screw to screw {'xy'[axis]}", start, end, side))
+    last = holder.screws[-1]
+    callouts = [Callout(f"{len(holder.screws)} x ⌀{length(last.diameter_mm)} through", last.at_mm, last.diameter_mm)]
+    if bores:
+        seen += [loop for loop in cuts.level(floor / 2.0) if np.ptp(loop[:, 0]) < holder.pocket_size_mm[0]]
+        at, last = bores[0].at_mm, bores[-1]
+        dimensions += [
+            Dimension("push-out from pocket x", (first.low[0], at[1]), at, "bottom"),
+            Dimension("push-out from pocket y", (at[0], first.low[1]), at, "right"),
+        ]
+        number = f"{len(bores)} x " if len(bores) > 1 else ""
+        callouts.append(Callout(f"{number}⌀{length(last.diameter_mm)} push-out", last.at_mm, last.diameter_mm))
+    if holder.pocket_key_mm:
+        outline = holder.pocket_outline()
+        corner = holder.block_placements()[-1].to_holder([(outline[1] + outline[2]) / 2.0])[0]
+        callouts.append(Callout(f"corner filled,\nleg {length(holder.pocket_key_mm)}", (corner[0], corner[1])))
+    return View({"seen": seen}, dimensions, callouts, cuts=(section_y, None))
 
 
-def _detail(holder: Holder, front: View, circle: Circle) -> View:
-    """How a block stands in its pocket: clearance and rim."""
-    wall, top = circle.centre
-    clearance, rim = holder.clearance_mm[0], holder.rim_height_mm
-    block = wall + clearance
+def _detail(holder: Holder, circle: Circle) -> tuple[list[Dimension], list[Callout], list[tuple[Point, str]]]:
+    """Clearance and rim, no callouts, and which part is which."""
+    (wall, top), r = circle.centre, circle.radius
+    block, rim = wall + holder.clearance_mm[0], top + holder.rim_height_mm
     # Between floor and rim, and inside of the circle.
-    z = top - min(circle.radius, holder.pocket_size_mm[2]) / 2.0
-    dimensions = []
-    if clearance > 1e-6:
-        dimensions.append(
-            Dimension(
-                name="clearance",
-                value_mm=clearance,
-                start=(wall, z),
-                end=(block, z),
-                side="bottom",
-                ends=("edge", "other"),
-                form="clearance {}",
-            )
-        )
-    if rim > 1e-6:
-        dimensions.append(
-            Dimension(
-                name="rim",
-                value_mm=rim,
-                start=(wall, top),
-                end=(block, top + rim),
-                side="right",
-                ends=("edge", "other"),
-                form="rim {}",
-            )
-        )
-    return View(
-        caption=f"C ({length(detail_scale(circle.radius))}:1)",
-        cut=front.cut,
-        seen=front.seen,
-        other=front.other,
-        dimensions=tuple(dimensions),
-        labels=(
-            ((wall - circle.radius * 0.45, top - circle.radius * 0.4), "holder"),
-            ((block + circle.radius * 0.42, top - circle.radius * 0.4), "block"),
-        ),
-        circle=circle,
-    )
+    z = top - min(r, holder.pocket_size_mm[2]) / 2.0
+    dimensions = [
+        Dimension("clearance", (wall, z), (block, z), "bottom", form="clearance {}"),
+        Dimension("rim", (wall, top), (block, rim), "right", form="rim {}"),
+    ]
+    labels = [((wall - r * 0.45, top - r * 0.4), "holder"), ((block + r * 0.42, top - r * 0.4), "block")]
+    return [dimension for dimension in dimensions if dimension.value_mm > 1e-6], [], labels

@@ -360,14 +360,15 @@ class Block:
             "mm per unit": ", ".join(f"{one:.6g}" for one in self.mm_per_unit) + " of u, v, z",
             "domain": f"u {u0:.6g} to {u1:.6g}, v {v0:.6g} to {v1:.6g}",
             "finest wave": f"{shortest[0]} along x, {shortest[1]} along y",
-            "mesh": self._sampling_in_words,
+            "mesh": self.sampling_in_words,
             "key": mm(self.key_mm) + " at the corner (x, 0)" if self.key_mm is not None else "none",
             "label": " ".join(self.label_words) if self.label else "none",
         }
         return report(self.title, lines)
 
     @property
-    def _sampling_in_words(self) -> str:
+    def sampling_in_words(self) -> str:
+        """How the mesh follows the formula."""
         if isinstance(self.sampling, Tolerance):
             return f"within {mm(self.sampling.mm)} of the formula"
         coarse = "; too coarse for the finest wave, so it draws another shape" if self.grid_aliases else ""

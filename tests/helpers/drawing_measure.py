@@ -7,23 +7,45 @@ import itertools
 import numpy as np
 
 from tacbench_cad.render.drawing.ink import drawn
-from tacbench_cad.render.drawing.sheet import Callout, Dimension, Drawing, Point, View
+from tacbench_cad.render.drawing.sheet import Callout, Dimension, Drawing, Outlines, Point, View
 from tacbench_cad.util.plotting import only_style
 from tacbench_cad.util.types import Floats
 
+#: What both ends of a length lie on, by the beginning of its name: an outline of the part (the default), the axis of
+#: something symmetrical in it, a cross, or the thin outline of another part.
+ENDS = {
+    "screw from edge": ("edge", "axis"),
+    "screw to screw": ("axis", "axis"),
+    "push-out from": ("edge", "axis"),
+    "first hole from": ("axis", "axis"),
+    "columns": ("axis", "axis"),
+    "rows": ("axis", "axis"),
+    "first press": ("edge", "cross"),
+    "press": ("cross", "cross"),
+    "relief": ("other", "edge"),
+    "clearance": ("edge", "other"),
+    "rim": ("edge", "other"),
+}
+#: The outlines of the part itself.
+PART = ("seen", "fine", "hidden", "cut")
 
-def to_outlines(point: Point, loops: tuple[Floats, ...]) -> float:
+
+def outlines_of(view: View, *names: str) -> list[Floats]:
+    return [loop for name in names for loop in view.outlines.get(name, ())]
+
+
+def to_outlines(point: Point, loops: Outlines) -> float:
     """Distance from a point to the nearest of some closed outlines."""
     least = np.inf
     for loop in loops:
         a, b = loop, np.roll(loop, -1, axis=0)
         edge = b - a
-        share = np.clip(((point - a) * edge).sum(1) / np.maximum((edge**2).sum(1), 1e-300), 0.0, 1.0)
-        least = min(least, float(np.hypot(*(a + share[:, None] * edge - point).T).min()))
+        fraction = np.clip(((point - a) * edge).sum(1) / np.maximum((edge**2).sum(1), 1e-300), 0.0, 1.0)
+        least = min(least, float(np.hypot(*(a + fraction[:, None] * edge - point).T).min()))
     return least
 
 
-def first_hits(point: Point, axis: int, loops: tuple[Floats, ...]) -> tuple[float, float]:
+def first_hits(point: Point, axis: int, loops: Outlines) -> tuple[float, float]:
     """Distance to the first outline down and up along an axis."""
     below, above = np.inf, np.inf
     other = 1 - axis
@@ -31,8 +53,8 @@ def first_hits(point: Point, axis: int, loops: tuple[Floats, ...]) -> tuple[floa
         a, b = loop, np.roll(loop, -1, axis=0)
         spans = (a[:, other] > point[other]) != (b[:, other] > point[other])
         a, b = a[spans], b[spans]
-        share = (point[other] - a[:, other]) / (b[:, other] - a[:, other])
-        at = a[:, axis] + share * (b[:, axis] - a[:, axis]) - point[axis]
+        fraction = (point[other] - a[:, other]) / (b[:, other] - a[:, other])
+        at = a[:, axis] + fraction * (b[:, axis] - a[:, axis]) - point[axis]
         below = min(below, float((-at[at < 0.0]).min(initial=np.inf)))
         above = min(above, float(at[at > 0.0].min(initial=np.inf)))
     return below, above
@@ -40,38 +62,37 @@ def first_hits(point: Point, axis: int, loops: tuple[Floats, ...]) -> tuple[floa
 
 def faults(drawing: Drawing, within_mm: float) -> list[str]:
     """What is wrong with a drawing's numbers; empty for nothing."""
-    found: list[str] = []
-    for view in drawing.views:
-        for one in view.dimensions:
-            found += _dimension(view, one, within_mm)
-        found += [fault for one in view.callouts for fault in _callout(view, one, within_mm)]
-    return found
+    faults: list[str] = []
+    for view in (drawing.plan, drawing.front, drawing.side):
+        for dimension in view.dimensions:
+            faults += _dimension(view, dimension, within_mm)
+        faults += [fault for callout in view.callouts for fault in _callout(view, callout, within_mm)]
+    return faults
 
 
-def _dimension(view: View, one: Dimension, within_mm: float) -> list[str]:
-    found = []
-    apart = abs(one.end[one.axis] - one.start[one.axis])
-    if abs(apart - one.value_mm) > 1e-6:
-        found.append(f"{one.name}: says {one.value_mm}, its ends are {apart} apart")
-    for point, kind in zip((one.start, one.end), one.ends, strict=True):
+def _dimension(view: View, dimension: Dimension, within_mm: float) -> list[str]:
+    axis, part = dimension.axis, outlines_of(view, *PART)
+    kinds = next((kinds for name, kinds in ENDS.items() if dimension.name.startswith(name)), ("edge", "edge"))
+    faults = []
+    for point, kind in zip((dimension.start, dimension.end), kinds, strict=True):
         if kind == "cross":
-            off = min(float(np.hypot(point[0] - x, point[1] - y)) for x, y in view.crosses)
+            off = min(float(np.hypot(*(point - cross[0]))) for cross in view.outlines["cross"])
         elif kind == "axis":
-            below, above = first_hits(point, one.axis, view.outlines)
+            below, above = first_hits(point, axis, part)
             off = abs(below - above) if np.isfinite(below) else np.inf
         else:
-            off = to_outlines(point, view.outlines if kind == "edge" else view.other)
+            off = to_outlines(point, part if kind == "edge" else outlines_of(view, "other"))
         if not off <= within_mm:
-            found.append(f"{one.name}: {point} is {off} from its {kind}")
-    return found
+            faults.append(f"{dimension.name}: {point} is {off} from its {kind}")
+    return faults
 
 
-def _callout(view: View, one: Callout, within_mm: float) -> list[str]:
-    if one.diameter_mm is None:
+def _callout(view: View, callout: Callout, within_mm: float) -> list[str]:
+    if callout.diameter_mm is None:
         return []
-    rings = [np.hypot(*(loop - one.at).T) for loop in view.outlines]
-    off = min(float(np.abs(ring - one.diameter_mm / 2.0).max()) for ring in rings)
-    return [] if off <= within_mm else [f"{one.name}: no circle of {one.diameter_mm} at {one.at}, nearest {off}"]
+    rings = [np.hypot(*(loop - callout.at).T) for loop in outlines_of(view, *PART)]
+    off = min(float(np.abs(ring - callout.diameter_mm / 2.0).max()) for ring in rings)
+    return [] if off <= within_mm else [f"{callout.text}: no circle of that size at {callout.at}, nearest {off}"]
 
 
 def clashes(drawing: Drawing) -> list[str]:
@@ -83,20 +104,20 @@ def clashes(drawing: Drawing) -> list[str]:
         renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
         to_mm = axes.transData.inverted()
         texts = []
-        for one in axes.texts:
-            one.set_bbox(None)
-            texts.append((one.get_text().replace("\n", " "), one.get_window_extent(renderer).transformed(to_mm)))
+        for text in axes.texts:
+            text.set_bbox(None)
+            texts.append((text.get_text().replace("\n", " "), text.get_window_extent(renderer).transformed(to_mm)))
         lines = [np.asarray(line.get_xydata()) for line in axes.lines if line.get_linewidth() >= 0.45]
-    found = []
+    faults = []
     for (name, box), (other_name, other) in itertools.combinations(texts, 2):
         if min(box.x1, other.x1) - max(box.x0, other.x0) > 0.05 and min(box.y1, other.y1) - max(box.y0, other.y0) > 0.3:
-            found.append(f"{name!r} lies on {other_name!r}")
+            faults.append(f"{name!r} lies on {other_name!r}")
     for name, box in texts:
         if box.x0 < 5.5 or box.x1 > 291.5 or box.y0 < 5.5 or box.y1 > 204.5:
-            found.append(f"{name!r} leaves the frame")
+            faults.append(f"{name!r} leaves the frame")
         inner = (box.x0 + 0.3, box.x1 - 0.3, box.y0 + 0.6, box.y1 - 0.6)
-        found += [f"{name!r} lies on a line {line.tolist()}" for line in lines if _meets(line, inner)]
-    return found
+        faults += [f"{name!r} lies on a line {line.tolist()}" for line in lines if _meets(line, inner)]
+    return faults
 
 
 def _meets(line: Floats, box: tuple[float, float, float, float]) -> bool:

@@ -15,12 +15,13 @@ from helpers.drawing_measure import clashes, faults
 
 from housing.coupon import Coupon
 from housing.drawings import coupon_drawing, holder_drawing, jig_drawing
-from housing.drawings.shared import accepts_mm, detail_scale
+from housing.drawings.shared import accepted_mm
 from housing.fits import FITS
 from housing.fixture import CHORD_MM
 from housing.holder import Holder
 from housing.jig import Jig
 from tacbench_cad.render.drawing import Drawing
+from tacbench_cad.render.drawing.sheet import Circle
 from tacbench_cad.spec.block import Block
 
 _PAPER = Block.of(4)
@@ -57,12 +58,13 @@ def test_every_number_is_the_distance_on_the_mesh(name: str) -> None:
 def test_a_holders_numbers_are_its_specifications() -> None:
     holder = Holder(block=_KEYED, slots=6)
     drawing = drawing_of("tray")
-    numbers = {one.name: one.value_mm for one in drawing.dimensions}
-    assert (numbers["plate x"], numbers["plate y"], numbers["plate height"]) == holder.size_mm
-    assert (numbers["pocket x"], numbers["pocket y"], numbers["pocket depth"]) == holder.pocket_size_mm
+    numbers = {dimension.name: round(dimension.value_mm, 9) for dimension in drawing.dimensions}
+    assert (numbers["plate x"], numbers["plate y"], numbers["plate height"]) == pytest.approx(holder.size_mm)
+    assert (numbers["pocket x"], numbers["pocket y"], numbers["pocket depth"]) == pytest.approx(holder.pocket_size_mm)
     assert numbers["clearance"] == 0.15 and numbers["rim"] == 1.18
-    assert "clearance" not in {one.name for one in drawing_of("holder, scaled").dimensions}
-    assert {one.text.split("\n")[0] for one in drawing.plan.callouts} == {
+    assert numbers["pocket pitch x"] == pytest.approx(holder.pocket_size_mm[0] + holder.web_mm)
+    assert "clearance" not in {dimension.name for dimension in drawing_of("holder, scaled").dimensions}
+    assert {callout.text.split("\n")[0] for callout in drawing.plan.callouts} == {
         "4 x ⌀4 through",
         "6 x ⌀6 push-out",
         "corner filled,",
@@ -71,21 +73,16 @@ def test_a_holders_numbers_are_its_specifications() -> None:
 
 def test_all_four_screw_holes_of_the_authors_are_placed() -> None:
     """Theirs are not symmetrical: two rows and two columns have numbers of their own where they differ."""
-    wanted = {(axis, round(bore.at_mm[axis], 6)) for bore in _RELEASED.screws for axis in (0, 1)}
+    places = {(axis, round(bore.at_mm[axis], 6)) for bore in _RELEASED.screws for axis in (0, 1)}
     numbers = drawing_of("holder, released").plan.dimensions
-    found = {
-        (one.axis, round(p[one.axis], 6))
-        for one in numbers
-        for p, k in zip((one.start, one.end), one.ends, strict=True)
-        if k == "axis"
-    }
-    assert found == wanted
+    apart = [dimension for dimension in numbers if dimension.name.startswith("screw to screw")]
+    assert {(line.axis, round(end[line.axis], 6)) for line in apart for end in (line.start, line.end)} == places
 
 
 def test_the_other_part_is_as_large_as_it_is() -> None:
     """The thin outlines in a holder's section are its blocks, up to their highest points."""
     holder = Holder(block=_KEYED, slots=6)
-    boxes = drawing_of("tray").front.other
+    boxes = drawing_of("tray").front.outlines["other"]
     assert len(boxes) == 3
     for box, place in zip(boxes, holder.block_placements(), strict=False):
         assert box.min(axis=0) == pytest.approx([place.origin_mm[0], place.origin_mm[2]])
@@ -94,16 +91,16 @@ def test_the_other_part_is_as_large_as_it_is() -> None:
 
 def test_a_jig_is_drawn_as_it_is_used() -> None:
     jig = Jig(holder=Holder(block=_PAPER))
-    points = np.concatenate(jig_drawing(jig).front.cut)
+    points = np.concatenate(jig_drawing(jig).front.outlines["cut"])
     assert points[:, 1].min() == pytest.approx(jig.seat.bottom_mm, abs=1e-5)
     assert points[:, 1].max() == pytest.approx(jig.seat.roof_mm[1], abs=1e-5)
 
 
 def test_accepted_deviations_leave_a_third_of_the_clearance() -> None:
     for clearance in (*FITS.values(), 0.2):
-        assert 2.0 * accepts_mm(clearance) <= 4.0 / 3.0 * clearance + 0.01
-    assert (accepts_mm(0.15), accepts_mm(0.3), accepts_mm(0.05), accepts_mm(0.0)) == (0.1, 0.1, 0.03, 0.02)
+        assert 2.0 * accepted_mm((clearance, clearance))[0] <= 4.0 / 3.0 * clearance + 0.01
+    assert (accepted_mm((0.15, 0.3)), accepted_mm((0.05, 0.0))) == ((0.1, 0.1), (0.03, 0.02))
 
 
 def test_a_detail_is_as_large_as_it_fits() -> None:
-    assert (detail_scale(3.0), detail_scale(6.0), detail_scale(1000.0)) == (10.0, 5.0, 0.1)
+    assert [Circle((0.0, 0.0), radius).scale for radius in (3.0, 6.0, 1000.0)] == [10.0, 5.0, 0.1]

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.render.drawing.sheet import Outlines
 from tacbench_cad.util.types import Floats
-
-Outlines = tuple[Floats, ...]
 
 # Rows give the view's a and b and what points to the eye, in the part's x, y, z.
 _FRONT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
@@ -33,24 +32,23 @@ class Cuts:
         """The cut at a height, seen from above: a is x, b is y."""
         return _loops(self._body.slice(z_mm))
 
-    def from_front(self, y_mm: float) -> Outlines:
-        """The section at a y, seen from low y: a is x, b is z."""
-        return _loops(self._turned(_FRONT).slice(-y_mm))
+    def front(self, y_mm: float, beyond: bool = True) -> dict[str, Outlines]:
+        """The section at a y, seen from low y: a is x, b is z.
 
-    def from_right(self, x_mm: float) -> Outlines:
+        Args:
+            y_mm: Where it is taken.
+            beyond: Give what lies behind it too, as ``seen``; only for parts of few triangles.
+        """
+        return self._section(_FRONT, -y_mm, beyond)
+
+    def right(self, x_mm: float, beyond: bool = True) -> dict[str, Outlines]:
         """The section at an x, seen from high x, its top to the left: a is -z, b is y."""
-        return _loops(self._turned(_RIGHT).slice(x_mm))
+        return self._section(_RIGHT, x_mm, beyond)
 
-    def beyond_front(self, y_mm: float) -> Outlines:
-        """The outline of what lies behind a section seen from the front; for parts of few triangles."""
-        return _loops(self._turned(_FRONT).trim_by_plane((0.0, 0.0, -1.0), y_mm).project())
-
-    def beyond_right(self, x_mm: float) -> Outlines:
-        """The outline of what lies behind a section seen from the right; for parts of few triangles."""
-        return _loops(self._turned(_RIGHT).trim_by_plane((0.0, 0.0, -1.0), -x_mm).project())
-
-    def _turned(self, axes: Floats) -> Any:
-        return self._body.transform(np.column_stack([axes, np.zeros(3)]))
+    def _section(self, axes: Floats, at_mm: float, beyond: bool) -> dict[str, Outlines]:
+        body = self._body.transform(np.column_stack([axes, np.zeros(3)]))
+        cut = _loops(body.slice(at_mm))
+        return {"cut": cut, "seen": _loops(body.trim_by_plane((0.0, 0.0, -1.0), -at_mm).project()) if beyond else ()}
 
 
 def _loops(section: Any) -> Outlines:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import textwrap
+from collections.abc import Iterable
 from fractions import Fraction
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,16 +14,16 @@ from tacbench_cad import __version__
 from tacbench_cad.render.drawing.arrange import (
     LINE_MM,
     MARGIN_MM,
-    PITCH_MM,
     SHEET_MM,
     STRIP_MM,
-    TAIL_MM,
-    Arranged,
-    Framed,
+    TEXT_PT,
+    Frame,
     Placed,
+    Sheet,
     arrange,
+    text_width_mm,
 )
-from tacbench_cad.render.drawing.sheet import Drawing, Side, View, length
+from tacbench_cad.render.drawing.sheet import ACCEPTED_MM, Drawing, Outlines, Point, Side, length
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.plotting import SUFFIXES, new_figure, only_style, save_figure
 from tacbench_cad.util.types import Floats
@@ -32,15 +32,30 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
 #: Colours of edges and text, of dimension lines, of axes and hatching, and of cut faces.
 INK, THIN, PALE, FILL = "#111111", "#333333", "#707070", "#ececec"
 #: Dots per inch of a PNG.
 DPI = 200
-#: Sizes of letters in points: dimensions and notes, captions.
-TEXT_PT, CAPTION_PT, SMALL_PT = 9.0, 10.5, 8.0
+#: Sizes of letters in points: captions, notes, the title strip.
+_CAPTION_PT, _NOTES_PT, _SMALL_PT = 10.5, 8.7, 8.0
 _ARROW_MM, _ARROW_HALF_MM = 2.4, 0.42
-_MM_PER_PT = 25.4 / 72.0
+#: From the lowest dimension line of a view to its caption's base, in mm.
+_CAPTION_MM = 4.8
+#: Mean width of a character of the notes, in mm: a line of them is broken by their number.
+_CHARACTER_MM = 1.55
+_CHAIN = (0, (12.0, 2.0, 1.5, 2.0))
+_WHITE = {"facecolor": "white", "edgecolor": "none"}
+#: How each kind of outline is drawn: colour, width in points, dashes and order.
+_LINES: dict[str, tuple[str, float, Any, float]] = {
+    "cut": (INK, 0.9, "solid", 2.2),
+    "seen": (INK, 0.9, "solid", 2.0),
+    "fine": (INK, 0.6, "solid", 2.0),
+    "hidden": (THIN, 0.6, (0, (4.0, 2.2)), 1.8),
+    "other": (PALE, 0.6, (0, (14.0, 2.5, 1.5, 2.5, 1.5, 2.5)), 1.6),
+    "axis": (THIN, 0.45, _CHAIN, 3.0),
+}
+#: The letter of a detail.
+_DETAIL = "C"
 _STYLE = {
     "font.family": "DejaVu Sans",
     "font.size": TEXT_PT,
@@ -82,26 +97,15 @@ def drawn(drawing: Drawing) -> Figure:
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_axis_off()
     axes.set_autoscale_on(False)
-    arranged = arrange(drawing, text_width_mm)
-    pen = _Pen(axes)
-    for framed, at in arranged.views:
-        _View(pen, framed, at).draw()
-    _notes(pen, drawing, arranged)
-    _strip(pen, drawing, arranged)
+    pen, sheet = _Pen(axes), arrange(drawing)
+    detail = drawing.side.within
+    captions = ("", "A–A", "B–B" if detail is None else f"{_DETAIL} ({length(detail.scale)}:1)")
+    for (frame, at), caption in zip(sheet.frames, captions, strict=True):
+        _View(pen, frame, at).draw(caption)
+    _notes(pen, drawing, sheet)
+    _strip(pen, drawing, sheet.frames[0][0].scale)
     axes.set(xlim=(0.0, SHEET_MM[0]), ylim=(0.0, SHEET_MM[1]))
     return figure
-
-
-@cache
-def text_width_mm(text: str, points: float = TEXT_PT, weight: str = "normal") -> float:
-    """Width of a line of text on paper, in mm."""
-    from matplotlib.font_manager import FontProperties, findfont, get_font
-
-    font = get_font(findfont(FontProperties(family="DejaVu Sans", weight=weight)))
-    # Measured large, where hinting to whole pixels does not count.
-    font.set_size(100.0, 72.0)
-    font.set_text(text, 0.0)
-    return float(font.get_width_height()[0]) / 64.0 * points / 100.0 * _MM_PER_PT
 
 
 class _Pen:
@@ -110,255 +114,192 @@ class _Pen:
     def __init__(self, axes: Axes) -> None:
         self.axes = axes
 
-    def line(self, points: Iterable[tuple[float, float]], width: float = 0.5, **more: Any) -> None:
+    def line(self, points: Iterable[Point], width: float = 0.45, **style: Any) -> None:
         """A line through points; ``width`` in points."""
-        from matplotlib.lines import Line2D
+        x, y = zip(*points, strict=True)
+        self.axes.plot(x, y, linewidth=width, **{"color": THIN, "solid_capstyle": "butt", "zorder": 3.0, **style})
 
-        x, y = np.array(list(points), dtype=np.float64).reshape(-1, 2).T
-        style = {"color": THIN, "solid_capstyle": "butt", "zorder": 3.0, **more}
-        self.axes.add_line(Line2D(x, y, linewidth=width, **style))
-
-    def shape(self, loops: Sequence[Floats], clip: Any = None, **style: Any) -> None:
-        """Closed outlines as one shape with holes."""
+    def shape(self, loops: Outlines, clip: Any = None, **style: Any) -> Any:
+        """Outlines as one shape with holes, closed unless they have two points only."""
         from matplotlib.patches import PathPatch
         from matplotlib.path import Path as Outline
 
         if not loops:
-            return
-        paths = [Outline(np.concatenate([one, one[:1]]), closed=True) for one in loops]
-        patch = PathPatch(Outline.make_compound_path(*paths), joinstyle="round", **style)
-        self.axes.add_patch(patch)
+            return None
+        paths = [Outline(np.concatenate([a, a[:1]]), closed=True) if len(a) > 2 else Outline(a) for a in loops]
+        style = {"facecolor": "none", "edgecolor": INK, "joinstyle": "round", **style}
+        patch = self.axes.add_patch(PathPatch(Outline.make_compound_path(*paths), **style))
         if clip is not None:
             patch.set_clip_path(clip)
+        return patch
 
-    def circle(self, at: tuple[float, float], radius: float, **style: Any) -> Any:
-        """A circle; returned so that something can be clipped by it."""
-        from matplotlib.patches import Circle
+    def circle(self, centre: Point, radius: float, **style: Any) -> Any:
+        """A circle, as a shape that something can be clipped by."""
+        turn = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)
+        return self.shape([centre + radius * np.column_stack([np.cos(turn), np.sin(turn)])], **style)
 
-        return self.axes.add_patch(Circle(at, radius, **style))
-
-    def text(self, at: tuple[float, float], words: str, size: float = TEXT_PT, **more: Any) -> None:
-        """Words; a white ground keeps them legible where a thin line passes."""
-        style = {"ha": "center", "va": "bottom", "color": INK, "zorder": 6.0, "linespacing": 1.25, **more}
+    def text(self, at: Point, words: str, size: float = TEXT_PT, **style: Any) -> None:
+        style = {"ha": "center", "va": "bottom", "color": INK, "zorder": 6.0, "linespacing": 1.25, **style}
         self.axes.text(*at, words, fontsize=size, **style)
 
-    def arrow(self, tip: tuple[float, float], along: tuple[float, float], **more: Any) -> None:
+    def arrow(self, tip: Point, along: Point) -> None:
         """A filled arrow head that points along a unit vector."""
-        from matplotlib.patches import Polygon
-
-        (x, y), (u, v) = tip, along
-        back = (x - _ARROW_MM * u, y - _ARROW_MM * v)
-        wings = [(back[0] - s * _ARROW_HALF_MM * v, back[1] + s * _ARROW_HALF_MM * u) for s in (1, -1)]
-        self.axes.add_patch(Polygon([tip, *wings], closed=True, facecolor=THIN, edgecolor="none", zorder=4.0, **more))
+        (u, v), back = along, np.subtract(tip, np.multiply(_ARROW_MM, along))
+        wings = [back + side * _ARROW_HALF_MM * np.array([-v, u]) for side in (1.0, -1.0)]
+        self.shape([np.array([tip, *wings])], facecolor=THIN, edgecolor="none", zorder=4.0)
 
 
 class _View:
     """One view on the paper."""
 
-    def __init__(self, pen: _Pen, framed: Framed, at: tuple[float, float]) -> None:
-        self.pen, self.framed, self.at = pen, framed, at
-        self.view: View = framed.view
-        self.scale = framed.scale
-        self.low = np.array(self.view.box[0])
+    def __init__(self, pen: _Pen, frame: Frame, at: Point) -> None:
+        self.pen, self.frame, self.at, self.view = pen, frame, at, frame.view
 
-    def paper(self, point: Any) -> Any:
+    def paper(self, points: Any) -> Floats:
         """Paper mm of points of the view."""
-        return (np.asarray(point, dtype=np.float64) - self.low) * self.scale + np.array(self.at)
+        place: Floats = (np.asarray(points, dtype=np.float64) - self.frame.low) * self.frame.scale + self.at
+        return place
 
-    def draw(self) -> None:
+    def draw(self, caption: str) -> None:
         """Everything of it."""
         self._outlines()
-        self._cut_marks()
-        for side, placed in self.framed.sides.items():
-            for one in placed:
-                self._dimension(side, one)
+        for axis, (letter, place) in enumerate(zip("AB", self.view.cuts, strict=True)):
+            if place is not None:
+                self._cut(letter, float(self.paper((place, place))[1 - axis]), axis)
+        for side, stack in self.frame.sides.items():
+            for line in stack:
+                self._dimension(side, line)
         self._callouts()
         for point, words in self.view.labels:
-            ground = {"facecolor": "white", "edgecolor": "none", "pad": 1.2}
-            self.pen.text(tuple(self.paper(point)), words, va="center", bbox=ground)
-        if self.view.caption:
-            x, y = self.at
-            below = y - self.framed.room["bottom"] + 2.2
-            self.pen.text((x + self.framed.size[0] / 2.0, below), self.view.caption, CAPTION_PT, weight="bold")
+            self.pen.text(tuple(self.paper(point)), words, va="center", bbox={**_WHITE, "pad": 1.2})
+        below = (self.at[0] + self.frame.width / 2.0, self.at[1] - self.frame.room["bottom"] - _CAPTION_MM)
+        self.pen.text(below, caption, _CAPTION_PT, weight="bold")
 
     def _outlines(self) -> None:
-        view, pen, clip = self.view, self.pen, None
-        if view.circle is not None:
-            at, radius = self.paper(view.circle.centre), view.circle.radius * self.scale
-            clip = pen.circle(tuple(at), radius, facecolor="none", edgecolor=THIN, linewidth=0.5, zorder=2.0)
+        view, pen, scale, clip = self.view, self.pen, self.frame.scale, None
+        if view.within is not None:
+            at = tuple(self.paper(view.within.centre))
+            clip = pen.circle(at, view.within.radius * scale, edgecolor=THIN, linewidth=0.5, zorder=2.0)
         if view.shade is not None:
             image, (a0, a1, b0, b1) = view.shade
-            (x0, y0), (x1, y1) = self.paper((a0, b0)), self.paper((a1, b1))
+            (x0, y0), (x1, y1) = self.paper([(a0, b0), (a1, b1)])
             pen.axes.imshow(image, extent=(x0, x1, y0, y1), aspect="auto", interpolation="antialiased", zorder=0.5)
-        loops = [self.paper(one) for one in view.cut]
-        pen.shape(loops, clip, facecolor=FILL, edgecolor=PALE, hatch="/////", linewidth=0.0, zorder=1.0)
-        pen.shape(loops, clip, facecolor="none", edgecolor=INK, linewidth=0.9, zorder=2.2)
-        for one in view.seen:
-            pen.shape([self.paper(one)], clip, facecolor="none", edgecolor=INK, linewidth=0.9, zorder=2.0)
-        for one in view.fine:
-            width = 0.8 if self.scale >= 2.0 else 0.45
-            pen.shape([self.paper(one)], clip, facecolor="none", edgecolor=INK, linewidth=width, zorder=2.0)
-        for one in view.hidden:
-            dashes = (0, (4.0, 2.2))
-            pen.shape([self.paper(one)], clip, facecolor="none", edgecolor=THIN, ls=dashes, linewidth=0.6, zorder=1.8)
-        for one in view.other:
-            chain = (0, (14.0, 2.5, 1.5, 2.5, 1.5, 2.5))
-            pen.shape([self.paper(one)], clip, facecolor="none", edgecolor=PALE, ls=chain, linewidth=0.6, zorder=1.6)
-        for x, y in (self.paper(one) for one in view.crosses):
-            pen.line([(x - 1.0, y), (x + 1.0, y)], 0.5)
-            pen.line([(x, y - 1.0), (x, y + 1.0)], 0.5)
-        for ends in view.axes:
-            pen.line([tuple(self.paper(end)) for end in ends], 0.45, linestyle=(0, (9.0, 2.0, 1.5, 2.0)))
-        for circle in view.circles:
-            x, y = self.paper(circle.centre)
-            r = circle.radius * self.scale
-            pen.circle((x, y), r, facecolor="none", edgecolor=THIN, linewidth=0.6, zorder=3.0)
-            pen.text((x - 0.72 * r - 0.6, y + 0.72 * r + 0.3), circle.letter, CAPTION_PT, weight="bold", ha="right")
+        # A cut face has holes; other outlines may lie in each other.
+        faces = [self.paper(loop) for loop in view.outlines.get("cut", ())]
+        pen.shape(faces, clip, facecolor=FILL, edgecolor=PALE, hatch="/////", linewidth=0.0, zorder=1.0)
+        for name, (colour, width, dashes, order) in _LINES.items():
+            for loop in view.outlines.get(name, ()):
+                loops = [self.paper(loop)]
+                pen.shape(loops, clip, edgecolor=colour, linewidth=width, linestyle=dashes, zorder=order)
+        crosses = [tuple(self.paper(cross)[0]) for cross in view.outlines.get("cross", ())]
+        if crosses:
+            pen.line(crosses, 0.0, linestyle="none", marker="+", markersize=2.0 * 72.0 / 25.4, markeredgewidth=0.5)
+        if view.circle is not None:
+            (x, y), r = self.paper(view.circle.centre), view.circle.radius * scale
+            pen.circle((x, y), r, edgecolor=THIN, linewidth=0.6, zorder=3.0)
+            pen.text((x - 0.72 * r - 0.6, y + 0.72 * r + 0.3), _DETAIL, _CAPTION_PT, weight="bold", ha="right")
 
-    def _cut_marks(self) -> None:
-        (x0, y0), (w, h) = self.at, self.framed.size
-        for mark in self.view.cut_marks:
-            across = mark.across
-            place = float(self.paper((mark.at, mark.at))[1 if across else 0])
-            low, high = (x0, x0 + w) if across else (y0, y0 + h)
+    def _cut(self, letter: str, line: float, axis: int) -> None:
+        """The line of a section with an arrow and a letter at each end."""
+        pen, low = self.pen, self.at[axis]
+        high = low + (self.frame.width, self.frame.height)[axis]
+        # Seen from the front one looks towards high y; from the right, towards low x.
+        view = (1.0, -1.0)[axis]
+        pen.line([_at(axis, low - 1.0, line), _at(axis, high + 1.0, line)], linestyle=_CHAIN, color=PALE)
+        for end, out in ((low, -1.0), (high, 1.0)):
+            foot, tip = (_at(axis, end + out * 3.0, line + shift) for shift in (0.0, view * 3.6))
+            pen.line([_at(axis, end + out * 0.8, line), _at(axis, end + out * 3.4, line)], 1.3, color=INK)
+            pen.line([foot, tip], 0.5)
+            pen.arrow(tip, _at(axis, 0.0, view))
+            beside = _at(axis, end + out * 3.0, line - view * 2.7)
+            pen.text(beside, letter, _CAPTION_PT, weight="bold", va="center_baseline")
 
-            def at(along: float, aside: float, across: bool = across) -> tuple[float, float]:
-                return (along, aside) if across else (aside, along)
-
-            chain = (0, (12.0, 2.0, 1.5, 2.0))
-            self.pen.line([at(low - 1.0, place), at(high + 1.0, place)], 0.45, linestyle=chain, color=PALE)
-            # Seen from the front one looks towards high y; from the right, towards low x.
-            sign = 1.0 if across else -1.0
-            for end, out in ((low, -1.0), (high, 1.0)):
-                self.pen.line([at(end + out * 0.8, place), at(end + out * 3.4, place)], 1.3, color=INK)
-                foot, tip = at(end + out * 3.0, place), at(end + out * 3.0, place + sign * 3.6)
-                self.pen.line([foot, tip], 0.5)
-                self.pen.arrow(tip, (0.0, sign) if across else (sign, 0.0))
-                x, y = at(end + out * 3.0, place - sign * 2.7)
-                self.pen.text((x, y), mark.letter, CAPTION_PT, weight="bold", va="center_baseline")
-
-    def _dimension(self, side: Side, one: Placed) -> None:
-        dimension, pen = one.dimension, self.pen
-        across = dimension.axis == 0
-        offset = self.framed.first_mm(side) + PITCH_MM * one.level
-        (x0, y0), (w, h) = self.at, self.framed.size
-        line = {"left": x0 - offset, "right": x0 + w + offset, "bottom": y0 - offset, "top": y0 + h + offset}[side]
+    def _dimension(self, side: Side, place: Placed) -> None:
+        dimension, pen, axis = place.dimension, self.pen, place.dimension.axis
         out = -1.0 if side in ("left", "bottom") else 1.0
-        shift = float((self.paper((0.0, 0.0)))[dimension.axis])
-
-        def at(along: float, aside: float) -> tuple[float, float]:
-            return (along, aside) if across else (aside, along)
-
-        for end in (dimension.start, dimension.end):
-            point = self.paper(end)
-            along, aside = float(point[dimension.axis]), float(point[1 - dimension.axis])
-            pen.line([at(along, aside + out * 0.8), at(along, line + out * 1.2)], 0.4, color=PALE)
-        low, high = one.low + shift, one.high + shift
-        middle = one.text_at + shift
-        half = one.width / 2.0 + 0.5
-        first, last = (low, high) if one.inside else (low - TAIL_MM, high + TAIL_MM)
-        if not low <= middle <= high:
-            first, last = min(first, middle - half), max(last, middle + half)
-        pen.line([at(first, line), at(last, line)], 0.45)
-        turn = -1.0 if one.inside else 1.0
-        for tip, towards in ((low, turn), (high, -turn)):
-            pen.arrow(at(tip, line), at(towards, 0.0))
-        ground = {"facecolor": "white", "edgecolor": "none", "pad": 0.3}
-        where = at(middle, line + (0.7 if across else -0.7))
-        style: dict[str, Any] = {} if across else {"rotation": 90.0, "va": "center", "ha": "right"}
-        pen.text(where, dimension.text, bbox=ground, **style)
+        edge = self.at[1 - axis] + (0.0 if out < 0.0 else (self.frame.height, self.frame.width)[axis])
+        line, low = edge + out * self.frame.offset_mm(side, place.level), self.at[axis]
+        for end in self.paper([dimension.start, dimension.end]):
+            along, aside = float(end[axis]), float(end[1 - axis])
+            ends = [_at(axis, along, aside + out * 0.8), _at(axis, along, line + out * 1.2)]
+            pen.line(ends, 0.4, color=PALE, zorder=1.5)
+        pen.line([_at(axis, low + end, line) for end in place.line])
+        turn = -1.0 if place.inside else 1.0
+        for tip, towards in ((place.low, turn), (place.high, -turn)):
+            pen.arrow(_at(axis, low + tip, line), _at(axis, towards, 0.0))
+        style: dict[str, Any] = {"rotation": 90.0, "va": "center", "ha": "right"} if axis else {}
+        middle = _at(axis, low + place.text_at, line + (0.7, -0.7)[axis])
+        pen.text(middle, dimension.text, bbox={**_WHITE, "pad": 0.3}, **style)
 
     def _callouts(self) -> None:
-        (x0, y0), (w, _) = self.at, self.framed.size
-        column = x0 + w + self.framed.column_mm
-        for one, height in self.framed.callout_heights():
-            y = y0 + height
-            shoulder = (column - 2.5, y)
-            tip = self.paper(one.at)
-            away = np.array(shoulder) - tip
-            away /= float(np.hypot(*away))
-            if one.diameter_mm is not None:
-                tip = tip + away * one.diameter_mm / 2.0 * self.scale
-                self.pen.arrow(tuple(tip), tuple(-away))
-            else:
+        column = self.at[0] + self.frame.width + self.frame.column_mm
+        for callout, height in self.frame.callouts():
+            tip, y = self.paper(callout.at), self.at[1] + height
+            # As far level as it can be: only near the place the line is oblique.
+            bend = np.array([min(tip[0] + 6.0, column - 2.0), y])
+            if callout.diameter_mm is None:
                 self.pen.circle(tuple(tip), 0.45, facecolor=THIN, edgecolor="none", zorder=4.0)
-            self.pen.line([tuple(tip), shoulder, (column - 0.8, y)], 0.45)
-            self.pen.text((column, y), one.text, ha="left", va="center")
+            else:
+                away = (bend - tip) / np.hypot(*(bend - tip))
+                tip = tip + away * callout.diameter_mm / 2.0 * self.frame.scale
+                self.pen.arrow(tuple(tip), tuple(-away))
+            self.pen.line([tuple(tip), tuple(bend), (column - 0.8, y)])
+            self.pen.text((column, y), callout.text, ha="left", va="center")
 
 
-def _wrapped(text: str, width: float, points: float) -> list[str]:
-    """The words in lines that are no wider."""
-    lines: list[str] = []
-    for word in text.split():
-        if lines and text_width_mm(f"{lines[-1]} {word}", points) <= width:
-            lines[-1] += f" {word}"
-        else:
-            lines.append(word)
-    return lines
+def _at(axis: int, along: float, aside: float) -> Point:
+    """A point by its place along x or y and aside of that."""
+    return (aside, along) if axis else (along, aside)
 
 
-def _notes(pen: _Pen, drawing: Drawing, arranged: Arranged) -> None:
-    x, y = arranged.notes_at
+def _notes(pen: _Pen, drawing: Drawing, sheet: Sheet) -> None:
+    x, y = sheet.notes_at
     for note in drawing.notes:
-        lines = _wrapped(note, arranged.notes_width - 2.0, TEXT_PT - 0.3)
-        pen.text((x, y), "\n".join(lines), TEXT_PT - 0.3, ha="left", va="top")
+        lines = textwrap.wrap(note, int(sheet.notes_width / _CHARACTER_MM))
+        pen.text((x, y), "\n".join(lines), _NOTES_PT, ha="left", va="top")
         y -= LINE_MM * len(lines) + 1.6
 
 
-def _strip(pen: _Pen, drawing: Drawing, arranged: Arranged) -> None:
+def _strip(pen: _Pen, drawing: Drawing, scale: float) -> None:
     """Frame and title strip."""
-    x0, y0, x1 = MARGIN_MM, MARGIN_MM, SHEET_MM[0] - MARGIN_MM
-    y1, top = SHEET_MM[1] - MARGIN_MM, MARGIN_MM + STRIP_MM
+    x0, y0, x1, y1 = MARGIN_MM, MARGIN_MM, SHEET_MM[0] - MARGIN_MM, SHEET_MM[1] - MARGIN_MM
+    top = y0 + STRIP_MM
     pen.line([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)], 0.9, color=INK)
     pen.line([(x0, top), (x1, top)], 0.9, color=INK)
-    edges = [x0, x0 + 99.0, x0 + 193.0, x0 + 253.0, x1]
-    for edge in edges[1:-1]:
+    edges = [x0 + 99.0, x0 + 193.0, x0 + 253.0]
+    for edge in edges:
         pen.line([(edge, y0), (edge, top)], 0.5)
-    size = 11.0
-    while text_width_mm(drawing.title, size, "bold") > 93.0 and size > 5.0:
-        size -= 0.25
-    pen.text((x0 + 2.5, top - 3.4), drawing.title, size, ha="left", va="top", weight="bold")
-    small = SMALL_PT
-    while 1.12 * text_width_mm(drawing.name, small) > 95.0 and small > 3.5:
-        small -= 0.2
-    pen.text((x0 + 2.5, top - 10.5), drawing.name, small, ha="left", va="top", family="DejaVu Sans Mono")
-    pen.text((x0 + 2.5, y0 + 2.6), f"tacbench-cad {__version__}", SMALL_PT, ha="left", color=PALE)
-    _facts(pen, drawing.facts, edges[1], top, edges[2] - edges[1])
-    within = [
-        "All lengths in mm, as in the file.",
-        "Accepted in a print: as marked,",
-        f"else ±{length(drawing.accepts_mm)} mm.",
+    ratio = Fraction(scale).limit_denominator(1000)
+    accepted = f"All lengths in mm, as in the file.\nAccepted in a print: as marked,\nelse ±{length(ACCEPTED_MM)} mm."
+    title, small = drawing.title, {"color": PALE, "va": "baseline"}
+    rows: list[tuple[float, float, str, float, dict[str, Any]]] = [
+        (x0, 3.4, title, _fitting(title, 11.0, 93.0, "bold"), {"weight": "bold"}),
+        (x0, 10.5, drawing.name, _fitting(drawing.name, _SMALL_PT, 84.0), {"family": "DejaVu Sans Mono"}),
+        (x0, 21.4, f"tacbench-cad {__version__}", _SMALL_PT, small),
+        (edges[1], 3.2, accepted, _NOTES_PT, {}),
+        (edges[2], 3.2, f"{ratio.numerator}:{ratio.denominator}", 12.0, {"weight": "bold"}),
+        (edges[2], 21.4, "A4", _SMALL_PT, small),
     ]
-    pen.text((edges[2] + 2.5, top - 3.2), "\n".join(within), TEXT_PT - 0.3, ha="left", va="top")
-    pen.text((edges[3] + 2.5, top - 3.2), _ratio(arranged.scale), 12.0, ha="left", va="top", weight="bold")
-    pen.text((edges[3] + 2.5, y0 + 2.6), "A4", SMALL_PT, ha="left", color=PALE)
+    heads = max(text_width_mm(head, _SMALL_PT) for head in drawing.facts) + 2.5
+    for i, (head, value) in enumerate(drawing.facts.items()):
+        down = 4.6 + LINE_MM * i
+        size = _fitting(value, _SMALL_PT, edges[1] - edges[0] - heads - 4.0)
+        rows += [(edges[0], down, head, _SMALL_PT, small), (edges[0] + heads, down, value, size, {"va": "baseline"})]
+    for x, down, words, size, style in rows:
+        pen.text((x + 2.5, top - down), words, size, **{"ha": "left", "va": "top", **style})
     _third_angle(pen, (x1 - 11.0, y0 + 5.2))
 
 
-def _facts(pen: _Pen, facts: Sequence[tuple[str, str]], left: float, top: float, width: float) -> None:
-    heads = max(text_width_mm(head, SMALL_PT) for head, _ in facts) + 2.5
-    for i, (head, value) in enumerate(facts[:5]):
-        y = top - 4.6 - 4.3 * i
-        size = SMALL_PT
-        while text_width_mm(value, size) > width - heads - 4.0 and size > 4.0:
-            size -= 0.2
-        pen.text((left + 2.5, y), head, SMALL_PT, ha="left", va="baseline", color=PALE)
-        pen.text((left + 2.5 + heads, y), value, size, ha="left", va="baseline")
+def _fitting(text: str, points: float, width_mm: float, weight: str = "normal") -> float:
+    """The size at which a line of text is no wider than its place."""
+    return points * min(1.0, width_mm / text_width_mm(text, points, weight))
 
 
-def _ratio(scale: float) -> str:
-    """``2:1``, ``3:2``, ``1:5``."""
-    ratio = Fraction(scale).limit_denominator(1000)
-    return f"{ratio.numerator}:{ratio.denominator}"
-
-
-def _third_angle(pen: _Pen, at: tuple[float, float]) -> None:
+def _third_angle(pen: _Pen, at: Point) -> None:
     """The symbol of third-angle projection: a cone's end beside its side, the end on the side that it is seen from."""
     x, y = at
     for radius in (1.1, 2.2):
-        pen.circle((x - 4.0, y), radius, facecolor="none", edgecolor=INK, linewidth=0.7, zorder=3.0)
-    cone = np.array([(x, y - 1.1), (x + 5.0, y - 2.2), (x + 5.0, y + 2.2), (x, y + 1.1)])
-    pen.shape([cone], facecolor="none", edgecolor=INK, linewidth=0.7, zorder=3.0)
-    chain = (0, (6.0, 1.5, 1.0, 1.5))
-    pen.line([(x - 7.2, y), (x + 6.2, y)], 0.35, linestyle=chain)
-    pen.line([(x - 4.0, y - 3.2), (x - 4.0, y + 3.2)], 0.35, linestyle=chain)
+        pen.circle((x - 4.0, y), radius, linewidth=0.7)
+    pen.shape([np.array([(x, y - 1.1), (x + 5.0, y - 2.2), (x + 5.0, y + 2.2), (x, y + 1.1)])], linewidth=0.7)
+    for ends in ([(x - 7.2, y), (x + 6.2, y)], [(x - 4.0, y - 3.2), (x - 4.0, y + 3.2)]):
+        pen.line(ends, 0.35, linestyle=(0, (6.0, 1.5, 1.0, 1.5)))

@@ -6,7 +6,7 @@ Views are in mm of the part, a to the right and b up on the paper.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,10 +16,13 @@ from tacbench_cad.util.text import report
 from tacbench_cad.util.types import Bytes, Floats
 
 Point = tuple[float, float]
+Outlines = Sequence[Floats]
 Side = Literal["top", "bottom", "left", "right"]
-#: What an end of a length lies on: an outline of the part, the axis of something symmetrical in it, a drawn cross, or
-#: the thin outline of a part that belongs to it.
-End = Literal["edge", "axis", "cross", "other"]
+#: Accepted deviation of any length of a print that has no accepted deviation of its own, in mm.
+ACCEPTED_MM = 0.3
+#: Paper mm that the radius of a detail takes at most, and the scales that are tried.
+_DETAIL_MM = 31.0
+_DETAIL_SCALES = (10.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.0, 0.5, 0.2, 0.1)
 
 
 def length(value_mm: float) -> str:
@@ -27,27 +30,23 @@ def length(value_mm: float) -> str:
     return f"{round(value_mm, 2) + 0.0:g}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Dimension:
-    """A length between two points of a view.
+    """A length between two points of a view, measured across or up.
 
     Args:
-        name: What it is, for lists.
-        value_mm: The length, from the part's specification.
+        name: What is measured, for lists.
         start: One end, in mm of the view.
         end: The other end.
         side: On which side of the view its line lies: ``top`` and ``bottom`` measure across, the others up.
-        ends: What both ends lie on.
-        accept_mm: Deviation of a print that is accepted; None for the general one of the sheet.
+        accept_mm: Accepted deviation of a print; None for :data:`ACCEPTED_MM`.
         form: Text with ``{}`` for the number.
     """
 
     name: str
-    value_mm: float
     start: Point
     end: Point
     side: Side
-    ends: tuple[End, End] = ("edge", "edge")
     accept_mm: float | None = None
     form: str = "{}"
 
@@ -57,119 +56,106 @@ class Dimension:
         return 0 if self.side in ("top", "bottom") else 1
 
     @property
+    def value_mm(self) -> float:
+        """The length."""
+        return abs(self.end[self.axis] - self.start[self.axis])
+
+    @property
     def number(self) -> str:
-        """The length, and what is accepted of a print: ``23.3 ±0.1``."""
-        return length(self.value_mm) + self._within
+        """The length and the accepted deviation: ``23.3 ±0.1``."""
+        return length(self.value_mm) + ("" if self.accept_mm is None else f" ±{length(self.accept_mm)}")
 
     @property
     def text(self) -> str:
         """What is written on the drawing."""
-        return self.form.format(length(self.value_mm)) + self._within
-
-    @property
-    def _within(self) -> str:
-        return "" if self.accept_mm is None else f" ±{length(self.accept_mm)}"
+        return self.form.format(self.number)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Callout:
-    """Words with a line to a place: a hole's diameter, a label.
+def sides(name: str, low: Point, high: Point, at: tuple[Side, Side], *accept_mm: float) -> list[Dimension]:
+    """The lengths ``name x`` and ``name y`` of a rectangle, between the middles of its sides.
 
     Args:
-        name: What it is, for lists.
+        name: The rectangle.
+        low: Its lower corner.
+        high: Its upper corner.
+        at: Where the lines lie that measure across and up.
+        accept_mm: Accepted deviations along both axes; none for :data:`ACCEPTED_MM`.
+    """
+    a, b = (low[0] + high[0]) / 2.0, (low[1] + high[1]) / 2.0
+    accept_x, accept_y = accept_mm or (None, None)
+    return [
+        Dimension(f"{name} x", (low[0], b), (high[0], b), at[0], accept_x),
+        Dimension(f"{name} y", (a, low[1]), (a, high[1]), at[1], accept_y),
+    ]
+
+
+@dataclass(frozen=True)
+class Callout:
+    """Words with a line to a place, or with an arrow to a circle.
+
+    Args:
         text: The words; lines are separated by newlines.
         at: The place, or the centre of the circle.
         diameter_mm: The circle's diameter; None for no circle.
     """
 
-    name: str
     text: str
     at: Point
     diameter_mm: float | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class CutMark:
-    """Where a section is taken, shown in the plan.
-
-    Args:
-        letter: Its letter.
-        at: x of a section seen from the right, y of one seen from the front, in mm.
-        across: Whether it runs across the plan (seen from the front) or up.
-    """
-
-    letter: str
-    at: float
-    across: bool
-
-
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Circle:
-    """A circle of a view: what a detail shows.
+    """What a detail shows.
 
     Args:
-        letter: Its letter.
         centre: Its centre in mm.
         radius: Its radius in mm.
     """
 
-    letter: str
     centre: Point
     radius: float
 
+    @property
+    def scale(self) -> float:
+        """The largest scale at which the detail fits beside the plan."""
+        fitting = (scale for scale in _DETAIL_SCALES if scale * self.radius <= _DETAIL_MM)
+        return next(fitting, _DETAIL_SCALES[-1])
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+
+@dataclass(frozen=True, eq=False)
 class View:
     """One view of a part.
 
     Args:
-        caption: What stands below it; empty for nothing.
-        seen: Closed outlines that are seen, each (n, 2) in mm.
-        fine: Closed outlines of engravings, drawn with a finer line.
-        hidden: Closed outlines of what lies below.
-        cut: Closed outlines of what is cut, to be hatched: outer ones counter-clockwise, inner ones clockwise.
-        other: Closed outlines of parts that belong to it, thin.
-        crosses: Points that are marked.
-        axes: Axes of holes, pairs of ends.
+        outlines: Closed outlines by how they are drawn, each (n, 2) in mm, or (2, 2) for a line that is open: ``seen``
+            and ``hidden`` edges, ``fine`` engravings, ``cut`` faces (counter-clockwise, holes in them clockwise),
+            the thin outlines of an ``other`` part, the ``axis`` of a hole, the ``cross`` on a marked point.
         dimensions: Lengths.
         callouts: Words with lines, in a column to the right.
         labels: Words on the view itself, each with its middle.
-        cut_marks: Where sections are taken.
-        circle: Outside of it nothing is shown (a detail).
-        circles: Circles round what details show.
+        cuts: In the plan, where sections are taken: y of A–A, x of B–B; None for no section.
+        circle: Round what a detail of this view shows.
+        within: Outside of this circle nothing is shown: the view is a detail.
         shade: A picture to lay below, (h, w, 3), and its extent left, right, bottom, top in mm.
     """
 
-    caption: str = ""
-    seen: tuple[Floats, ...] = ()
-    fine: tuple[Floats, ...] = ()
-    hidden: tuple[Floats, ...] = ()
-    cut: tuple[Floats, ...] = ()
-    other: tuple[Floats, ...] = ()
-    crosses: tuple[Point, ...] = ()
-    axes: tuple[tuple[Point, Point], ...] = ()
-    dimensions: tuple[Dimension, ...] = ()
-    callouts: tuple[Callout, ...] = ()
-    labels: tuple[tuple[Point, str], ...] = ()
-    cut_marks: tuple[CutMark, ...] = ()
+    outlines: Mapping[str, Outlines]
+    dimensions: Sequence[Dimension]
+    callouts: Sequence[Callout] = ()
+    labels: Sequence[tuple[Point, str]] = ()
+    cuts: tuple[float | None, float | None] = (None, None)
     circle: Circle | None = None
-    circles: tuple[Circle, ...] = ()
-    shade: tuple[Bytes, tuple[float, float, float, float]] | None = None
+    within: Circle | None = None
+    shade: tuple[Bytes, tuple[float, ...]] | None = None
 
     @property
-    def outlines(self) -> tuple[Floats, ...]:
-        """All outlines of the part itself."""
-        return (*self.seen, *self.fine, *self.hidden, *self.cut)
-
-    @property
-    def box(self) -> tuple[Point, Point]:
-        """Lower left and upper right corner of what is shown, in mm."""
-        if self.circle is not None:
-            (a, b), r = self.circle.centre, self.circle.radius
-            return (a - r, b - r), (a + r, b + r)
-        points = np.concatenate([*self.outlines, *self.other])
-        low, high = points.min(axis=0), points.max(axis=0)
-        return (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
+    def box(self) -> Floats:
+        """Lower left and upper right corner of what is shown, in mm, shape (2, 2)."""
+        if self.within is not None:
+            return np.add(self.within.centre, [[-self.within.radius], [self.within.radius]])
+        points = np.concatenate([loop for line, loops in self.outlines.items() if line != "axis" for loop in loops])
+        return np.array([points.min(axis=0), points.max(axis=0)])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -179,45 +165,31 @@ class Drawing:
     Args:
         name: Stem of the part's file names.
         title: One line for people.
-        facts: Pairs of a head and a value for the title strip.
-        accepts_mm: Deviation of a print that is accepted where a length has none of its own.
+        facts: Names and values for the title strip, five at most.
         plan: The part from above.
-        front: The section seen from the front.
-        side: A section seen from the right, its z to the left, level with the plan; or a detail.
-        detail_scale: Paper mm per mm of the detail; None where ``side`` is a section and has the sheet's scale.
+        front: The section seen from the front, as wide as the plan.
+        side: A section seen from the right, its z to the left, as high as the plan; or a detail.
         notes: What else must be known, a paragraph each.
     """
 
     name: str
     title: str
-    facts: tuple[tuple[str, str], ...]
-    accepts_mm: float
+    facts: Mapping[str, str]
     plan: View
     front: View
     side: View
-    detail_scale: float | None = None
     notes: Sequence[str] = ()
-
-    @property
-    def views(self) -> tuple[View, View, View]:
-        """Plan, front and side."""
-        return self.plan, self.front, self.side
 
     @property
     def dimensions(self) -> tuple[Dimension, ...]:
         """Every length of every view."""
-        return tuple(self._dimensions())
+        return (*self.plan.dimensions, *self.front.dimensions, *self.side.dimensions)
 
     @property
     def to_measure(self) -> tuple[Dimension, ...]:
         """The lengths that say whether a print is good, which have an accepted deviation of their own."""
-        return tuple(one for one in self._dimensions() if one.accept_mm is not None)
+        return tuple(dimension for dimension in self.dimensions if dimension.accept_mm is not None)
 
     def __str__(self) -> str:
-        """Every length with what is accepted of a print."""
-        lines = {one.name: one.number + " mm" for one in self.dimensions}
-        return report(self.title, lines)
-
-    def _dimensions(self) -> Iterator[Dimension]:
-        for view in self.views:
-            yield from view.dimensions
+        """Every length with the accepted deviation."""
+        return report(self.title, {dimension.name: f"{dimension.number} mm" for dimension in self.dimensions})
