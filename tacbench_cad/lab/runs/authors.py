@@ -26,7 +26,6 @@ from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.schema import RUN_FILE
 from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.study import names
-from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import FORCES_N, PER_SIDE, PressGrid, Spacing
@@ -83,69 +82,88 @@ class ImportOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class AuthorsFile:
-    """One of the authors' files, by its name and header; nothing else was read yet.
+    """One of the authors' files, by its name and header; its images are not read yet.
 
     Args:
         path: The file.
-        texture: Number of its texture, 1 to 6.
         printer: Our name of its printer.
         filament: Our name of its filament.
+        texture: Number of its texture, 1 to 6.
         copy: Its copy.
         level: Its force level, from 1.
-        repeats: Readings at each position.
+        repeats: Images at each position.
         image_shape: (height, width, 3).
     """
 
     path: Path
-    texture: int
     printer: str
     filament: str
+    texture: int
     copy: int
     level: int
     repeats: int
-    image_shape: tuple[int, int, int]
+    image_shape: tuple[int, ...]
 
     @property
     def block(self) -> tuple[str, str, int, int]:
-        """What it is of: printer, filament, texture, copy."""
+        """The block that it shows: printer, filament, texture, copy."""
         return (self.printer, self.filament, self.texture, self.copy)
 
     @classmethod
-    def of(cls, path: Path, how: ImportOptions) -> AuthorsFile:
+    def of(cls, path: Path, options: ImportOptions) -> AuthorsFile:
         """Read a file's name and header.
 
         Raises:
             InputError: The name, a spelling in it, or the array's type or shape is not one of the authors'.
         """
+
+        def refusal(reason: object) -> InputError:
+            return InputError("file", str(path), str(reason))
+
         if path.is_dir():
-            raise InputError("file", str(path), f"is a folder; name its files, as {path}/*.npy")
-        named = _NAME.fullmatch(path.name)
-        if named is None:
-            raise InputError("file", str(path), _NAME_TEXT)
-        texture = int(named["texture"]) + 1
+            raise refusal(f"is a folder; name its files, as {path}/*.npy")
+        name = _NAME.fullmatch(path.name)
+        if name is None:
+            raise refusal(_NAME_TEXT)
+        texture = int(name["texture"]) + 1
         if texture > 6:
-            raise InputError("file", str(path), f"z{named['texture']} is no texture; z0 to z5 are textures 1 to 6")
-        level = how.force_levels.get(named["level"].upper())
+            raise refusal(f"z{name['texture']} is no texture; z0 to z5 are textures 1 to 6")
+        level = options.force_levels.get(name["level"].upper())
         if level is None:
-            known = ", ".join(f"{word}={number}" for word, number in how.force_levels.items())
-            raise InputError("file", str(path), f"{named['level']} is no known force level; --force-levels has {known}")
-        copy = int(named["copy"]) if named["copy"] else how.unnumbered_copy
+            known = ", ".join(f"{word}={number}" for word, number in options.force_levels.items())
+            raise refusal(f"{name['level']} is no known force level; --force-levels has {known}")
+        copy = int(name["copy"]) if name["copy"] else options.unnumbered_copy
         if not 1 <= copy <= 999:
-            raise InputError("file", str(path), f"copy {copy} must be from 1 to 999")
+            raise refusal(f"copy {copy} must be from 1 to 999")
         try:
-            printer, filament = names.printer(named["printer"]), names.filament(named["filament"])
+            printer, filament = names.printer(name["printer"]), names.filament(name["filament"])
         except InputError as error:
             raise InputError(f"{path}: {error.field}", error.value, error.allowed) from None
-        repeats, shape = _layout(path)
+        try:
+            header = read_header(path)
+        except CheckFailedError as error:
+            raise refusal(error) from None
+        if header.dtype != np.uint8:
+            raise refusal(f"holds {header.dtype}; the authors' images are uint8")
+        shape = header.shape
+        repeats = 0
+        if len(shape) == 7 and shape[0] == 1 and shape[2:4] == (PER_SIDE, PER_SIDE):
+            repeats = shape[1]
+        elif len(shape) == 4 and shape[0] % POSITIONS == 0:
+            repeats = shape[0] // POSITIONS
+        if repeats < 1 or header.fortran or shape[-1] != 3 or min(shape[-3:-1]) < 8:
+            raise refusal(
+                f"has shape {shape}; (1, 2, 5, 5, 480, 640, 3) and (50, 480, 640, 3) are the authors'",
+            )
         return cls(
             path=path,
-            texture=texture,
             printer=printer,
             filament=filament,
+            texture=texture,
             copy=copy,
             level=level,
             repeats=repeats,
-            image_shape=shape,
+            image_shape=shape[-3:],
         )
 
     def frames(self) -> NDArray[Any]:
@@ -156,76 +174,45 @@ class AuthorsFile:
             raise InputError("file", str(self.path), str(error)) from None
 
 
-def _layout(path: Path) -> tuple[int, tuple[int, int, int]]:
-    """Repeats and image shape of an array in one of the two layouts."""
-    try:
-        header = read_header(path)
-    except CheckFailedError as error:
-        raise InputError("file", str(path), str(error)) from None
-    if header.dtype != np.uint8:
-        raise InputError("file", str(path), f"holds {header.dtype}; the authors' images are uint8")
-    shape = header.shape
-    if len(shape) == 7 and shape[0] == 1 and shape[2:4] == (PER_SIDE, PER_SIDE):
-        repeats = shape[1]
-    elif len(shape) == 4 and shape[0] % POSITIONS == 0:
-        repeats = shape[0] // POSITIONS
-    else:
-        repeats = 0
-    if repeats < 1 or header.fortran or shape[-1] != 3 or min(shape[-3:-1]) < 8:
-        raise InputError(
-            "file", str(path), f"has shape {shape}; (1, 2, 5, 5, 480, 640, 3) and (50, 480, 640, 3) are the authors'"
-        )
-    return repeats, (shape[-3], shape[-2], 3)
-
-
 @dataclass(frozen=True, kw_only=True)
 class AuthorsBlock:
     """The authors' files of one printed block.
 
     Args:
         files: One for each force level, rising.
-        how: How they are read.
+        options: How they are read.
     """
 
     files: tuple[AuthorsFile, ...]
-    how: ImportOptions
+    options: ImportOptions
 
     def __post_init__(self) -> None:
         first = self.files[0]
-        for one in self.files[1:]:
-            if (one.repeats, one.image_shape) != (first.repeats, first.image_shape):
+        for file in self.files[1:]:
+            if (file.repeats, file.image_shape) != (first.repeats, first.image_shape):
                 raise InputError(
                     "file",
-                    str(one.path),
-                    f"has {one.repeats} x 25 images of {one.image_shape}, {first.path.name} of the same block has "
+                    str(file.path),
+                    f"has {file.repeats} x 25 images of {file.image_shape}, {first.path.name} of the same block has "
                     f"{first.repeats} x 25 of {first.image_shape}",
                 )
 
     @property
-    def printed(self) -> PrintedBlock:
-        """The block."""
-        first = self.files[0]
-        block = Block.of(first.texture, self.how.preset)
-        return PrintedBlock(block=block, printer=first.printer, filament=first.filament, copy=first.copy)
-
-    @property
     def info(self) -> RunInfo:
         """The run that the files become; their checksums are computed here."""
-        first = self.files[0]
-        protocol = Protocol(repeats=first.repeats, grid=PressGrid.paper(spacing=self.how.spacing), stationary_frames=0)
-        source = {
-            "kind": "the authors' NumPy files",
-            "first_axis": self.how.first_axis,
-            "forces": "nominal, not measured",
-            "files": [
-                {"name": one.path.name, "sha256": sha256(one.path), "force_level": one.level} for one in self.files
-            ],
-        }
+        first, options = self.files[0], self.options
         return RunInfo(
-            printed=self.printed,
-            levels=tuple(one.level for one in self.files),
-            protocol=protocol,
-            grid_spacing=self.how.spacing,
+            printed=PrintedBlock(
+                block=Block.of(first.texture, options.preset),
+                printer=first.printer,
+                filament=first.filament,
+                copy=first.copy,
+            ),
+            levels=tuple(file.level for file in self.files),
+            protocol=Protocol(
+                repeats=first.repeats, grid=PressGrid.paper(spacing=options.spacing), stationary_frames=0
+            ),
+            grid_spacing=options.spacing,
             holder=HolderRim(),
             frame=WorkFrame(origin_mm=(0.0, 0.0, 0.0)),
             slot=0,
@@ -238,16 +225,24 @@ class AuthorsBlock:
                 "shape": list(first.image_shape),
                 "settings": {"requested": {}, "actual": {}},
             },
-            source=source,
+            source={
+                "kind": "the authors' NumPy files",
+                "first_axis": options.first_axis,
+                "forces": "nominal, not measured",
+                "files": [
+                    {"name": file.path.name, "sha256": sha256(file.path), "force_level": file.level}
+                    for file in self.files
+                ],
+            },
         )
 
 
-def gather_authors_files(paths: Sequence[Path], how: ImportOptions) -> list[AuthorsBlock]:
-    """Sort files by printed block; names and headers are read, and every one of them is checked.
+def gather_authors_files(paths: Sequence[Path], options: ImportOptions) -> list[AuthorsBlock]:
+    """Group files by printed block; the name and the header of every file are checked.
 
     Args:
         paths: The files.
-        how: How they are read.
+        options: How they are read.
 
     Returns:
         The blocks, by printer, filament, texture and copy.
@@ -255,86 +250,79 @@ def gather_authors_files(paths: Sequence[Path], how: ImportOptions) -> list[Auth
     Raises:
         InputError: A file is not one of the authors', or two are of the same block and force level.
     """
-    sorted_: dict[tuple[str, str, int, int], dict[int, AuthorsFile]] = {}
+    blocks: dict[tuple[str, str, int, int], dict[int, AuthorsFile]] = {}
     for path in paths:
-        one = AuthorsFile.of(path, how)
-        levels = sorted_.setdefault(one.block, {})
-        if one.level in levels:
+        file = AuthorsFile.of(path, options)
+        same = blocks.setdefault(file.block, {}).setdefault(file.level, file)
+        if same is not file:
             raise InputError(
                 "file",
                 str(path),
-                f"is of the same block, copy and force level as {levels[one.level].path}; where a name without a copy "
-                "number is another copy, say which with --unnumbered-copy",
+                f"is of the same block, copy and force level as {same.path}; where a name without a copy number is "
+                "another copy, say which with --unnumbered-copy",
             )
-        levels[one.level] = one
     return [
-        AuthorsBlock(files=tuple(one for _, one in sorted(levels.items())), how=how)
-        for _, levels in sorted(sorted_.items())
+        AuthorsBlock(files=tuple(levels[level] for level in sorted(levels)), options=options)
+        for _, levels in sorted(blocks.items())
     ]
 
 
-def import_block(block: AuthorsBlock, out: Path, progress: Callable[[int, int], None] | None = None) -> Path:
-    """Write one block's files as a run folder, or go on where an earlier import was interrupted.
+def import_block(
+    block: AuthorsBlock, out: Path, progress: Callable[[int, int], None] = lambda images, planned: None
+) -> Path:
+    """Write one block's files as a run folder, or resume an interrupted import.
 
     One force level is mapped at a time and one image copied at a time, so the memory taken does not grow.
 
     Args:
         block: The block.
         out: The folder for the run folders.
-        progress: Told the images that are there and their number.
+        progress: Called with the number of images that exist and the number of all.
 
     Returns:
         The run folder.
 
     Raises:
-        InputError: The run folder holds another import, or cannot be written; or a file is there already as another
+        InputError: The run folder holds another import, or cannot be written; or a file was imported already as another
             block or copy, which would count one print twice.
         MissingToolError: OpenCV is not installed.
     """
     require("the import of images", "cv2")
     info = block.info
     folder = out / info.printed.name
-    _refuse_a_second_copy(block, info, out, folder)
-    plan = info.presses
+    _refuse_a_second_copy(block, info, folder)
+    axes = [(i, j) for i in range(PER_SIDE) for j in range(PER_SIDE)]
+    index = {block.options.position(i, j): (i, j) for i, j in axes}
     with RunWriter.open(folder, info, durable=False) as writer:
-        for one in block.files:
-            presses = [press for press in writer.missing(plan) if press.force_level == one.level]
-            if presses:
-                _import_level(writer, one, presses, block.how, lambda: _tell(progress, writer, len(plan)))
-        _tell(progress, writer, len(plan))
+        missing = writer.missing(info.presses)
+        for file in block.files:
+            presses = [press for press in missing if press.force_level == file.level]
+            frames = file.frames() if presses else None
+            for press in presses:
+                assert frames is not None
+                image = np.array(frames[press.repeat - 1, *index[press.position]])
+                writer.press(press, (press.x_mm, press.y_mm, math.nan), image)
+                progress(len(writer.done), len(info.presses))
+        progress(len(writer.done), len(info.presses))
     return folder
 
 
-def _refuse_a_second_copy(block: AuthorsBlock, info: RunInfo, out: Path, folder: Path) -> None:
-    """Refuse a file whose content another run folder was imported from.
+def _refuse_a_second_copy(block: AuthorsBlock, info: RunInfo, folder: Path) -> None:
+    """Refuse a file whose content was imported to another run folder beside this one.
 
     Raises:
-        InputError: One is there already.
+        InputError: One was.
     """
-    paths = {one["sha256"]: file.path for one, file in zip(info.source["files"], block.files, strict=True)}
-    for path in sorted(out.glob(f"*/{RUN_FILE}")):
+    paths = {entry["sha256"]: file.path for entry, file in zip(info.source["files"], block.files, strict=True)}
+    for path in sorted(folder.parent.glob(f"*/{RUN_FILE}")):
         if path.parent.name == folder.name:
             continue
         try:
             source = Run.open(path.parent).info.source
         except InputError:  # `tacbench runs check` says what is wrong with it
             continue
-        for one in source.get("files", ()):
-            if one["sha256"] in paths:
-                raise InputError("file", str(paths[one["sha256"]]), f"is there already, as {path.parent}")
-
-
-def _tell(progress: Callable[[int, int], None] | None, writer: RunWriter, planned: int) -> None:
-    if progress is not None:
-        progress(len(writer.done), planned)
-
-
-def _import_level(
-    writer: RunWriter, file: AuthorsFile, presses: Sequence[Press], how: ImportOptions, tell: Callable[[], None]
-) -> None:
-    frames = file.frames()
-    index = {how.position(i, j): (i, j) for i in range(PER_SIDE) for j in range(PER_SIDE)}
-    for press in presses:
-        i, j = index[press.position]
-        writer.press(press, (press.x_mm, press.y_mm, math.nan), np.array(frames[press.repeat - 1, i, j]))
-        tell()
+        files = source.get("files")
+        for entry in files if isinstance(files, list) else ():
+            digest = entry.get("sha256") if isinstance(entry, dict) else None
+            if digest in paths:
+                raise InputError("file", str(paths[digest]), f"is there already, as {path.parent}")

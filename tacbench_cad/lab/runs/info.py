@@ -70,6 +70,9 @@ class RunInfo:
         for name in ("stage", "gauge", "sensor", "source"):
             # What comes back from a file must be equal to what went in: tuples are lists from the start.
             object.__setattr__(self, name, _plain(name, getattr(self, name)))
+        shape = self.sensor.get("shape") or []
+        if not isinstance(shape, list) or not all(type(side) is int and side > 0 for side in shape):
+            raise InputError("sensor shape", shape, "must be whole numbers from 1")
 
     @property
     def simulated(self) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
@@ -22,7 +22,7 @@ from tacbench_cad.lab.simulate.tactip import REST, SIMULATED, Pins, TacTip
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PlannedBlock, Point, Study, WorkFrame
 from tacbench_cad.spec.printrecord import FIELDS
-from tacbench_cad.util.convert import to_plain
+from tacbench_cad.util.convert import Bounds, check_fields, to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, replacing
 
@@ -42,11 +42,10 @@ class SimulationOptions:
     """
 
     colour: bool = False
-    seed: int = 0
+    seed: Annotated[int, Bounds(0, 2**32 - 1)] = 0
 
     def __post_init__(self) -> None:
-        if isinstance(self.seed, bool) or not 0 <= self.seed < 2**32:
-            raise InputError("seed", self.seed, "must be a whole number from 0 to 4294967295")
+        check_fields(self)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,15 +14,15 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any
 
 import numpy as np
 
 from tacbench_cad.lab.simulate.heights import HeightMap, cell_of, centres, held, on_block
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
 from tacbench_cad.spec.block import Block
-from tacbench_cad.util.convert import Bounds
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.convert import Bounds, check_fields
 from tacbench_cad.util.types import Floats
 
 #: Peaks narrower than so many lines cool too slowly to keep their height.
@@ -38,14 +38,8 @@ STRING_MM, STRING_LENGTH_MM = 0.08, 15.0
 BLOB_MM, BLOB_RADIUS_MM = 0.12, 0.25
 
 
-#: The numbers of a virtual printer and their bounds.
-NUMBERS: Mapping[str, Bounds] = {
-    "nozzle_mm": Bounds(0.01, 5.0),
-    "layer_mm": Bounds(0.005, 2.0),
-    **dict.fromkeys(("xy_error_mm", "layer_error_mm", "z_error_mm", "tilt_mm", "peak_loss"), Bounds(0.0, 1.0)),
-    "roughness_mm": Bounds(0.0, 1.0),
-    "stringing_per_cm2": Bounds(0.0, 100.0),
-}
+#: A standard deviation in mm, or a fraction.
+UpToOne = Annotated[float, Bounds(0.0, 1.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,21 +60,18 @@ class VirtualPrinter:
     """
 
     name: str
-    nozzle_mm: float
-    layer_mm: float
-    xy_error_mm: float
-    layer_error_mm: float
-    z_error_mm: float
-    tilt_mm: float
-    peak_loss: float
-    roughness_mm: float
-    stringing_per_cm2: float
+    nozzle_mm: Annotated[float, Bounds(0.01, 5.0)]
+    layer_mm: Annotated[float, Bounds(0.005, 2.0)]
+    xy_error_mm: UpToOne
+    layer_error_mm: UpToOne
+    z_error_mm: UpToOne
+    tilt_mm: UpToOne
+    peak_loss: UpToOne
+    roughness_mm: UpToOne
+    stringing_per_cm2: Annotated[float, Bounds(0.0, 100.0)]
 
     def __post_init__(self) -> None:
-        for field, bounds in NUMBERS.items():
-            refusal = bounds.refusal(getattr(self, field))
-            if refusal is not None:
-                raise InputError(field, getattr(self, field), refusal)
+        check_fields(self)
 
 
 #: Their values in the order of the fields.
@@ -90,7 +81,7 @@ class VirtualPrinter:
 #: hand, by a probe, by a probe before each print. The paper: the Ender-3 "suffered the most from webbing, and
 #: inconsistent layer heights"; strings on all filament printers, none on the resin's, which all "looked and felt the
 #: same". Form 3: laser spot of 0.085 mm and layers of 0.05 mm by its maker; resin shrinks and is cured evenly.
-_VALUES: tuple[tuple[str, *tuple[float, ...]], ...] = (
+_VALUES: tuple[tuple[Any, ...], ...] = (
     ("ender-3", 0.4, 0.2, 0.10, 0.03, 0.05, 0.04, 0.30, 0.030, 4.0),
     ("ender-3-v3-se", 0.4, 0.2, 0.08, 0.02, 0.03, 0.02, 0.25, 0.025, 2.0),
     ("bambu-p1p", 0.4, 0.2, 0.05, 0.008, 0.02, 0.015, 0.20, 0.015, 1.0),
@@ -98,7 +89,8 @@ _VALUES: tuple[tuple[str, *tuple[float, ...]], ...] = (
 )
 #: The virtual printers that have presets, by the names of :mod:`tacbench_cad.lab.study.names`.
 VIRTUAL_PRINTERS: Mapping[str, VirtualPrinter] = {
-    name: VirtualPrinter(name=name, **dict(zip(NUMBERS, numbers, strict=True))) for name, *numbers in _VALUES
+    str(values[0]): VirtualPrinter(**dict(zip((field.name for field in fields(VirtualPrinter)), values, strict=True)))
+    for values in _VALUES
 }
 #: What a filament does to stringing, peak loss and roughness, as factors. The paper saw more strings on the cheaper
 #: PLA and calls PETG "trickier to print with": it oozes more and stays soft longer than PLA.

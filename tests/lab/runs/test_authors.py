@@ -208,7 +208,7 @@ def test_two_files_of_one_block_and_level_are_refused_with_the_way_out(tmp_path:
     paths = [save(tmp_path, f"resin_z0{copy}_P30_resin.npy", images(1)) for copy in ("", ".1")]
     with pytest.raises(InputError, match="--unnumbered-copy"):
         gather_authors_files(paths, ImportOptions())
-    assert [block.printed.copy for block in gather_authors_files(paths, ImportOptions(unnumbered_copy=6))] == [1, 6]
+    assert [block.files[0].copy for block in gather_authors_files(paths, ImportOptions(unnumbered_copy=6))] == [1, 6]
 
 
 def test_levels_of_a_block_must_agree(tmp_path: Path) -> None:

@@ -101,6 +101,8 @@ def test_levels_outside_of_the_protocol_are_refused(levels: tuple[int, ...], mak
         (("levels",), 5),
         (("stage",), [1]),
         (("holder",), {}),
+        (("sensor", "shape"), 7),
+        (("sensor", "shape"), [24, "x"]),
     ],
 )
 def test_a_damaged_document_is_refused_in_words(path: tuple[str, ...], value: object, make_info: Any) -> None:
