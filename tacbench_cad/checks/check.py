@@ -8,6 +8,8 @@ from typing import Any
 from tacbench_cad.checks.identify import examine
 from tacbench_cad.checks.report import Report
 from tacbench_cad.checks.verify import verify
+from tacbench_cad.formats import format_of
+from tacbench_cad.formats.step import require_readable
 from tacbench_cad.geometry.block_part import as_part
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import InputError
@@ -47,4 +49,6 @@ def check(
         return examine(Path(path), texture, preset, scale, full=full)
     if (texture, preset, scale) != (None, None, None):
         raise InputError("part", None, "goes without texture, preset and scale: it says these itself")
+    if format_of(Path(path)).shape == "solid":
+        require_readable(Path(path))
     return verify(as_part(part), Path(path), full=bool(full))

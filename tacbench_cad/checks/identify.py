@@ -22,6 +22,7 @@ from tacbench_cad.checks.look import Look, look_at_mesh, look_at_solid
 from tacbench_cad.checks.match import GRID_MM, Candidate, Match, Residual, nearest
 from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.formats import format_of
+from tacbench_cad.formats.step import kernel_errors, with_kernel
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.label import LABEL_DEPTH_MM
 from tacbench_cad.spec.sampling import Tolerance
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 UNLIKE = 0.5
 #: Below this share the relief is surely that candidate's, in the placement found.
 SURE = 0.1
+#: Of a plate or an assembly at most so many bodies are examined.
+MAX_BODIES = 300
 #: The solid's own error, and the kernel's, on top of a tolerance, in mm.
 ROUNDING_MM = 1e-5
 
@@ -63,13 +66,15 @@ def examine(
         The report. What cannot be read as its format is a failed check, too.
 
     Raises:
-        InputError: There is no such file, its format is not known, or texture or preset are not.
+        InputError: There is no such file, its format is not known, or texture or preset are not; or the file crashes
+            the CAD kernel.
         MissingToolError: A package that the format, or ``full``, needs is not there.
     """
     wanted = Wanted(texture=texture, preset=preset, scale=scale)
     try:
         if format_of(path).shape == "solid":
-            return _examine_solid(path, wanted)
+            report: Report = with_kernel(path, _examine_solid, path, wanted)
+            return report
         return _examine_mesh(path, wanted, full)
     except CheckFailedError as error:
         return Report(path=path, checks=(Check(name="file", ok=False, detail=str(error).removeprefix(f"{path}: ")),))
@@ -132,10 +137,15 @@ def _examine_mesh(path: Path, wanted: Wanted, full: bool | None) -> Report:
     else:
         mesh = meshcheck.read_mesh(path)
         parts = [("", mesh)]
-    checks = _mesh_soundness(mesh)
+    if len(parts) > MAX_BODIES:
+        raise CheckFailedError(f"{path}: has {len(parts)} bodies; at most {MAX_BODIES} are examined")
+    edges = meshcheck.edges(mesh)
+    checks = _mesh_soundness(mesh, edges)
     bodies = [_mesh_body(name, one) for name, one in parts]
     found, deviation = _examine_bodies(bodies, wanted, claimed_name(path, metadata))
-    return Report.of_mesh(path, mesh, [*checks, *found, *_full(mesh, full)], deviation)
+    closed = mesh if edges.sound else None if edges.open or edges.crowded else meshcheck.oriented(mesh)
+    volume = None if closed is None else closed.volume_mm3
+    return Report.of_mesh(path, mesh, [*checks, *found, *_full(mesh, full)], deviation, volume)
 
 
 def _mesh_body(name: str, mesh: Mesh) -> _Body:
@@ -146,15 +156,14 @@ def _mesh_body(name: str, mesh: Mesh) -> _Body:
     return _Body(name=name, checks=[Check(name="bodies", ok=False, detail=detail)], look=None)
 
 
-def _mesh_soundness(mesh: Mesh) -> list[Check]:
+def _mesh_soundness(mesh: Mesh, edges: meshcheck.Edges) -> list[Check]:
     """Everything about a mesh that has nothing to do with textures."""
-    found = meshcheck.edges(mesh)
     checks = [
         Check(name="file", ok=True, detail="readable; all coordinates finite"),
-        *meshcheck.edge_checks(found),
+        *meshcheck.edge_checks(edges),
         meshcheck.degenerate_check(mesh),
     ]
-    if not found.sound:
+    if not edges.sound:
         return checks
     volume = mesh.volume_mm3
     low, high = mesh.bounds_mm
@@ -176,15 +185,23 @@ def _full(mesh: Mesh, full: bool | None) -> list[Check]:
     if full is None and importlib.util.find_spec("pymeshlab") is None:
         detail = 'not looked for: pip install "tacbench-cad[cad]" adds pymeshlab, which does'
         return [Check(name="self-intersection", ok=True, detail=detail)]
-    return meshcheck.full_checks(mesh)
+    return meshcheck.foreign_full_checks(mesh)
 
 
 def _examine_solid(path: Path, wanted: Wanted) -> Report:
+    """What :func:`examine` does with a STEP file, in a child process."""
+    with kernel_errors(path):
+        return _report_of_solid(path, wanted)
+
+
+def _report_of_solid(path: Path, wanted: Wanted) -> Report:
     from tacbench_cad.checks import solidcheck
     from tacbench_cad.formats.step import read_parts, read_step
 
     shape = read_step(path)
     parts = read_parts(path) if solidcheck.count(shape, "SOLID") > 1 else [("", shape)]
+    if len(parts) > MAX_BODIES:
+        raise CheckFailedError(f"{path}: has {len(parts)} bodies; at most {MAX_BODIES} are examined")
     measured = [solidcheck.measure(one) for _, one in parts]
     bodies = [_solid_body(name, one, own) for (name, one), own in zip(parts, measured, strict=True)]
     found, deviation = _examine_bodies(bodies, wanted, claimed_name(path))
@@ -219,6 +236,11 @@ def _identity(look: Look, wanted: Wanted) -> tuple[list[Check], float | None]:
     match = nearest(look, wanted) if len(look.points) else None
     if match is None or (not look.is_block and wanted.is_open and wanted.claimed is None):
         return [_no_texture(look, match, asked=not wanted.is_open or wanted.claimed is not None)], None
+    if wanted.is_open and wanted.claimed is None and _is_unknown(look, match):
+        detail = (
+            f"not one of the six textures: the nearest is {_name(match.candidate)}, {match.rms_mm:.3g} mm rms from it"
+        )
+        return [Check(name="texture", ok=False, detail=detail)], None
     allowed = _allowed(match.candidate)
     residual = match.candidate.measure(look, match.placement, near_mm=allowed)
     checks = [
@@ -278,6 +300,12 @@ def _placement(look: Look, match: Match) -> Check:
 def _likeness(look: Look, match: Match) -> float:
     """The residual as a share of the relief's own spread: 0 is the candidate itself, 1 is no likeness at all."""
     return match.rms_mm / max(float(look.points[:, 2].std()), 1e-12)
+
+
+def _is_unknown(look: Look, match: Match) -> bool:
+    """Whether a relief is none of the known ones. One that is only alike, at another size, is none of them either."""
+    likeness = _likeness(look, match)
+    return likeness > UNLIKE or (likeness > SURE and not _size(look, match)[0].ok)
 
 
 def _at(place: tuple[float, float, float]) -> str:

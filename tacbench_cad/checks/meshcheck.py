@@ -16,9 +16,15 @@ import numpy as np
 
 from tacbench_cad.checks.report import Check
 from tacbench_cad.geometry.mesh import Mesh, cross
+from tacbench_cad.util.door import limits_factor
 from tacbench_cad.util.errors import MissingToolError
+from tacbench_cad.util.processes import LostProcessError, isolated
 from tacbench_cad.util.types import Bools
 
+#: Triangles that cut each other are looked for where at most so many pairs have overlapping boxes ...
+MAX_PAIRS = 5e7
+#: ... and for so many seconds, and for so many more for each triangle.
+MAX_SECONDS, MAX_SECONDS_PER_TRIANGLE = 30.0, 3e-5
 #: A triangle whose height is below this share of its longest side has no area to speak of.
 DEGENERATE_SHARE = 1e-9
 
@@ -91,6 +97,38 @@ def degenerate(mesh: Mesh) -> Bools:
     normals = cross(sides[:, 1], sides[:, 2])
     doubled = np.sqrt(np.einsum("ij,ij->i", normals, normals))
     return np.asarray(doubled <= DEGENERATE_SHARE * longest)
+
+
+def oriented(mesh: Mesh) -> Mesh | None:
+    """A closed mesh of one body with all triangles wound alike, outwards.
+
+    Args:
+        mesh: A mesh of which every edge has two triangles, whichever way they run along it.
+
+    Returns:
+        The mesh; None where it has several bodies (one may be the hollow of another), or no such winding (a Klein
+        bottle).
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    count = np.int64(len(mesh.vertices))
+    tail = mesh.triangles.astype(np.int64).ravel()
+    head = np.roll(mesh.triangles, -1, axis=1).astype(np.int64).ravel()
+    order = np.argsort(np.minimum(tail, head) * count + np.maximum(tail, head), kind="stable")
+    first, second = order[0::2], order[1::2]
+    # Each triangle is there twice: as it is (i) and flipped (m + i). Neighbours are linked in the way that fits.
+    m = len(mesh.triangles)
+    turned = np.where(tail[first] == tail[second], m, 0)
+    a, b = first // 3, second // 3
+    rows, columns = np.concatenate([a, a + m]), np.concatenate([b + turned, (b + m + turned) % (2 * m)])
+    links = coo_matrix((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(2 * m, 2 * m))
+    components, label = connected_components(links, directed=False)
+    if components != 2:
+        return None
+    triangles = np.where(label[:m, None] == 0, mesh.triangles, mesh.triangles[:, ::-1])
+    outwards = Mesh(mesh.vertices, triangles)
+    return outwards if outwards.volume_mm3 >= 0.0 else Mesh(mesh.vertices, triangles[:, ::-1])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,6 +240,34 @@ def full_checks(mesh: Mesh) -> list[Check]:
         Check(name=name, ok=count == 0, detail=f"{'no' if count == 0 else count} {what} (pymeshlab)")
         for name, count, what in rows
     ]
+
+
+def foreign_full_checks(mesh: Mesh) -> list[Check]:
+    """The same for a mesh that anybody made, within limits of pairs and time; beyond them it is not tested.
+
+    Args:
+        mesh: As of :func:`full_checks`, and its errors are the same.
+    """
+    pairs, factor = overlapping_pairs(mesh), limits_factor()
+    seconds = factor * (MAX_SECONDS + MAX_SECONDS_PER_TRIANGLE * len(mesh.triangles))
+    reason = f"the boxes of about {pairs:.1g} pairs of triangles overlap"
+    if pairs <= factor * MAX_PAIRS:
+        try:
+            checks: list[Check] = isolated(full_checks, mesh, seconds=seconds)
+            return checks
+        except LostProcessError as error:
+            reason = f"it would take pymeshlab longer than {error.seconds:.0f} s" if error.seconds else str(error)
+    return [Check(name="self-intersection", ok=True, detail=f"not tested: {reason}")]
+
+
+def overlapping_pairs(mesh: Mesh) -> float:
+    """About how many pairs of triangles have overlapping boxes, counted for a sample of the triangles."""
+    points = mesh.corners
+    low, high = points.min(axis=1), points.max(axis=1)
+    count = len(points)
+    sample = np.random.default_rng(0).choice(count, min(count, int(np.clip(2e7 // count, 16, 400))), replace=False)
+    beside = [np.count_nonzero(((low <= high[i]) & (high >= low[i])).all(axis=1)) - 1 for i in sample]
+    return count * float(np.mean(beside)) / 2.0
 
 
 def read_mesh(path: Path) -> Mesh:

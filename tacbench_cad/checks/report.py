@@ -35,7 +35,7 @@ class Report:
         checks: In the order in which they were made; those that would mean nothing after a failure are left out.
         deviation_mm: Largest measured distance of the top from its formula; None where there is none.
         triangles: Number of triangles; None for a solid.
-        volume_mm3: Enclosed volume; None where the file could not be read.
+        volume_mm3: Enclosed volume; None where the file could not be read, or its surface encloses none.
         size_mm: Bounding box x, y, z; None where the file could not be read.
     """
 
@@ -47,7 +47,9 @@ class Report:
     size_mm: tuple[float, float, float] | None = None
 
     @classmethod
-    def of_mesh(cls, path: Path, mesh: Mesh, checks: Iterable[Check], deviation_mm: float | None) -> Report:
+    def of_mesh(
+        cls, path: Path, mesh: Mesh, checks: Iterable[Check], deviation_mm: float | None, volume_mm3: float | None
+    ) -> Report:
         """The report of a file that holds a mesh, with the mesh's own numbers."""
         low, high = mesh.bounds_mm
         x, y, z = (high - low).tolist()
@@ -56,7 +58,7 @@ class Report:
             checks=tuple(checks),
             deviation_mm=deviation_mm,
             triangles=len(mesh.triangles),
-            volume_mm3=mesh.volume_mm3,
+            volume_mm3=volume_mm3,
             size_mm=(x, y, z),
         )
 

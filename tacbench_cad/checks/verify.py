@@ -78,7 +78,7 @@ def _verify_mesh(part: Part, path: Path, mesh: Mesh, full: bool) -> Report:
         checks += found_relief
     if full:
         checks += meshcheck.full_checks(mesh)
-    return Report.of_mesh(path, mesh, checks, deviation)
+    return Report.of_mesh(path, mesh, checks, deviation, mesh.volume_mm3)
 
 
 def _mesh_volume(mesh: Mesh, expected: ExpectedGeometry) -> Check:

@@ -9,14 +9,16 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tacbench_cad import __version__
 from tacbench_cad.geometry.part import COLOURS, Part
-from tacbench_cad.util.errors import CheckFailedError, MissingToolError
+from tacbench_cad.util.door import LIMITS_VARIABLE, limits_factor
+from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError
 from tacbench_cad.util.files import not_empty
+from tacbench_cad.util.processes import LostProcessError, isolated
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
@@ -28,6 +30,9 @@ SCHEMA = "AP214IS"
 HEADER_DATE = "1980-01-01T00:00:00"
 #: Colour of every part, sRGB from 0 to 1.
 COLOUR = (0.55, 0.62, 0.70)
+
+#: The kernel may take so many seconds for a file from outside, and so many more for each megabyte of it.
+MAX_SECONDS, MAX_SECONDS_PER_MB = 120.0, 60.0
 
 _FIRST, _LAST = b"ISO-10303-21;", b"END-ISO-10303-21;"
 
@@ -269,6 +274,43 @@ def _set_header(writer: object, name: str, title: str) -> None:
     header.SetDescriptionValue(1, Text(title.encode("ascii", "replace").decode("ascii")))
 
 
+def with_kernel(path: Path, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Do something with a STEP file from outside in a child process, because a damaged one can crash the kernel.
+
+    Args:
+        path: The file, for the messages.
+        function: A function of a module; it reads the file.
+        arguments: Its arguments.
+
+    Raises:
+        InputError: The file crashes the kernel, or the kernel takes too long with it.
+    """
+    megabytes = path.stat().st_size / 1e6 if path.is_file() else 0.0
+    seconds = limits_factor() * (MAX_SECONDS + MAX_SECONDS_PER_MB * megabytes)
+    try:
+        return isolated(function, *arguments, seconds=seconds)
+    except LostProcessError as error:
+        slow = f"takes the CAD kernel longer than {seconds:.0f} s; {LIMITS_VARIABLE}=2 doubles that"
+        what = "crashes the CAD kernel: it is damaged or hostile; export it again from the program that made it"
+        raise InputError("file", str(path), slow if error.seconds else what) from None
+
+
+@contextlib.contextmanager
+def kernel_errors(path: Path) -> Iterator[None]:
+    """Turn the kernel's own exceptions into the one that the user is shown.
+
+    Raises:
+        CheckFailedError: The kernel raised something.
+    """
+    try:
+        yield
+    except Exception as error:
+        if not type(error).__module__.startswith("OCP"):
+            raise
+        detail = " ".join(str(error).split())[:200] or type(error).__name__
+        raise CheckFailedError(f"{path}: the kernel refuses this STEP file: {detail}") from error
+
+
 def read_step(path: Path) -> TopoDS_Shape:
     """Read a STEP file's shape, in millimetres.
 
@@ -288,7 +330,7 @@ def read_step(path: Path) -> TopoDS_Shape:
     from OCP.IFSelect import IFSelect_ReturnStatus
     from OCP.STEPControl import STEPControl_Reader
 
-    with _quiet():
+    with kernel_errors(path), _quiet():
         reader = STEPControl_Reader()
         if reader.ReadFile(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
             raise CheckFailedError(f"{path}: the kernel cannot read this STEP file")
@@ -296,6 +338,20 @@ def read_step(path: Path) -> TopoDS_Shape:
         if reader.NbShapes() == 0:
             raise CheckFailedError(f"{path}: the STEP file holds no shape")
         return reader.OneShape()
+
+
+def require_readable(path: Path) -> None:
+    """Have a file from outside read in a child process, so that one which crashes the kernel is refused.
+
+    Raises:
+        InputError: See :func:`with_kernel`.
+        CheckFailedError: See :func:`read_step`.
+    """
+    with_kernel(path, _probe, path)
+
+
+def _probe(path: Path) -> None:
+    read_step(path)
 
 
 def read_parts(path: Path) -> list[tuple[str, TopoDS_Shape]]:
@@ -321,7 +377,7 @@ def read_parts(path: Path) -> list[tuple[str, TopoDS_Shape]]:
     from OCP.TopLoc import TopLoc_Location
 
     document, shapes, _ = _document()
-    with _quiet():
+    with kernel_errors(path), _quiet():
         reader = STEPCAFControl_Reader()
         reader.SetNameMode(True)
         if reader.ReadFile(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone or not reader.Transfer(document):

@@ -182,7 +182,7 @@ def _check_3mf(placed: Sequence[tuple[Part, Floats]], path: Path) -> Report:
         _volume(mesh.volume_mm3, wanted, allowed, "volume"),
         _box(np.concatenate([low, high]), np.concatenate(_box_mm(placed)), "box"),
     ]
-    return Report.of_mesh(path, mesh, checks, None)
+    return Report.of_mesh(path, mesh, checks, None, mesh.volume_mm3)
 
 
 def _check_step(placed: Sequence[tuple[Part, Floats]], path: Path) -> Report:
