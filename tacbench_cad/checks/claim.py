@@ -12,6 +12,7 @@ from tacbench_cad.spec.presets import PRESETS
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.textures import texture as find_texture
+from tacbench_cad.util.door import open_input
 from tacbench_cad.util.errors import InputError
 
 _NUMBER = r"\d+(?:\.\d+)?"
@@ -32,7 +33,7 @@ def claimed_name(path: Path, metadata: dict[str, str] | None = None) -> str | No
     if suffix == ".stl":
         first, _, name = stl_header(path).partition(" ")
         return name if first == "tacbench-cad" and name else None
-    with path.open("rb") as stream:
+    with open_input(path, kind="step") as stream:
         found = _STEP_NAME.search(stream.read(2048).decode("ascii", "replace"))
     return found.group(1) if found else None
 

@@ -238,7 +238,7 @@ def _identity(look: Look, wanted: Wanted) -> tuple[list[Check], float | None]:
         return [_no_texture(look, match, asked=not wanted.is_open or wanted.claimed is not None)], None
     if wanted.is_open and wanted.claimed is None and _is_unknown(look, match):
         detail = (
-            f"not one of the six textures: the nearest is {_name(match.candidate)}, {match.rms_mm:.3g} mm rms from it"
+            f"not one of the six textures; the nearest is {_name(match.candidate)}, {match.rms_mm:.3g} mm rms from it"
         )
         return [Check(name="texture", ok=False, detail=detail)], None
     allowed = _allowed(match.candidate)

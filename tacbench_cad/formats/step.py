@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from tacbench_cad import __version__
 from tacbench_cad.geometry.part import COLOURS, Part
-from tacbench_cad.util.door import LIMITS_VARIABLE, limits_factor
+from tacbench_cad.util.door import LIMITS_VARIABLE, limits_factor, open_input
 from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError
 from tacbench_cad.util.files import not_empty
 from tacbench_cad.util.processes import LostProcessError, isolated
@@ -408,9 +408,9 @@ def _parts(label: Any, place: Any) -> Iterator[tuple[str, TopoDS_Shape]]:
 
 def _require_step(path: Path) -> None:
     """Refuse a file without STEP's first or last line before the kernel, which may end badly on it, sees it."""
-    with path.open("rb") as stream:
+    with open_input(path, kind="step") as stream:
         head = stream.read(1024)
-        stream.seek(max(0, path.stat().st_size - 1024))
+        stream.seek(max(0, stream.seek(0, 2) - 1024))
         tail = stream.read()
     if not head.lstrip().upper().startswith(_FIRST):
         raise CheckFailedError(f'{path}: this is no STEP file; one begins with "{_FIRST.decode()}"')

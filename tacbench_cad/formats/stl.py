@@ -6,6 +6,7 @@ An STL has no units, no names beyond 80 bytes and no shared vertices. Ours are i
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,15 @@ from numpy.typing import NDArray
 
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.part import Part
+from tacbench_cad.util.door import open_input, read_bytes
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.files import not_empty
 from tacbench_cad.util.types import Floats, Floats32, Indices
 
 #: Length of a binary STL's header.
 HEADER_BYTES = 80
+#: Coordinates beyond this are refused.
+MAX_MM = 1e7
 _FACET = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (9,)), ("attribute", "<u2")])
 
 
@@ -74,7 +78,7 @@ def read_stl(path: Path) -> Mesh:
         CheckFailedError: The file is empty, cut off, of another kind, without triangles, has a wrong count of
             triangles, or a coordinate that is not a finite number.
     """
-    data = not_empty(path).read_bytes()
+    data = read_bytes(not_empty(path), kind="mesh")
     corners = _binary(path, data) if _is_binary(data) else None
     if corners is None:
         corners = _ascii(path, data) if _is_ascii(data) else _refuse(path, data)
@@ -86,7 +90,7 @@ def read_stl(path: Path) -> Mesh:
 
 def stl_header(path: Path) -> str:
     """What a binary STL's 80 bytes say, as text without padding; empty for an ASCII one."""
-    with path.open("rb") as stream:
+    with open_input(path, kind="mesh") as stream:
         data = stream.read(HEADER_BYTES)
     return data.split(b"\0")[0].decode("ascii", "replace").strip()
 
@@ -127,12 +131,10 @@ def _refuse(path: Path, data: bytes) -> Floats32:
 
 def _ascii(path: Path, data: bytes) -> Floats32:
     """Corners of an ASCII STL, shape (3 m, 3)."""
-    lines = [line.split() for line in data.lower().splitlines()]
-    corners = [line[1:] for line in lines if line and line[0] == b"vertex"]
-    begun = sum(1 for line in lines if line and line[0] == b"facet")
-    ended = sum(1 for line in lines if line and line[0] == b"endfacet")
-    closed = any(line and line[0] == b"endsolid" for line in lines)
-    if begun != ended or not closed:
+    text = data.lower()
+    corners = [row.split() for row in re.findall(rb"(?m)^[ \t]*vertex\b(.*)$", text)]
+    begun, ended = (len(re.findall(rb"(?m)^[ \t]*%s\b" % word, text)) for word in (b"facet", b"endfacet"))
+    if begun != ended or not re.search(rb"(?m)^[ \t]*endsolid\b", text):
         raise CheckFailedError(f"{path}: the ASCII STL is cut off: {begun} facets begin, {ended} end")
     if len(corners) != 3 * begun or any(len(corner) != 3 for corner in corners):
         raise CheckFailedError(f"{path}: the ASCII STL has {len(corners)} corners for {begun} facets")
@@ -140,23 +142,27 @@ def _ascii(path: Path, data: bytes) -> Floats32:
         with np.errstate(over="ignore"):
             return np.array(corners, dtype=np.float64).reshape(-1, 3).astype(np.float32)
     except ValueError as error:
-        raise CheckFailedError(f"{path}: the ASCII STL has a coordinate that is no number: {error}") from None
+        detail = str(error)[:100]
+        raise CheckFailedError(f"{path}: the ASCII STL has a coordinate that is no number: {detail}") from None
 
 
 def require_finite(path: Path, corners: NDArray[np.floating[Any]]) -> None:
-    """Refuse coordinates that are NaN or infinite: what follows (manifold3d above all) may hang on them.
+    """Refuse coordinates that are NaN, infinite or absurd: what follows (manifold3d above all) may hang on them.
 
     Args:
         path: Named in the message.
         corners: Coordinates, shape (n, 3).
 
     Raises:
-        CheckFailedError: A coordinate is not finite.
+        CheckFailedError: A coordinate is not finite, or larger than :data:`MAX_MM`.
     """
     finite = np.isfinite(corners)
     if not finite.all():
         bad = int(np.count_nonzero(~finite.all(axis=1)))
         raise CheckFailedError(f"{path}: {bad} corners have a coordinate that is not a finite number (NaN or infinite)")
+    largest = float(np.abs(corners).max(initial=0.0))
+    if largest > MAX_MM:
+        raise CheckFailedError(f"{path}: has a coordinate of {largest:.3g} mm; nothing printable is larger than 10 km")
 
 
 def weld(corners: Floats32) -> tuple[Floats, Indices]:

@@ -12,6 +12,7 @@ import ctypes
 import importlib.util
 import io
 import json
+import struct
 import uuid
 import zipfile
 from collections.abc import Sequence
@@ -24,6 +25,7 @@ from tacbench_cad import __version__
 from tacbench_cad.formats.stl import require_finite
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.part import Part
+from tacbench_cad.util.door import open_input, require_within
 from tacbench_cad.util.errors import CheckFailedError, MissingToolError
 from tacbench_cad.util.files import not_empty
 from tacbench_cad.util.types import Floats
@@ -32,10 +34,10 @@ from tacbench_cad.util.types import Floats
 NAMESPACE = "urn:tacbench-cad:2026"
 #: Every zip entry's date: the earliest that a zip can hold.
 ZIP_DATE = (1980, 1, 1, 0, 0, 0)
-#: A model that unpacks to more than this is refused before it is read, in bytes.
-MOST_UNPACKED = 4_000_000_000
+#: A model that unpacks to more than this is refused before it is read, in MB.
+MAX_UNPACKED_MB = 2000
 #: A model may not be this many times smaller packed than unpacked (ours are 8 to 10 times smaller).
-MOST_PACKED = 200
+MAX_PACKING = 200
 
 _MODEL = "3D/3dmodel.model"
 
@@ -248,15 +250,17 @@ def _first_line(error: Exception) -> str:
 def _require_container(path: Path) -> None:
     """Refuse what is no zip, and what would unpack to far more than a model has, before anything is unpacked."""
     try:
-        with zipfile.ZipFile(path) as packed:
+        with open_input(path, kind="mesh") as stream, zipfile.ZipFile(stream) as packed:
             infos = packed.infolist()
-    except (zipfile.BadZipFile, OSError, NotImplementedError) as error:
+    # On a damaged directory the zip reader ends in almost any error.
+    except (zipfile.BadZipFile, OSError, NotImplementedError, ValueError, struct.error, OverflowError) as error:
         raise CheckFailedError(f"{path}: this is no 3MF: {error}") from None
     if not any(info.filename.lower().endswith(".model") for info in infos):
         raise CheckFailedError(f"{path}: this zip file holds no 3MF model")
     unpacked = sum(info.file_size for info in infos)
     packed_size = sum(info.compress_size for info in infos)
-    if unpacked > MOST_UNPACKED or unpacked > MOST_PACKED * max(packed_size, 10_000):
+    require_within("file", unpacked / 1e6, MAX_UNPACKED_MB, "MB unpacked", str(path))
+    if unpacked > MAX_PACKING * max(packed_size, 10_000):
         raise CheckFailedError(f"{path}: unpacks from {packed_size} to {unpacked} bytes; no 3MF model packs like that")
 
 

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from tacbench_cad.util.door import open_input
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
 #: Every temporary file begins so; a leftover of a killed run is swept by the next run that holds the folder.
@@ -125,19 +126,12 @@ def sha256(path: Path) -> str:
 
 
 def existing_file(path: Path) -> Path:
-    """The path itself, if it is a file that can be opened.
+    """The path itself, if it is a regular file that can be opened.
 
     Raises:
-        InputError: There is no such file, or it is a folder, or it may not be read.
+        InputError: There is no such file, or it is a folder, a pipe or a device, or it may not be read.
     """
-    if path.is_dir():
-        raise InputError("file", str(path), "is a folder; name an STL, 3MF or STEP file")
-    if not path.exists():
-        raise InputError("file", str(path), "there is no such file")
-    try:
-        path.open("rb").close()
-    except OSError as error:
-        raise InputError("file", str(path), f"cannot be read: {error.strerror}") from None
+    open_input(path).close()
     return path
 
 

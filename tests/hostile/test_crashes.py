@@ -1,0 +1,152 @@
+"""Files that crashed or hung a library: the command says so in one line and goes on with the next file."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.shapes import box_mesh, published, write_soup
+
+from tacbench_cad.checks.identify import examine
+from tacbench_cad.checks.meshcheck import oriented
+from tacbench_cad.cli import main
+from tacbench_cad.formats.stl import write_stl
+from tacbench_cad.geometry.block_part import block_part
+from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.textures import Texture, plane_waves
+from tacbench_cad.util.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def step_text(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A box as STEP."""
+    pytest.importorskip("OCP")
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
+
+    from tacbench_cad.formats.step import write_shape
+
+    path = tmp_path_factory.mktemp("step") / "box.step"
+    write_shape(BRepPrimAPI_MakeBox(10.0, 20.0, 5.0).Shape(), "box", "A box", path)
+    return path.read_text()
+
+
+def _without(text: str, entity: str) -> str:
+    return re.sub(rf"(?m)^#\d+ = {entity}\([^;]*;\n", "", text, count=1)
+
+
+def _of_itself(text: str, entity: str) -> str:
+    return re.sub(rf"(?m)^#(\d+) = {entity}\(([^;#]*)#\d+", rf"#\1 = {entity}(\2#\1", text, count=1)
+
+
+CRASHING = {
+    "a missing VECTOR": lambda text: _without(text, "VECTOR"),
+    "an edge of itself": lambda text: _of_itself(text, "ORIENTED_EDGE"),
+    "a curve of itself": lambda text: _of_itself(text, "SURFACE_CURVE"),
+}
+
+
+def test_a_step_file_that_crashes_the_kernel_is_refused_and_the_next_is_examined(
+    step_text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = []
+    for i, (name, change) in enumerate(CRASHING.items()):
+        changed = change(step_text)
+        assert changed != step_text, name
+        files.append(tmp_path / f"{i}.step")
+        files[-1].write_text(changed)
+    last = tmp_path / "whole.step"
+    last.write_text(step_text)
+    code = main(["check", *map(str, [*files, last]), "--json"])
+    document = json.loads(capsys.readouterr().out)
+    assert [report["file"] for report in document["files"]] == ["whole.step"]
+    assert [each["file"] for each in document["refused"]] == ["0.step", "1.step", "2.step"]
+    assert all("crashes the CAD kernel" in each["reason"] for each in document["refused"])
+    assert code == 2
+
+
+def test_a_crash_is_bad_input(step_text: str, tmp_path: Path) -> None:
+    path = tmp_path / "vector.step"
+    path.write_text(CRASHING["a missing VECTOR"](step_text))
+    with pytest.raises(InputError, match=r"vector\.step.*crashes the CAD kernel") as caught:
+        examine(path)
+    assert caught.value.exit_code == 2
+
+
+def _random(tmp_path: Path) -> Path:
+    return write_soup(tmp_path / "random.stl", np.random.default_rng(0).random((20_000, 3, 3)) * 50.0)
+
+
+def _fan(tmp_path: Path) -> Path:
+    corners = np.zeros((20_000, 3, 3))
+    corners[:, 1, 2] = 10.0
+    corners[:, 2] = np.random.default_rng(0).random((20_000, 3)) * 50.0
+    return write_soup(tmp_path / "fan.stl", corners)
+
+
+@pytest.mark.parametrize("make", [_random, _fan])
+def test_a_mesh_whose_triangles_all_overlap_is_not_tested_for_cuts(make, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    pytest.importorskip("pymeshlab")
+    begin = time.monotonic()
+    report = examine(make(tmp_path))
+    assert time.monotonic() - begin < 20.0
+    line = next(check for check in report.checks if check.name == "self-intersection")
+    assert line.detail.startswith("not tested: the boxes of about")
+    assert not report.ok and report.volume_mm3 is None
+
+
+def test_a_cut_that_takes_pymeshlab_too_long_is_not_tested(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pymeshlab")
+    from tacbench_cad.checks import meshcheck
+
+    monkeypatch.setattr(meshcheck, "MAX_PAIRS", 1e12)
+    monkeypatch.setattr(meshcheck, "MAX_SECONDS", 2.0)
+    report = examine(_random(tmp_path))
+    line = next(check for check in report.checks if check.name == "self-intersection")
+    assert line.detail.startswith("not tested: it would take pymeshlab longer than")
+
+
+def test_coordinates_beyond_all_reason_are_refused(tmp_path: Path) -> None:
+    mesh = box_mesh()
+    path = write_soup(tmp_path / "huge.stl", mesh.corners * 1e30)
+    report = examine(path)
+    assert not report.ok and "10 km" in report.checks[0].detail
+
+
+def test_the_volume_of_a_file_with_inconsistent_winding_is_that_of_the_surface(tmp_path: Path) -> None:
+    corners = published(5)
+    report = examine(write_soup(tmp_path / "z5.stl", corners), full=False)
+    assert {check.name for check in report.faults} == {"winding"}
+    sound = examine(write_soup(tmp_path / "sound.stl", published(5, flipped_walls=False)), full=False)
+    assert report.volume_mm3 == pytest.approx(sound.volume_mm3, rel=1e-9)
+
+
+def test_a_mesh_is_oriented_whichever_triangles_are_flipped() -> None:
+    box = box_mesh((2.0, 3.0, 4.0))
+    for seed in range(20):
+        flip = np.random.default_rng(seed).random(12) < 0.5
+        mesh = oriented(Mesh(box.vertices, np.where(flip[:, None], box.triangles[:, ::-1], box.triangles)))
+        assert mesh is not None and mesh.volume_mm3 == pytest.approx(24.0)
+    two = Mesh.joined([box, box_mesh(at=(10.0, 0.0, 0.0))])
+    assert oriented(two) is None
+
+
+def test_a_texture_that_is_none_of_the_six_is_called_so(tmp_path: Path) -> None:
+    texture = Texture(name="other", waves=plane_waves((0.7, 1.3, 2.1), (0.4, 3.1, -0.6), (0.5, 0.0, 5.3)))
+    block = Block.of(texture, size_mm=(30.0, 40.0), height_mm=9.0)
+    path = tmp_path / "other.stl"
+    write_stl(block_part(block), path)
+    anonymous = write_soup(tmp_path / "foreign.stl", examine_corners(path))
+    report = examine(anonymous, full=False)
+    assert [check.name for check in report.faults] == ["texture"]
+    assert "not one of the six textures; the nearest is texture-" in report.faults[0].detail
+
+
+def examine_corners(path: Path) -> np.ndarray:
+    from tacbench_cad.formats.stl import read_stl
+
+    return read_stl(path).corners
