@@ -68,7 +68,7 @@ def command(
         note(f"wrote {init}; edit it, then: tacbench acquire {init}")
         return
     from tacbench_cad.lab.acquire.person import Typing
-    from tacbench_cad.lab.acquire.progress import Lines
+    from tacbench_cad.lab.acquire.progress import ProgressLines
     from tacbench_cad.lab.acquire.safety import RunInterruptedError
     from tacbench_cad.lab.acquire.session import acquire_study
     from tacbench_cad.lab.runs.checking import check_run
@@ -102,7 +102,7 @@ def command(
             chosen.required_rig,
             folder,
             person=Typing(_ask, note),
-            progress=Lines(folder),
+            progress=ProgressLines(folder),
             opener=open_rig,
         )
     except RunInterruptedError as error:

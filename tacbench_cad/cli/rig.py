@@ -172,14 +172,14 @@ def calibrate_force(
     """
     from datetime import UTC, datetime
 
-    from tacbench_cad.lab.rig.calibration import LEAST_MASSES, fit, write_calibration
+    from tacbench_cad.lab.rig.calibration import MIN_MASSES, fit, write_calibration
     from tacbench_cad.lab.rig.clock import Clock
     from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_raw
     from tacbench_cad.lab.rig.ports import resolve
 
     grams = [number_of("masses", word) for word in words_of(masses) or ()]
-    if len(set(grams)) < LEAST_MASSES or not all(0.0 <= one <= 10_000.0 for one in grams):
-        raise InputError("masses", masses, f"at least {LEAST_MASSES} different ones from 0 to 10000 g are needed")
+    if len(set(grams)) < MIN_MASSES or not all(0.0 <= one <= 10_000.0 for one in grams):
+        raise InputError("masses", masses, f"at least {MIN_MASSES} different ones from 0 to 10000 g are needed")
     if out.exists():
         raise InputError("out", str(out), "is there already; name another file, or remove it")
     if not out.resolve().parent.is_dir():

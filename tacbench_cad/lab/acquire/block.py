@@ -1,4 +1,4 @@
-"""One block: references, stationary readings and every missing press, each on the disk before the next."""
+"""One block: references, stationary frames and every missing press, each on the disk before the next."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from typing import Literal
 import numpy as np
 
 from tacbench_cad.lab.acquire.forces import ContactForce
-from tacbench_cad.lab.acquire.press import Contact, Presser
-from tacbench_cad.lab.acquire.progress import Progress
+from tacbench_cad.lab.acquire.press import Presser, SettledPress
+from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.safety import Carriage, Signals
 from tacbench_cad.lab.acquire.touch import Taught, Touch, by_gauge, by_sensor
 from tacbench_cad.lab.rig.devices import Rig
 from tacbench_cad.lab.rig.errors import NotReachedError, SensorError
-from tacbench_cad.lab.rig.sensor import Reading, is_image
+from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.schema import frame_name, frame_path
 from tacbench_cad.lab.runs.writing import RunWriter
@@ -28,11 +28,11 @@ from tacbench_cad.util.errors import InputError
 
 @dataclass(frozen=True, kw_only=True)
 class BlockResult:
-    """What a sitting at one block gave.
+    """What a session at one block gave.
 
     Args:
         folder: The run folder, complete.
-        presses: Presses made in this sitting.
+        presses: Presses made in this session.
         missed: Those of them whose force lies outside of its band.
         seconds: Time in ``encode`` and ``sync``, as :class:`~tacbench_cad.lab.runs.writing.RunWriter` counts it.
     """
@@ -49,24 +49,24 @@ def press_block(
     folder: Path,
     *,
     signals: Signals,
-    progress: Progress,
+    progress: PressProgress,
     taught_mm: Sequence[float] = (),
     durable: bool = True,
 ) -> BlockResult:
-    """Press a block, or go on where its run was left.
+    """Press a block, or resume its run where it was left.
 
     Args:
         rig: The devices, open; the block lies in its slot.
         info: The run.
         folder: Its folder.
         signals: Go to this block's carriage meanwhile.
-        progress: Is told.
+        progress: Receives progress updates.
         taught_mm: Heights of first touch that a person found (``touch = "taught"``).
         durable: See :meth:`tacbench_cad.lab.runs.writing.RunWriter.open`.
 
     Raises:
         RigError: A device failed or a limit was met. The sensor was lifted if the stage still answered, and the run
-            can go on.
+            can be resumed.
         InputError: The folder holds another run, is held by another process, or cannot be written.
         RunInterruptedError: A signal came; likewise.
     """
@@ -83,29 +83,29 @@ def press_block(
             approach_mm_s=settings.approach_mm_s,
             may_home=settings.home,
         )
-        sitting = _Sitting(rig, run, carriage, progress, taught_mm)
+        session = _BlockSession(rig, run, carriage, progress, taught_mm)
         progress.begin(folder.name, len(run.done), len(info.presses))
         try:
             with signals.sent_to(carriage), carriage.safely(progress.say):
-                sitting.all()
+                session.all()
         finally:
             progress.end()
-        return BlockResult(folder=folder, presses=sitting.presses, missed=sitting.missed, seconds=dict(run.seconds))
+        return BlockResult(folder=folder, presses=session.presses, missed=session.missed, seconds=dict(run.seconds))
 
 
-class _Sitting:
+class _BlockSession:
     """The work at one block from the first move to the last.
 
     Args:
         rig: The devices.
         run: The run, open.
         carriage: Moves the sensor.
-        progress: Is told.
+        progress: Receives progress updates.
         taught_mm: See :func:`press_block`.
     """
 
     def __init__(
-        self, rig: Rig, run: RunWriter, carriage: Carriage, progress: Progress, taught_mm: Sequence[float]
+        self, rig: Rig, run: RunWriter, carriage: Carriage, progress: PressProgress, taught_mm: Sequence[float]
     ) -> None:
         self.rig = rig
         self.run = run
@@ -115,7 +115,7 @@ class _Sitting:
         self.presses = 0
         self.missed = 0
         self._in_a_row = 0
-        self._previous: Reading | None = None
+        self._previous: Frame | None = None
         self.force = None if rig.gauge is None else ContactForce(rig.gauge, carriage, self.protocol, rig.clock)
         self.presser = Presser(self.protocol, carriage, self.force, self._touch(taught_mm))
 
@@ -137,17 +137,17 @@ class _Sitting:
     def _press(self, press: Press) -> None:
         contact = self.presser.press(press)
         time_utc = datetime.now(UTC)
-        reading = self._read()
+        frame = self._read()
         after = None if self.force is None else self.force.again()
         # Nothing is written while the sensor presses: a disk that waits must not make the dome creep.
         self.carriage.lift()
-        self.run.press(press, contact.pose_mm, reading, contact.measured, after, contact.in_band, time_utc)
+        self.run.press(press, contact.pose_mm, frame, contact.measured, after, contact.in_band, time_utc)
         self.presses += 1
-        path = self.run.folder / frame_path(frame_name(press.number, is_image(reading)))
+        path = self.run.folder / frame_path(frame_name(press.number, is_image(frame)))
         self.progress.pressed(len(self.run.done), contact.measured, contact.in_band, path)
         self._count_misses(press, contact)
 
-    def _count_misses(self, press: Press, contact: Contact) -> None:
+    def _count_misses(self, press: Press, contact: SettledPress) -> None:
         self._in_a_row = self._in_a_row + 1 if contact.in_band is False else 0
         self.missed += contact.in_band is False
         if self._in_a_row >= self.protocol.misses_allowed:
@@ -166,13 +166,13 @@ class _Sitting:
             self._reference()
 
     def _reference(self) -> None:
-        """A reading of the free sensor. Every sitting begins with one: block and lamp are not what they were."""
+        """A frame of the free sensor. Every session begins with one: block and lamp are not what they were."""
         self.rig.clock.sleep(self.protocol.settle_s)
         time_utc = datetime.now(UTC)
         self.run.reference(self._read(), time_utc)
 
     def _stationary(self, when: Literal["start", "end"], middle: Press) -> None:
-        """The readings without motion that are missing, in contact at the middle force and free."""
+        """The frames without motion that are missing, in contact at the middle force and free."""
         count = self.protocol.stationary_frames
         pressed = self.run.stationary_missing(when, True, count)
         if pressed:
@@ -188,16 +188,16 @@ class _Sitting:
             for index in free:
                 self.run.stationary(when, False, index, self._read())
 
-    def _read(self) -> Reading:
-        """A reading of the sensor; an image that repeats the one before shows a sensor that hangs."""
+    def _read(self) -> Frame:
+        """A frame of the sensor; an image that repeats the one before shows a sensor that hangs."""
         self.carriage.check()
-        reading = self.rig.sensor.read()
-        previous, self._previous = self._previous, reading
-        if previous is not None and is_image(reading) and np.array_equal(previous, reading):
+        frame = self.rig.sensor.read()
+        previous, self._previous = self._previous, frame
+        if previous is not None and is_image(frame) and np.array_equal(previous, frame):
             raise SensorError(
                 "the sensor gave the same image twice, to the last count; it is stuck: open or plug it in again"
             )
-        return reading
+        return frame
 
     def _touch(self, taught_mm: Sequence[float]) -> Touch | None:
         if self.protocol.contact == "force":

@@ -28,7 +28,7 @@ FAR_SHARE = 0.8
 
 
 @dataclass(frozen=True, kw_only=True)
-class Contact:
+class SettledPress:
     """The sensor in contact, ready to be read.
 
     Args:
@@ -89,7 +89,7 @@ class Presser:
         self._free_mm: dict[int, float] = {}
         self._touch_mm: dict[int, float] = {}
 
-    def press(self, press: Press) -> Contact:
+    def press(self, press: Press) -> SettledPress:
         """Go over the place, read the free force, and press.
 
         Args:
@@ -108,7 +108,7 @@ class Presser:
             return self._to_force(press)
         return self._to_depth(press, press.depth_mm)
 
-    def _to_force(self, press: Press) -> Contact:
+    def _to_force(self, press: Press) -> SettledPress:
         force, step = self._gauge, self.protocol.approach_step_mm
         assert press.target_n is not None
         assert press.band_n is not None
@@ -124,7 +124,7 @@ class Presser:
                 self._free_mm[press.position] = z
         return self._search(press.target_n, press.band_n, slope)
 
-    def _search(self, target_n: float, band_n: float, slope: Slope) -> Contact:
+    def _search(self, target_n: float, band_n: float, slope: Slope) -> SettledPress:
         """Small steps to the target from where the approach ended; the best one is kept."""
         protocol, carriage, force = self.protocol, self.carriage, self._gauge
         stiffness: float | None = None
@@ -135,7 +135,7 @@ class Presser:
             read = force.settled()
             miss = target_n - read.mean_n
             if abs(miss) <= band_n:
-                return Contact(pose_mm=carriage.at, measured=read, in_band=True)
+                return SettledPress(pose_mm=carriage.at, measured=read, in_band=True)
             if best is None or abs(miss) < best[0]:
                 best = (abs(miss), z)
             slope.add(z, read.mean_n)
@@ -151,9 +151,9 @@ class Presser:
         assert best is not None
         self._from_above(best[1])
         read = force.settled()
-        return Contact(pose_mm=carriage.at, measured=read, in_band=abs(target_n - read.mean_n) <= band_n)
+        return SettledPress(pose_mm=carriage.at, measured=read, in_band=abs(target_n - read.mean_n) <= band_n)
 
-    def _to_depth(self, press: Press, depth_mm: float) -> Contact:
+    def _to_depth(self, press: Press, depth_mm: float) -> SettledPress:
         assert self.touch is not None
         step = self.protocol.approach_step_mm
         if press.position not in self._touch_mm:
@@ -165,7 +165,7 @@ class Presser:
         while self.carriage.aim_mm > end:
             self._down(min(step, self.carriage.aim_mm - end))
         read = None if self.force is None else self.force.settled()
-        return Contact(pose_mm=self.carriage.at, measured=read, in_band=None)
+        return SettledPress(pose_mm=self.carriage.at, measured=read, in_band=None)
 
     def _start(self, position: int) -> None:
         """Go where the approach by steps begins: the travel height the first time, later just above the block."""

@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol, TextIO
+from typing import TextIO
 
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.util.files import TEMPORARY_PREFIX
@@ -18,56 +18,40 @@ from tacbench_cad.util.text import counted
 PLAIN_EVERY_S = 10.0
 
 
-class Progress(Protocol):
-    """Is told how a run goes on."""
+class PressProgress:
+    """Receives what happens in a run; this one does nothing with it."""
 
     def begin(self, name: str, done: int, total: int) -> None:
-        """A block's run is begun or gone on with.
+        """A block's run is begun or resumed.
 
         Args:
             name: Name of the run.
             done: Presses that are there.
             total: Presses that it will have.
         """
-        ...
 
-    def pressed(self, done: int, force: Force | None, in_band: bool | None, reading: Path) -> None:
+    def pressed(self, done: int, force: Force | None, in_band: bool | None, image: Path) -> None:
         """One more press is on the disk.
 
         Args:
             done: Presses that are there now.
             force: The measured force, None without a gauge.
             in_band: Whether it lies in its band, None without a gauge.
-            reading: The file of the reading.
+            image: The file of the sensor's frame.
         """
-        ...
 
     def end(self) -> None:
         """The block's run was left, finished or not."""
-        ...
 
     def say(self, message: str) -> None:
         """Something else that the person should know."""
-        ...
 
 
-class Silent:
-    """Says nothing."""
-
-    def begin(self, name: str, done: int, total: int) -> None:
-        """See :class:`Progress`."""
-
-    def pressed(self, done: int, force: Force | None, in_band: bool | None, reading: Path) -> None:
-        """See :class:`Progress`."""
-
-    def end(self) -> None:
-        """See :class:`Progress`."""
-
-    def say(self, message: str) -> None:
-        """See :class:`Progress`."""
+#: Shows nothing.
+Silent = PressProgress
 
 
-class Lines:
+class ProgressLines(PressProgress):
     """One line that is written over on a terminal, and a new line every ten seconds elsewhere.
 
     Args:
@@ -87,36 +71,36 @@ class Lines:
         self._first: tuple[float, int] | None = None
 
     def begin(self, name: str, done: int, total: int) -> None:
-        """See :class:`Progress`."""
+        """See :class:`PressProgress`."""
         self._name, self._total = name, total
         self._first, self._written = None, -PLAIN_EVERY_S
         self.say(f"{name}: {f'{done} of ' if done else ''}{counted(total, 'press')}{' there' if done else ''}")
 
-    def pressed(self, done: int, force: Force | None, in_band: bool | None, reading: Path) -> None:
-        """See :class:`Progress`."""
-        self._show(reading)
+    def pressed(self, done: int, force: Force | None, in_band: bool | None, image: Path) -> None:
+        """See :class:`PressProgress`."""
+        self._show(image)
         now = self.now_s()
         if self._first is not None and not self._over and done < self._total and now - self._written < PLAIN_EVERY_S:
             return
         self._written = now
         left = self._left(now, done)
         felt = "" if force is None else f"  {force.mean_n:z.4f} N" + ("" if in_band is not False else " (out of band)")
-        self._line(f"{self._name}  {done}/{self._total}{left}{felt}  {reading.name}")
+        self._line(f"{self._name}  {done}/{self._total}{left}{felt}  {image.name}")
 
     def end(self) -> None:
-        """See :class:`Progress`."""
+        """See :class:`PressProgress`."""
         if self._width:
             self.stream.write("\n")
             self._width = 0
 
     def say(self, message: str) -> None:
-        """See :class:`Progress`."""
+        """See :class:`PressProgress`."""
         self.end()
         self.stream.write(f"{message}\n")
         self.stream.flush()
 
     def _left(self, now: float, done: int) -> str:
-        """The time left at the pace since the sitting's first press; nothing is known at that press."""
+        """The time left at the pace since the session's first press; nothing is known at that press."""
         if self._first is None:
             self._first = (now, done)
             return ""
@@ -131,12 +115,12 @@ class Lines:
             self.stream.write(f"{text}\n")
         self.stream.flush()
 
-    def _show(self, reading: Path) -> None:
+    def _show(self, image: Path) -> None:
         """Copy the last image. A copy that fails is no reason to stop a run."""
-        if reading.suffix == ".png":
+        if image.suffix == ".png":
             with contextlib.suppress(OSError):
                 temporary = self.out / f"{TEMPORARY_PREFIX}last.png"
-                shutil.copyfile(reading, temporary)
+                shutil.copyfile(image, temporary)
                 temporary.replace(self.out / "last.png")
 
 

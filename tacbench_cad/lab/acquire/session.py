@@ -1,4 +1,4 @@
-"""A whole study on one rig: which block is next, which slot it goes to, and where the last sitting ended."""
+"""A whole study on one rig: which block is next, which slot it goes to, and where the last session ended."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 from tacbench_cad.lab.acquire.block import BlockResult, press_block
 from tacbench_cad.lab.acquire.person import Person
-from tacbench_cad.lab.acquire.progress import Progress
+from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.safety import RunInterruptedError, Signals
 from tacbench_cad.lab.rig.devices import Rig, open_rig, recorded_gauge, recorded_stage
 from tacbench_cad.lab.rig.reach import require_reach
@@ -56,7 +56,7 @@ class Place:
 def places(study: Study, rig: RigSettings, out: Path) -> tuple[Place, ...]:
     """Every block of a study in the order of pressing, each with its slot.
 
-    The slots are filled in turn, so a block has the same slot in every sitting.
+    The slots are filled in turn, so a block has the same slot in every session.
     """
     slots = rig.stage.frames
     return tuple(
@@ -76,7 +76,7 @@ def acquire_study(
     out: Path,
     *,
     person: Person,
-    progress: Progress,
+    progress: PressProgress,
     durable: bool = True,
     opener: Opener = open_rig,
 ) -> tuple[BlockResult, ...]:
@@ -90,7 +90,7 @@ def acquire_study(
         rig: The devices.
         out: Folder of the run folders.
         person: Puts the blocks in.
-        progress: Is told.
+        progress: Receives progress updates.
         durable: See :meth:`tacbench_cad.lab.runs.writing.RunWriter.open`.
         opener: Opens the devices.
 
@@ -99,7 +99,7 @@ def acquire_study(
 
     Raises:
         InputError: The study cannot be pressed on this rig, or a run was begun with other settings.
-        RigError: A device failed or a limit was met; the run can go on.
+        RigError: A device failed or a limit was met; the run can be resumed.
         RunInterruptedError: A signal came; likewise. It says whether the sensor is lifted and how many presses are
             saved.
     """
@@ -171,7 +171,7 @@ def _trays(blocks: Sequence[Place], slots: int) -> Iterator[tuple[Place, ...]]:
 
 
 def _asked(study: Study, rig: RigSettings, place: Place) -> dict[str, Any]:
-    """What a block's run shall be, by the fields of :class:`RunInfo`: all but what the devices say of themselves."""
+    """What a block's run should be, by the fields of :class:`RunInfo`: all but what the devices say of themselves."""
     return {
         "printed": place.planned.printed,
         "levels": place.planned.levels,

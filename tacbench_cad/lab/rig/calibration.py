@@ -4,32 +4,30 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from tacbench_cad.util import files
+from tacbench_cad.util import door, files
+from tacbench_cad.util.convert import Bounds, Length, check_fields, from_plain, to_plain
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.settings import Table
 
 #: Standard acceleration of free fall, m/s^2: a mass of 1 kg weighs so many newtons.
 STANDARD_GRAVITY = 9.80665
 #: Different masses that a fit needs: a line through two has no residual that could show a mistake.
-LEAST_MASSES = 3
-#: Heaviest mass, in grams: beyond the force limit of any run by far.
-_MOST_G = 10_000.0
+MIN_MASSES = 3
 #: Schema of the file.
 _SCHEMA = 1
 _KIND = "tacbench force calibration"
-#: Residual, as a share of the whole span, from which on a fit is worth a warning.
-_POOR_SHARE = 0.01
+#: Residual, as a fraction of the whole span, from which on a fit is worth a warning.
+_POOR_FRACTION = 0.01
 #: A point is an outlier if it lies this many times further from the others' line than they do ...
 _OUTLIER_TIMES = 5.0
-#: ... and further than this share of the span.
-_OUTLIER_SHARE = 0.005
+#: ... and further than this fraction of the span.
+_OUTLIER_FRACTION = 0.005
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,20 +41,13 @@ class CalibrationPoint:
         samples: How many there were.
     """
 
-    mass_g: float
+    mass_g: Annotated[float, Bounds(0.0, 10_000.0)]
     counts: float
-    spread_counts: float
-    samples: int
+    spread_counts: Annotated[float, Bounds(0.0)]
+    samples: Annotated[int, Bounds(1)]
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.mass_g <= _MOST_G:
-            raise InputError("mass_g", self.mass_g, f"must be from 0 to {_MOST_G:g} g")
-        if not math.isfinite(self.counts):
-            raise InputError("counts", self.counts, "must be a finite number")
-        if not (math.isfinite(self.spread_counts) and self.spread_counts >= 0.0):
-            raise InputError("spread_counts", self.spread_counts, "must be 0 or more")
-        if self.samples < 1:
-            raise InputError("samples", self.samples, "must be at least 1")
+        check_fields(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,20 +66,16 @@ class Calibration:
 
     newtons_per_count: float
     zero_counts: float
-    residual_n: float
-    worst_n: float
+    residual_n: Annotated[float, Bounds(0.0)]
+    worst_n: Annotated[float, Bounds(0.0)]
     date_utc: str
     device: str
-    points: tuple[CalibrationPoint, ...]
+    points: Annotated[tuple[CalibrationPoint, ...], Length(1, 10_000)]
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.newtons_per_count) and self.newtons_per_count != 0.0):
+        check_fields(self)
+        if self.newtons_per_count == 0.0:
             raise InputError("newtons_per_count", self.newtons_per_count, "must be a finite number other than 0")
-        if not math.isfinite(self.zero_counts):
-            raise InputError("zero_counts", self.zero_counts, "must be a finite number")
-        for name in ("residual_n", "worst_n"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
-                raise InputError(name, getattr(self, name), "must be 0 or more")
 
     def newtons(self, counts: float) -> float:
         """The force for a raw count, before any tare."""
@@ -107,19 +94,15 @@ class Calibration:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is odd about the fit, a sentence each."""
-        found = [_outlier_sentence(point, distance) for point, distance in _outliers(self.points)]
-        if not found and self.residual_n > _POOR_SHARE * self.span_n:
-            found.append(
-                f"the points lie {self.residual_n:.3g} N from the line (rms), above {_POOR_SHARE:.0%} of the span: "
+        warnings = [_outlier_sentence(point, distance) for point, distance in _outliers(self.points)]
+        if not warnings and self.residual_n > _POOR_FRACTION * self.span_n:
+            warnings.append(
+                f"the points lie {self.residual_n:.3g} N from the line (rms), above {_POOR_FRACTION:.0%} of the span: "
                 "friction, a mass off the middle, or a wrong mass"
             )
         if all(one.mass_g > 0.0 for one in self.points):
-            found.append("no point without load: forces near zero are extrapolated")
-        return tuple(found)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values for the file and for ``run.json``."""
-        return asdict(self) | {"points": [asdict(one) for one in self.points]}
+            warnings.append("no point without load: forces near zero are extrapolated")
+        return tuple(warnings)
 
 
 def fit(points: Sequence[CalibrationPoint], *, date_utc: str, device: str, falling: bool = False) -> Calibration:
@@ -137,8 +120,8 @@ def fit(points: Sequence[CalibrationPoint], *, date_utc: str, device: str, falli
         InputError: Too few masses, counts that do not follow them, or counts that fall under load.
     """
     masses = [one.mass_g for one in points]
-    if len(set(masses)) < LEAST_MASSES:
-        raise InputError("masses", masses, f"at least {LEAST_MASSES} different ones are needed, one of them 0 at best")
+    if len(set(masses)) < MIN_MASSES:
+        raise InputError("masses", masses, f"at least {MIN_MASSES} different ones are needed, one of them 0 at best")
     force = np.array([weight_n(one) for one in masses])
     counts = np.array([one.counts for one in points])
     slope, zero = _line(force, counts)
@@ -175,7 +158,7 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
     Raises:
         InputError: The folder cannot be written.
     """
-    document = {"kind": _KIND, "schema": _SCHEMA, **calibration.as_dict()}
+    document = {"kind": _KIND, "schema": _SCHEMA, **to_plain(calibration)}
     with files.replacing(path) as temporary:
         temporary.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
@@ -186,47 +169,16 @@ def read_calibration(path: Path) -> Calibration:
     Raises:
         InputError: The file is missing, is no calibration, or has a value that is not allowed.
     """
-    field = f"calibration {path}"
-    if not path.is_file():
-        wrong = "is a folder" if path.is_dir() else "there is no such file"
-        raise InputError("calibration", str(path), f"{wrong}; `tacbench rig calibrate-force` writes one")
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError("calibration", str(path), f"cannot be read: {error.strerror}") from None
-    except (ValueError, RecursionError):
-        raise InputError("calibration", str(path), "is not JSON; `tacbench rig calibrate-force` writes it") from None
-    if not isinstance(document, Mapping) or document.get("kind") != _KIND:
-        raise InputError("calibration", str(path), "is no force calibration; `tacbench rig calibrate-force` writes one")
-    if document.get("schema") != _SCHEMA:
-        raise InputError(f"{field}: schema", document.get("schema"), f"this tacbench reads schema {_SCHEMA}")
-    try:
-        return _calibration(Table(document))
-    except InputError as error:
-        raise InputError(f"{field}: {error.field}", error.value, error.allowed) from None
-
-
-def _calibration(table: Table) -> Calibration:
-    numbers = ("newtons_per_count", "zero_counts", "residual_n", "worst_n")
-    table.only("kind", "schema", *numbers, "date_utc", "device", "points")
-    points = tuple(
-        CalibrationPoint(
-            mass_g=one.number("mass_g"),
-            counts=one.number("counts"),
-            spread_counts=one.number("spread_counts"),
-            samples=one.whole("samples"),
-        )
-        for one in table.tables("points")
-    )
-    return Calibration(
-        newtons_per_count=table.number("newtons_per_count"),
-        zero_counts=table.number("zero_counts"),
-        residual_n=table.number("residual_n"),
-        worst_n=table.number("worst_n"),
-        date_utc=table.text("date_utc"),
-        device=table.text("device"),
-        points=points,
-    )
+    hint = "`tacbench rig calibrate-force` writes one"
+    if not path.exists():
+        raise InputError("calibration", str(path), f"there is no such file; {hint}")
+    document = door.parse_json(door.read_bytes(path, "calibration", "json"), "calibration", str(path))
+    if not isinstance(document, dict) or document.pop("kind", None) != _KIND:
+        raise InputError("calibration", str(path), f"is no force calibration; {hint}")
+    schema = document.pop("schema", None)
+    if schema != _SCHEMA:
+        raise InputError(f"calibration {path}: schema", schema, f"this tacbench reads schema {_SCHEMA}")
+    return from_plain(Calibration, document, f"calibration {path}: ")
 
 
 def weight_n(mass_g: float) -> float:
@@ -246,7 +198,7 @@ def _outliers(points: Sequence[CalibrationPoint]) -> list[tuple[CalibrationPoint
 
     Each point in turn is left out. Only the furthest is named: a bad point bends every line that it is part of.
     """
-    if len(points) <= LEAST_MASSES:
+    if len(points) <= MIN_MASSES:
         return []
     force = np.array([weight_n(one.mass_g) for one in points])
     counts = np.array([one.counts for one in points])
@@ -263,7 +215,7 @@ def _outliers(points: Sequence[CalibrationPoint]) -> list[tuple[CalibrationPoint
         distance = abs(point.counts - zero - slope * float(force[i])) / abs(slope)
         # Noise alone may let the others lie on their line by chance: they are credited with what the samples spread.
         floor = max(others, point.spread_counts / abs(slope) / math.sqrt(point.samples))
-        far = distance > _OUTLIER_TIMES * floor and distance > _OUTLIER_SHARE * span
+        far = distance > _OUTLIER_TIMES * floor and distance > _OUTLIER_FRACTION * span
         if far and (worst is None or distance / max(floor, 1e-12) > worst[0]):
             worst = (distance / max(floor, 1e-12), point, distance)
     return [] if worst is None else [(worst[1], worst[2])]

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from tacbench_cad.lab.rig.frames import FrameLimits, frame_faults
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.spec import SensorSettings
-from tacbench_cad.util.settings import Table
+from tacbench_cad.util.convert import Bounds, from_plain, to_plain
 
 #: Frames that a driver may hold back: four on Linux, and one is being filled.
 _BUFFERED = 5
@@ -68,47 +68,30 @@ class CameraOptions:
         gain: Likewise; None leaves it as it is.
         white_balance: Colour temperature in kelvin; None leaves it as it is.
         colour: Whether readings are (height, width, 3) or grey (height, width).
-        limits: When a frame is dark or blurred.
+        dark_counts: See :class:`~tacbench_cad.lab.rig.frames.FrameLimits`.
+        blur_px: Likewise.
     """
 
     exposure: float
-    width: int = 640
-    height: int = 480
+    width: Annotated[int, Bounds(8, 20_000)] = 640
+    height: Annotated[int, Bounds(8, 20_000)] = 480
     fps: float | None = None
     focus: float | None = None
     gain: float | None = None
     white_balance: float | None = None
     colour: bool = True
-    limits: FrameLimits = field(default_factory=FrameLimits)
-
-    @classmethod
-    def of(cls, values: Mapping[str, Any]) -> CameraOptions:
-        """Read the keys of ``[sensor]``.
-
-        Raises:
-            InputError: A key is unknown or missing, or its value is not allowed.
-        """
-        numbers = ("fps", "focus", "gain", "white_balance")
-        table = Table(values, "[sensor] ")
-        table.only("exposure", "width", "height", *numbers, "colour", "dark_counts", "blur_px")
-        usual = FrameLimits()
-        return cls(
-            exposure=table.number("exposure"),
-            width=table.whole("width", 640, 8, 20_000),
-            height=table.whole("height", 480, 8, 20_000),
-            colour=table.flag("colour", True),
-            limits=FrameLimits(
-                dark_counts=table.number("dark_counts", usual.dark_counts, 0.0, 255.0),
-                blur_px=table.number("blur_px", usual.blur_px, 0.0, 1000.0),
-            ),
-            **{key: table.number(key, None) for key in numbers},
-        )
+    dark_counts: Annotated[float, Bounds(0.0, 255.0)] = FrameLimits.dark_counts
+    blur_px: Annotated[float, Bounds(0.0, 1000.0)] = FrameLimits.blur_px
 
     @property
-    def wanted(self) -> dict[str, float]:
+    def limits(self) -> FrameLimits:
+        """When a frame is dark or blurred."""
+        return FrameLimits(dark_counts=self.dark_counts, blur_px=self.blur_px)
+
+    @property
+    def requested(self) -> dict[str, float]:
         """The settings that the device must obey."""
-        known = ("width", "height", "fps", "focus", "gain", "white_balance", "exposure")
-        return {name: getattr(self, name) for name in known if getattr(self, name) is not None}
+        return {name: getattr(self, name) for name in _PROPERTIES if getattr(self, name) is not None}
 
 
 #: Property that switches an automatism, the value that means off, and the setting that it would override.
@@ -165,9 +148,9 @@ class CameraSensor(Closing):
                     f"{self.name}: does not open; is it plugged in, and is no other program using it?"
                 )
             self.settings: dict[str, Any] = {
-                "requested": {**options.wanted, "colour": options.colour},
+                "requested": {**options.requested, "colour": options.colour},
                 "actual": self._configure(self._capture),
-                "limits": asdict(options.limits),
+                "limits": to_plain(options.limits),
             }
             self._period_s = self._pace()
             self.read()
@@ -266,15 +249,15 @@ class CameraSensor(Closing):
         Raises:
             SensorError: It has something else.
         """
-        wanted = self._options.wanted
+        requested = self._options.requested
         for prop, off, setting in _AUTOMATISMS:
-            if setting in wanted:
+            if setting in requested:
                 capture.set(prop, off)
-        for setting, value in wanted.items():
+        for setting, value in requested.items():
             capture.set(_PROPERTIES[setting], value)
         # OpenCV's answer to a request only says that it was sent on; what counts is what the device reads afterwards.
-        actual = {setting: float(capture.get(_PROPERTIES[setting])) for setting in wanted}
-        for setting, value in wanted.items():
+        actual = {setting: float(capture.get(_PROPERTIES[setting])) for setting in requested}
+        for setting, value in requested.items():
             if not abs(actual[setting] - value) <= _CLOSE * abs(value):
                 raise SensorError(
                     f"{self.name}: {setting} = {value:g} was asked for, the device has {actual[setting]:g}; choose a "
@@ -283,9 +266,9 @@ class CameraSensor(Closing):
         for prop, off, setting in _AUTOMATISMS:
             state = float(capture.get(prop))
             # A device without this automatism reads 0 or -1.
-            if setting in wanted and state not in (off, 0.0, -1.0):
+            if setting in requested and state not in (off, 0.0, -1.0):
                 raise SensorError(f"{self.name}: automatic {setting.replace('_', ' ')} stays on ({state:g})")
-        if "focus" not in wanted and float(capture.get(_AUTOFOCUS)) == 1.0:
+        if "focus" not in requested and float(capture.get(_AUTOFOCUS)) == 1.0:
             raise SensorError(f"{self.name}: its focus is automatic; give [sensor] focus a fixed value")
         return actual
 
@@ -307,7 +290,7 @@ def open_camera(settings: SensorSettings, opener: Opener | None = None) -> Camer
         InputError: A setting is not allowed, or the device is not named as it must be.
         RigError: The camera fails.
     """
-    options = CameraOptions.of(settings.options)
+    options = from_plain(CameraOptions, settings.options, "[sensor] ")
     return CameraSensor(chosen_camera(settings.device), options, opener=opener)
 
 

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.convert import Bounds, check_fields
 from tacbench_cad.util.types import Ints
 
 #: The faults that :func:`frame_faults` can name.
 FAULTS = ("dark", "blurred", "stuck")
-#: Share of the pixels that may be brighter than what is called the bright level: hot pixels, reflections. The pins of
-#: a TacTip cover some 3 % of its image, on a background near 0, so the level lies on the pins.
-_BRIGHT_SHARE = 0.005
-#: Share of the pixels that may be darker than the dark level.
-_DARK_SHARE = 0.01
-#: Share of the slopes that may be steeper than what is called the steepest slope.
-_STEEP_SHARE = 0.001
+#: Fraction of the pixels that may be brighter than what is called the bright level: hot pixels, reflections. The pins
+#: of a TacTip cover some 3 % of its image, on a background near 0, so the level lies on the pins.
+_BRIGHT_FRACTION = 0.005
+#: Fraction of the pixels that may be darker than the dark level.
+_DARK_FRACTION = 0.01
+#: Fraction of the slopes that may be steeper than what is called the steepest slope.
+_STEEP_FRACTION = 0.001
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,14 +33,11 @@ class FrameLimits:
             deviation, in pixels; 0 switches the check off, for sensors without markers.
     """
 
-    dark_counts: float = 25.0
-    blur_px: float = 3.0
+    dark_counts: Annotated[float, Bounds(0.0, 255.0)] = 25.0
+    blur_px: Annotated[float, Bounds(0.0, 1000.0)] = 3.0
 
     def __post_init__(self) -> None:
-        for name, most in (("dark_counts", 255.0), ("blur_px", 1000.0)):
-            value = getattr(self, name)
-            if not 0.0 <= value <= most:
-                raise InputError(name, value, f"must be from 0 to {most:g}; 0 switches the check off")
+        check_fields(self)
 
 
 def frame_faults(
@@ -61,7 +58,7 @@ def frame_faults(
     faults = []
     brightest = image if image.ndim == 2 else np.maximum(np.maximum(image[..., 0], image[..., 1]), image[..., 2])
     levels = _counts(brightest)
-    bright = _level_above(levels, _BRIGHT_SHARE)
+    bright = _level_above(levels, _BRIGHT_FRACTION)
     if bright < chosen.dark_counts:
         faults.append("dark")
     elif chosen.blur_px > 0.0 and _edge_px(brightest, levels, chosen.dark_counts) > chosen.blur_px:
@@ -88,13 +85,13 @@ def edge_width_px(image: NDArray[Any]) -> float:
 
 
 def _edge_px(grey: NDArray[Any], levels: Ints, least_contrast: float) -> float:
-    contrast = _level_above(levels, _BRIGHT_SHARE) - _level_above(levels, 1.0 - _DARK_SHARE)
+    contrast = _level_above(levels, _BRIGHT_FRACTION) - _level_above(levels, 1.0 - _DARK_FRACTION)
     if contrast <= least_contrast:
         return math.inf
     wide = grey.astype(np.int16)
     slopes = _counts(np.abs(wide[:, 2:] - wide[:, :-2])) + _counts(np.abs(wide[2:] - wide[:-2]))
     # A central difference spans two pixels.
-    steepest = _level_above(slopes, _STEEP_SHARE) / 2.0
+    steepest = _level_above(slopes, _STEEP_FRACTION) / 2.0
     return contrast / (steepest * math.sqrt(2.0 * math.pi)) if steepest > 0.0 else math.inf
 
 
@@ -103,7 +100,7 @@ def _counts(values: NDArray[Any]) -> Ints:
     return np.bincount(values.ravel(), minlength=256)
 
 
-def _level_above(levels: Ints, share: float) -> int:
-    """The count that at most ``share`` of the values exceed."""
+def _level_above(levels: Ints, fraction: float) -> int:
+    """The count that at most ``fraction`` of the values exceed."""
     below = np.cumsum(levels)
-    return int(np.searchsorted(below, (1.0 - share) * below[-1]))
+    return int(np.searchsorted(below, (1.0 - fraction) * below[-1]))

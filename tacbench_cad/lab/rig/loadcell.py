@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -12,18 +12,15 @@ from tacbench_cad.lab.rig.calibration import Calibration
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import GaugeError
 from tacbench_cad.lab.rig.gauge import Force
-from tacbench_cad.lab.rig.samples import BAUD, Lines, SampleStream
+from tacbench_cad.lab.rig.samples import BAUD, LineSource, SampleStream, StuckSamples, require_stuck_samples
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.spec import GaugeSettings
-from tacbench_cad.util.errors import InputError, one_of
-from tacbench_cad.util.settings import Table
+from tacbench_cad.util.convert import Bounds, check_fields, from_plain, to_plain
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
-#: Range of the usual 24-bit converters (HX711, ADS1232); at either end the amplifier is saturated.
-_LOW_COUNTS = -(2**23)
-_HIGH_COUNTS = 2**23 - 1
 #: A sample further from zero is no force of this rig: a damaged line, or a saturated cell if several come in a row.
-_MOST_N = 100.0
+_MAX_N = 100.0
 _SEVERAL = 5
 #: A sample is damaged if it lies this many standard deviations (from the median absolute deviation) off the median ...
 _OFF_TIMES = 10.0
@@ -42,7 +39,7 @@ class LoadCellOptions:
         unit: ``counts`` or ``newtons``.
         columns: Numbers on a line.
         column: Which of them is the force, from 1.
-        low_counts: Counts at which the converter is saturated.
+        low_counts: Counts at which the converter is saturated: by default those of the usual 24 bits (HX711, ADS1232).
         high_counts: Likewise.
         stuck_samples: So many identical samples in a row mean that the cell is stuck; 0 switches the check off, for a
             device that rounds its noise away.
@@ -50,23 +47,22 @@ class LoadCellOptions:
         latency_s: Rig time for which samples may lie in the USB adapter: what comes within it was taken before.
     """
 
-    unit: str = "counts"
-    columns: int = 1
-    column: int = 1
-    low_counts: float = float(_LOW_COUNTS)
-    high_counts: float = float(_HIGH_COUNTS)
-    stuck_samples: int = 20
-    least_samples: int = 3
-    latency_s: float = 0.02
+    unit: Literal["counts", "newtons"] = "counts"
+    columns: Annotated[int, Bounds(1, 1000)] = 1
+    column: Annotated[int, Bounds(1, 1000)] = 1
+    low_counts: float = float(-(2**23))
+    high_counts: float = float(2**23 - 1)
+    stuck_samples: StuckSamples = 20
+    least_samples: Annotated[int, Bounds(1, 10_000)] = 3
+    latency_s: Annotated[float, Bounds(0.0, 1.0)] = 0.02
 
     def __post_init__(self) -> None:
-        one_of("unit", self.unit, ("counts", "newtons"))
-        if not 1 <= self.column <= self.columns:
+        check_fields(self)
+        if self.column > self.columns:
             raise InputError("column", self.column, f"must be from 1 to {self.columns}, the numbers on a line")
         if not self.low_counts < self.high_counts:
             raise InputError("low_counts", self.low_counts, "must be below high_counts")
-        if self.stuck_samples == 1:
-            raise InputError("stuck_samples", 1, "must be at least 2, or 0 to switch the check off")
+        require_stuck_samples(self.stuck_samples)
 
     @classmethod
     def of(cls, values: Mapping[str, Any], *, calibrated: bool) -> LoadCellOptions:
@@ -79,19 +75,7 @@ class LoadCellOptions:
         Raises:
             InputError: A key is unknown, or its value is not allowed.
         """
-        table = Table(values, "[gauge.options] ")
-        table.only(*cls.__dataclass_fields__)
-        usual = cls()
-        options = cls(
-            unit=table.text("unit", "counts" if calibrated else "newtons", ("counts", "newtons")),
-            columns=table.whole("columns", usual.columns, 1, 1000),
-            column=table.whole("column", usual.column, 1, 1000),
-            low_counts=table.number("low_counts", usual.low_counts),
-            high_counts=table.number("high_counts", usual.high_counts),
-            stuck_samples=table.whole("stuck_samples", usual.stuck_samples, 0, 100_000),
-            least_samples=table.whole("least_samples", usual.least_samples, 1, 10_000),
-            latency_s=table.number("latency_s", usual.latency_s, 0.0, 1.0),
-        )
+        options = from_plain(cls, {"unit": "counts" if calibrated else "newtons", **values}, "[gauge.options] ")
         if (options.unit == "counts") != calibrated:
             wrong = "needs [gauge] calibration; `tacbench rig calibrate-force` writes one"
             raise InputError(
@@ -129,7 +113,9 @@ class RawLoadCell(Closing):
         RigError: Nothing that is a sample comes.
     """
 
-    def __init__(self, lines: Lines, *, name: str, options: LoadCellOptions, timeout_s: float, clock: Clock) -> None:
+    def __init__(
+        self, lines: LineSource, *, name: str, options: LoadCellOptions, timeout_s: float, clock: Clock
+    ) -> None:
         self.name = name
         self.options = options
         self._clock = clock
@@ -191,7 +177,7 @@ class RawLoadCell(Closing):
                 f"{self.name}: saturated at {value:.0f} counts: overloaded, or a wire of the cell is broken"
             )
         beyond = counts and not self.options.low_counts < value < self.options.high_counts
-        if not beyond and abs(force_n) <= _MOST_N:
+        if not beyond and abs(force_n) <= _MAX_N:
             self._beyond = 0
             return True
         self._beyond += 1
@@ -236,7 +222,7 @@ class LoadCell(Closing):
         who = f"load cell, {simulated}" if simulated else raw.name
         self.identity = f"{who}, newtons"
         if calibration is not None:
-            self.calibration = {"file": calibration_name, **calibration.as_dict()}
+            self.calibration = {"file": calibration_name, **to_plain(calibration)}
             self.identity = f"{who}, counts, calibrated {calibration.date_utc}"
         self._raw = raw
         self._scale = calibration
@@ -249,11 +235,9 @@ class LoadCell(Closing):
 
     def read(self, window_s: float) -> Force:
         """See :class:`tacbench_cad.lab.rig.gauge.Gauge`."""
-        found = self._raw.read(window_s, self._newtons)
+        raw = self._raw.read(window_s, self._newtons)
         slope = 1.0 if self._scale is None else abs(self._scale.newtons_per_count)
-        return Force(
-            mean_n=self._newtons(found.mean) - self._zero_n, spread_n=found.spread * slope, samples=found.samples
-        )
+        return Force(mean_n=self._newtons(raw.mean) - self._zero_n, spread_n=raw.spread * slope, samples=raw.samples)
 
     def tare(self) -> None:
         """Take the mean of a second as zero."""

@@ -6,10 +6,12 @@ import math
 import re
 import time
 from collections import deque
-from typing import Protocol
+from typing import Annotated, Protocol
 
 from tacbench_cad.lab.rig.errors import NoAnswerError, RigError
 from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.util.convert import Bounds
+from tacbench_cad.util.errors import InputError
 
 #: Usual rate of boards that send a line a sample.
 BAUD = 115_200
@@ -17,18 +19,21 @@ BAUD = 115_200
 _START_S = 4.0
 #: Lines over which garbled ones are counted.
 _COUNTED = 50
-#: Least lines before a share of them means anything.
-_LEAST_COUNTED = 20
-#: Share of garbled lines that is one too many.
+#: Least lines before a fraction of them means anything.
+_MIN_COUNTED = 20
+#: Fraction of garbled lines that is one too many.
 _TOO_MANY = 0.3
 #: Longest piece of a garbled line that a message shows.
 _SHOWN = 40
+
+#: So many identical samples in a row mean that a device is stuck.
+StuckSamples = Annotated[int, Bounds(0, 1_000_000)]
 
 _NUMBER = re.compile(r"[+-]?(?:\d{1,20}(?:\.\d{0,20})?|\.\d{1,20})(?:[eE][+-]?\d{1,3})?", re.ASCII)
 _BETWEEN = re.compile(r"[ \t]*[,;][ \t]*|[ \t]+")
 
 
-class Lines(Protocol):
+class LineSource(Protocol):
     """What is used of :class:`tacbench_cad.lab.rig.line.Line`."""
 
     def read_line(self, timeout_s: float) -> str | None:
@@ -42,6 +47,16 @@ class Lines(Protocol):
     def close(self) -> None:
         """Close the port."""
         ...
+
+
+def require_stuck_samples(count: int) -> None:
+    """Refuse a count by which every sample would be a stuck one.
+
+    Raises:
+        InputError: It is 1.
+    """
+    if count == 1:
+        raise InputError("stuck_samples", 1, "must be at least 2, or 0 to switch the check off")
 
 
 def parse_numbers(line: str) -> tuple[float, ...] | None:
@@ -58,7 +73,7 @@ def parse_numbers(line: str) -> tuple[float, ...] | None:
     if not all(_NUMBER.fullmatch(word) for word in words):
         return None
     numbers = tuple(float(word) for word in words)
-    return numbers if all(math.isfinite(one) for one in numbers) else None
+    return numbers if all(math.isfinite(number) for number in numbers) else None
 
 
 class SampleStream(Closing):
@@ -79,7 +94,7 @@ class SampleStream(Closing):
 
     def __init__(
         self,
-        lines: Lines,
+        lines: LineSource,
         *,
         name: str,
         columns: int,
@@ -163,7 +178,7 @@ class SampleStream(Closing):
         self.garbled += 1
         self._example = example[:_SHOWN]
         bad = self._recent.count(False)
-        if len(self._recent) >= _LEAST_COUNTED and bad > _TOO_MANY * len(self._recent):
+        if len(self._recent) >= _MIN_COUNTED and bad > _TOO_MANY * len(self._recent):
             raise self._error(
                 f"{self.name}: {bad} of the last {len(self._recent)} lines are garbled, as {self._example!r}; is the "
                 f"baud rate right, and are there {self._columns} number(s) a line?"
@@ -182,7 +197,7 @@ class SampleStream(Closing):
         self._same = self._same + 1 if sample == self._last else 1
         self._last = sample
         if 0 < self._stuck_samples <= self._same:
-            shown = ", ".join(f"{one:.10g}" for one in sample)[:_SHOWN]
+            shown = ", ".join(f"{number:.10g}" for number in sample)[:_SHOWN]
             raise self._error(
                 f"{self.name}: {self._same} samples in a row are {shown}: it is stuck. If it rounds its noise away, "
                 "set its stuck_samples = 0"

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import SensorError
-from tacbench_cad.lab.rig.samples import BAUD, Lines, SampleStream
+from tacbench_cad.lab.rig.samples import BAUD, LineSource, SampleStream, StuckSamples, require_stuck_samples
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.rig.stage import Closing
-from tacbench_cad.lab.study.spec import SensorSettings
-from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.settings import Table
+from tacbench_cad.lab.study.spec import Baud, SensorSettings
+from tacbench_cad.util.convert import Bounds, check_fields, from_plain
 
 #: How often a series is begun again because a line in it was damaged: a series has no holes.
 _ATTEMPTS = 5
@@ -36,35 +35,17 @@ class TaxelOptions:
         latency_s: Rig time for which samples may lie in the USB adapter: what comes within it was taken before.
     """
 
-    columns: int
-    samples: int = 1
+    columns: Annotated[int, Bounds(1, 1000)]
+    samples: Annotated[int, Bounds(1, 1_000_000)] = 1
     units: str = "counts"
-    baud: int = BAUD
-    timeout_s: float = 2.0
-    stuck_samples: int = 50
-    latency_s: float = 0.02
+    baud: Baud = BAUD
+    timeout_s: Annotated[float, Bounds(0.1, 600.0)] = 2.0
+    stuck_samples: StuckSamples = 50
+    latency_s: Annotated[float, Bounds(0.0, 1.0)] = 0.02
 
-    @classmethod
-    def of(cls, values: Mapping[str, Any]) -> TaxelOptions:
-        """Read the keys of ``[sensor]``.
-
-        Raises:
-            InputError: A key is unknown or missing, or its value is not allowed.
-        """
-        table = Table(values, "[sensor] ")
-        table.only(*cls.__dataclass_fields__)
-        stuck = table.whole("stuck_samples", cls.stuck_samples, 0, 1_000_000)
-        if stuck == 1:
-            raise InputError("[sensor] stuck_samples", 1, "must be at least 2, or 0 to switch the check off")
-        return cls(
-            columns=table.whole("columns", least=1, most=1000),
-            samples=table.whole("samples", cls.samples, 1, 1_000_000),
-            units=table.text("units", cls.units),
-            baud=table.whole("baud", cls.baud, 300, 10_000_000),
-            timeout_s=table.number("timeout_s", cls.timeout_s, 0.1, 600.0),
-            stuck_samples=stuck,
-            latency_s=table.number("latency_s", cls.latency_s, 0.0, 1.0),
-        )
+    def __post_init__(self) -> None:
+        check_fields(self)
+        require_stuck_samples(self.stuck_samples)
 
 
 class TaxelSensor(Closing):
@@ -82,7 +63,7 @@ class TaxelSensor(Closing):
 
     simulated = ""
 
-    def __init__(self, lines: Lines, *, name: str, options: TaxelOptions, clock: Clock) -> None:
+    def __init__(self, lines: LineSource, *, name: str, options: TaxelOptions, clock: Clock) -> None:
         self.name = name
         self.units = options.units
         self.shape: tuple[int, ...] = (options.samples, options.columns)[options.samples == 1 :]
@@ -148,7 +129,7 @@ def open_taxels(settings: SensorSettings, clock: Clock, *, taken: Sequence[str] 
     from tacbench_cad.lab.rig import ports
     from tacbench_cad.lab.rig.line import Line
 
-    options = TaxelOptions.of(settings.options)
+    options = from_plain(TaxelOptions, settings.options, "[sensor] ")
     port = ports.resolve(settings.device, "sensor", taken=taken)
     lines = Line(port, baud=options.baud, what="sensor")
     return TaxelSensor(lines, name=f"taxels at {port}", options=options, clock=clock)

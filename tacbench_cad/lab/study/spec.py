@@ -16,8 +16,8 @@ from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.util.convert import Bounds, Length, check_fields, to_plain
 from tacbench_cad.util.errors import InputError
 
-Contact = Literal["force", "depth"]
-Touch = Literal["gauge", "sensor", "taught"]
+ContactMode = Literal["force", "depth"]
+TouchMethod = Literal["gauge", "sensor", "taught"]
 Order = Literal["paper", "random"]
 Point = tuple[float, float, float]
 QuarterTurns = Annotated[int, Bounds(0, 3)]
@@ -131,11 +131,11 @@ class Protocol:
         misses_allowed: So many presses in a row outside of the band end the run.
     """
 
-    contact: Contact = "force"
+    contact: ContactMode = "force"
     forces_n: Levels = FORCES_N
     bands_n: Levels = FORCE_SPREADS_N
     depths_mm: Levels = DEPTHS_MM
-    touch: Touch = "gauge"
+    touch: TouchMethod = "gauge"
     repeats: Annotated[int, Bounds(1, 1000)] = REPEATS
     grid: PressGrid = field(default_factory=PressGrid.paper)
     order: Order = "paper"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from pathlib import Path
 
-from tacbench_cad.lab.acquire.progress import Lines
+from tacbench_cad.lab.acquire.progress import ProgressLines
 from tacbench_cad.lab.rig.gauge import Force
 
 
@@ -16,7 +16,7 @@ class Terminal(io.StringIO):
 
 def shown(stream: io.StringIO, out: Path, presses: int, step_s: float) -> str:
     now = 0.0
-    lines = Lines(out, stream, lambda: now)
+    lines = ProgressLines(out, stream, lambda: now)
     image = out / "image_3.png"
     image.write_bytes(b"picture")
     lines.begin("texture-1", 0, presses)
@@ -52,6 +52,6 @@ def test_the_newest_image_is_a_copy_of_its_own(tmp_path: Path) -> None:
 
 
 def test_an_image_that_cannot_be_copied_stops_nothing(tmp_path: Path) -> None:
-    lines = Lines(tmp_path / "missing", io.StringIO())
+    lines = ProgressLines(tmp_path / "missing", io.StringIO())
     lines.begin("texture-1", 0, 1)
     lines.pressed(1, None, None, tmp_path / "image_1.png")

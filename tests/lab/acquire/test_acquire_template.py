@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from tacbench_cad.lab.acquire.template import TEMPLATE, write_template
+from tacbench_cad.lab.acquire.template import TEMPLATE_FILE, write_template
 from tacbench_cad.lab.study.file import StudyFile, read_study
 from tacbench_cad.lab.study.spec import GaugeSettings, HolderRim, Protocol, SensorSettings, StageSettings
+from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.settings import Table
 
@@ -28,6 +29,7 @@ FILLED = {
     "limits_mm": "[[0, 200], [0, 200], [-60, 0]]",
     "exposure": "100",
 }
+TEMPLATE = TEMPLATE_FILE.read_text(encoding="utf-8")
 READY = re.sub(rf"(?m)^({'|'.join(FILLED)}) = .*$", lambda line: f"{line[1]} = {FILLED[line[1]]}", TEMPLATE)
 
 
@@ -123,7 +125,7 @@ def test_the_sensors_drivers_know_the_keys_that_are_shown() -> None:
     both = READY.partition("[sensor]")[2].split(TAXELS)
     for text, options in zip(both, (CameraOptions, TaxelOptions), strict=True):
         values = Table(tomllib.loads(re.sub(r"(?m)^# (?=[a-z_]+ = )", "", f"# {text}"))).values
-        options.of({key: value for key, value in values.items() if key not in ("driver", "device")})
+        from_plain(options, {key: value for key, value in values.items() if key not in ("driver", "device")})
 
 
 def test_it_never_overwrites(tmp_path: Path) -> None:

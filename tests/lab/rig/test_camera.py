@@ -16,6 +16,7 @@ from tacbench_cad.lab.rig.camera_devices import cameras, chosen_camera, open_cap
 from tacbench_cad.lab.rig.errors import DeviceLostError, SensorError
 from tacbench_cad.lab.rig.sensor import Sensor, is_image
 from tacbench_cad.lab.study.spec import SensorSettings
+from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bytes
 
@@ -112,7 +113,7 @@ class FakeCapture:
 
 
 def camera(capture: FakeCapture, **options: Any) -> CameraSensor:
-    chosen = CameraOptions.of({"exposure": 156} | options)
+    chosen = from_plain(CameraOptions, {"exposure": 156} | options, "[sensor] ")
     return CameraSensor("cam", chosen, opener=lambda device: capture, now_s=capture.time)
 
 
@@ -301,7 +302,7 @@ def test_a_grey_camera_gives_the_asked_shape(fake: FakeCapture) -> None:
 )
 def test_wrong_settings_are_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        CameraOptions.of(options)
+        from_plain(CameraOptions, options, "[sensor] ")
 
 
 # --- which camera ---

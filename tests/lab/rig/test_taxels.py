@@ -12,6 +12,7 @@ from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import NoAnswerError, SensorError
 from tacbench_cad.lab.rig.sensor import Sensor, is_image
 from tacbench_cad.lab.rig.taxels import TaxelOptions, TaxelSensor
+from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
 
 
@@ -35,7 +36,7 @@ class Array:
 
 
 def taxels(array: Array, **options: Any) -> TaxelSensor:
-    chosen = TaxelOptions.of({"columns": 4, "latency_s": 0.0, "timeout_s": 0.1} | options)
+    chosen = from_plain(TaxelOptions, {"columns": 4, "latency_s": 0.0, "timeout_s": 0.1} | options, "[sensor] ")
     return TaxelSensor(array, name="taxels", options=chosen, clock=Clock())
 
 
@@ -124,4 +125,4 @@ def test_a_silent_array_is_named_and_let_go() -> None:
 )
 def test_wrong_settings_are_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        TaxelOptions.of(options)
+        from_plain(TaxelOptions, options, "[sensor] ")
