@@ -7,6 +7,7 @@ import signal
 import sys
 from dataclasses import fields
 
+from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import TacbenchError
 from tacbench_cad.virtual_rig.faults import KINDS as FAULTS
 from tacbench_cad.virtual_rig.faults import Fault, settings_of
@@ -47,19 +48,14 @@ def main() -> int:
     _clean_up_on_sigterm()
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        setup = Setup(
-            kind=options.kind,
-            speed=options.speed,
-            seed=options.seed,
-            tcp=options.tcp,
-            resets_on_open=not options.no_reset_on_open,
-            check_baud=options.check_baud,
-            stimulus=None if options.flat is None else {"flat_z_mm": options.flat[0], "n_per_mm": options.flat[1]},
-            faults=tuple(Fault.parse(one) for one in options.fault),
-            firmware=settings_of(options.option),
-            gauge=settings_of(options.gauge),
-        )
-        server = Server(setup)
+        values = {name: getattr(options, name) for name in ("kind", "speed", "seed", "tcp", "check_baud")}
+        if options.flat is not None:
+            values["stimulus"] = dict(zip(("flat_z_mm", "n_per_mm"), options.flat, strict=True))
+        values["resets_on_open"] = not options.no_reset_on_open
+        values["faults"] = [Fault.parse(text) for text in options.fault]
+        values["firmware"] = settings_of(options.option)
+        values["gauge"] = settings_of(options.gauge)
+        server = Server(from_plain(Setup, values))
     except TacbenchError as error:
         print(error, file=sys.stderr)
         return error.exit_code

@@ -10,6 +10,7 @@ from tacbench_cad.lab.rig.devices import Rig, Simulators
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.simulate.devices import SimulatedGauge, SimulatedSensor
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, RigSettings, WorkFrame
+from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.virtual_rig.launch import launch
 
@@ -45,8 +46,8 @@ class LaunchedStage(Closing):
         self.rig.put(
             {
                 "printed": printed.as_dict(),
-                "holder": {"rim_mm": holder.rim_mm, "gap_mm": holder.gap_mm},
-                "frame": {"origin_mm": list(frame.origin_mm), "quarter_turns": frame.quarter_turns},
+                "holder": to_plain(holder),
+                "frame": to_plain(frame),
             }
         )
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
-from tacbench_cad.util.errors import InputError, nearest, one_of
+from tacbench_cad.util.convert import Bounds, check_fields, from_plain
+from tacbench_cad.util.errors import InputError, located
 
 #: Faults of single bytes on a line, of the load cell, and all.
 BYTE_KINDS = ("drop", "double", "garble", "silence")
@@ -16,6 +17,8 @@ BYTE_KINDS = ("drop", "double", "garble", "silence")
 GAUGE_KINDS = ("noise", "stuck", "saturated")
 #: All faults.
 KINDS = (*BYTE_KINDS, "reset", "alarm", "unplug", "slip", "stall", *GAUGE_KINDS)
+Seconds = Annotated[float, Bounds(0.0)]
+Count = Annotated[int, Bounds(0)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,39 +43,21 @@ class Fault:
         n: Standard deviation of the load cell's added noise in newtons.
     """
 
-    kind: str
-    at_s: float | None = None
-    after_bytes: int | None = None
-    seconds: float | None = None
-    count: int | None = None
-    chance: float | None = None
+    kind: Literal[KINDS]  # type: ignore[valid-type]
+    at_s: Seconds | None = None
+    after_bytes: Count | None = None
+    seconds: Seconds | None = None
+    count: Count | None = None
+    chance: Annotated[float, Bounds(0.0, 1.0)] | None = None
     direction: Literal["in", "out", "both"] = "out"
     where: Literal["stage", "gauge"] = "stage"
     axis: Literal["x", "y", "z"] = "z"
     mm: float = 0.5
-    n: float = 0.5
+    n: Annotated[float, Bounds(0.0)] = 0.5
 
     def __post_init__(self) -> None:
-        one_of("fault", self.kind, KINDS)
-        one_of("fault direction", self.direction, ("in", "out", "both"))
-        one_of("fault where", self.where, ("stage", "gauge"))
-        one_of("fault axis", self.axis, ("x", "y", "z"))
-        for name in ("at_s", "seconds", "chance", "mm", "n"):
-            value = getattr(self, name)
-            if value is not None and (
-                isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value)
-            ):
-                raise InputError(f"fault {name}", value, "must be a number")
-        for name in ("at_s", "seconds", "n"):
-            value = getattr(self, name)
-            if value is not None and value < 0.0:
-                raise InputError(f"fault {name}", value, "must not be negative")
-        for name in ("after_bytes", "count"):
-            value = getattr(self, name)
-            if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 0):
-                raise InputError(f"fault {name}", value, "must be a whole number, 0 or more")
-        if self.chance is not None and not 0.0 <= self.chance <= 1.0:
-            raise InputError("fault chance", self.chance, "must be from 0 to 1")
+        with located("fault "):
+            check_fields(self)
         if self.at_s is not None and self.after_bytes is not None:
             raise InputError("fault", self.kind, "give at_s or after_bytes, not both")
         if self.after_bytes is not None and self.of_gauge:
@@ -92,31 +77,12 @@ class Fault:
             return self.count
         return 1 if self.seconds is None and self.chance is None else math.inf
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values; only those that are set."""
-        return {name: value for name, value in asdict(self).items() if value is not None}
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Fault:
-        """The fault again from plain values.
-
-        Raises:
-            InputError: A key is unknown or a value wrong.
-        """
-        known = {one.name for one in fields(cls)}
-        for key in values:
-            if key not in known:
-                raise InputError("fault", key, nearest(str(key), known))
-        if "kind" not in values:
-            raise InputError("fault", None, f"kind is missing; one of {', '.join(KINDS)}")
-        return cls(**values)
-
     @classmethod
     def of(cls, given: Fault | Mapping[str, Any] | str) -> Fault:
         """The fault, from its plain values or its text as well."""
         if isinstance(given, Fault):
             return given
-        return cls.parse(given) if isinstance(given, str) else cls.from_dict(given)
+        return cls.parse(given) if isinstance(given, str) else from_plain(cls, given, "fault ")
 
     @classmethod
     def parse(cls, text: str) -> Fault:
@@ -126,7 +92,7 @@ class Fault:
             InputError: It cannot be read.
         """
         kind, *rest = text.split() or [""]
-        return cls.from_dict({"kind": kind, **settings_of(rest)})
+        return from_plain(cls, {"kind": kind, **settings_of(rest)}, "fault ")
 
 
 def settings_of(words: Iterable[str]) -> dict[str, Any]:
@@ -179,26 +145,26 @@ class Spoiler:
         """
         if not self._active:
             return data
-        self._active = [one for one in self._active if one.left > 0 and now_s < one.until_s]
-        for one in self._active:
-            if one.fault.kind == "silence" or one.fault.direction in (direction, "both"):
-                data = self._apply(one, data)
+        self._active = [active for active in self._active if active.left > 0 and now_s < active.until_s]
+        for active in self._active:
+            if active.fault.kind == "silence" or active.fault.direction in (direction, "both"):
+                data = self._apply(active, data)
         return data
 
-    def _apply(self, one: _Active, data: bytes) -> bytes:
-        made = bytearray()
-        chance = 1.0 if one.fault.chance is None else one.fault.chance
+    def _apply(self, active: _Active, data: bytes) -> bytes:
+        result = bytearray()
+        chance = 1.0 if active.fault.chance is None else active.fault.chance
         for byte in data:
-            if one.left <= 0 or self._random.random() >= chance:
-                made.append(byte)
+            if active.left <= 0 or self._random.random() >= chance:
+                result.append(byte)
                 continue
-            one.left -= 1
-            if one.fault.kind == "double":
-                made += bytes((byte, byte))
-            elif one.fault.kind == "garble":
+            active.left -= 1
+            if active.fault.kind == "double":
+                result += bytes((byte, byte))
+            elif active.fault.kind == "garble":
                 # One bit or several, never none: a garbled byte differs.
-                made.append(byte ^ self._random.randint(1, 255))
-        return bytes(made)
+                result.append(byte ^ self._random.randint(1, 255))
+        return bytes(result)
 
 
 @dataclass(kw_only=True)

@@ -53,7 +53,7 @@ class Memory:
     """
 
     def __init__(self, axes: Sequence[Axis], changed: Mapping[int, float]) -> None:
-        self._settings: dict[int, float] = {**SETTINGS, **changed}
+        self._settings: dict[int, float] = {**SETTINGS, **{int(number): value for number, value in changed.items()}}
         for i, axis in enumerate(axes):
             self._settings[100 + i], self._settings[130 + i] = axis.steps_per_mm, axis.travel_mm
         self.offsets: list[Point] = [(0.0, 0.0, 0.0)] * 6

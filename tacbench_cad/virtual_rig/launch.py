@@ -14,6 +14,7 @@ from typing import Any
 from tacbench_cad.lab.rig.errors import DeviceLostError
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.virtual_rig.faults import Fault
 from tacbench_cad.virtual_rig.setup import Setup
@@ -42,7 +43,7 @@ class VirtualRig(Closing):
             env={**os.environ, "PYTHONSAFEPATH": "1"},
         )
         try:
-            ports = self._ask(setup.as_dict())
+            ports = self._ask(to_plain(setup))
         except BaseException:
             self.close()
             raise
@@ -55,7 +56,7 @@ class VirtualRig(Closing):
         Raises:
             DeviceLostError: The process is gone.
         """
-        self._ask({"do": "inject", "fault": fault.as_dict()})
+        self._ask({"do": "inject", "fault": to_plain(fault)})
 
     def put(self, stimulus: Mapping[str, Any] | None) -> None:
         """Put something else under the carriage; None for nothing."""

@@ -5,12 +5,17 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 from tacbench_cad.lab.study.spec import HolderRim, Point, WorkFrame
-from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.util.convert import Bounds, check_fields, from_plain
+from tacbench_cad.util.errors import InputError, located
 from tacbench_cad.virtual_rig.faults import BYTE_KINDS, Fault, Spoiler
+
+if TYPE_CHECKING:
+    from tacbench_cad.lab.simulate.contact import DomeContact
 
 #: The amplifier's converter: 24 bits, signed.
 FULL_SCALE = 2**23 - 1
@@ -31,22 +36,18 @@ class CellSettings:
         newtons: Send newtons with four decimals instead of counts.
     """
 
-    rate_hz: float = 80.0
+    rate_hz: Annotated[float, Bounds(0.001, 10_000.0)] = 80.0
     counts_per_n: float = 42_000.0
     offset_counts: float = 84_213.0
-    noise_n: float = 0.0008
+    noise_n: Annotated[float, Bounds(0.0)] = 0.0008
     drift_n_per_min: float = 0.0001
-    newtons: bool = False
+    newtons: bool | Annotated[int, Bounds(0, 1)] = False
 
     def __post_init__(self) -> None:
-        for name in ("rate_hz", "counts_per_n", "offset_counts", "noise_n", "drift_n_per_min"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-                raise InputError(f"gauge {name}", value, "must be a number")
-        if not 0.0 < self.rate_hz <= 10_000.0:
-            raise InputError("gauge rate_hz", self.rate_hz, "must be above 0 and at most 10000")
-        if self.counts_per_n == 0.0 or self.noise_n < 0.0:
-            raise InputError("gauge", self.counts_per_n, "counts_per_n must not be 0, noise_n not negative")
+        with located("gauge "):
+            check_fields(self)
+        if self.counts_per_n == 0.0:
+            raise InputError("gauge counts_per_n", self.counts_per_n, "must not be 0")
 
 
 class LoadCell:
@@ -133,7 +134,6 @@ class Stimulus(Protocol):
 
     def force_n(self, point_mm: Point) -> float:
         """Contact force with the carriage truly at a point of the stage's frame."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,25 +153,30 @@ class FlatSpring:
         return max(0.0, self.flat_z_mm - point_mm[2]) * self.n_per_mm
 
 
+@dataclass(frozen=True, kw_only=True)
 class BlockUnderDome:
     """A printed block in its holder under the simulated sensor.
 
     Args:
-        values: ``printed``, ``holder`` and ``frame`` as plain values.
+        printed: The block, as ``run.json`` has it.
+        holder: What surrounds it.
+        frame: Where it lies.
     """
 
-    def __init__(self, values: Mapping[str, Any]) -> None:
+    printed: Mapping[str, Any]
+    holder: HolderRim
+    frame: WorkFrame
+
+    @cached_property
+    def _contact(self) -> DomeContact:
         from tacbench_cad.lab.runs.info import printed_from
         from tacbench_cad.lab.simulate.contact import contact_for
 
-        holder, frame = HolderRim(**values["holder"]), values["frame"]
-        x, y, z = frame["origin_mm"]
-        self._frame = WorkFrame(origin_mm=(x, y, z), quarter_turns=frame.get("quarter_turns", 0))
-        self._contact = contact_for(printed_from(values["printed"]), holder)
+        return contact_for(printed_from(self.printed), self.holder)
 
     def force_n(self, point_mm: Point) -> float:
         """See :class:`Stimulus`. Above all that stands there, nothing is worked out."""
-        x, y, z = self._frame.to_work(point_mm)
+        x, y, z = self.frame.to_work(point_mm)
         return self._contact.force_n(x, y, z) if z < self._contact.ground.top_mm else 0.0
 
 
@@ -184,14 +189,10 @@ def stimulus_from(values: Mapping[str, Any]) -> Stimulus:
     Raises:
         InputError: They describe neither.
     """
-    for keys in (("flat_z_mm", "n_per_mm"), ("printed", "holder", "frame")):
-        if keys[0] in values:
-            wrong = set(values) ^ set(keys)
-            if wrong:
-                raise InputError("stimulus", sorted(wrong)[0], nearest(sorted(wrong)[0], keys))
-            if keys[0] == "flat_z_mm":
-                return FlatSpring(flat_z_mm=float(values["flat_z_mm"]), n_per_mm=float(values["n_per_mm"]))
-            return BlockUnderDome(values)
+    kinds: tuple[type[FlatSpring] | type[BlockUnderDome], ...] = (FlatSpring, BlockUnderDome)
+    for kind in kinds:
+        if fields(kind)[0].name in values:
+            return from_plain(kind, values, "stimulus ")
     raise InputError("stimulus", sorted(values), "give flat_z_mm and n_per_mm, or printed, holder and frame")
 
 

@@ -17,6 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TextIO
 
+from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError, TacbenchError
 from tacbench_cad.virtual_rig.faults import Fault
 from tacbench_cad.virtual_rig.loadcell import ForceAtCarriage, LoadCell, stimulus_from
@@ -44,7 +45,7 @@ class Server:
         self.setup = setup
         self.board = setup.board()
         self._start_s = time.monotonic()
-        self._cell = LoadCell(setup.cell, seed=setup.seed + 2)
+        self._cell = LoadCell(setup.gauge, seed=setup.seed + 2)
         stimulus = None if setup.stimulus is None else stimulus_from(setup.stimulus)
         self._force = ForceAtCarriage(lambda: self.board.firmware.carriage.true(self.board.now_s), stimulus)
         self._folder = Path(tempfile.mkdtemp(prefix="tacbench-rig-"))
@@ -166,7 +167,7 @@ class Server:
             order = json.loads(line)
             now = self.now_s
             if order["do"] == "inject":
-                fault = Fault.from_dict(order["fault"])
+                fault = Fault.of(order["fault"])
                 if fault.of_gauge:
                     self._gauge_faults.append(fault)
                 else:
@@ -216,7 +217,7 @@ def serve_launcher() -> None:
     """The life of a launched process: a setup, then orders on standard input, answers on standard output."""
     answer = answer_on(sys.stdout)
     try:
-        server = Server(Setup.from_dict(json.loads(sys.stdin.readline())))
+        server = Server(from_plain(Setup, json.loads(sys.stdin.readline())))
     except (TacbenchError, ValueError, TypeError) as error:
         answer({"error": f"{error}"})
         return

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import inspect
-import math
 import random
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass, field, fields
+from typing import Annotated, Any, Literal
 
 from tacbench_cad.lab.study.spec import Point
-from tacbench_cad.util.errors import InputError, nearest, one_of
+from tacbench_cad.util.convert import Bounds, check_fields, from_plain
+from tacbench_cad.util.errors import InputError, nearest
 from tacbench_cad.virtual_rig.arduino import Arduino
 from tacbench_cad.virtual_rig.base import Firmware
 from tacbench_cad.virtual_rig.board import Board
@@ -51,12 +51,12 @@ class Setup:
         check_baud: Whether a host that set another speed gets garbage (pseudo-terminals of Linux only).
         start_mm: Where the carriage truly stands at the start, in the frame after homing; None for the default.
         stimulus: What lies under the carriage, see :func:`tacbench_cad.virtual_rig.loadcell.stimulus_from`.
-        gauge: Keyword arguments of :class:`~tacbench_cad.virtual_rig.loadcell.CellSettings`.
+        gauge: What the load cell is like.
         firmware: Keyword arguments of the firmware: ``settings`` of ``grbl``, ``emergency_parser`` of ``marlin``.
     """
 
-    kind: str
-    speed: float = 1.0
+    kind: Literal["grbl", "grblhal", "marlin", "arduino"]
+    speed: Annotated[float, Bounds(0.01, 1000.0)] = 1.0
     seed: int = 0
     faults: tuple[Fault, ...] = ()
     tcp: bool = False
@@ -64,17 +64,11 @@ class Setup:
     check_baud: bool = False
     start_mm: Point | None = None
     stimulus: Mapping[str, Any] | None = None
-    gauge: Mapping[str, Any] = field(default_factory=dict)
+    gauge: CellSettings = field(default_factory=CellSettings)
     firmware: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        one_of("kind", self.kind, KINDS)
-        if not (math.isfinite(self.speed) and 0.01 <= self.speed <= 1000.0):
-            raise InputError("speed", self.speed, "must be from 0.01 to 1000")
-        allowed = {one.name for one in fields(CellSettings)}
-        for key in self.gauge:
-            if key not in allowed:
-                raise InputError("gauge", key, nearest(key, allowed))
+        check_fields(self)
 
     @classmethod
     def of(
@@ -91,60 +85,31 @@ class Setup:
         Raises:
             InputError: An option is unknown or a value wrong.
         """
-        own = {field.name for field in fields(cls)}
-        return cls(
-            kind=kind,
-            faults=tuple(Fault.of(fault) for fault in faults),
-            gauge=gauge or {},
-            firmware={key: value for key, value in options.items() if key not in own},
-            **{key: value for key, value in options.items() if key in own},
+        own = {each.name for each in fields(cls)}
+        values = {key: value for key, value in options.items() if key in own}
+        firmware = {key: value for key, value in options.items() if key not in own}
+        all_faults = [Fault.of(fault) for fault in faults]
+        return from_plain(
+            cls, {"kind": kind, "faults": all_faults, "gauge": gauge or {}, "firmware": firmware, **values}
         )
-
-    @property
-    def cell(self) -> CellSettings:
-        """The load cell's settings."""
-        return CellSettings(**self.gauge)
 
     def board(self) -> Board:
         """The board, with its firmware, carriage and faults; the load cell's faults are not its own."""
         start = self.start_mm or _START_MM[self.kind]
         random_ = random.Random(self.seed)
-        faults = [one for one in self.faults if not one.of_gauge]
+        faults = [fault for fault in self.faults if not fault.of_gauge]
         return Board(_firmware(self.kind, start, random_, dict(self.firmware)), seed=self.seed + 1, faults=faults)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        values = {**asdict(self), "faults": [fault.as_dict() for fault in self.faults]}
-        values["firmware"] = {
-            name: sorted(value.items()) if isinstance(value, Mapping) else value
-            for name, value in self.firmware.items()
-        }
-        return values
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Setup:
-        """The setup again from plain values, also after JSON."""
-        made = dict(values)
-        made["faults"] = tuple(Fault.from_dict(one) for one in values.get("faults", ()))
-        if values.get("start_mm") is not None:
-            x, y, z = values["start_mm"]
-            made["start_mm"] = (x, y, z)
-        firmware = dict(values.get("firmware", {}))
-        if "settings" in firmware:
-            firmware["settings"] = {int(number): value for number, value in firmware["settings"]}
-        made["firmware"] = firmware
-        return cls(**made)
 
 
 def _firmware(kind: str, start: Point, random_: random.Random, options: dict[str, Any]) -> Firmware:
-    maker, axes = _MAKERS[kind]
-    allowed = list(inspect.signature(maker).parameters)[1:]
+    factory, axes = _FACTORIES[kind]
+    allowed = list(inspect.signature(factory).parameters)[1:]
     for key in options:
         if key not in allowed:
             raise InputError(f"option of {kind}", key, nearest(key, allowed))
         if isinstance(options[key], str):
             raise InputError(f"option {key} of {kind}", options[key], "must be a number")
-    return maker(Carriage(axes, start, random_), **options)
+    return factory(Carriage(axes, start, random_), **options)
 
 
 def _axes(z_low_mm: float, z_high_mm: float, switch_mm: float, xy_steps: float, z_steps: float) -> tuple[Axis, ...]:
@@ -154,7 +119,7 @@ def _axes(z_low_mm: float, z_high_mm: float, switch_mm: float, xy_steps: float, 
 
 
 #: GRBL's machine frame has z = 0 at the top; Marlin's has z = 100 there.
-_MAKERS: Mapping[str, tuple[Callable[..., Firmware], tuple[Axis, ...]]] = {
+_FACTORIES: Mapping[str, tuple[Callable[..., Firmware], tuple[Axis, ...]]] = {
     "grbl": (Grbl, _axes(-100.0, 0.0, 1.0, 400.0, 1600.0)),
     "grblhal": (GrblHal, _axes(-100.0, 0.0, 1.0, 400.0, 1600.0)),
     "marlin": (Marlin, _axes(0.0, 100.0, 0.0, 80.0, 400.0)),

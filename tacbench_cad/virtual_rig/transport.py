@@ -31,35 +31,27 @@ class Endpoint(Protocol):
 
     def watched(self) -> socket.socket | int | None:
         """What to select on; None where nothing can be waited for and :meth:`look` must be called now and then."""
-        ...
 
     def look(self) -> bool:
         """Notice hosts that come and go; whether one has come since the last look."""
-        ...
 
     def read(self, most: int) -> bytes:
         """At most so many bytes that the host wrote; nothing if there are none."""
-        ...
 
     def write(self, data: bytes) -> None:
         """Send; what a host does not fetch is lost."""
-        ...
 
     def host_baud(self) -> int | None:
         """The speed that the host set, if it can be known."""
-        ...
 
     def unplug(self) -> None:
         """The cable is pulled: the host's port dies."""
-        ...
 
     def plug(self) -> None:
         """The cable is put back: the same name can be opened again."""
-        ...
 
     def close(self) -> None:
         """Leave nothing behind."""
-        ...
 
 
 class Pty:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 from typing import Any
 
 import pytest
@@ -10,6 +11,7 @@ from helpers.firmware_host import Host, homed, near
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tacbench_cad.util.convert import from_plain, to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.virtual_rig.base import OUTPUT_BYTES
 from tacbench_cad.virtual_rig.board import SEND_BYTES
@@ -129,18 +131,18 @@ def test_unplugged_nothing_passes_and_the_firmware_goes_on() -> None:
         ({"kind": "slip", "axis": "w"}, "axis"),
         ({"kind": "slip", "mm": "far"}, "mm"),
         ({"kind": "drop", "when": 3}, "when"),
-        ({}, "kind is missing"),
+        ({}, "kind: is missing; one of drop"),
     ],
 )
 def test_bad_faults_are_refused(values: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        Fault.from_dict(values)
+        Fault.of(values)
 
 
 def test_faults_as_text_and_as_values() -> None:
     fault = Fault.parse("drop at_s=12 count=3 direction=in chance=0.5")
     assert fault == Fault(kind="drop", at_s=12, count=3, direction="in", chance=0.5)
-    assert Fault.from_dict(fault.as_dict()) == fault
+    assert Fault.of(to_plain(fault)) == fault
     for text in ("", "drop count", "drop count=few"):
         with pytest.raises(InputError):
             Fault.parse(text)
@@ -156,7 +158,9 @@ def test_setups_survive_being_written_down() -> None:
     setup = Setup(
         kind="grbl", faults=(Fault(kind="drop"),), start_mm=(1.0, 2.0, -3.0), firmware={"settings": {22: 0, 20: 0}}
     )
-    assert Setup.from_dict(setup.as_dict()) == setup
+    again = from_plain(Setup, json.loads(json.dumps(to_plain(setup))))
+    assert to_plain(again) == to_plain(setup) and again.faults == setup.faults and again.start_mm == setup.start_mm
+    assert again.board().firmware.settings[22] == 0  # type: ignore[attr-defined]
     for wrong in ({"kind": "reprap"}, {"kind": "grbl", "speed": 0.0}, {"kind": "grbl", "gauge": {"rate": 3}}):
         with pytest.raises(InputError):
             Setup(**wrong)

@@ -26,7 +26,6 @@ class Person(Protocol):
         Raises:
             InputError: It was not confirmed.
         """
-        ...
 
     def first_touch(self, printed: PrintedBlock, positions: int) -> tuple[float, ...]:
         """Heights of first touch in mm of the work frame: one for all positions, or one for each.
@@ -38,7 +37,6 @@ class Person(Protocol):
         Raises:
             InputError: None was given.
         """
-        ...
 
 
 class Typing:

@@ -45,7 +45,6 @@ class Touch(Interface):
         Raises:
             RigError: A limit was met before, or a device failed.
         """
-        ...
 
 
 class StepwiseTouch:

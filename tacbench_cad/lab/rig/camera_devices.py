@@ -26,27 +26,21 @@ class Capture(Protocol):
 
     def isOpened(self) -> bool:  # noqa: N802 (OpenCV's name)
         """Whether the camera is there."""
-        ...
 
     def set(self, prop: int, value: float, /) -> bool:
         """Ask for a setting. What comes of it is known only by :meth:`get`."""
-        ...
 
     def get(self, prop: int, /) -> float:
         """A setting as it is now."""
-        ...
 
     def grab(self) -> bool:
         """Take the next frame; False where none came."""
-        ...
 
     def retrieve(self) -> tuple[bool, Any]:
         """The frame that was taken last, BGR uint8 (height, width, 3), and whether it could be read."""
-        ...
 
     def release(self) -> None:
         """Let go of the camera."""
-        ...
 
 
 Opener = Callable[[str], Capture]

@@ -40,7 +40,6 @@ class Following(Protocol):
 
     def put(self, printed: PrintedBlock, holder: HolderRim, frame: WorkFrame) -> None:
         """Another block lies there now."""
-        ...
 
 
 class VirtualStage(Following, Protocol):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Protocol, Self, runtime_checkable
+from typing import Protocol, runtime_checkable
+
+from tacbench_cad.lab.rig.stage import Device
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +24,7 @@ class Force:
 
 
 @runtime_checkable
-class Gauge(Protocol):
+class Gauge(Device, Protocol):
     """A force gauge, connected and identified when it is made.
 
     Attributes:
@@ -42,18 +43,6 @@ class Gauge(Protocol):
         Raises:
             RigError: Lost, silent, or sending what cannot be a force.
         """
-        ...
 
     def tare(self) -> None:
         """Take the present force as zero (the sensor must be free)."""
-        ...
-
-    def close(self) -> None:
-        """Let go of the device. Never raises; a second call does nothing."""
-        ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...

@@ -38,15 +38,12 @@ class LineSource(Protocol):
 
     def read_line(self, timeout_s: float) -> str | None:
         """The next line, or None where none came in time."""
-        ...
 
     def forget(self) -> None:
         """Drop what has come and was not read."""
-        ...
 
     def close(self) -> None:
         """Close the port."""
-        ...
 
 
 def require_stuck_samples(count: int) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-from typing import Any, Protocol, Self, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
+
+from tacbench_cad.lab.rig.stage import Device
 
 #: One image or array of a sensor.
 Frame = NDArray[Any]
@@ -14,7 +15,7 @@ Reading = Frame
 
 
 @runtime_checkable
-class Sensor(Protocol):
+class Sensor(Device, Protocol):
     """A tactile sensor, connected and identified when it is made.
 
     Attributes:
@@ -40,17 +41,6 @@ class Sensor(Protocol):
         Raises:
             RigError: Lost, silent, or sending what cannot be a frame.
         """
-        ...
-
-    def close(self) -> None:
-        """Let go of the device. Never raises; a second call does nothing."""
-        ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
 
 
 def is_image(frame: Frame) -> bool:

@@ -12,8 +12,21 @@ from tacbench_cad.util.errors import InputError
 Limits = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 
+class Device(Protocol):
+    """What stages, gauges and sensors share: they are let go of in the end, as context managers too."""
+
+    def close(self) -> None:
+        """Let go of the device. Never raises; a second call does nothing."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
 @runtime_checkable
-class Stage(Protocol):
+class Stage(Device, Protocol):
     """A three-axis stage, in mm of its own frame with z upwards.
 
     A driver opens its device when it is made: it is then connected and identified, and homed if asked to be.
@@ -28,7 +41,6 @@ class Stage(Protocol):
 
     def home(self) -> None:
         """Find the end stops, z first upwards; afterwards the position is known."""
-        ...
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
         """Go there in a straight line and wait until the stage itself reports that it stands there.
@@ -43,25 +55,12 @@ class Stage(Protocol):
         Raises:
             RigError: By its subclass: alarm, reset, silence, unplugged, not arrived.
         """
-        ...
 
     def position(self) -> Point:
         """The reported position in mm."""
-        ...
 
     def stop(self) -> None:
         """Stop all motion at once. May be called from a signal handler, in the middle of another call; never raises."""
-        ...
-
-    def close(self) -> None:
-        """Let go of the device. Never raises; a second call does nothing."""
-        ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
 
 
 class Closing:
