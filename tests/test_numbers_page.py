@@ -16,9 +16,7 @@ from tacbench_cad.cli import main
 from tacbench_cad.lab.analysis import compare
 from tacbench_cad.lab.analysis.classification import classify, score, sweep
 from tacbench_cad.lab.analysis.classification.split_files import PRESS_COLUMNS
-from tacbench_cad.lab.analysis.variance import between, components, registration
-from tacbench_cad.lab.analysis.variance import table as variance
-from tacbench_cad.lab.analysis.variance.files import POSITION_COLUMNS, REMOVED_COLUMNS, TEST_COLUMNS
+from tacbench_cad.lab.analysis.variance import view
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.slicing import plates
 from tacbench_cad.spec.block import Block
@@ -29,18 +27,12 @@ DOCS = Path(__file__).parent.parent / "docs"
 KEYED_BY_DATA = ("folds", "recall", "left_out")
 #: Heads of each table, and the page that explains them.
 TABLES = {
-    "variance.csv": variance.COLUMNS,
-    "floor_removed.csv": REMOVED_COLUMNS,
-    "components.csv": components.COLUMNS,
-    "between_textures.csv": between.COLUMNS,
-    "positions.csv": POSITION_COLUMNS,
-    "permutation.csv": TEST_COLUMNS,
-    "registration.csv": registration.COLUMNS,
+    **{f"{name}.csv": [column.name for column in columns] for name, columns in view.COLUMNS.items()},
     "classification.csv": classify.COLUMNS,
     "confusion.csv": classify.CONFUSION_COLUMNS,
     "predictions.csv": classify.PREDICTION_COLUMNS,
     "sweep.csv": sweep.COLUMNS,
-    "comparison.csv": compare.COLUMNS,
+    "comparison.csv": [column.name for column in compare.COLUMNS],
     "columns of score": score.COLUMNS,
     "presses of a split": PRESS_COLUMNS,
     "layout of a plate": plates.COLUMNS,

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+    from tacbench_cad.lab.analysis.tables import Table as ResultTable
     from tacbench_cad.spec.sampling import SampleGrid, Tolerance
 
 T = TypeVar("T")
@@ -255,6 +256,18 @@ def table(title: str, *columns: str, right: Sequence[str] = ()) -> Table:
     for head in columns:
         made.add_column(head, justify="right" if head in right else "left", overflow="fold")
     return made
+
+
+def show_table(shown: ResultTable) -> None:
+    """Print a table of results with its title."""
+    heads = list(zip(shown.heads, shown.right, strict=True))
+    # Two columns may have one head, so the heads that are set flush right are marked.
+    made = table(shown.title)
+    for head, right in heads:
+        made.add_column(head, justify="right" if right else "left", overflow="fold")
+    for row in shown.texts():
+        made.add_row(*row)
+    console().print(made)
 
 
 def lengths(values: Sequence[float]) -> str:

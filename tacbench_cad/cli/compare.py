@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from tacbench_cad.cli.common import Dask, Jobs, console, jobs_of, note, print_json, print_simulated, table, whole_of
+from tacbench_cad.cli.common import (
+    Dask,
+    Jobs,
+    console,
+    jobs_of,
+    note,
+    print_json,
+    print_simulated,
+    show_table,
+    whole_of,
+)
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
-
-if TYPE_CHECKING:
-    from tacbench_cad.lab.analysis.compare import Comparison, Difference
 
 NAME = "compare"
 
@@ -62,9 +69,13 @@ def command(
         found = compare(first, second, used, same_prints=not unpaired)
         files = write_comparison(found, out)
     if json:
-        print_json({**found.as_dict(), "files": [str(one) for one in files]})
+        print_json({**found.document(), "files": [str(one) for one in files]})
         return
-    _print(found)
+    screen = console()
+    print_simulated(screen, found.simulated)
+    show_table(found.shown)
+    for text in found.notes:
+        screen.print(f"note: {text}", soft_wrap=True)
     typer.echo(f"{counted(len(files), 'file')} in {out}")
 
 
@@ -90,34 +101,3 @@ def _classified(side: str, folder: Path, out: Path, trials: int, jobs: int, dask
     with locked(target), workers(jobs, dask) as team:
         classify_into(collection, target, trials, team, lambda *_: None)
     return target
-
-
-def _print(found: Comparison) -> None:
-    numbers = ("A", "B", "B less A", "95 % interval", "smallest shown", "prints")
-    shown = table(
-        f"A: {found.a.name} ({found.a.sensor}), B: {found.b.name} ({found.b.sensor}); per cent, {found.estimator}",
-        "rung",
-        "texture",
-        *numbers,
-        "",
-        right=numbers,
-    )
-    for one in found.rows:
-        shown.add_row(one.rung, one.texture, *_cells(one), one.verdict)
-    screen = console()
-    print_simulated(screen, found.simulated)
-    screen.print(shown)
-    for text in found.notes:
-        screen.print(f"note: {text}", soft_wrap=True)
-
-
-def _cells(one: Difference) -> list[str]:
-    none = one.low is None or one.high is None or one.smallest_difference is None
-    return [
-        f"{100.0 * one.accuracy_a:.1f}",
-        f"{100.0 * one.accuracy_b:.1f}",
-        f"{100.0 * one.difference:+.1f}",
-        "none" if none else f"{100.0 * (one.low or 0.0):+.1f} to {100.0 * (one.high or 0.0):+.1f}",
-        "none" if none else f"{100.0 * (one.smallest_difference or 0.0):.1f}",
-        f"{one.prints_a} pairs" if one.paired else f"{one.prints_a}, {one.prints_b}",
-    ]

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from tacbench_cad.cli.common import console, jobs_of, print_json, table, whole_of
-
-if TYPE_CHECKING:
-    from tacbench_cad.lab.analysis.variance.grade import Compared, Grade
+from tacbench_cad.cli.common import console, jobs_of, print_json, show_table, whole_of
 
 NAME = "grade"
 
@@ -42,55 +39,23 @@ def command(
     from tacbench_cad.lab.analysis.variance.grade import grade
     from tacbench_cad.lab.analysis.variance.grade_limits import Context
     from tacbench_cad.lab.analysis.variance.table import variance_table
+    from tacbench_cad.util.convert import to_plain
 
     level = force_level if force_level == "all" else whole_of("force-level", force_level)
     workers = jobs_of(jobs)
     collection = Collection.open(runs)
     result = variance_table(collection, Preprocess(), ddof=0, jobs=workers)
-    context = Context.of(
-        collection.info,
-        floor_from=[one.floor_from for one in result.removed],
-        simulated=collection.simulated,
-        left_out=result.left_out,
-    )
+    context = Context.of(collection, result.cells, result.left_out)
     grades = grade(result.cells, context, level)
     if json:
-        print_json(
-            {"simulated": list(context.simulated), "units": context.units, "grades": [g.as_dict() for g in grades]}
-        )
+        document = {"simulated": list(context.simulated), "units": context.units}
+        print_json({**document, "grades": [to_plain(one) for one in grades]})
         return
-    for one in grades:
-        _print(one, context.units)
-
-
-def _print(grade: Grade, units: str) -> None:
-    from tacbench_cad.lab.analysis.published import ROW_NAMES
-
-    unit = f"{units}^2" if units.isalnum() else f"({units})^2"
-    level = "mean over the forces" if grade.force_level == "all" else f"force level {grade.force_level}"
-    numbers = ("texture", "prints", f"variance ({unit})", "95 % interval", "floor")
-    shown = table(
-        f"{grade.printer}, {grade.filament}: {level}; published figures with what yours is beside them",
-        *numbers,
-        *ROW_NAMES.values(),
-        right=(*numbers, *ROW_NAMES.values()),
-    )
-    for one in grade.textures:
-        shown.add_row(*_cells(one))
     screen = console()
-    screen.print(shown)
-    for head, sentences in (("What the data support", grade.supports), ("What they cannot", grade.limits)):
-        screen.print(f"{head}:")
-        for sentence in sentences:
-            screen.print(f"  - {sentence}", soft_wrap=True)
-    screen.print()
-
-
-def _cells(one: Compared) -> list[str]:
-    from tacbench_cad.lab.analysis.published import VARIANCE
-
-    cell = one.cell
-    interval = "none" if cell.low is None or cell.high is None else f"{cell.low:.3g} to {cell.high:.3g}"
-    rows = [f"{values[one.number - 1]:.2f} {one.verdicts.get(row, '-')}" for row, values in VARIANCE.items()]
-    floor = "none" if cell.floor is None else f"{cell.floor:.3g}"
-    return [str(one.number), str(cell.prints), f"{cell.variance:.3g}", interval, floor, *rows]
+    for one in grades:
+        show_table(one.table)
+        for head, lines in (("Verdicts", [verdict.text for verdict in one.verdicts]), ("Limits", one.limits)):
+            screen.print(f"{head}:")
+            for line in lines:
+                screen.print(f"  - {line}", soft_wrap=True)
+        screen.print()

@@ -50,6 +50,7 @@ PACKAGES: tuple[Package, ...] = (
     Package(distribution="opencv-python-headless", module="cv2", extra="lab", use="cameras and images of a data run"),
     Package(distribution="scikit-learn", module="sklearn", extra="analysis", use="classifiers and their scores"),
     Package(distribution="joblib", module="joblib", extra="analysis", use="analysis on several processors"),
+    Package(distribution="jinja2", module="jinja2", extra="analysis", use="the page of tacbench report"),
     Package(distribution="distributed", module="distributed", extra="dask", use="analysis on a Dask cluster"),
 )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -80,6 +81,15 @@ class Collection:
     def units(self) -> str:
         """The unit of a reading's numbers, ``counts`` for images."""
         return str(self.info.sensor.get("units", "counts"))
+
+    @cached_property
+    def data_key(self) -> str:
+        """Names the presses by the checksums of their readings."""
+        digest = hashlib.sha256()
+        for run, number in zip(self.run.tolist(), self.number.tolist(), strict=True):
+            row = self._rows[run][number]
+            digest.update(f"{self.runs[run].info.printed.name} {number} {row.image_sha256}\n".encode())
+        return digest.hexdigest()
 
     @cached_property
     def texture(self) -> Strings:

@@ -18,16 +18,16 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tacbench_cad.lab.analysis.classification.classify import SETTINGS_FILE
-from tacbench_cad.lab.analysis.csvfile import write_csv
-from tacbench_cad.lab.analysis.report.sections import read_rows, read_settings
+from tacbench_cad.lab.analysis.tables import Column, Row, Table, percent, read_settings, truth
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.text import interval
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
@@ -38,25 +38,46 @@ if TYPE_CHECKING:
 LEVEL, POWER = 0.95, 0.80
 #: ``texture`` of a row over all textures.
 ALL_TEXTURES = "all"
-#: Heads of ``comparison.csv``.
+
+
+def _signed(value: float) -> str:
+    return f"{100.0 * value:+.1f}"
+
+
+def _ends(row: Row) -> str:
+    ends = (row["low"], row["high"])
+    return interval(*(None if end is None else 100.0 * end for end in ends), signed=True)
+
+
+def _prints(row: Row) -> str:
+    return f"{row['prints_a']} pairs" if row["paired"] else f"{row['prints_a']}, {row['prints_b']}"
+
+
+#: The columns of ``comparison.csv``.
 COLUMNS = (
-    "rung",
-    "texture",
-    "accuracy_a",
-    "accuracy_b",
-    "difference",
-    "low",
-    "high",
-    "smallest_difference",
-    "paired",
-    "prints_a",
-    "prints_b",
+    Column("rung"),
+    Column("texture"),
+    Column("accuracy_a", float, "A", text=percent),
+    Column("accuracy_b", float, "B", text=percent),
+    Column("difference", float, "B less A", text=_signed),
+    Column("low", float),
+    Column("high", float),
+    Column("smallest_difference", float, "smallest shown", text=percent),
+    Column("paired", truth),
+    Column("prints_a", int),
+    Column("prints_b", int),
 )
-_PREDICTIONS = ("protocol", "estimator", "train_on", "tested_on", "rung", "run", "press", "texture", "predicted")
+_SHOWN = (
+    *("rung", "texture", "accuracy_a", "accuracy_b", "difference"),
+    Column("interval", head="95 % interval", derived=_ends, right=True),
+    "smallest_difference",
+    Column("prints", derived=_prints, right=True),
+)
+_PREDICTIONS = tuple(Column(name) for name in ("estimator", "rung", "run", "press", "texture", "predicted"))
 
 
 @dataclass(frozen=True, kw_only=True)
-class PrintShare:
+class PrintAccuracy:
     """What of one print was told right.
 
     Args:
@@ -76,7 +97,7 @@ class PrintShare:
 
 
 #: By rung and texture, then by print.
-Shares = Mapping[tuple[str, str], Mapping[str, PrintShare]]
+Accuracies = Mapping[tuple[str, str], Mapping[str, PrintAccuracy]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,7 +118,7 @@ class Side:
     simulated: tuple[str, ...]
     textures: tuple[str, ...]
     settings: Mapping[str, Any]
-    shares: Shares
+    accuracies: Accuracies
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,15 +182,27 @@ class Comparison:
         """What of either was simulated, each once."""
         return tuple(dict.fromkeys((*self.a.simulated, *self.b.simulated)))
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+    @property
+    def table(self) -> Table:
+        """The lines as they are stored in ``comparison.csv``."""
+        return Table.of(COLUMNS, self.rows)
+
+    @property
+    def shown(self) -> Table:
+        """The lines as people see them, each with which sensor is better."""
+        table = Table.of((*COLUMNS, Column("verdict", head="")), self.rows)
+        a, b = (f"{letter}: {side.name} ({side.sensor})" for letter, side in zip("AB", (self.a, self.b), strict=True))
+        return table.select(*_SHOWN, "verdict", title=f"{a}, {b}; per cent, {self.estimator}")
+
+    def document(self) -> dict[str, Any]:
+        """The values of ``--json``."""
         return {
             "a": {"name": self.a.name, "sensor": self.a.sensor},
             "b": {"name": self.b.name, "sensor": self.b.sensor},
             "estimator": self.estimator,
             "simulated": list(self.simulated),
             "notes": list(self.notes),
-            "rows": [{**asdict(one), "verdict": one.verdict} for one in self.rows],
+            "rows": Table.of((*COLUMNS, Column("verdict")), self.rows).records(),
         }
 
 
@@ -196,17 +229,17 @@ def read_side(folder: Path, name: str, estimator: str | None = None) -> tuple[Si
         raise InputError("estimator", wanted, f"{folder} has {', '.join(known) or 'none'}")
     right: dict[tuple[str, str, str], list[bool]] = defaultdict(list)
     presses: dict[tuple[str, str, str], set[str]] = defaultdict(set)
-    for row in read_rows(folder / "predictions.csv", _PREDICTIONS):
+    for row in Table.read(folder / "predictions.csv", _PREDICTIONS).rows:
         if row["estimator"] == wanted:
             key = (row["rung"], row["texture"], row["run"])
             right[key].append(row["texture"] == row["predicted"])
             presses[key].add(row["press"])
     if not right:
         raise InputError("predictions", str(folder / "predictions.csv"), f"has no row of the estimator {wanted}")
-    shares: dict[tuple[str, str], dict[str, PrintShare]] = defaultdict(dict)
+    accuracies: dict[tuple[str, str], dict[str, PrintAccuracy]] = defaultdict(dict)
     for (rung, texture, run), answers in right.items():
         count = len(presses[rung, texture, run])
-        shares[rung, texture][run] = PrintShare(right=sum(answers), readings=len(answers), presses=count)
+        accuracies[rung, texture][run] = PrintAccuracy(right=sum(answers), readings=len(answers), presses=count)
     try:
         side = Side(
             name=name,
@@ -214,7 +247,7 @@ def read_side(folder: Path, name: str, estimator: str | None = None) -> tuple[Si
             simulated=tuple(settings["simulated"]),
             textures=tuple(settings["textures"]),
             settings=settings,
-            shares=shares,
+            accuracies=accuracies,
         )
     except (KeyError, TypeError) as error:
         raise InputError("settings", str(folder / SETTINGS_FILE), f"lacks a value: {error}") from None
@@ -240,12 +273,14 @@ def compare(a: Side, b: Side, estimator: str, *, same_prints: bool = True) -> Co
             ", ".join(only),
             f"only one of {a.name} and {b.name} has it; compare studies of the same textures",
         )
-    rungs = [rung for rung in dict.fromkeys(rung for rung, _ in a.shares) if any(rung == one for one, _ in b.shares)]
+    rungs = [
+        rung for rung in dict.fromkeys(rung for rung, _ in a.accuracies) if any(rung == one for one, _ in b.accuracies)
+    ]
     if not rungs:
         raise InputError("rungs", None, f"{a.name} and {b.name} have none in common; classify both with the same rungs")
     rows = []
     for rung in rungs:
-        of_a, of_b = ({t: side.shares.get((rung, t), {}) for t in a.textures} for side in (a, b))
+        of_a, of_b = ({t: side.accuracies.get((rung, t), {}) for t in a.textures} for side in (a, b))
         every_a, every_b = ({run: one for of in side.values() for run, one in of.items()} for side in (of_a, of_b))
         rows.append(_difference(rung, ALL_TEXTURES, every_a, every_b, same_prints))
         rows += [_difference(rung, t, of_a[t], of_b[t], same_prints) for t in a.textures if of_a[t] and of_b[t]]
@@ -253,7 +288,7 @@ def compare(a: Side, b: Side, estimator: str, *, same_prints: bool = True) -> Co
 
 
 def _difference(
-    rung: str, texture: str, a: Mapping[str, PrintShare], b: Mapping[str, PrintShare], same_prints: bool
+    rung: str, texture: str, a: Mapping[str, PrintAccuracy], b: Mapping[str, PrintAccuracy], same_prints: bool
 ) -> Difference:
     paired = same_prints and a.keys() == b.keys()
     x, y = np.array([one.value for one in a.values()]), np.array([one.value for one in b.values()])
@@ -305,7 +340,7 @@ def _welch(x: Floats, y: Floats) -> tuple[float, float]:
     return total, total**2 / sum(part**2 / (len(one) - 1) for part, one in zip(parts, (x, y), strict=True))
 
 
-def _least(prints: Mapping[str, PrintShare]) -> float:
+def _least(prints: Mapping[str, PrintAccuracy]) -> float:
     """Mean over prints of the least variance that a print's share can have with its number of presses."""
     values = []
     for one in prints.values():
@@ -337,11 +372,11 @@ def _notes(a: Side, b: Side, rows: Sequence[Difference]) -> list[str]:
     return notes
 
 
-def write_comparison(found: Comparison, folder: Path) -> list[Path]:
+def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
     """Write ``comparison.csv`` and ``comparison`` as PNG and PDF.
 
     Args:
-        found: The comparison.
+        comparison: The comparison.
         folder: The folder, which must exist.
 
     Raises:
@@ -350,22 +385,20 @@ def write_comparison(found: Comparison, folder: Path) -> list[Path]:
     """
     from tacbench_cad.lab.analysis.figures import save, styled
 
-    rows = [{name: getattr(one, name) for name in COLUMNS} for one in found.rows]
-    paths = [write_csv(folder / "comparison.csv", COLUMNS, rows)]
+    path = comparison.table.write(folder / "comparison.csv")
     with styled():
-        paths += save(_figure(found), folder / "comparison", found.simulated)
-    return paths
+        return [path, *save(_figure(comparison), folder / "comparison", comparison.simulated)]
 
 
-def _figure(found: Comparison) -> Figure:
+def _figure(comparison: Comparison) -> Figure:
     """Ladder on the left, differences of recall by texture on the right."""
     from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure
 
-    rungs = list(dict.fromkeys(one.rung for one in found.rows))
-    textures = found.a.textures
+    rungs = list(dict.fromkeys(one.rung for one in comparison.rows))
+    textures = comparison.a.textures
     figure = new_figure(PAGE_IN, 0.9 + max(2.4, 0.42 * len(rungs) * max(1, len(textures) // 3)))
     ladder, recall = figure.subplots(1, 2, width_ratios=(1.0, 1.35))
-    whole = {one.rung: one for one in found.rows if one.texture == ALL_TEXTURES}
+    whole = {one.rung: one for one in comparison.rows if one.texture == ALL_TEXTURES}
     for i, rung in enumerate(rungs):
         for j, share in enumerate((whole[rung].accuracy_a, whole[rung].accuracy_b)):
             ladder.plot(i + 0.16 * (j - 0.5), 100.0 * share, "os"[j], color=COLOURS[j], markersize=5.0)
@@ -377,7 +410,7 @@ def _figure(found: Comparison) -> Figure:
     step = 0.8 / len(rungs)
     labels = [ALL_TEXTURES, *textures]
     for i, rung in enumerate(rungs):
-        for one in (row for row in found.rows if row.rung == rung):
+        for one in (row for row in comparison.rows if row.rung == rung):
             y = labels.index(one.texture) + (i - (len(rungs) - 1) / 2.0) * step
             colour = COLOURS[(i + 2) % (len(COLOURS) - 1)]
             if one.low is not None and one.high is not None:
@@ -390,7 +423,7 @@ def _figure(found: Comparison) -> Figure:
     recall.set_ylabel("texture")
     recall.invert_yaxis()
     recall.set_title("difference with 95 % interval over prints", loc="left")
-    for j, side in enumerate((found.a, found.b)):
+    for j, side in enumerate((comparison.a, comparison.b)):
         ladder.plot([], [], "os"[j], color=COLOURS[j], markersize=5.0, label=f"{'AB'[j]}: {side.name}")
     handles = [*ladder.get_legend_handles_labels()[0], *recall.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="outside upper left", ncols=4)

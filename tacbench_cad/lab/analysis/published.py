@@ -18,6 +18,15 @@ VARIANCE: Mapping[Combination, tuple[float, ...]] = {
     ("bambu-p1p", "pla-minus"): (2.80, 2.64, 3.61, 3.67, 3.63, 3.51),  # "| Bambu, PLA- | ..."
     ("form-3", "grey-v4"): (2.31, 2.11, 2.8, 3.06, 3.32, 3.14),  # "| Resin | ..."
 }
+
+
+def variance_of(printer: str, filament: str, texture: str) -> float | None:
+    """The paper's variance of a texture of ours on one of its printers, None where it has none."""
+    number = texture.removeprefix("texture-")
+    figures = VARIANCE.get((printer, filament), ())
+    return figures[int(number) - 1] if number.isdecimal() and 1 <= int(number) <= len(figures) else None
+
+
 #: How the paper's rows are called in tables and sentences.
 ROW_NAMES: Mapping[Combination, str] = {
     ("ender-3-v3-se", "pla-plus"): "Ender-3 V3 SE PLA+",

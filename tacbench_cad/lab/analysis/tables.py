@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tacbench_cad.lab.runs import schema
+from tacbench_cad.util.door import parse_json, read_bytes, read_table
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import replacing
 
@@ -57,7 +58,7 @@ class Column:
         name: Head in CSV files, key in JSON.
         kind: Turns a text of a CSV file into a value; an empty text is always None.
         head: Head for people; None for the name with spaces.
-        source: Attribute of the object behind a row: ``cell.printer``. Empty for the name.
+        source: Attribute of the object behind a row (``outcome.p``), or makes the value from it. Empty for the name.
         derived: Makes the value from the row's other values. Such a column is shown to people only, not stored.
         text: Makes the text for people from a value that is not None.
         right: Whether the column is set flush right; None: if all its values are numbers.
@@ -66,7 +67,7 @@ class Column:
     name: str
     kind: Callable[[str], Any] = str
     head: str | None = None
-    source: str = ""
+    source: str | Callable[[Any], Any] = ""
     derived: Callable[[Row], Any] | None = None
     text: Callable[[Any], str] = shown
     right: bool | None = None
@@ -100,7 +101,11 @@ class Table:
             title: What it shows.
         """
         kept = tuple(columns)
-        stored = {one.name: attrgetter(one.source or one.name) for one in kept if one.derived is None}
+        stored = {
+            column.name: column.source if callable(column.source) else attrgetter(column.source or column.name)
+            for column in kept
+            if column.derived is None
+        }
         rows = (
             {name: item[name] for name in stored}
             if isinstance(item, Mapping)
@@ -118,17 +123,13 @@ class Table:
         """
         kept = tuple(columns)
         stored = [one for one in kept if one.derived is None]
+        heads, lines = read_table(path, "table")
+        lacking = [column.name for column in stored if column.name not in heads]
+        if lacking:
+            raise InputError("table", str(path), f"has no column {lacking[0]}; run the analysis again")
+        places = [(column, heads.index(column.name)) for column in stored]
         try:
-            with path.open(encoding="utf-8", newline="") as stream:
-                reader = csv.DictReader(stream, restval="")
-                lacking = [one.name for one in stored if one.name not in (reader.fieldnames or ())]
-                if lacking:
-                    raise InputError("table", str(path), f"has no column {lacking[0]}; run the analysis again")
-                rows = [{one.name: _parsed(one, row[one.name]) for one in stored} for row in reader]
-        except OSError as error:
-            raise InputError("table", str(path), f"cannot be read: {error.strerror}") from None
-        except (UnicodeDecodeError, csv.Error) as error:
-            raise InputError("table", str(path), f"is no CSV file in UTF-8: {error}") from None
+            rows = [{column.name: _parsed(column, line[i]) for column, i in places} for line in lines]
         except ValueError as error:
             raise InputError("table", str(path), f"holds a wrong value: {error}") from None
         return cls(columns=kept, rows=tuple(rows), title=title)
@@ -144,9 +145,8 @@ class Table:
         """
         with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
             writer = csv.writer(stream, lineterminator="\n")
-            records = self.records()
             writer.writerow([one.name for one in self.columns if one.derived is None])
-            writer.writerows([[schema.cell(value) for value in record.values()] for record in records])
+            writer.writerows([[schema.cell(value) for value in record.values()] for record in self.records()])
         return path
 
     def records(self) -> list[dict[str, Any]]:
@@ -192,3 +192,15 @@ class Table:
 
 def _parsed(column: Column, text: str) -> Any:
     return column.kind(text) if text else None
+
+
+def read_settings(path: Path) -> dict[str, Any]:
+    """What an analysis was asked for, from the file that it left beside its tables.
+
+    Raises:
+        InputError: The file is missing or damaged.
+    """
+    document = parse_json(read_bytes(path, "settings", "json"), "settings", str(path))
+    if not isinstance(document, dict):
+        raise InputError("settings", str(path), "is no JSON object; run the analysis again")
+    return document

@@ -22,7 +22,7 @@ from tacbench_cad.lab.analysis.compare import (
     ALL_TEXTURES,
     COLUMNS,
     Difference,
-    PrintShare,
+    PrintAccuracy,
     Side,
     compare,
     read_side,
@@ -36,14 +36,14 @@ PRESSES = 50
 
 def side(name: str, right: dict[str, Ints], start: int = 0) -> Side:
     """A sensor that told so many of the presses of each print right, by texture; prints are numbered from ``start``."""
-    shares = {
+    accuracies = {
         ("copy", texture): {
-            f"{texture}_{start + i}": PrintShare(right=int(one), readings=PRESSES, presses=PRESSES)
+            f"{texture}_{start + i}": PrintAccuracy(right=int(one), readings=PRESSES, presses=PRESSES)
             for i, one in enumerate(counts)
         }
         for texture, counts in right.items()
     }
-    return Side(name=name, sensor=name, simulated=(), textures=TEXTURES, settings={}, shares=shares)
+    return Side(name=name, sensor=name, simulated=(), textures=TEXTURES, settings={}, accuracies=accuracies)
 
 
 def both(a: Ints, b: Ints, start: int = 0, same_prints: bool = True) -> Difference:
@@ -102,15 +102,15 @@ def test_the_smallest_difference_is_found_four_times_in_five(start: int) -> None
 
 def test_other_textures_are_refused_by_name() -> None:
     a = side("a", {"texture-1": np.array([1, 2])})
-    b = Side(name="b", sensor="b", simulated=(), textures=("texture-1", "wave"), settings={}, shares=a.shares)
+    b = Side(name="b", sensor="b", simulated=(), textures=("texture-1", "wave"), settings={}, accuracies=a.accuracies)
     with pytest.raises(InputError, match="textures = 'texture-2, wave': only one of a and b has it"):
         compare(a, b, "forest")
 
 
 def test_no_common_rung_is_refused() -> None:
     a = side("a", {"texture-1": np.array([1, 2])})
-    shares = {("force", texture): prints for (_, texture), prints in a.shares.items()}
-    b = Side(name="b", sensor="b", simulated=(), textures=TEXTURES, settings={}, shares=shares)
+    accuracies = {("force", texture): prints for (_, texture), prints in a.accuracies.items()}
+    b = Side(name="b", sensor="b", simulated=(), textures=TEXTURES, settings={}, accuracies=accuracies)
     with pytest.raises(InputError, match="have none in common"):
         compare(a, b, "forest")
 
@@ -138,7 +138,7 @@ def test_the_command_takes_runs_and_tells_a_seeing_sensor_from_a_blind_one(
     assert document["simulated"] == ["sensor: a formula"]
     with (folder / "out" / "comparison.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
-    assert tuple(rows[0]) == COLUMNS
+    assert list(rows[0]) == [column.name for column in COLUMNS]
     of_press = {row["texture"]: row for row in rows if row["rung"] == "press"}
     assert float(of_press["all"]["accuracy_a"]) > 0.9 > 0.8 > float(of_press["all"]["accuracy_b"])
     assert float(of_press["all"]["high"]) < 0.0 and of_press["all"]["paired"] == "true"

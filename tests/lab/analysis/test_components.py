@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from tacbench_cad.lab.analysis.variance.components import (
-    COLUMNS,
     LEVELS,
     Component,
     NestedSums,
@@ -20,6 +19,7 @@ from tacbench_cad.lab.analysis.variance.components import (
     components,
     precision,
 )
+from tacbench_cad.lab.analysis.variance.view import COLUMNS
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats, Ints
 
@@ -223,7 +223,7 @@ def test_rows_have_the_columns_of_the_file() -> None:
     found = components(sums_of_squares(simulated(UNBALANCED, 3, np.random.default_rng(8)), UNBALANCED))
     rows = component_rows(2, found, {"print": (0.5, 3.0)})
     assert [row["component"] for row in rows] == [*LEVELS, "repeatability", "intermediate", "reproducibility"]
-    assert all(tuple(row) == COLUMNS for row in rows)
+    assert all(list(row) == [column.name for column in COLUMNS["components"]] for row in rows)
     assert (rows[2]["low"], rows[2]["high"]) == (0.5, 3.0)
     assert rows[4]["variance"] == pytest.approx(rows[3]["truncated"])
 

@@ -1,4 +1,4 @@
-"""The grade: published figures as they stand, verdicts, sentences, and the command."""
+"""The grade: published figures as they stand, verdicts, reasons, and the command."""
 
 from __future__ import annotations
 
@@ -59,44 +59,50 @@ def test_the_published_figures_are_the_papers() -> None:
     assert published.FLOOR_READINGS["standard deviation"] == pytest.approx(6.76)
 
 
+def differences(found: Grade) -> list[list[str | None]]:
+    """What ours is, for each texture against each of the paper's rows."""
+    return [[one.ours_is for one in texture.published] for texture in found.textures]
+
+
 def test_an_interval_below_all_figures_is_as_consistent() -> None:
     found = graded(like(published.VARIANCE[RESIN], 0.3, 0.9))
-    assert all(set(one.verdicts.values()) == {"less"} for one in found.textures)
-    assert found.supports[2] == (
-        "As consistent as the published Form 3 resin, or more so: textures 1, 2, 3, 4, 5, 6 vary less."
-    )
+    assert differences(found) == [["less"] * 3] * 6
+    resin = found.verdicts[2]
+    assert (resin.printer, resin.filament, resin.verdict) == (*RESIN, "as consistent, or more")
+    assert (resin.less, resin.more, resin.unclear) == ((1, 2, 3, 4, 5, 6), (), ())
+    assert resin.text == "Form 3 resin: as consistent, or more (less: 1, 2, 3, 4, 5, 6)"
 
 
 def test_an_interval_above_a_figure_is_less_consistent() -> None:
-    found = graded(like(published.VARIANCE[ENDER], 0.5, 0.8))
-    assert found.supports[0].startswith("As consistent as the published Ender-3 V3 SE PLA+")
-    assert found.supports[1].startswith(
-        "Less consistent than the published Bambu P1P PLA-: textures 2, 3, 4, 6 vary more"
+    ender, bambu, _ = graded(like(published.VARIANCE[ENDER], 0.5, 0.8)).verdicts
+    assert ender.verdict == "as consistent, or more"
+    assert bambu.verdict == "less consistent"
+    assert (bambu.less, bambu.more, bambu.unclear) == ((1,), (2, 3, 4, 6), (5,))
+    assert bambu.at_least == pytest.approx(0.5 * 10.36 / 2.64)
+    assert bambu.at_most == pytest.approx(0.8 * 7.026 / 3.63)
+    assert bambu.text == (
+        "Bambu P1P PLA-: less consistent (more: 2, 3, 4, 6, at least 2 times as much; less: 1; unclear: 5, up to 1.5 "
+        "times as much)"
     )
-    assert "(the clearest at least 2 times as much)" in found.supports[1]
-    assert "texture 1 varies less" in found.supports[1]
-    assert found.supports[1].endswith("texture 5 cannot be told apart (up to 1.5 times as much is possible).")
 
 
 @pytest.mark.parametrize(
-    ("floor", "head"),
+    ("floor", "verdict"),
     [
-        (1.0, "Less consistent than the published Form 3 resin: texture 1 varies more"),
-        (3.0, "Above the published Form 3 resin, but the sensor's own noise is large enough to explain it: texture 1"),
-        (None, "Above the published Form 3 resin, but without a noise floor it is open whether by the prints: texture"),
+        (1.0, "less consistent"),
+        (3.0, "varies more, but the sensor's noise may explain it"),
+        (None, "varies more, but without a noise floor the reason is unknown"),
     ],
 )
-def test_noise_is_not_held_against_the_prints(floor: float | None, head: str) -> None:
-    assert graded([cell(1, 4.0, 5.0, floor=floor)]).supports[2].startswith(head)
+def test_noise_is_not_held_against_the_prints(floor: float | None, verdict: str) -> None:
+    resin = graded([cell(1, 4.0, 5.0, floor=floor)]).verdicts[2]
+    assert (resin.verdict, resin.more) == (verdict, (1,))
 
 
 def test_an_interval_around_a_figure_shows_nothing() -> None:
-    found = graded(like(published.VARIANCE[BAMBU], 0.5, 4.0))
-    assert found.textures[0].verdicts[BAMBU] == "unclear"
-    assert found.supports[1] == (
-        "Neither shown nor contradicted to be as consistent as the published Bambu P1P PLA-: textures 1, 2, 3, 4, 5, 6 "
-        "cannot be told apart (up to 4 times as much is possible)."
-    )
+    bambu = graded(like(published.VARIANCE[BAMBU], 0.5, 4.0)).verdicts[1]
+    assert bambu.verdict == "not enough data" and bambu.unclear == (1, 2, 3, 4, 5, 6)
+    assert bambu.at_most == pytest.approx(4.0) and bambu.at_least is None
 
 
 def test_fewer_prints_are_brought_to_six_before_they_are_compared() -> None:
@@ -105,29 +111,27 @@ def test_fewer_prints_are_brought_to_six_before_they_are_compared() -> None:
     assert factors(2, 2) == pytest.approx((11 / 9, 5 / 3))
     assert factors(12, 2) == pytest.approx((10 / 11, 22 / 23))
     six, three = (graded(like(published.VARIANCE[RESIN], 0.3, 0.85, prints=prints)) for prints in (6, 3))
-    assert six.textures[0].verdicts[RESIN] == "less"
-    assert three.textures[0].verdicts[RESIN] == "unclear"
+    assert six.textures[0].published[2].ours_is == "less"
+    assert three.textures[0].published[2].ours_is == "unclear"
     assert any("3 prints where the paper has 6" in one and "20 % too low" in one for one in three.limits)
 
 
 def test_one_print_has_no_verdict_and_says_why() -> None:
     found = graded([cell(i, None, None, prints=1) for i in range(1, 7)])
-    assert all(not one.verdicts for one in found.textures)
-    assert found.supports == ("Nothing yet about prints: an interval needs at least two prints of a texture.",)
-    assert any(
-        one.startswith("One print of textures 1, 2, 3, 4, 5, 6: the figure holds repeats only") for one in found.limits
-    )
+    assert differences(found) == [[None] * 3] * 6
+    assert [one.text for one in found.verdicts][2] == "Form 3 resin: no interval"
+    assert any(one.startswith("One print of textures 1, 2, 3, 4, 5, 6: the figure") for one in found.limits)
 
 
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
         ({"floor_source": "none"}, "No noise floor"),
-        ({"floor_source": "repeats"}, "The floor is an upper bound"),
-        ({"simulated": ("sensor: simulated TacTip",)}, "Simulated (sensor: simulated TacTip)"),
+        ({"floor_source": "repeats"}, "The noise floor is an upper bound"),
+        ({"simulated": ("sensor: simulated TacTip",)}, "The data are simulated (sensor: simulated TacTip)"),
         ({"contact": "depth", "forces_n": ()}, "Pressed to a depth"),
         ({"forces_n": (0.5, 1.0)}, "Other forces (0.5, 1 N)"),
-        ({"shape": (240, 320, 3)}, "Readings of 240 x 320 x 3"),
+        ({"shape": (240, 320, 3)}, "Images of 240 x 320 x 3"),
         ({"same_grid": False}, "Other positions"),
         ({"preset": "paper"}, "Blocks of preset paper"),
         ({"scale": 2.0}, "at scale 2"),
@@ -148,8 +152,8 @@ def test_a_study_like_the_papers_still_cannot_take_off_the_papers_floor() -> Non
 
 def test_another_sensors_unit_is_not_compared() -> None:
     found = graded(like(published.VARIANCE[RESIN], 0.3, 0.9), Context(units="kPa", shape=(16,)))
-    assert all(not one.verdicts for one in found.textures)
-    assert found.supports == ("Nothing about the published figures: they are in counts^2, these in (kPa)^2.",)
+    assert differences(found) == [[None] * 3] * 6 and found.units == "kPa^2"
+    assert {one.verdict for one in found.verdicts} == {"another unit"}
     assert not any("published" in one for one in found.limits)
 
 
@@ -161,8 +165,8 @@ def test_noise_that_makes_up_the_figure_is_said() -> None:
 
 def test_missing_and_own_textures_are_named() -> None:
     found = graded([cell(2, 0.5, 1.0), cell("hex", 0.5, 1.0)])
-    assert [one.number for one in found.textures] == [2]
-    assert "Textures 1, 3, 4, 5, 6 not pressed: nothing is said about them." in found.limits
+    assert [one.texture for one in found.textures] == [2]
+    assert "Not pressed: textures 1, 3, 4, 5, 6." in found.limits
     assert "Not in the paper, so not compared: hex." in found.limits
 
 
@@ -206,18 +210,18 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_command_prints_table_and_sentences(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_table_verdicts_and_reasons(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
     command.command([study], force_level="all", jobs="1", json=False)
     out = capsys.readouterr().out
     assert "ender-3, pla-plus: mean over the forces" in out
     assert "bambu-p1p, pla-minus: mean over the forces" in out
     for sentence in (
-        "Simulated (sensor: simulated TacTip)",
+        "The data are simulated (sensor: simulated TacTip)",
         "3 prints where the paper has 6",
-        "The floor is an upper bound",
-        "Textures 3, 4, 5, 6 not pressed",
+        "The noise floor is an upper bound",
+        "Not pressed: textures 3, 4, 5, 6.",
         "Other positions than the paper's grid",
-        "Readings of 24 x 32",
+        "Images of 24 x 32",
     ):
         assert out.count(sentence) == 2
 
@@ -233,6 +237,8 @@ def test_the_command_prints_json(study: Path, capsys: pytest.CaptureFixture[str]
     resin = first["published"][2]
     assert (resin["printer"], resin["filament"], resin["variance"]) == ("form-3", "grey-v4", 2.31)
     assert resin["ours_is"] in ("less", "more", "unclear")
+    verdict = document["grades"][0]["verdicts"][2]
+    assert verdict["printer"] == "form-3" and sorted(verdict["less"] + verdict["more"] + verdict["unclear"]) == [1, 2]
 
 
 @pytest.mark.parametrize(("options", "field"), [({"force_level": "two"}, "force-level"), ({"jobs": "0"}, "jobs")])
@@ -244,4 +250,4 @@ def test_the_commands_options_are_refused_by_name(options: dict[str, str], field
 def test_readings_that_were_left_out_are_said() -> None:
     context = Context(left_out=("run/a.png: is damaged", "run/b.png: is damaged"))
     limits = graded(like(published.VARIANCE[RESIN], 0.5, 0.9), context).limits
-    assert limits[0] == "2 readings could not be used and had to be left out: run/a.png: is damaged."
+    assert limits[0] == "2 readings could not be used, the first: run/a.png: is damaged."

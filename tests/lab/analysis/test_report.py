@@ -25,12 +25,15 @@ from tacbench_cad import __version__
 from tacbench_cad.cli import report as command
 from tacbench_cad.lab.analysis.classification.classify import TRIALS
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.report import html
+from tacbench_cad.lab.analysis.report import pieces
 from tacbench_cad.lab.analysis.report.methods import design_text
 from tacbench_cad.lab.analysis.report.page import Options, write_report
+from tacbench_cad.lab.analysis.report.pieces import Piece, Section, Study
+from tacbench_cad.lab.analysis.tables import Column, Table
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util import packages
+from tacbench_cad.util.errors import InputError, MissingToolError
 from tacbench_cad.util.types import Bytes
 
 VOID = {"meta", "img", "link", "br", "hr", "input"}
@@ -163,7 +166,7 @@ def test_the_page_says_what_a_reader_asks_for(page: Page) -> None:
         "Empty fields of the print records",
         "filament_batch",
         "64 of 64 planned presses are there",
-        "95 % interval over prints",
+        "with 95 % intervals over prints",
         "protocol sound; chance is 50.0 %",
         "random forest (largest depth 50)",
         "ddof = 0",
@@ -261,17 +264,28 @@ def test_a_page_must_be_html(runs: Path, tmp_path: Path, name: str) -> None:
 
 
 def test_what_stands_in_a_table_is_escaped() -> None:
-    text = html.table("a < b", ["<h>"], [["<script>alert(1)</script>"], ["&"]], simulated=False)
-    assert "<script>" not in text and "a &lt; b" in text and "<td>&amp;</td>" in text
+    table = Table.of((Column("<h>"), Column("n")), [{"<h>": "<script>alert(1)</script>", "n": 1234}], "a < b")
+    section = Section(anchor="x", title="&", pieces=(Piece("table", table=table), Piece("verbatim", "<pre>")))
+    text = pieces.page("<title>", "", ["<sensor>"], [section])
+    assert "<script>" not in text and "<sensor>" not in text and "a &lt; b" in text and "&lt;pre&gt;" in text
+    assert '<td class="n">1,234</td>' in text and '<th scope="col">&lt;h&gt;</th>' in text
+    Page(text)
 
 
-def test_a_figure_must_be_a_png(tmp_path: Path) -> None:
-    path = tmp_path / "f.png"
+def test_a_figure_must_be_a_png(runs: Path, tmp_path: Path) -> None:
+    study = Study(collection=Collection.open([runs]), files=tmp_path)
     with pytest.raises(InputError, match="cannot be read"):
-        html.figure(path, "words")
-    path.write_bytes(b"<svg>")
+        study.figure("f", "words")
+    (tmp_path / "f.png").write_bytes(b"<svg>")
     with pytest.raises(InputError, match="is no PNG file"):
-        html.figure(path, "words")
+        study.figure("f", "words")
+
+
+def test_without_jinja_nothing_is_begun(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(packages, "has_module", lambda name: name != "jinja2")
+    with pytest.raises(MissingToolError, match="the report needs jinja2, not installed"):
+        write_report([runs], tmp_path / "page.html")
+    assert not list(tmp_path.iterdir())
 
 
 def test_depth_mode_is_said_to_be_another_thing(runs: Path) -> None:

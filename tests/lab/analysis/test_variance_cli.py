@@ -13,11 +13,12 @@ import pytest
 from helpers.studies import PRINTERS, SHAPE, write_study
 
 from tacbench_cad.cli import main
-from tacbench_cad.lab.analysis.variance import between, components, registration
-from tacbench_cad.lab.analysis.variance import table as variance
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.variance.view import COLUMNS, VarianceView
 from tacbench_cad.lab.rig.sensor import Reading
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
+from tacbench_cad.util.errors import InputError
 
 FIGURES = ("variance", "variance_pixels", "variance_positions", "between_textures", "components")
 TABLES = ("variance", "floor_removed", "components", "between_textures", "positions", "permutation")
@@ -55,11 +56,10 @@ def test_everything_is_written_and_printed(written: tuple[Path, str]) -> None:
         assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert (out / f"{name}.pdf").read_bytes().startswith(b"%PDF")
     found = rows(out / "variance.csv")
-    assert tuple(found[0]) == variance.COLUMNS and len(found) == 3 * 2 * 2
+    assert len(found) == 3 * 2 * 2
     assert {row["force_level"] for row in found} == {"1", "2", "all"}
-    assert tuple(rows(out / "components.csv")[0]) == components.COLUMNS
-    assert tuple(rows(out / "between_textures.csv")[0]) == between.COLUMNS
-    assert tuple(rows(out / "registration.csv")[0]) == registration.COLUMNS
+    for name, columns in COLUMNS.items():
+        assert list(rows(out / f"{name}.csv")[0]) == [column.name for column in columns]
     assert len(rows(out / "positions.csv")) == 2 * 2 * 2 * 4
     for words in (
         "simulated: sensor (see run.json)\n",
@@ -88,7 +88,19 @@ def test_json_says_the_same_as_the_csv(
     assert document["ddof"] == 0 and document["grey"] and document["units"] == "counts^2"
     assert document["simulated"] == ["sensor: simulated TacTip"] and document["left_out"] == document["files"] == []
     for ours, theirs in zip(document["variance"], rows(written[0] / "variance.csv"), strict=True):
-        assert {name: str(ours[name]) for name in variance.COLUMNS} == theirs
+        assert {name: str(ours[name]) for name in theirs} == theirs
+
+
+def test_what_is_read_again_is_what_was_shown(study: Path, written: tuple[Path, str]) -> None:
+    view = VarianceView.read(written[0], Collection.open([study]))
+    texts = [" ".join(row).split() for _, table in view.shown() for row in table.texts()]
+    lines = [line.split() for line in written[1].splitlines()]
+    assert len(texts) > 20 and all(text in lines for text in texts)
+    assert all(f"warning: {text}" in written[1].splitlines() for text in view.warnings)
+    (written[0] / "variance.csv").rename(written[0] / "other.csv")
+    with pytest.raises(InputError, match=r"variance\.csv.*cannot be read"):
+        VarianceView.read(written[0], view.collection)
+    (written[0] / "other.csv").rename(written[0] / "variance.csv")
 
 
 def test_simulated_data_are_marked_below_each_figure(study: Path, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from helpers.studies import Plan as StudyPlan
 
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
-from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS
+from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, shown_levels
 from tacbench_cad.lab.analysis.variance.table import VarianceResult, holm, variance_table
 from tacbench_cad.lab.rig.sensor import Reading
 from tacbench_cad.lab.study.presses import Press
@@ -45,7 +45,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> VarianceResult:
 def test_each_row_of_the_table_stands_once_and_pooled_is_the_mean(result: VarianceResult) -> None:
     keys = [(one.force_level, one.combination, one.texture) for one in result.cells]
     assert len(keys) == len(set(keys)) == 3 * 2 * 2
-    assert result.force_levels == (1, 2, ALL_LEVELS)
+    assert shown_levels(result.cells) == (1, 2, ALL_LEVELS)
     for combination in result.collection.combinations:
         for texture in result.collection.textures:
             one, two, both = (result.cell(level, combination, texture) for level in (1, 2, ALL_LEVELS))
@@ -57,9 +57,9 @@ def test_each_row_of_the_table_stands_once_and_pooled_is_the_mean(result: Varian
 def test_variances_and_components_are_the_true_ones(result: VarianceResult) -> None:
     # 8,000 pixels and positions in each cell, but three prints of 2,000: a few per cent.
     within = APPROACH + NOISE
-    for one in result.removed:
-        assert one.cell.variance == pytest.approx((1 - 1 / 3) * PRINT + (1 - 1 / 6) * within, rel=0.08)
-        assert one.variance == pytest.approx(one.cell.variance * 6.0 / 5.0)
+    for one in result.cells:
+        assert one.variance == pytest.approx((1 - 1 / 3) * PRINT + (1 - 1 / 6) * within, rel=0.08)
+        assert one.unbiased == pytest.approx(one.variance * 6.0 / 5.0)
     rows = {(row["force_level"], row["component"]): row for row in result.components}
     for level in (1, 2, ALL_LEVELS):
         assert rows[level, "print"]["variance"] == pytest.approx(PRINT, rel=0.05)
@@ -69,28 +69,29 @@ def test_variances_and_components_are_the_true_ones(result: VarianceResult) -> N
 
 
 def test_intervals_hold_their_estimate(result: VarianceResult) -> None:
-    for one in result.removed:
-        cell = one.cell
+    for cell in result.cells:
         assert cell.low is not None and cell.high is not None and cell.low < cell.variance < cell.high
-        assert one.low is not None and one.high is not None and one.removed is not None
-        assert one.low < one.removed < one.high
+        assert cell.floor_removed_low is not None and cell.floor_removed_high is not None
+        assert cell.floor_removed is not None
+        assert cell.floor_removed_low < cell.floor_removed < cell.floor_removed_high
 
 
 def test_without_stationary_frames_the_floor_is_an_upper_bound_from_repeats(result: VarianceResult) -> None:
-    for one in result.removed:
+    for one in result.cells:
         assert one.floor_from == "repeats (upper bound)"
-        assert one.cell.floor == pytest.approx(APPROACH + NOISE, rel=0.05)
-        assert result.noise_alone(one.cell) == pytest.approx(5.0 / 6.0 * one.cell.floor)
+        assert one.floor == pytest.approx(APPROACH + NOISE, rel=0.05)
+        assert one.floor is not None and one.noise_alone == pytest.approx(5.0 / 6.0 * one.floor)
     assert any("only an upper bound" in line for line in result.warnings)
 
 
 def test_stationary_frames_measure_the_sensor_alone(tmp_path: Path) -> None:
     found = table(tmp_path, still=6)
-    for one in found.removed:
+    for one in found.cells:
         assert one.floor_from == "stationary frames"
         # Noise of 2 counts, rounded down to whole ones; the picture of a stationary frame is the same each time.
-        assert one.cell.floor == pytest.approx(4.0 + 1.0 / 12.0, rel=0.1)
-        assert one.removed == pytest.approx(one.variance - one.cell.floor)
+        assert one.floor == pytest.approx(4.0 + 1.0 / 12.0, rel=0.1)
+        assert one.floor is not None and one.unbiased is not None
+        assert one.floor_removed == pytest.approx(one.unbiased - one.floor)
     assert not any("upper bound" in line for line in found.warnings)
 
 
@@ -184,7 +185,7 @@ def test_jobs_and_order_of_folders_change_no_digit(tmp_path: Path) -> None:
     folders = sorted(one for one in tmp_path.iterdir() if one.is_dir())
     one = variance_table(Collection.open(folders))
     two = variance_table(Collection.open(folders[::-1]), jobs=2)
-    assert one.cells == two.cells and one.removed == two.removed
+    assert one.cells == two.cells
 
 
 def test_a_press_that_is_missing_is_allowed_for(tmp_path: Path) -> None:

@@ -9,14 +9,23 @@ from typing import Any
 
 from tacbench_cad.lab.analysis.classification.classify import SETTINGS_FILE, Progress
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.report import html
-from tacbench_cad.lab.analysis.report.sections import Study, figure, read_rows, read_settings, value
+from tacbench_cad.lab.analysis.report.pieces import Piece, Study
+from tacbench_cad.lab.analysis.tables import Column, Table, percent, read_settings
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked
 from tacbench_cad.util.text import counted
 
 #: Columns of ``classification.csv`` that the page shows.
-COLUMNS = ("estimator", "rung", "train_on", "tested_on", "accuracy", "low", "high", "trials", "images")
+COLUMNS = (
+    *(Column(name) for name in ("estimator", "rung", "train_on", "tested_on")),
+    *(Column(name, float, text=percent) for name in ("accuracy", "low", "high")),
+    Column("trials", int),
+    Column("images", int),
+)
+_CONFUSION = (
+    *(Column(name) for name in ("estimator", "train_on", "tested_on", "rung", "texture", "predicted")),
+    Column("share", float),
+)
 #: What a figure shows, by the beginning of its file's name.
 CAPTIONS = {
     "ladder": "Accuracy as what is held out grows: presses, positions, forces, copies, printers.",
@@ -100,51 +109,36 @@ def refusal_of(error: InputError | CheckFailedError) -> str:
     return str(error)
 
 
-def section(study: Study, found: Sequence[Classification]) -> Iterator[str]:
+def section(study: Study, found: Sequence[Classification]) -> Iterator[Piece]:
     """Accuracies, recall, confusion matrices, of one or several classifications."""
     for one in found:
-        protocol = str(one.settings["protocol"])
+        protocol, name = str(one.settings["protocol"]), one.folder.name
         if len(found) > 1:
-            yield html.heading(3, f"Protocol {protocol}")
+            yield Piece("heading", f"Protocol {protocol}")
         notes = [str(note) for note in one.settings.get("notes", ())]
         if notes:
-            yield html.bullets(notes)
-        textures = [str(name) for name in one.settings["textures"]]
-        rows = read_rows(one.folder / "classification.csv", COLUMNS)
-        yield html.table(
-            f"Accuracy in per cent with 95 % intervals, protocol {protocol}; chance is {100.0 / len(textures):.1f} %",
-            [name.replace("_", " ") for name in COLUMNS],
-            [[_percent(name, row[name]) for name in COLUMNS] for row in rows],
-            study.simulated,
-            study.file(f"{one.folder.name}/classification.csv"),
-        )
-        yield _recall(study, one, textures)
+            yield Piece("list", items=notes)
+        textures = [str(texture) for texture in one.settings["textures"]]
+        chance = f"chance is {100.0 / len(textures):.1f} %"
+        title = f"Accuracy in per cent with 95 % intervals, protocol {protocol}; {chance}"
+        yield study.table(Table.read(one.folder / "classification.csv", COLUMNS, title), f"{name}/classification.csv")
+        yield study.table(_recall(one, textures), f"{name}/confusion.csv")
         for stem, caption in CAPTIONS.items():
             for path in sorted(one.folder.glob(f"{stem}*.png")):
-                yield figure(study, one.folder, path.stem, caption)
+                yield study.figure(f"{name}/{path.stem}", caption)
 
 
-def _recall(study: Study, one: Classification, textures: Sequence[str]) -> str:
-    columns = ("estimator", "train_on", "tested_on", "rung", "texture", "predicted", "share")
-    shares: dict[tuple[str, str, str], dict[str, Any]] = {}
-    for row in read_rows(one.folder / "confusion.csv", columns):
-        if row["texture"] == row["predicted"] and (row["tested_on"] in WHOLE or row["tested_on"] == row["train_on"]):
-            key = (row["estimator"], row["rung"], row["train_on"])
-            shares.setdefault(key, {})[row["texture"]] = _percent("accuracy", row["share"])
-    return html.table(
-        "Recall: how many in a hundred readings of a texture were told rightly",
-        ("estimator", "rung", "trained on", *textures),
-        [[*key, *(of_key.get(texture) for texture in textures)] for key, of_key in shares.items()],
-        study.simulated,
-        study.file(f"{one.folder.name}/confusion.csv"),
-    )
-
-
-def _percent(name: str, text: str) -> Any:
-    """A cell, shares in per cent with one decimal."""
-    found = value(text)
-    share = name in ("accuracy", "low", "high") and isinstance(found, (int, float))
-    return f"{100.0 * found:.1f}" if share else found
+def _recall(one: Classification, textures: Sequence[str]) -> Table:
+    recalls: dict[tuple[str, ...], dict[str, Any]] = {}
+    for row in Table.read(one.folder / "confusion.csv", _CONFUSION).rows:
+        if row["texture"] == row["predicted"] and row["tested_on"] in (*WHOLE, row["train_on"]):
+            key = {name: row[name] for name in ("estimator", "rung", "train_on")}
+            recalls.setdefault(tuple(key.values()), key)[row["texture"]] = row["share"]
+    columns = [Column("estimator"), Column("rung"), Column("train_on", head="trained on")]
+    columns += [Column(texture, head=texture, text=percent) for texture in textures]
+    empty = dict.fromkeys(textures)
+    title = "Recall: of a hundred readings of a texture, how many were predicted to be of it"
+    return Table(columns=tuple(columns), rows=tuple({**empty, **row} for row in recalls.values()), title=title)
 
 
 def methods_text(one: Classification) -> str:

@@ -9,14 +9,14 @@ import numpy as np
 
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import Preprocess
 from tacbench_cad.lab.analysis.report.cite import PAPER, PROGRAM
+from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.util.text import counted
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
+class OpenPoint:
     """An open point of the paper and how it was read.
 
     Args:
@@ -76,29 +76,23 @@ def prints_text(collection: Collection) -> str:
     return "; ".join(parts)
 
 
-def variance_text(collection: Collection, preprocess: Preprocess, ddof: int, seed: int, floor_from: str) -> str:
-    """How the variance table was computed: a paragraph.
-
-    Args:
-        collection: The study.
-        preprocess: What was done to a reading first.
-        ddof: 0 or 1.
-        seed: Seed of intervals and permutations.
-        floor_from: Where the noise floor comes from, in words.
-    """
-    image = "images" if collection.units == "counts" else "readings"
-    how = f"{image} in colour" if preprocess.colour else f"grey {image} (BT.601)" if image == "images" else image
-    size = (
-        "at full size" if preprocess.resolution == 1.0 else f"at {preprocess.resolution:.3g} of their width and height"
-    )
+def variance_text(view: VarianceView) -> str:
+    """How the variance table was computed: a paragraph."""
+    settings = view.settings
+    images = "images" if view.collection.units == "counts" else "readings"
+    grey = "" if settings.colour or images != "images" else " (BT.601)"
+    colour = f"{images} in colour" if settings.colour else f"grey {images}{grey}" if grey else images
+    size = "at full size" if settings.resolution == 1.0 else f"at {settings.resolution:.3g} of their width and height"
+    sources = sorted({cell.floor_from for cell in view.cells if cell.floor_from})
     return (
-        f"The variance table was computed on {how} {size}: variance of each pixel over prints and repeats at each "
-        f"position (ddof = {ddof}), then the mean over pixels and positions, for each force; the pooled figure is the "
-        f"mean of the forces' figures. The noise floor comes from {floor_from}. The 95 % intervals have prints as "
-        "their unit (generalised pivotal quantities of the nested design, with the effective number of independent "
-        "pixels estimated from the prints). Components are nested analysis-of-variance estimates (repeat within print, "
-        "print within printer, printer, texture). Printers were compared by permuting prints, with p values adjusted "
-        f"for all pairs of a force (Holm). Seed of all random numbers: {seed}."
+        f"The variance table was computed on {colour} {size}: variance of each pixel over prints and repeats at each "
+        f"position (ddof = {settings.ddof}), then the mean over pixels and positions, for each force; the pooled "
+        f"figure is the mean of the forces' figures. The noise floor comes from {' and '.join(sources) or 'nowhere'}. "
+        "The 95 % intervals have prints as their unit (fiducial generalized confidence intervals of the nested design, "
+        "with the effective number of independent pixels estimated from the prints). Components are nested "
+        "analysis-of-variance estimates (repeat within print, print within printer, printer, texture). Printers were "
+        "compared by permuting prints, with p values adjusted for all pairs of a force (Holm). Seed of all random "
+        f"numbers: {settings.seed}."
     )
 
 
@@ -115,7 +109,7 @@ def references_text() -> tuple[str, ...]:
     return (f"[1] {PAPER.text}", f"[2] {PROGRAM.text}")
 
 
-def open_points(collection: Collection, preprocess: Preprocess, ddof: int) -> tuple[Reading, ...]:
+def open_points(collection: Collection, colour: bool, ddof: int) -> tuple[OpenPoint, ...]:
     """Where the paper's text leaves something open, and what was taken."""
     info = collection.info
     spacing = {
@@ -125,19 +119,19 @@ def open_points(collection: Collection, preprocess: Preprocess, ddof: int) -> tu
     presets = {"paper": "the text's 23.3 x 30 mm", "released": "the released files' 29.3 x 30 mm"}
     levels = ", ".join(map(str, collection.levels))
     return (
-        Reading(
+        OpenPoint(
             point="size and scale of the block: the text's numbers cannot all hold",
             taken=f"preset {info.printed.block.preset}: {presets.get(info.printed.block.preset, 'its own size')}",
             option="tacbench make --preset paper|released",
         ),
-        Reading(point='"5 equally spaced 1 mm positions between 18 and 23 mm"', taken=spacing, option="grid_spacing"),
-        Reading(
+        OpenPoint(point='"5 equally spaced 1 mm positions between 18 and 23 mm"', taken=spacing, option="grid_spacing"),
+        OpenPoint(
             point="variance of grey or colour images",
-            taken="colour" if preprocess.colour else "grey (BT.601)",
+            taken="colour" if colour else "grey (BT.601)",
             option="--colour",
         ),
-        Reading(point="divisor of the variance (ddof)", taken=str(ddof), option="--ddof 0|1"),
-        Reading(
+        OpenPoint(point="divisor of the variance (ddof)", taken=str(ddof), option="--ddof 0|1"),
+        OpenPoint(
             point="force of the 300 images of a cell",
             taken=f"each of the levels {levels}, and their mean",
             option="force_level in variance.csv",

@@ -15,9 +15,11 @@ from pathlib import Path
 from tacbench_cad.lab.analysis.classification.classify import MODULES, Progress
 from tacbench_cad.lab.analysis.classification.classify import SETTINGS_FILE as CLASSIFY_SETTINGS
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import Preprocess
-from tacbench_cad.lab.analysis.report import classification, html, methods, sections, variance
-from tacbench_cad.lab.analysis.variance.files import SETTINGS_FILE as VARIANCE_SETTINGS
+from tacbench_cad.lab.analysis.report import classification, methods, sections
+from tacbench_cad.lab.analysis.report.pieces import Piece, Section, Study, page
+from tacbench_cad.lab.analysis.tables import read_settings
+from tacbench_cad.lab.analysis.variance.view import SETTINGS_FILE as VARIANCE_SETTINGS
+from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.runs.checking import RunReport, check_run
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked, refusing, replacing
@@ -48,13 +50,6 @@ class Options:
     dask: str | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Section:
-    anchor: str
-    title: str
-    body: tuple[str, ...]
-
-
 def write_report(
     runs: Sequence[Path], out: Path, options: Options | None = None, progress: Progress = lambda *_: None
 ) -> list[Path]:
@@ -78,15 +73,15 @@ def write_report(
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError("out", str(out), "must end in .html")
     classified_here = wanted.classify and not wanted.classifications
-    require("the report", *(name for name in MODULES if classified_here or name != "sklearn"))
+    require("the report", "jinja2", *(name for name in MODULES if classified_here or name != "sklearn"))
     collection = Collection.open(runs)
     # Folders that are not of these runs are refused before anything is computed.
     if wanted.variance is not None:
-        sections.require_same("variance", wanted.variance / VARIANCE_SETTINGS, collection)
+        _require_same("variance", wanted.variance / VARIANCE_SETTINGS, collection)
     for folder in wanted.classifications:
-        sections.require_same("classify", folder / CLASSIFY_SETTINGS, collection)
+        _require_same("classify", folder / CLASSIFY_SETTINGS, collection)
     files = out.with_name(f"{out.stem}_files")
-    study = sections.Study(collection=collection, files=files)
+    study = Study(collection=collection, files=files)
     with locked(files):
         reports = list(_checked(collection, progress))
         parts = [
@@ -96,8 +91,11 @@ def write_report(
             *_analyses(study, wanted, progress),
         ]
         progress("writing the page", 0, 0)
+        title = f"{counted(len(collection), 'press')} on {counted(len(collection.runs), 'print')}"
+        subtitle = f"{', '.join(collection.combinations)}; {', '.join(collection.textures)}."
+        text = page(title, subtitle, collection.simulated, parts)
         with replacing(out) as temporary:
-            temporary.write_text(_page(collection, parts), encoding="utf-8", newline="\n")
+            temporary.write_text(text, encoding="utf-8", newline="\n")
     return [out, *(path for folder in (files, *sorted(files.iterdir())) for path in _results(folder))]
 
 
@@ -107,17 +105,29 @@ def _checked(collection: Collection, progress: Progress) -> Iterator[RunReport]:
         yield check_run(run.folder)
 
 
-def _analyses(study: sections.Study, options: Options, progress: Progress) -> Iterator[_Section]:
+def _require_same(option: str, path: Path, collection: Collection) -> None:
+    """Refuse the folder of an analysis that is not of these presses.
+
+    Raises:
+        InputError: It is of others, or its files are damaged.
+    """
+    if read_settings(path).get("data") != collection.data_key:
+        raise InputError(
+            option, str(path.parent), "is not of these runs, all of their presses; run the analysis on them"
+        )
+
+
+def _analyses(study: Study, options: Options, progress: Progress) -> Iterator[Section]:
     """Variance, maps, classification, methods."""
     paragraphs = [methods.design_text(study.collection)]
-    preprocess, ddof = Preprocess(), 0
-    folder = study.files / "variance"
-    refusal = _variance(study, folder, options, progress)
+    colour, ddof = False, 0
+    refusal = _variance(study, options, progress)
     if refusal is None:
-        text, preprocess, ddof = variance.methods_text(study, folder)
-        paragraphs.append(text)
-        yield _section("variance", "How well it printed", variance.variance_section(study, folder))
-        yield _section("maps", "Which pixels, positions and textures vary", variance.maps_section(study, folder))
+        view = VarianceView.read(study.files / "variance", study.collection)
+        colour, ddof = view.settings.colour, view.settings.ddof
+        paragraphs.append(methods.variance_text(view))
+        yield _section("variance", "How well it printed", sections.variance_section(study, view))
+        yield _section("maps", "Which pixels, positions and textures vary", sections.maps_section(study))
     else:
         yield _section("variance", "How well it printed", _refused("variance table", refusal))
     if options.classify:
@@ -125,21 +135,22 @@ def _analyses(study: sections.Study, options: Options, progress: Progress) -> It
         body = classification.section(study, found) if found else _refused("classification", reason)
         yield _section("classification", "What the sensor can tell apart", body)
         paragraphs += [classification.methods_text(one) for one in found]
-    points = methods.open_points(study.collection, preprocess, ddof)
+    points = methods.open_points(study.collection, colour, ddof)
     yield _section("methods", "Methods and citations", sections.methods_section(study, paragraphs, points))
 
 
-def _variance(study: sections.Study, folder: Path, options: Options, progress: Progress) -> str | None:
-    """Have the files of the variance table in a folder.
+def _variance(study: Study, options: Options, progress: Progress) -> str | None:
+    """Have the files of the variance table.
 
     Returns:
         None, or why these data have no variance table.
     """
+    folder = study.files / "variance"
     if options.variance is not None:
         copy_files(options.variance, folder)
         return None
-    from tacbench_cad.lab.analysis.variance.files import write_all
     from tacbench_cad.lab.analysis.variance.table import variance_table
+    from tacbench_cad.lab.analysis.variance.view import write_all
 
     def show(done: int, total: int) -> None:
         progress("variance", done, total)
@@ -155,14 +166,14 @@ def _variance(study: sections.Study, folder: Path, options: Options, progress: P
 
 
 def _classifications(
-    study: sections.Study, options: Options, progress: Progress
+    study: Study, options: Options, progress: Progress
 ) -> tuple[list[classification.Classification], str]:
     """Have the files of classifications; none, and the reason, where these data have none."""
     found = []
     for i, source in enumerate(options.classifications, start=1):
         name = "classification" if len(options.classifications) == 1 else f"classification_{i}"
         copy_files(source, study.files / name)
-        settings = sections.read_settings(study.files / name / CLASSIFY_SETTINGS)
+        settings = read_settings(study.files / name / CLASSIFY_SETTINGS)
         found.append(classification.Classification(folder=study.files / name, settings=settings))
     if found:
         return found, ""
@@ -204,23 +215,9 @@ def _results(folder: Path) -> list[Path]:
     return sorted(path for path in folder.glob("[!.]*") if path.suffix in SUFFIXES and path.is_file())
 
 
-def _refused(what: str, reason: str) -> Iterator[str]:
-    yield html.paragraph(f"These data have no {what}: {reason}.")
+def _refused(what: str, reason: str) -> Iterator[Piece]:
+    yield Piece("paragraph", f"These data have no {what}: {reason}.")
 
 
-def _section(anchor: str, title: str, body: Iterator[str]) -> _Section:
-    return _Section(anchor=anchor, title=title, body=tuple(body))
-
-
-def _page(collection: Collection, parts: Sequence[_Section]) -> str:
-    title = f"{counted(len(collection), 'press')} on {counted(len(collection.runs), 'print')}"
-    body = [html.heading(1, title)]
-    if collection.simulated:
-        what = "; ".join(collection.simulated)
-        body.append(html.paragraph(f"Simulated data, not a real sensor's: {what}.", "banner"))
-    combinations = ", ".join(collection.combinations)
-    body.append(html.paragraph(f"{combinations}; {', '.join(collection.textures)}."))
-    body.append(html.contents((one.anchor, one.title) for one in parts))
-    for one in parts:
-        body += [html.heading(2, one.title, one.anchor), *one.body]
-    return html.page(f"{title} (simulated)" if collection.simulated else title, body)
+def _section(anchor: str, title: str, pieces: Iterator[Piece]) -> Section:
+    return Section(anchor=anchor, title=title, pieces=tuple(pieces))

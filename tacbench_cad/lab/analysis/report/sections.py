@@ -2,93 +2,39 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from tacbench_cad.lab.analysis.classification.settings import data_key
-from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.csvfile import write_csv
-from tacbench_cad.lab.analysis.report import html, methods
+from tacbench_cad.lab.analysis.report import methods
 from tacbench_cad.lab.analysis.report.cite import citations
+from tacbench_cad.lab.analysis.report.pieces import Piece, Study
+from tacbench_cad.lab.analysis.tables import Column, Table
+from tacbench_cad.lab.analysis.variance.grade import grade
+from tacbench_cad.lab.analysis.variance.grade_limits import Context
+from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.runs.checking import RunReport
 from tacbench_cad.spec.printrecord import FIELDS, PrintRecord
+from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
 
 #: Findings of a run that the page shows; all of them stand in the CSV file.
-MOST_FINDINGS = 5
+MAX_FINDINGS = 5
 
 
-@dataclass(frozen=True, kw_only=True)
-class Study:
-    """What every section reads.
-
-    Args:
-        collection: The presses.
-        files: Folder of the report's tables and figures.
-    """
-
-    collection: Collection
-    files: Path
-
-    @property
-    def simulated(self) -> bool:
-        """Whether anything of it was simulated."""
-        return bool(self.collection.simulated)
-
-    def file(self, name: str) -> str:
-        """What a table's or a figure's caption says of its files."""
-        return f"{self.files.name}/{name}"
-
-
-def read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
-    """The rows of a table that an analysis wrote.
-
-    Raises:
-        InputError: The file is missing, or lacks a column.
-    """
-    try:
-        with path.open(encoding="utf-8", newline="") as stream:
-            reader = csv.DictReader(stream, restval="")
-            rows = list(reader)
-    except OSError as error:
-        raise InputError("table", str(path), f"cannot be read: {error.strerror}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError("table", str(path), f"is no CSV file in UTF-8: {error}") from None
-    lacking = [one for one in columns if one not in (reader.fieldnames or ())]
-    if lacking:
-        raise InputError("table", str(path), f"has no column {lacking[0]}; have it written again")
-    return rows
-
-
-def value(text: str) -> Any:
-    """A cell as a number if it is one, None if it is empty, else its text."""
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text or None
-
-
-def design_section(study: Study) -> Iterator[str]:
+def design_section(study: Study) -> Iterator[Piece]:
     """What was pressed on what."""
     collection = study.collection
-    rows = methods.counts_rows(collection)
-    columns = list(rows[0])
-    write_csv(study.files / "design.csv", columns, rows)
-    yield html.paragraph(methods.design_text(collection))
-    heads = ["printer", "filament", "texture", "prints", *(f"presses, level {n}" for n in collection.levels)]
-    cells = [[row[name] for name in columns] for row in rows]
-    yield html.table("Prints and presses", heads, cells, study.simulated, study.file("design.csv"))
+    levels = [Column(f"presses_level_{n}", head=f"presses, level {n}") for n in collection.levels]
+    columns = (*(Column(name) for name in ("printer", "filament", "texture", "prints")), *levels)
+    yield Piece("paragraph", methods.design_text(collection))
+    table = Table.of(columns, methods.counts_rows(collection), "Prints and presses")
+    table.write(study.files / "design.csv")
+    yield study.table(table, "design.csv")
 
 
-def records_section(study: Study) -> Iterator[str]:
+def records_section(study: Study) -> Iterator[Piece]:
     """The print records and what is missing in them."""
     records: list[tuple[str, PrintRecord]] = []
     damaged: list[str] = []
@@ -97,129 +43,129 @@ def records_section(study: Study) -> Iterator[str]:
             records.append((run.info.printed.name, run.print_record))
         except InputError as error:
             damaged.append(str(error))
-    columns = ("run", *FIELDS)
     rows = [{"run": name, **{field: _plain(one.values.get(field)) for field in FIELDS}} for name, one in records]
-    write_csv(study.files / "print_records.csv", columns, rows)
+    file = "print_records.csv"
+    Table.of(_columns("run", *FIELDS), rows).write(study.files / file)
     empty = Counter(field for _, one in records for field in one.empty)
     total = len(records)
     if empty:
-        yield html.paragraph(
+        yield Piece(
+            "paragraph",
             f"Of {total} print records these fields are empty in some; what nobody wrote down cannot explain a "
-            "difference between prints later."
+            "difference between prints later.",
         )
-        yield html.table(
-            "Empty fields of the print records",
-            ("field", "what belongs there", "empty in", "of records"),
-            [(field, FIELDS[field], count, total) for field, count in empty.items()],
-            study.simulated,
-            study.file("print_records.csv"),
-        )
+        heads = ("field", "what belongs there", "empty in", "of records")
+        counts = [(field, FIELDS[field], count, total) for field, count in empty.items()]
+        yield study.table(_table("Empty fields of the print records", heads, counts), file)
     elif total:
-        yield html.paragraph(f"All fields of all {total} print records are filled in.")
+        yield Piece("paragraph", f"All fields of all {total} print records are filled in.")
     filled = [field for field in FIELDS if any(one.values.get(field) for _, one in records)]
     if filled and total:
-        yield html.table(
-            "What the print records say, alike prints together",
-            (*filled, "prints"),
-            _alike(records, filled),
-            study.simulated,
-            study.file("print_records.csv"),
+        alike = Counter(tuple(row[field] for field in filled) for row in rows)
+        counts = [(*values, count) for values, count in alike.items()]
+        yield study.table(
+            _table("What the print records say, alike prints together", (*filled, "prints"), counts), file
         )
     if damaged:
-        yield html.paragraph("Records that cannot be read:")
-        yield html.bullets(damaged)
+        yield Piece("paragraph", "Records that cannot be read:")
+        yield Piece("list", items=damaged)
 
 
-def _alike(records: Sequence[tuple[str, PrintRecord]], fields: Sequence[str]) -> list[list[Any]]:
-    counts = Counter(tuple(_plain(one.values.get(field)) for field in fields) for _, one in records)
-    return [[*values, count] for values, count in counts.items()]
+def quality_section(study: Study, reports: Sequence[RunReport]) -> Iterator[Piece]:
+    """Data quality: every run examined as `tacbench runs check` does."""
+    counts = ("planned", "presses", "out_of_band", "references", "stationary")
+    columns = [Column("run", source="name"), *_columns(*counts)]
+    columns.append(Column("findings", source=lambda one: len(one.findings)))
+    Table.of(columns, reports).write(study.files / "data_quality.csv")
+    findings = [{"run": one.name, **to_plain(finding)} for one in reports for finding in one.findings]
+    table = Table.of(_columns("run", "kind", "where", "text"), findings)
+    table.write(study.files / "findings.csv")
+    planned, there, outside = (sum(getattr(one, name) for one in reports) for name in counts[:3])
+    whole = sum(not one.findings for one in reports)
+    yield Piece(
+        "paragraph",
+        f"{there:,} of {planned:,} planned presses are there; in {outside:,} of them the force lay outside of its band "
+        f"(they say so and are kept). Every reading was compared with its checksum and judged for darkness, blur and "
+        f"being stuck: {whole} of {len(reports)} runs have no finding, {counted(len(findings), 'finding')} in all. "
+        f"All runs: {study.file('data_quality.csv')}",
+    )
+    if findings:
+        seen: Counter[str] = Counter()
+        shown = []
+        for row in table.rows:
+            seen[row["run"]] += 1
+            if seen[row["run"]] <= MAX_FINDINGS:
+                shown.append(row)
+        caption = f"Findings, at most {MAX_FINDINGS} of a run"
+        yield study.table(Table(columns=table.columns, rows=tuple(shown), title=caption), "findings.csv")
+
+
+def variance_section(study: Study, view: VarianceView) -> Iterator[Piece]:
+    """The variance table beside the paper's, with noise floor, intervals, components, tests and grades."""
+    if view.warnings:
+        yield Piece("heading", "To know before reading it")
+        yield Piece("list", items=view.warnings)
+    previous = ""
+    for name, table in [*view.shown(), ("", None)]:
+        if previous == "variance" != name:
+            caption = f"Variance in {view.unit} by texture, with 95 % intervals over prints."
+            yield study.figure("variance/variance", caption, "variance/floor_removed.csv")
+        if table is not None:
+            yield study.table(table, f"variance/{name}.csv")
+        if name == "components":
+            yield study.figure("variance/components", "Where the variance comes from.")
+        previous = name
+    for text in view.notes:
+        yield Piece("paragraph", text)
+    collection = study.collection
+    try:
+        grades = grade(view.cells, Context.of(collection, view.cells))
+    except InputError:
+        return  # none of the paper's textures: there is nothing to stand beside
+    for one in grades:
+        yield Piece("heading", f"{one.printer} {one.filament} beside the published table")
+        yield Piece("list", items=[verdict.text for verdict in one.verdicts])
+        yield Piece("paragraph", "What limits this:")
+        yield Piece("list", items=one.limits or ("nothing more than what is said above",))
+
+
+def maps_section(study: Study) -> Iterator[Piece]:
+    """Heat maps and matrices between textures."""
+    yield study.figure("variance/variance_pixels", "Which pixels vary: mean over positions and forces.")
+    caption = "Which positions vary: mean over forces."
+    yield study.figure("variance/variance_positions", caption, "variance/positions.csv")
+    yield study.figure(
+        "variance/between_textures",
+        "Variance of each pixel over both textures' readings at the same position, mean over pixels and positions; on "
+        "the diagonal the table's own. A pair far above both of its diagonal figures can be told apart.",
+        "variance/between_textures.csv",
+    )
+
+
+def methods_section(study: Study, paragraphs: Sequence[str], points: Sequence[methods.OpenPoint]) -> Iterator[Piece]:
+    """Methods with every parameter, the open points of the paper, and the citations."""
+    yield Piece("paragraph", "To be pasted into a paper:")
+    for text in (*paragraphs, methods.software_text(study.collection), *methods.references_text()):
+        yield Piece("paragraph", text)
+    yield Piece("heading", "Where the paper's text leaves something open")
+    columns = (
+        Column("point", head="what is open"),
+        Column("taken", head="taken here"),
+        Column("option", head="the other reading"),
+    )
+    yield study.table(Table.of(columns, points, "How it was read here"))
+    yield Piece("heading", "Citations")
+    yield Piece("verbatim", citations("bibtex"))
+
+
+def _columns(*names: str) -> tuple[Column, ...]:
+    return tuple(Column(name) for name in names)
+
+
+def _table(title: str, heads: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
+    records: list[Mapping[str, Any]] = [dict(zip(heads, row, strict=True)) for row in rows]
+    return Table(columns=_columns(*heads), rows=tuple(records), title=title)
 
 
 def _plain(entry: Any) -> Any:
     return "; ".join(map(str, entry)) if isinstance(entry, list) else entry
-
-
-def quality_section(study: Study, reports: Sequence[RunReport]) -> Iterator[str]:
-    """Data quality: every run examined as `tacbench runs check` does."""
-    columns = ("run", "planned", "presses", "out_of_band", "references", "stationary", "findings")
-    rows: list[dict[str, Any]] = []
-    for one in reports:
-        row = {name: getattr(one, name) for name in ("planned", "presses", "out_of_band", "references", "stationary")}
-        rows.append({"run": one.name, **row, "findings": len(one.findings)})
-    write_csv(study.files / "data_quality.csv", columns, rows)
-    found = [{"run": one.name, **finding.as_dict()} for one in reports for finding in one.findings]
-    write_csv(study.files / "findings.csv", ("run", "kind", "where", "text"), found)
-    planned, there = sum(one.planned for one in reports), sum(one.presses for one in reports)
-    outside = sum(one.out_of_band for one in reports)
-    faulty = [one for one in reports if one.findings]
-    yield html.paragraph(
-        f"{there:,} of {planned:,} planned presses are there; in {outside:,} of them the force lay outside of its band "
-        f"(they say so and are kept). Every reading was compared with its checksum and judged for darkness, blur and "
-        f"being stuck: {len(reports) - len(faulty)} of {len(reports)} runs have no finding, "
-        f"{counted(len(found), 'finding')} in all."
-    )
-    if faulty:
-        shown = [
-            (one.name, finding.kind, finding.where, finding.text)
-            for one in faulty
-            for finding in one.findings[:MOST_FINDINGS]
-        ]
-        caption = f"Findings, at most {MOST_FINDINGS} of a run"
-        yield html.table(caption, ("run", "kind", "where", "what"), shown, study.simulated, study.file("findings.csv"))
-    yield html.paragraph(f"All runs: {study.file('data_quality.csv')}", "files")
-
-
-def read_settings(path: Path) -> dict[str, Any]:
-    """What an analysis was asked for, from the file that it left beside its tables.
-
-    Raises:
-        InputError: The file is missing or damaged.
-    """
-    try:
-        found = json.loads(path.read_bytes())
-    except OSError as error:
-        raise InputError("settings", str(path), f"cannot be read: {error.strerror}; run the analysis again") from None
-    except ValueError:
-        found = None
-    if not isinstance(found, dict):
-        raise InputError("settings", str(path), "is no JSON object; run the analysis again")
-    return found
-
-
-def require_same(option: str, path: Path, collection: Collection) -> Mapping[str, Any]:
-    """What an analysis was asked for, if its folder is of these presses.
-
-    Raises:
-        InputError: It is of others, or its files are damaged.
-    """
-    settings = read_settings(path)
-    if settings.get("data") != data_key(collection):
-        raise InputError(
-            option, str(path.parent), "is not of these runs, all of their presses; run the analysis on them"
-        )
-    return settings
-
-
-def figure(study: Study, folder: Path, stem: str, caption: str, table: str = "") -> str:
-    """A figure of an analysis with its caption, and links to its files and to the table that it was drawn from."""
-    sub = folder.name
-    files = [study.file(f"{sub}/{stem}.png"), study.file(f"{sub}/{stem}.pdf"), *([study.file(table)] if table else [])]
-    return html.figure(folder / f"{stem}.png", caption, ", ".join(files))
-
-
-def methods_section(study: Study, paragraphs: Sequence[str], points: Sequence[methods.Reading]) -> Iterator[str]:
-    """Methods with every parameter, the open points of the paper, and the citations."""
-    yield html.paragraph("To be pasted into a paper:")
-    for text in (*paragraphs, methods.software_text(study.collection)):
-        yield html.paragraph(text)
-    for text in methods.references_text():
-        yield html.paragraph(text)
-    yield html.heading(3, "Where the paper's text leaves something open")
-    yield html.table(
-        "How it was read here",
-        ("what is open", "taken here", "the other reading"),
-        [(one.point, one.taken, one.option) for one in points],
-        study.simulated,
-    )
-    yield html.heading(3, "Citations")
-    yield html.verbatim(citations("bibtex"))

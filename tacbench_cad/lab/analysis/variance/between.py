@@ -13,9 +13,8 @@ a sensor can tell apart.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -23,9 +22,6 @@ from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS
 from tacbench_cad.lab.analysis.variance.intervals import CellSums
 from tacbench_cad.lab.analysis.variance.streaming import CellKey, PlaceSums
 from tacbench_cad.util.types import Floats, Ints
-
-#: Heads of ``between_textures.csv``.
-COLUMNS = ("printer", "filament", "force_level", "texture", "other_texture", "variance", "presses")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,21 +42,6 @@ class TextureMatrix:
     textures: tuple[str, ...]
     variance: Floats
     presses: Ints
-
-    def rows(self, printer: str, filament: str) -> Iterator[dict[str, Any]]:
-        """Rows of ``between_textures.csv``: each pair once, and each texture with itself."""
-        for i, texture in enumerate(self.textures):
-            for j in range(i, len(self.textures)):
-                if self.presses[i, j]:
-                    yield {
-                        "printer": printer,
-                        "filament": filament,
-                        "force_level": self.force_level,
-                        "texture": texture,
-                        "other_texture": self.textures[j],
-                        "variance": float(self.variance[i, j]),
-                        "presses": int(self.presses[i, j]),
-                    }
 
 
 def texture_matrices(

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
+from tacbench_cad.lab.analysis.published import ROW_NAMES
+from tacbench_cad.lab.study.spec import Protocol
 from tacbench_cad.util.errors import InputError
 
 #: ``force_level`` of a cell that pools the forces.
 ALL_LEVELS = "all"
+#: Where a noise floor comes from.
+FRAMES, REPEATS = "stationary frames", "repeats (upper bound)"
+
+#: A force level from 1, or :data:`ALL_LEVELS`.
+Level = int | str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,18 +37,30 @@ class Cell:
         high: Upper end; ``inf`` never stands here, None does.
         prints: Prints in the cell.
         presses: Presses in the cell.
+        noise_alone: What ``variance`` would be if the readings differed by noise only; None without a floor.
+        floor_from: Where the floor comes from, :data:`FRAMES` or :data:`REPEATS`; empty without a floor.
+        unbiased: The variance for ddof 1.
+        floor_removed: ``unbiased`` less the floor; may be negative. None without a floor.
+        floor_removed_low: Lower end of its 95 % interval, None without one.
+        floor_removed_high: Upper end.
     """
 
     printer: str
     filament: str
     texture: str
-    force_level: int | str
+    force_level: Level
     variance: float
     floor: float | None
     low: float | None
     high: float | None
     prints: int
     presses: int
+    noise_alone: float | None = None
+    floor_from: str = ""
+    unbiased: float | None = None
+    floor_removed: float | None = None
+    floor_removed_low: float | None = None
+    floor_removed_high: float | None = None
 
     def __post_init__(self) -> None:
         if self.force_level != ALL_LEVELS and (not isinstance(self.force_level, int) or self.force_level < 1):
@@ -61,3 +81,28 @@ class Cell:
     def combination(self) -> str:
         """Printer and filament: ``bambu-p1p_pla-minus``."""
         return f"{self.printer}_{self.filament}"
+
+
+def name_of(combination: str) -> str:
+    """A printer-filament as figures and tables call it: as the paper does, where it is one of the paper's."""
+    printer, filament = combination.split("_", 1)
+    return ROW_NAMES.get((printer, filament), f"{printer} {filament}")
+
+
+def short_texture(texture: str) -> str:
+    """``4`` for ``texture-4``; a user's own name as it is."""
+    return texture.removeprefix("texture-")
+
+
+def level_name(protocol: Protocol, level: Level) -> str:
+    """A force level as figures and tables call it: ``1.91 N``, ``1.70 mm deep``, ``mean of all forces``."""
+    force = protocol.contact == "force"
+    if not isinstance(level, int):
+        return "mean of all forces" if force else "mean of all depths"
+    return f"{protocol.forces_n[level - 1]:.2f} N" if force else f"{protocol.depths_mm[level - 1]:.2f} mm deep"
+
+
+def shown_levels(cells: Iterable[Cell]) -> tuple[Level, ...]:
+    """The levels that are shown: all of them and their mean, or the only one."""
+    levels = tuple(dict.fromkeys(cell.force_level for cell in cells))
+    return levels[:1] if len(levels) == 2 else levels

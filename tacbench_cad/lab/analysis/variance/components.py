@@ -36,8 +36,6 @@ from tacbench_cad.util.types import Floats, Ints
 
 #: Levels of the nesting, outermost first.
 LEVELS = ("texture", "printer", "print", "repeat")
-#: Heads of ``components.csv``; V is in the reading's unit squared.
-COLUMNS = ("force_level", "component", "variance", "truncated", "low", "high", "degrees_of_freedom", "includes", "note")
 #: 95 % of differences between two readings lie within so many standard deviations (ISO 5725-6: 1.96 x sqrt(2)).
 LIMIT_FACTOR = 2.8
 

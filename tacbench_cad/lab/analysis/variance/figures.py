@@ -10,11 +10,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure, save, styled
-from tacbench_cad.lab.analysis.published import ROW_NAMES, VARIANCE
-from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, Cell
+from tacbench_cad.lab.analysis.published import VARIANCE, variance_of
+from tacbench_cad.lab.analysis.variance.cells import (
+    Cell,
+    Level,
+    level_name,
+    name_of,
+    short_texture,
+    shown_levels,
+)
 from tacbench_cad.lab.analysis.variance.components import LEVELS
 from tacbench_cad.lab.analysis.variance.streaming import levels_with_most_prints
-from tacbench_cad.lab.analysis.variance.table import Level, VarianceResult
+from tacbench_cad.lab.analysis.variance.table import VarianceResult
 from tacbench_cad.util.text import counted
 from tacbench_cad.util.types import Floats
 
@@ -65,46 +72,19 @@ def draw_all(result: VarianceResult, folder: Path) -> list[Path]:
     return drawn
 
 
-def name_of(combination: str) -> str:
-    """A printer-filament as figures and tables call it: as the paper does, where it is one of the paper's."""
-    printer, filament = combination.split("_", 1)
-    return ROW_NAMES.get((printer, filament), f"{printer} {filament}")
-
-
-def short_texture(texture: str) -> str:
-    """``4`` for ``texture-4``; a user's own name as it is."""
-    return texture.removeprefix("texture-")
-
-
-def level_name(result: VarianceResult, level: Level) -> str:
-    """A force level as figures and tables call it: ``1.91 N``, ``1.70 mm deep``, ``mean of all forces``."""
-    protocol = result.collection.info.protocol
-    if not isinstance(level, int):
-        return "mean of all forces" if protocol.contact == "force" else "mean of all depths"
-    if protocol.contact == "force":
-        return f"{protocol.forces_n[level - 1]:.2f} N"
-    return f"{protocol.depths_mm[level - 1]:.2f} mm deep"
-
-
 def squared_unit(result: VarianceResult) -> str:
     """The unit of a variance, for labels."""
     return f"{result.collection.units}$^2$"
 
 
-def shown_levels(result: VarianceResult) -> tuple[Level, ...]:
-    """The levels that are shown: all of them and their mean, or the only one."""
-    levels = result.force_levels
-    return levels[:1] if len(levels) == 2 else levels
-
-
 def compared_levels(result: VarianceResult) -> tuple[Level, ...]:
     """The levels that figures compare prints at: those with two prints of something, and the mean if all have."""
-    singles = [one for one in result.force_levels if one != ALL_LEVELS]
+    singles = sorted({level for level, _ in result.sums})
     with_prints = [
         level for level in singles if any(one.prints > 1 for one in result.cells if one.force_level == level)
     ]
     if not with_prints or len(with_prints) == len(singles):
-        return shown_levels(result)
+        return shown_levels(result.cells)
     return tuple(with_prints)
 
 
@@ -136,7 +116,7 @@ def table_figure(result: VarianceResult) -> Figure:
     top = _CUT * max(one.variance for one in result.cells if one.force_level in levels)
     for axes, level in zip(panels, levels, strict=False):
         _table_panel(axes, result, level, combinations, top)
-        axes.set_title(_titled(level_name(result, level), _left_out(result)), loc="left")
+        axes.set_title(_titled(level_name(result.collection.info.protocol, level), _left_out(result)), loc="left")
     for axes in panels[len(levels) :]:
         axes.set_visible(False)
     figure.supylabel(f"variance ({squared_unit(result)})", fontsize=8.0)
@@ -160,16 +140,15 @@ def _table_panel(axes: Axes, result: VarianceResult, level: Level, combinations:
             if cell is None:
                 continue
             x = j + (i - (len(combinations) - 1) / 2.0) * step
-            noise = result.noise_alone(cell)
+            noise = cell.noise_alone
             least = min([least, *(one for one in (cell.variance, noise) if one)])
             _point(axes, cell, noise, x, step, colour, marker, top)
         printer, filament = combination.split("_", 1)
-        paper = VARIANCE.get((printer, filament))
         for j, texture in enumerate(textures):
-            number = short_texture(texture)
-            if paper is not None and number.isdigit() and 1 <= int(number) <= len(paper) and _is_paper(result):
+            paper = variance_of(printer, filament, texture)
+            if paper is not None and _is_paper(result):
                 x = j + (i - (len(combinations) - 1) / 2.0) * step + 0.32 * step
-                axes.plot(x, paper[int(number) - 1], marker, markersize=4.0, color=colour, markerfacecolor="none")
+                axes.plot(x, paper, marker, markersize=4.0, color=colour, markerfacecolor="none")
     axes.set_yscale("log")
     axes.set(xlim=(-0.5, len(textures) - 0.5), xticks=range(len(textures)))
     axes.set_xticklabels([short_texture(one) for one in textures])
@@ -362,7 +341,9 @@ def texture_figure(result: VarianceResult) -> Figure:
         bar = figure.colorbar(drawn, ax=panels, shrink=0.8, pad=0.01, aspect=25.0)
         bar.set_label(f"variance over both textures ({squared_unit(result)})")
         bar.outline.set_linewidth(0.5)
-    figure.suptitle(_titled(level_name(result, level), _left_out(result)), x=0.01, ha="left", fontsize=8.0)
+    figure.suptitle(
+        _titled(level_name(result.collection.info.protocol, level), _left_out(result)), x=0.01, ha="left", fontsize=8.0
+    )
     return figure
 
 
@@ -378,7 +359,7 @@ def component_figure(result: VarianceResult) -> Figure:
     """Where the variance comes from: the components of the nested design at each force, with their intervals."""
     from matplotlib.lines import Line2D
 
-    levels = shown_levels(result)
+    levels = shown_levels(result.cells)
     names = LEVELS
     rows = {(one["force_level"], one["component"]): one for one in result.components}
     figure = new_figure(PAGE_IN, 2.5)
@@ -402,7 +383,7 @@ def component_figure(result: VarianceResult) -> Figure:
     ]
     axes.set_yscale("log")
     axes.set(xlim=(-0.5, len(levels) - 0.5), ylim=(bottom, top), xticks=range(len(levels)))
-    axes.set_xticklabels([level_name(result, level) for level in levels])
+    axes.set_xticklabels([level_name(result.collection.info.protocol, level) for level in levels])
     axes.tick_params(axis="x", length=0.0)
     for i in range(1, len(levels)):
         axes.axvline(i - 0.5, color="#dddddd", linewidth=0.4)

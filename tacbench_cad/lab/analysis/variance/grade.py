@@ -1,4 +1,4 @@
-"""A printer's variances beside the published ones, and in plain sentences what that supports and what it cannot.
+"""A printer's variances beside the published ones: a verdict for each published printer, with its numbers and reasons.
 
 A published figure is taken as it stands: it comes from six prints, has no interval, and the text does not say at which
 force or in which colours it was taken. Ours is grey, ddof 0, with prints as the unit of its interval.
@@ -6,7 +6,7 @@ force or in which colours it was taken. Ours is grey, ddof 0, with prints as the
 With ddof 0 the expected figure depends on the number of prints: k prints of R repeats show (k-1)/k of the variance
 between prints and (kR-1)/(kR) of that between repeats, so three prints read up to 20 % lower than six would. Before it
 is compared, an interval is brought to the paper's six prints of two repeats: its lower end by the smaller of the two
-factors that this takes, its upper end by the larger one, because which share is the prints' is not known well.
+factors that this takes, its upper end by the larger one, because the fraction of the prints is not known well.
 
 A figure holds the sensor's noise too. That prints are less consistent is said only where our figure stays above the
 published one with our noise floor taken off; the other way round the paper's own noise is not known, which is said.
@@ -14,97 +14,153 @@ published one with our noise floor taken off; the other way round the paper's ow
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 from tacbench_cad.lab.analysis import published
-from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, Cell
-from tacbench_cad.lab.analysis.variance.grade_limits import UNITS, Context, factors, limits, texture_number
+from tacbench_cad.lab.analysis.tables import Column, Row, Table, short
+from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, Cell, Level
+from tacbench_cad.lab.analysis.variance.grade_limits import Context, factors, limits, texture_number
 from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.util.text import interval
 
-#: What our figure is against a published one.
-Verdict = Literal["less", "more", "unclear"]
-Combination = tuple[str, str]
+#: What our figure of a texture is against a published one.
+Difference = Literal["less", "more", "unclear"]
+
+#: What can be said of a printer beside a published one.
+Verdict = Literal[
+    "as consistent, or more",
+    "less consistent",
+    "varies more, but the sensor's noise may explain it",
+    "varies more, but without a noise floor the reason is unknown",
+    "not enough data",
+    "no interval",
+    "another unit",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Compared:
-    """One texture of a printer beside the paper's three rows.
+    """A published figure beside ours.
 
     Args:
-        cell: Our figure.
-        number: The texture's number, 1 to 6.
-        low: Lower end of our interval, brought to six prints of two repeats; None without an interval.
-        high: Upper end, likewise.
-        verdicts: By the paper's row: what ours is; empty where nothing can be said.
+        printer: The published printer.
+        filament: Its filament.
+        variance: Its figure.
+        ours_is: What ours is; None without an interval, or in another unit.
+        ratio: Our interval, brought to six prints of two repeats, over the published figure; None without an interval.
     """
 
-    cell: Cell
-    number: int
+    printer: str
+    filament: str
+    variance: float
+    ours_is: Difference | None
+    ratio: tuple[float, float] | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Texture:
+    """One of the paper's textures as a printer printed it: the cell's numbers, and the published ones beside them."""
+
+    texture: int
+    variance: float
+    floor: float | None
     low: float | None
     high: float | None
-    verdicts: Mapping[Combination, Verdict] = field(default_factory=dict)
+    prints: int
+    presses: int
+    published: tuple[Compared, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judgement:
+    """A printer beside one of the published ones.
+
+    Args:
+        printer: The published printer.
+        filament: Its filament.
+        verdict: What can be said.
+        less: Numbers of the textures that vary less.
+        more: Those that vary more.
+        unclear: Those that cannot be told apart.
+        at_least: How many times as much as the published figure the clearest of ``more`` varies at least.
+        at_most: How many times as much the most open of ``unclear`` may vary.
+    """
+
+    printer: str
+    filament: str
+    verdict: Verdict
+    less: tuple[int, ...]
+    more: tuple[int, ...]
+    unclear: tuple[int, ...]
+    at_least: float | None
+    at_most: float | None
 
     @property
-    def prints_low(self) -> float | None:
-        """What of the lower end the noise floor cannot explain; None without an interval or a floor."""
-        return None if self.low is None or self.cell.floor is None else self.low - self.cell.floor
+    def text(self) -> str:
+        """The verdict with its numbers: ``Form 3 resin: not enough data (unclear: 1, 2, up to 3.1 times as much)``."""
+        parts = [
+            f"{what}: {', '.join(map(str, numbers))}" + ("" if times is None else f", {word} {times:.2g} times as much")
+            for what, numbers, word, times in (
+                ("more", self.more, "at least", self.at_least),
+                ("less", self.less, "", None),
+                ("unclear", self.unclear, "up to", self.at_most),
+            )
+            if numbers
+        ]
+        name = published.ROW_NAMES[self.printer, self.filament]
+        return f"{name}: {self.verdict}" + (f" ({'; '.join(parts)})" if parts else "")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Grade:
-    """A printer and filament beside the paper's table.
+    """A printer and filament beside the paper's table; the fields are the keys of ``--json``.
 
     Args:
         printer: Printer.
         filament: Filament.
         force_level: The level that was compared, or ``all``.
+        units: The unit of the variances: ``counts^2``.
         textures: The paper's textures that there are, by number.
-        supports: Sentences: what the data support.
-        limits: Sentences: what they cannot support, and why.
+        verdicts: What the data say, for each of the paper's rows.
+        limits: What they cannot say, and why: a sentence each.
     """
 
     printer: str
     filament: str
-    force_level: int | str
-    textures: tuple[Compared, ...]
-    supports: tuple[str, ...]
+    force_level: Level
+    units: str
+    textures: tuple[Texture, ...]
+    verdicts: tuple[Judgement, ...]
     limits: tuple[str, ...]
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return {
-            "printer": self.printer,
-            "filament": self.filament,
-            "force_level": self.force_level,
-            "textures": [
-                {
-                    "texture": one.number,
-                    "variance": one.cell.variance,
-                    "floor": one.cell.floor,
-                    "low": one.cell.low,
-                    "high": one.cell.high,
-                    "prints": one.cell.prints,
-                    "presses": one.cell.presses,
-                    "published": [
-                        {
-                            "printer": row[0],
-                            "filament": row[1],
-                            "variance": values[one.number - 1],
-                            "ours_is": one.verdicts.get(row),
-                        }
-                        for row, values in published.VARIANCE.items()
-                    ],
-                }
-                for one in self.textures
-            ],
-            "supports": list(self.supports),
-            "limits": list(self.limits),
-        }
+    @property
+    def table(self) -> Table:
+        """The textures with the published figures beside them."""
+        names = list(published.ROW_NAMES.values())
+        rows: list[Row] = [
+            {
+                **vars(one),
+                "interval": interval(one.low, one.high),
+                "floor": "none" if one.floor is None else short(one.floor),
+                **{n: f"{of.variance:.2f} {of.ours_is or '-'}" for n, of in zip(names, one.published, strict=True)},
+            }
+            for one in self.textures
+        ]
+        columns = (
+            Column("texture"),
+            Column("prints"),
+            Column("variance", head=f"variance ({self.units})", text=short),
+            Column("interval", head="95 % interval", right=True),
+            *(Column(name, right=True) for name in ("floor", *names)),
+        )
+        level = "mean over the forces" if self.force_level == ALL_LEVELS else f"force level {self.force_level}"
+        title = f"{self.printer}, {self.filament}: {level}; published figures with what yours is beside them"
+        return Table(columns=columns, rows=tuple(rows), title=title)
 
 
-def grade(cells: Sequence[Cell], context: Context, force_level: int | str = ALL_LEVELS) -> tuple[Grade, ...]:
+def grade(cells: Sequence[Cell], context: Context, force_level: Level = ALL_LEVELS) -> tuple[Grade, ...]:
     """Each printer-filament of a variance table beside the published table.
 
     Args:
@@ -118,83 +174,79 @@ def grade(cells: Sequence[Cell], context: Context, force_level: int | str = ALL_
     Raises:
         InputError: There is no cell at this level, or none of one of the paper's textures.
     """
-    levels = list(dict.fromkeys(str(one.force_level) for one in cells))
-    chosen = [one for one in cells if str(one.force_level) == str(force_level)]
+    levels = list(dict.fromkeys(str(cell.force_level) for cell in cells))
+    chosen = [cell for cell in cells if str(cell.force_level) == str(force_level)]
     if not chosen:
         raise InputError("force_level", force_level, nearest(str(force_level), levels))
-    if not any(texture_number(one.texture) for one in chosen):
-        names = ", ".join(dict.fromkeys(one.texture for one in chosen))
+    if not any(texture_number(cell.texture) for cell in chosen):
+        names = ", ".join(dict.fromkeys(cell.texture for cell in chosen))
         raise InputError("texture", names, "none of them is one of the paper's six; `tacbench variance` takes any")
     grades = []
-    for printer, filament in dict.fromkeys((one.printer, one.filament) for one in chosen):
-        mine = [one for one in chosen if (one.printer, one.filament) == (printer, filament)]
-        numbered = [(one, number) for one in mine if (number := texture_number(one.texture))]
-        compared = sorted((_compared(*one, context) for one in numbered), key=lambda one: one.number)
+    for printer, filament in dict.fromkeys((cell.printer, cell.filament) for cell in chosen):
+        mine = [cell for cell in chosen if (cell.printer, cell.filament) == (printer, filament)]
+        textures = [_texture(cell, number, context) for cell in mine if (number := texture_number(cell.texture))]
+        textures.sort(key=lambda one: one.texture)
         grades.append(
             Grade(
                 printer=printer,
                 filament=filament,
                 force_level=force_level,
-                textures=tuple(compared),
-                supports=tuple(_supports(compared, context)),
+                units=context.unit,
+                textures=tuple(textures),
+                verdicts=tuple(_judged(i, textures, context) for i in range(len(published.VARIANCE))),
                 limits=limits(mine, context, force_level),
             )
         )
     return tuple(grades)
 
 
-def _compared(cell: Cell, number: int, context: Context) -> Compared:
-    if cell.low is None or cell.high is None or cell.prints < 2:
-        return Compared(cell=cell, number=number, low=None, high=None)
-    least, most = factors(cell.prints, context.repeats)
-    low, high = least * cell.low, most * cell.high
-    verdicts: dict[Combination, Verdict] = {}
-    if context.comparable:
-        for row, values in published.VARIANCE.items():
-            value = values[number - 1]
-            verdicts[row] = "less" if high < value else "more" if low > value else "unclear"
-    return Compared(cell=cell, number=number, low=low, high=high, verdicts=verdicts)
+def _texture(cell: Cell, number: int, context: Context) -> Texture:
+    compared = []
+    for (printer, filament), values in published.VARIANCE.items():
+        value, ratio = values[number - 1], None
+        ours_is: Difference | None = None
+        if cell.low is not None and cell.high is not None and context.comparable:
+            smaller, larger = factors(cell.prints, context.repeats)
+            ratio = (smaller * cell.low / value, larger * cell.high / value)
+            ours_is = "less" if ratio[1] < 1.0 else "more" if ratio[0] > 1.0 else "unclear"
+        compared.append(Compared(printer=printer, filament=filament, variance=value, ours_is=ours_is, ratio=ratio))
+    numbers = {name: getattr(cell, name) for name in ("variance", "floor", "low", "high", "prints", "presses")}
+    return Texture(texture=number, published=tuple(compared), **numbers)
 
 
-def _supports(compared: Sequence[Compared], context: Context) -> list[str]:
-    """A sentence for each of the paper's rows."""
-    judged = [one for one in compared if one.verdicts]
+def _judged(row: int, textures: Sequence[Texture], context: Context) -> Judgement:
+    """What the textures say of one of the published rows."""
+    by: dict[Difference, list[tuple[Texture, tuple[float, float]]]] = {"less": [], "more": [], "unclear": []}
+    for one in textures:
+        of = one.published[row]
+        if of.ours_is and of.ratio:
+            by[of.ours_is].append((one, of.ratio))
+    # What of the lower end the noise floor cannot explain.
+    beyond = [
+        one.floor is not None and ratio[0] - one.floor / one.published[row].variance > 1.0 for one, ratio in by["more"]
+    ]
+    verdict: Verdict
     if not context.comparable:
-        return [f"Nothing about the published figures: they are in {UNITS}^2, these in ({context.units})^2."]
-    if not judged:
-        return ["Nothing yet about prints: an interval needs at least two prints of a texture."]
-    return [_sentence(row, judged) for row in published.VARIANCE]
-
-
-def _sentence(row: Combination, judged: Sequence[Compared]) -> str:
-    name, values = published.ROW_NAMES[row], published.VARIANCE[row]
-    by: dict[Verdict, list[Compared]] = {"less": [], "more": [], "unclear": []}
-    for one in judged:
-        by[one.verdicts[row]].append(one)
-    parts = []
-    if by["more"]:
-        times = max((one.low or 0.0) / values[one.number - 1] for one in by["more"])
-        parts.append(f"{_textures(by['more'], 'vary')} more (the clearest at least {times:.2g} times as much)")
-    if by["less"]:
-        parts.append(f"{_textures(by['less'], 'vary')} less")
-    if by["unclear"]:
-        times = max((one.high or 0.0) / values[one.number - 1] for one in by["unclear"])
-        parts.append(f"{_textures(by['unclear'])} cannot be told apart (up to {times:.2g} times as much is possible)")
-    if any(one.prints_low is not None and one.prints_low > values[one.number - 1] for one in by["more"]):
-        head = f"Less consistent than the published {name}"
-    elif any(one.prints_low is None for one in by["more"]):
-        head = f"Above the published {name}, but without a noise floor it is open whether by the prints"
+        verdict = "another unit"
+    elif any(beyond):
+        verdict = "less consistent"
+    elif any(one.floor is None for one, _ in by["more"]):
+        verdict = "varies more, but without a noise floor the reason is unknown"
     elif by["more"]:
-        head = f"Above the published {name}, but the sensor's own noise is large enough to explain it"
+        verdict = "varies more, but the sensor's noise may explain it"
     elif by["unclear"]:
-        head = f"Neither shown nor contradicted to be as consistent as the published {name}"
+        verdict = "not enough data"
     else:
-        head = f"As consistent as the published {name}, or more so"
-    return f"{head}: {'; '.join(parts)}."
-
-
-def _textures(compared: Sequence[Compared], verb: str = "") -> str:
-    """``texture 4 varies`` or ``textures 1, 4 vary``; without a verb the names alone."""
-    numbers = ", ".join(str(one.number) for one in compared)
-    alone = {"vary": " varies", "": ""}[verb]
-    return f"texture {numbers}{alone}" if len(compared) == 1 else f"textures {numbers} {verb}".rstrip()
+        verdict = "as consistent, or more" if by["less"] else "no interval"
+    less, more, unclear = (tuple(one.texture for one, _ in members) for members in by.values())
+    printer, filament = list(published.VARIANCE)[row]
+    return Judgement(
+        printer=printer,
+        filament=filament,
+        verdict=verdict,
+        less=less,
+        more=more,
+        unclear=unclear,
+        at_least=max((ratio[0] for _, ratio in by["more"]), default=None),
+        at_most=max((ratio[1] for _, ratio in by["unclear"]), default=None),
+    )

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from tacbench_cad.lab.analysis import published
-from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, Cell
-from tacbench_cad.lab.analysis.variance.notes import FRAMES, REPEATS
-from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, FRAMES, REPEATS, Cell, Level
 from tacbench_cad.spec.protocol import FORCE_SPREADS_N, FORCES_N, PressGrid
 from tacbench_cad.util.text import counted
 
@@ -24,7 +23,7 @@ FloorSource = Literal["stationary", "repeats", "none"]
 UNITS = "counts"
 #: Rows and columns of the camera's images.
 IMAGE_SHAPE = (480, 640)
-#: A floor above this share of a figure is said.
+#: A noise floor above this fraction of a figure is a reason.
 LARGE_FLOOR = 0.5
 
 
@@ -59,18 +58,15 @@ class Context:
     left_out: tuple[str, ...] = ()
 
     @classmethod
-    def of(
-        cls, info: RunInfo, *, floor_from: Iterable[str], simulated: tuple[str, ...], left_out: tuple[str, ...]
-    ) -> Context:
+    def of(cls, collection: Collection, cells: Iterable[Cell], left_out: tuple[str, ...] = ()) -> Context:
         """The context of a variance table.
 
         Args:
-            info: What its runs have in common.
-            floor_from: Where each cell's floor comes from, in the table's words.
-            simulated: What was simulated.
+            collection: The study.
+            cells: The cells of the table.
             left_out: Readings that could not be used.
         """
-        sources = set(floor_from)
+        sources, info = {cell.floor_from for cell in cells}, collection.info
         protocol, block = info.protocol, info.printed.block
         grids = [PressGrid.paper(block.scale, spacing).positions_mm for spacing in ("even", "1mm")]
         own = protocol.grid.positions_mm
@@ -84,9 +80,14 @@ class Context:
             preset=block.preset,
             scale=block.scale,
             floor_source="repeats" if REPEATS in sources else "stationary" if FRAMES in sources else "none",
-            simulated=simulated,
+            simulated=collection.simulated,
             left_out=left_out,
         )
+
+    @property
+    def unit(self) -> str:
+        """The unit of a variance."""
+        return f"{self.units}^2" if self.units.isalnum() else f"({self.units})^2"
 
     @property
     def comparable(self) -> bool:
@@ -114,116 +115,94 @@ def factors(prints: int, repeats: int) -> tuple[float, float]:
     return min(of_prints, of_repeats), max(of_prints, of_repeats)
 
 
-def limits(cells: Sequence[Cell], context: Context, force_level: int | str) -> tuple[str, ...]:
-    """Sentences about what the cells of one printer cannot support.
+def limits(cells: Sequence[Cell], context: Context, force_level: Level) -> tuple[str, ...]:
+    """What the cells of one printer cannot support: those of the reasons that hold, a sentence each.
 
     Args:
         cells: Its cells at the level that is compared.
         context: How they were taken.
         force_level: That level.
     """
-    said: list[str] = []
-    if context.simulated:
-        said.append(f"Simulated ({'; '.join(context.simulated)}): this says nothing about a real printer.")
-    if context.left_out:
-        readings = counted(len(context.left_out), "reading")
-        said.append(f"{readings} could not be used and had to be left out: {context.left_out[0]}.")
-    said += _limits_of_prints(cells)
-    said += _limits_of_floor(cells, context)
-    said += _limits_of_pressing(context, force_level)
-    if context.comparable:
-        said.append(
-            "The published figures come from six prints each and have no interval; the text gives neither their "
-            "force nor whether they are grey, so a small difference from them may be one of method."
-        )
-    return tuple(said)
+    reasons: list[_Reason] = [
+        *_of_data(cells, context),
+        *_of_noise(cells, context),
+        *_of_pressing(context, force_level),
+        context.comparable
+        and "The published figures come from six prints each and have no interval; the text gives neither their force "
+        "nor whether they are grey, so a small difference from them may be one of method.",
+    ]
+    return tuple(reason for reason in reasons if isinstance(reason, str))
 
 
-def _limits_of_prints(cells: Sequence[Cell]) -> list[str]:
-    said = []
+#: A reason, or False (or an empty text) where it does not hold.
+_Reason = str | bool
+
+
+def _of_data(cells: Sequence[Cell], context: Context) -> Iterator[_Reason]:
+    """Simulated data, too few prints, textures that are missing or not the paper's."""
+    paper = published.PRINTS
+    yield context.simulated != () and f"The data are simulated ({'; '.join(context.simulated)})."
+    left_out = context.left_out
+    yield left_out != () and f"{counted(len(left_out), 'reading')} could not be used, the first: {left_out[0]}."
     single = [cell for cell in cells if cell.prints == 1]
-    if single:
-        said.append(
-            f"One print of {_names(single)}: the figure holds repeats only, nothing about how prints differ; "
-            f"print {published.PRINTS}."
-        )
-    few = sorted({cell.prints for cell in cells if 1 < cell.prints < published.PRINTS})
+    yield (
+        single != []
+        and f"One print of {_names(single)}: the figure shows repeats, not how prints differ; print {paper}."
+    )
+    few = sorted({cell.prints for cell in cells if 1 < cell.prints < paper})
     if few:
-        counts = " and ".join(str(one) for one in few)
-        said.append(
-            f"{counts} prints where the paper has {published.PRINTS}: the interval is wide, and the figure itself is "
-            f"expected up to {100.0 * (1.0 - 1.0 / factors(few[0], published.REPEATS)[1]):.0f} % too low (ddof 0), "
-            "which the comparison allows for."
+        low = 100.0 * (1.0 - 1.0 / factors(few[0], published.REPEATS)[1])
+        yield (
+            f"{' and '.join(map(str, few))} prints where the paper has {paper}: the interval is wide, the figure "
+            f"is expected up to {low:.0f} % too low (ddof 0), which the comparison allows for."
         )
     without = [cell for cell in cells if cell.prints > 1 and cell.low is None]
-    if without:
-        said.append(f"No interval for {_names(without)}.")
+    yield without != [] and f"No interval for {_names(without)}."
     missing = sorted(set(range(1, 7)) - {texture_number(cell.texture) for cell in cells})
-    if missing:
-        word = "Texture" if len(missing) == 1 else "Textures"
-        said.append(f"{word} {', '.join(map(str, missing))} not pressed: nothing is said about them.")
+    yield missing != [] and f"Not pressed: {_textures(missing)}."
     other = [cell.texture for cell in cells if texture_number(cell.texture) is None]
-    if other:
-        said.append(f"Not in the paper, so not compared: {', '.join(dict.fromkeys(other))}.")
-    return said
+    yield other != [] and f"Not in the paper, so not compared: {', '.join(dict.fromkeys(other))}."
 
 
-def _limits_of_floor(cells: Sequence[Cell], context: Context) -> list[str]:
-    said = []
-    unit = f"{context.units}^2" if context.comparable else f"({context.units})^2"
-    floors = [cell.floor for cell in cells if cell.floor is not None]
-    if not floors or context.floor_source == "none":
-        said.append(
-            "No noise floor: there are neither frames without motion in contact nor repeats, so how much of the "
-            "figures is the sensor's own noise is not known."
-        )
+def _of_noise(cells: Sequence[Cell], context: Context) -> Iterator[_Reason]:
+    """No noise floor, an upper bound only, or a large one; the paper's own, whose unit is unknown."""
+    if context.floor_source == "none" or all(cell.floor is None for cell in cells):
+        yield "No noise floor: how much of the figures is the sensor's own noise is unknown."
     else:
-        if context.floor_source == "repeats":
-            said.append(
-                "The floor is an upper bound: it comes from repeats on one print, so that approaching anew is in it; "
-                "record frames without motion in contact."
-            )
-        high = [cell for cell in cells if cell.floor is not None and cell.floor > LARGE_FLOOR * cell.variance]
-        if high:
-            share = max(min(1.0, (cell.floor or 0.0) / cell.variance) if cell.variance else 1.0 for cell in high)
-            said.append(
-                f"Up to {100.0 * share:.0f} % of the figure is noise ({_names(high)}): "
-                "a low figure there may show a quiet sensor as well as a good printer."
-            )
+        yield context.floor_source == "repeats" and (
+            "The noise floor is an upper bound: it comes from repeats on one print, which contain re-approach."
+        )
+        large = [cell for cell in cells if cell.floor is not None and cell.floor > LARGE_FLOOR * cell.variance]
+        if large:
+            noise = max(min(1.0, (cell.floor or 0.0) / cell.variance) if cell.variance else 1.0 for cell in large)
+            yield f"Up to {100.0 * noise:.0f} % of the figure is noise ({_names(large)})."
     if context.comparable:
-        readings = " or ".join(f"{value:.2g} {unit} if a {kind}" for kind, value in published.FLOOR_READINGS.items())
-        said.append(
-            f"The paper's own floor, {published.FLOOR}, has no unit ({readings}), so how much of its "
-            "figures is noise is not known."
-        )
-    return said
+        readings = " or ".join(f"{value:.2g} {UNITS}^2 if a {kind}" for kind, value in published.FLOOR_READINGS.items())
+        yield f"The paper's own noise floor, {published.FLOOR}, has no unit ({readings})."
 
 
-def _limits_of_pressing(context: Context, force_level: int | str) -> list[str]:
-    said = []
+def _of_pressing(context: Context, force_level: Level) -> Iterator[_Reason]:
+    """Another way of pressing, another camera, other blocks than the paper's."""
     if context.contact != "force":
-        said.append("Pressed to a depth, not to a force as in the paper: a higher print is pressed harder.")
+        yield "Pressed to a depth, not to a force as in the paper: a higher print is pressed harder."
     elif not _same_forces(context.forces_n):
-        forces = ", ".join(f"{one:g}" for one in context.forces_n)
-        paper = ", ".join(f"{one:g}" for one in FORCES_N)
-        said.append(f"Other forces ({forces} N) than the paper's ({paper} N): variance grows with force.")
+        own, paper = (", ".join(f"{force:g}" for force in forces) for forces in (context.forces_n, FORCES_N))
+        yield f"Other forces ({own} N) than the paper's ({paper} N): variance grows with force."
     elif force_level != ALL_LEVELS:
-        said.append(f"Force level {force_level} alone; the paper does not say at which force its figures were taken.")
-    if context.shape is not None and context.comparable and context.shape[:2] != IMAGE_SHAPE:
-        size = " x ".join(str(one) for one in context.shape)
-        said.append(
-            f"Readings of {size}, not 480 x 640 pixels: another camera or sensor, whose counts mean other things."
-        )
-    if not context.same_grid:
-        said.append("Other positions than the paper's grid.")
-    if context.preset != "released" or context.scale != 1.0:
-        said.append(
-            f"Blocks of preset {context.preset} at scale {context.scale:g}; the authors printed those of preset "
-            "released at scale 1, whose size and relief differ."
-        )
-    if context.repeats != published.REPEATS:
-        said.append(f"{context.repeats} repeats at each place where the paper has {published.REPEATS}.")
-    return said
+        yield f"Force level {force_level} alone; the paper does not say at which force its figures were taken."
+    shape = context.shape or ()
+    yield (
+        shape[:2] not in ((), IMAGE_SHAPE)
+        and context.comparable
+        and (f"Images of {' x '.join(map(str, shape))}, not 480 x 640 pixels: another camera or sensor.")
+    )
+    yield not context.same_grid and "Other positions than the paper's grid."
+    yield (context.preset, context.scale) != ("released", 1.0) and (
+        f"Blocks of preset {context.preset} at scale {context.scale:g}, not preset released at scale 1."
+    )
+    yield context.repeats != published.REPEATS and (
+        f"{context.repeats} repeats at each place where the paper has {published.REPEATS}."
+    )
 
 
 def _same_forces(forces_n: Sequence[float]) -> bool:
@@ -234,6 +213,9 @@ def _same_forces(forces_n: Sequence[float]) -> bool:
 
 
 def _names(cells: Sequence[Cell]) -> str:
+    return _textures(list(dict.fromkeys(texture_number(cell.texture) or cell.texture for cell in cells)))
+
+
+def _textures(names: Sequence[object]) -> str:
     """``texture 4``, ``textures 1, 4, hex``."""
-    names = list(dict.fromkeys(str(texture_number(cell.texture) or cell.texture) for cell in cells))
-    return f"texture{'s' if len(names) > 1 else ''} {', '.join(names)}"
+    return f"texture{'s' if len(names) > 1 else ''} {', '.join(map(str, names))}"

@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.published import POSITIONS, PRINTS
 from tacbench_cad.lab.analysis.published import REPEATS as PAPER_REPEATS
-from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, Cell
+from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, REPEATS, Cell
 from tacbench_cad.util.text import counted
 
 K = TypeVar("K")
 
-#: Where a floor comes from.
-FRAMES, REPEATS = "stationary frames", "repeats (upper bound)"
 
-
-def variance_warnings(
-    collection: Collection, cells: Sequence[Cell], floor_from: Mapping[Cell, str], left_out: Sequence[str]
-) -> tuple[str, ...]:
+def variance_warnings(collection: Collection, cells: Sequence[Cell], left_out: Sequence[str]) -> tuple[str, ...]:
     """Everything that stands in the way of reading the table as the paper's.
 
     Args:
         collection: The study.
         cells: The table.
-        floor_from: Where each cell's floor comes from; empty for none.
         left_out: Readings that could not be used.
     """
     of_level = [one for one in cells if one.force_level != ALL_LEVELS]
@@ -37,7 +31,7 @@ def variance_warnings(
     most = {combination: max(one.prints for one in members) for combination, members in _by(of_level, _combination)}
     fullest = [one for one in of_level if one.prints == most[one.combination]]
     found += _prints(of_level, fullest)
-    found += _floors(cells, floor_from)
+    found += _floors(cells)
     found += _counts(collection, fullest)
     found += _holes(collection, of_level)
     constant = [one for one in of_level if one.variance == 0.0]
@@ -76,15 +70,15 @@ def _prints(cells: Sequence[Cell], fullest: Sequence[Cell]) -> list[str]:
     return found
 
 
-def _floors(cells: Sequence[Cell], floor_from: Mapping[Cell, str]) -> list[str]:
+def _floors(cells: Sequence[Cell]) -> list[str]:
     found = []
-    bound = [one for one in cells if floor_from.get(one) == REPEATS]
+    bound = [one for one in cells if one.floor_from == REPEATS]
     if bound:
         found.append(
             f"{_where(bound)}: no stationary frames in contact; the floor comes from repeats on one print and is only "
             "an upper bound, because re-approach is in it"
         )
-    without = [one for one in cells if not floor_from.get(one)]
+    without = [one for one in cells if not one.floor_from]
     if without:
         found.append(
             f"{_where(without)}: no noise floor (no stationary frames in contact and no second repeat); how much of "

@@ -34,19 +34,6 @@ from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.types import Floats32, Ints
 
-#: Heads of ``registration.csv``: a row a print.
-COLUMNS = (
-    "printer",
-    "filament",
-    "texture",
-    "force_level",
-    "copy",
-    "x_mm",
-    "y_mm",
-    "variance",
-    "seating",
-    "variance_without_seating",
-)
 #: An axis is fitted if its slopes have at least this share of the other axis's square.
 _LEAST_SLOPE = 0.01
 

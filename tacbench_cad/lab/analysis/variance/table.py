@@ -15,9 +15,10 @@ The estimate with the floor removed is the variance with ddof 1 less the floor; 
 from __future__ import annotations
 
 import operator
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial, reduce
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
@@ -25,54 +26,17 @@ import numpy as np
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
 from tacbench_cad.lab.analysis.variance.between import TextureMatrix, texture_matrices
-from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, Cell
+from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, FRAMES, REPEATS, Cell, Level
 from tacbench_cad.lab.analysis.variance.components import component_rows, components
 from tacbench_cad.lab.analysis.variance.intervals import CellSums, component_interval, variance_interval
-from tacbench_cad.lab.analysis.variance.notes import FRAMES, REPEATS, variance_warnings
+from tacbench_cad.lab.analysis.variance.notes import variance_warnings
 from tacbench_cad.lab.analysis.variance.permutation import PermutationTest, dispersion_test
 from tacbench_cad.lab.analysis.variance.streaming import CellKey, Floor, Pass, PlaceSums, stream
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
-Level = int | str
-
 _NOT_REPEATED = "no place was pressed more than once; a variance needs a second repeat or a second print"
-
-#: Heads of ``variance.csv``.
-COLUMNS = (
-    "printer",
-    "filament",
-    "texture",
-    "force_level",
-    "variance",
-    "floor",
-    "low",
-    "high",
-    "prints",
-    "presses",
-)
-
-
-@dataclass(frozen=True, kw_only=True)
-class FloorRemoved:
-    """A cell's variance with the noise floor removed, all with ddof 1, in the reading's unit squared.
-
-    Args:
-        cell: The cell, as it stands in the table.
-        floor_from: ``stationary frames``, ``repeats (upper bound)`` or empty.
-        variance: Variance with ddof 1; None where it cannot be computed.
-        removed: Variance less floor; may be negative. None without a floor.
-        low: Lower end of its 95 % interval, None without one.
-        high: Upper end.
-    """
-
-    cell: Cell
-    floor_from: str
-    variance: float | None
-    removed: float | None
-    low: float | None
-    high: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,7 +68,6 @@ class VarianceResult:
         ddof: 0 as in the paper, or 1.
         seed: Seed of intervals and permutations.
         cells: The table, by level (``all`` last), combination and texture.
-        removed: The same cells with the floor removed.
         components: Rows of ``components.csv``.
         matrices: Between textures, by combination and level.
         tests: Permutation tests between printers, by level.
@@ -122,7 +85,6 @@ class VarianceResult:
     ddof: int
     seed: int
     cells: tuple[Cell, ...]
-    removed: tuple[FloorRemoved, ...]
     components: tuple[Mapping[str, Any], ...]
     matrices: tuple[TextureMatrix, ...]
     tests: tuple[PrinterTest, ...]
@@ -133,39 +95,13 @@ class VarianceResult:
     warnings: tuple[str, ...]
     passed: Pass
 
-    @property
-    def force_levels(self) -> tuple[Level, ...]:
-        """The levels of the table in its order; ``all`` comes last."""
-        return tuple(dict.fromkeys(one.force_level for one in self.cells))
-
     def cell(self, level: Level, combination: str, texture: str) -> Cell | None:
-        """A cell of the table, or None if there is no such one.
-
-        Args:
-            level: Force level, or ``all``.
-            combination: Printer and filament.
-            texture: Name of the texture.
-        """
+        """A cell of the table, or None if there is no such one."""
         return self._by_key.get((level, combination, texture))
-
-    def noise_alone(self, cell: Cell) -> float | None:
-        """What the table's figure would be if all readings of a cell differed by noise only; None without a floor.
-
-        With ddof 0 and n presses at a place it is (1 - 1/n) times the floor, which is for ddof 1.
-        """
-        if cell.floor is None or self.ddof:
-            return cell.floor
-        members = [
-            self.sums[level, key]
-            for level, key in self.sums
-            if key == (cell.combination, cell.texture) and cell.force_level in (level, ALL_LEVELS)
-        ]
-        # ``weights`` holds the share of a repeat's variance in the figure, summed over positions.
-        return cell.floor * float(np.mean([one.weights[0, 1] / one.positions for one in members]))
 
     @cached_property
     def _by_key(self) -> dict[tuple[Level, str, str], Cell]:
-        return {(one.force_level, one.combination, one.texture): one for one in self.cells}
+        return {(cell.force_level, cell.combination, cell.texture): cell for cell in self.cells}
 
 
 def variance_table(
@@ -195,29 +131,25 @@ def variance_table(
     if ddof not in (0, 1):
         raise InputError("ddof", ddof, "allowed: 0, 1")
     settings = preprocess or Preprocess()
-    with workers(jobs, dask, [one.folder for one in collection.runs]) as team:
+    with workers(jobs, dask, [run.folder for run in collection.runs]) as team:
         passed = stream(collection, settings, team, progress)
-        sums = _summed(passed.places)
-        if not sums:
-            raise InputError("presses", 1, _NOT_REPEATED)
-        floors = _floors(collection, passed.floors, sums)
-        tasks = [
-            _CellTask(key=key, sums={level: sums[level, key] for level in _levels_of(sums, key)}, floor=floors[key])
-            for key in _keys(collection, sums)
-        ]
-        rows = [one for of_cell in team.map(partial(_rows, ddof=ddof, seed=seed), tasks) for one in of_cell]
-    levels = [level for level, _ in _pools({level for level, _ in sums})]
-    rows.sort(key=lambda one: levels.index(one.cell.force_level))  # stable: combinations and textures keep their order
-    cells = tuple(one.cell for one in rows)
-    variances = {(level, key): one.variance(ddof) for (level, key), one in sums.items()}
-    positions = _positions(collection, passed.places, ddof)
+    sums = _summed(passed.places)
+    if not sums:
+        raise InputError("presses", 1, _NOT_REPEATED)
+    floors = _floors(collection, passed.floors, sums)
+    cells = tuple(
+        _cell(key, level, {at: sums[at, key] for at in members if (at, key) in sums}, floors[key], ddof, seed)
+        for level, members in _pools({level for level, _ in sums})
+        for key in _keys(collection, sums)
+        if any((at, key) in sums for at in members)
+    )
+    variances = {place: cell.variance(ddof) for place, cell in sums.items()}
     return VarianceResult(
         collection=collection,
         preprocess=settings,
         ddof=ddof,
         seed=seed,
         cells=cells,
-        removed=tuple(rows),
         components=tuple(_components(passed.places, sums, seed)),
         matrices=tuple(
             texture_matrices(
@@ -229,11 +161,11 @@ def variance_table(
             )
         ),
         tests=tuple(_tests(collection, sums, seed)),
-        positions=positions,
+        positions=_positions(collection, passed.places, ddof),
         maps={key: _map(passed, key, sums, ddof) for key in _keys(collection, sums)},
         sums=sums,
         left_out=passed.left_out,
-        warnings=variance_warnings(collection, cells, {one.cell: one.floor_from for one in rows}, passed.left_out),
+        warnings=variance_warnings(collection, cells, passed.left_out),
         passed=passed,
     )
 
@@ -257,34 +189,26 @@ def _keys(collection: Collection, sums: Mapping[tuple[int, CellKey], CellSums]) 
     return [(c, t) for c in collection.combinations for t in collection.textures if (c, t) in there]
 
 
-@dataclass(frozen=True)
-class _CellFloor:
-    """Noise floor of a cell by level; ``None`` for a level without one."""
-
-    by_level: Mapping[int, float | None]
-    source: str
+#: Noise floor of a cell by level, None for a level without one; and where it comes from.
+_CellFloor = tuple[Mapping[int, float | None], str]
 
 
 def _floors(
-    collection: Collection, found: Sequence[Floor], sums: Mapping[tuple[int, CellKey], CellSums]
+    collection: Collection, frames: Sequence[Floor], sums: Mapping[tuple[int, CellKey], CellSums]
 ) -> dict[CellKey, _CellFloor]:
-    squares: dict[CellKey, float] = {}
-    dof: dict[CellKey, int] = {}
-    for one in found:
-        printed = collection.runs[one.run].info.printed
-        key = (printed.combination, printed.texture)
-        squares[key] = squares.get(key, 0.0) + one.squares
-        dof[key] = dof.get(key, 0) + one.dof
-    floors = {}
+    squares: dict[CellKey, float] = defaultdict(float)
+    dof: dict[CellKey, int] = defaultdict(int)
+    for floor in frames:
+        printed = collection.runs[floor.run].info.printed
+        squares[printed.combination, printed.texture] += floor.squares
+        dof[printed.combination, printed.texture] += floor.dof
+    floors: dict[CellKey, _CellFloor] = {}
     for key in dict.fromkeys(key for _, key in sums):
-        levels = _levels_of(sums, key)
-        by_level: dict[int, float | None]
+        of_levels = {level: sums[level, key] for level in _levels_of(sums, key)}
         if key in dof:
-            by_level, source = dict.fromkeys(levels, squares[key] / dof[key]), FRAMES
+            floors[key] = (dict.fromkeys(of_levels, squares[key] / dof[key]), FRAMES)
         else:
-            by_level = {level: _repeat_variance(sums[level, key]) for level in levels}
-            source = REPEATS if any(value is not None for value in by_level.values()) else ""
-        floors[key] = _CellFloor(by_level, source)
+            floors[key] = ({level: _repeat_variance(cell) for level, cell in of_levels.items()}, REPEATS)
     return floors
 
 
@@ -293,57 +217,38 @@ def _repeat_variance(cell: CellSums) -> float | None:
     return cell.within / cell.dof[1] if cell.dof[1] else None
 
 
-@dataclass(frozen=True, kw_only=True)
-class _CellTask:
-    """A cell at all its levels."""
-
-    key: CellKey
-    sums: Mapping[int, CellSums]
-    floor: _CellFloor
-
-
-def _rows(task: _CellTask, *, ddof: int, seed: int) -> list[FloorRemoved]:
-    """A cell's rows: each level, then all."""
-    rows = [
-        _row(task, level, [one], task.floor.by_level[level], ddof=ddof, seed=seed) for level, one in task.sums.items()
-    ]
-    floors = [task.floor.by_level[level] for level in task.sums]
-    known = [one for one in floors if one is not None]
-    floor = float(np.mean(known)) if len(known) == len(floors) else None
-    return [*rows, _row(task, ALL_LEVELS, list(task.sums.values()), floor, ddof=ddof, seed=seed)]
-
-
-def _row(
-    task: _CellTask, level: Level, levels: Sequence[CellSums], floor: float | None, *, ddof: int, seed: int
-) -> FloorRemoved:
-    """One row: of one level, or of several whose figures are averaged."""
-    combination, texture = task.key
+def _cell(key: CellKey, level: Level, sums: Mapping[int, CellSums], floors: _CellFloor, ddof: int, seed: int) -> Cell:
+    """One cell of the table: of one level, or of several whose figures are averaged."""
+    combination, texture = key
     printer, filament = combination.split("_", 1)
+    levels = list(sums.values())
+    known = [floor for at in sums if (floor := floors[0][at]) is not None]
+    floor = float(np.mean(known)) if len(known) == len(levels) else None
     whole = pooled(levels)
-    plain = removed = None
+    interval = removed = None
     if whole is not None and whole.prints > 1:
-        plain = variance_interval(whole, ddof=ddof, seed=seed)
-        if floor is not None:
-            removed = variance_interval(whole, ddof=1, floor=floor, seed=seed)
-    one_less = float(np.mean([one.variance(1) for one in levels]))
-    return FloorRemoved(
-        cell=Cell(
-            printer=printer,
-            filament=filament,
-            texture=texture,
-            force_level=level,
-            variance=float(np.mean([one.variance(ddof) for one in levels])),
-            floor=floor,
-            low=plain.low if plain else None,
-            high=plain.high if plain else None,
-            prints=max(one.prints for one in levels),
-            presses=sum(one.presses for one in levels),
-        ),
-        floor_from=task.floor.source if floor is not None else "",
-        variance=one_less,
-        removed=None if floor is None else one_less - floor,
-        low=removed.low if removed else None,
-        high=removed.high if removed else None,
+        interval = variance_interval(whole, ddof=ddof, seed=seed)
+        removed = None if floor is None else variance_interval(whole, ddof=1, floor=floor, seed=seed)
+    # ``weights`` holds the fraction of a repeat's variance in the figure, summed over positions: 1 for ddof 1.
+    of_noise = 1.0 if ddof else float(np.mean([one.weights[0, 1] / one.positions for one in levels]))
+    unbiased = float(np.mean([one.variance(1) for one in levels]))
+    return Cell(
+        printer=printer,
+        filament=filament,
+        texture=texture,
+        force_level=level,
+        variance=float(np.mean([one.variance(ddof) for one in levels])),
+        floor=floor,
+        low=interval.low if interval else None,
+        high=interval.high if interval else None,
+        prints=max(one.prints for one in levels),
+        presses=sum(one.presses for one in levels),
+        noise_alone=None if floor is None else floor * of_noise,
+        floor_from="" if floor is None else floors[1],
+        unbiased=unbiased,
+        floor_removed=None if floor is None else unbiased - floor,
+        floor_removed_low=removed.low if removed else None,
+        floor_removed_high=removed.high if removed else None,
     )
 
 

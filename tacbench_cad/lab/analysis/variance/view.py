@@ -1,0 +1,438 @@
+"""What people, files and other programs see of a variance table: put together here, rendered elsewhere.
+
+The command prints these tables, ``--json`` has their records, the folder of results their CSV files, and the report
+reads those files again and shows the same tables.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from tacbench_cad import __version__
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.published import FLOOR, FLOOR_READINGS, variance_of
+from tacbench_cad.lab.analysis.tables import Column, Row, Table, short
+from tacbench_cad.lab.analysis.variance.cells import (
+    ALL_LEVELS,
+    FRAMES,
+    REPEATS,
+    Cell,
+    Level,
+    level_name,
+    name_of,
+    short_texture,
+    shown_levels,
+)
+from tacbench_cad.lab.analysis.variance.components import LIMIT_FACTOR
+from tacbench_cad.lab.analysis.variance.notes import variance_warnings
+from tacbench_cad.lab.analysis.variance.registration import Seating
+from tacbench_cad.lab.analysis.variance.table import VarianceResult
+from tacbench_cad.util.convert import read_json, to_plain
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.files import locked, replacing
+from tacbench_cad.util.text import interval
+
+#: What was asked for, beside the tables.
+SETTINGS_FILE = "variance_settings.json"
+
+
+def _level(text: str) -> Level:
+    return text if text == ALL_LEVELS else int(text)
+
+
+_PRINTER = (Column("printer"), Column("filament"))
+_CELL = (*_PRINTER, Column("texture"), Column("force_level", _level))
+#: The columns of each CSV file, by its name without suffix.
+COLUMNS: Mapping[str, tuple[Column, ...]] = {
+    "variance": (
+        *_CELL,
+        *(Column(name, float) for name in ("variance", "floor", "low", "high")),
+        *(Column(name, int) for name in ("prints", "presses")),
+        Column("noise_alone", float),
+    ),
+    # Everything in it is for ddof 1.
+    "floor_removed": (
+        *_CELL,
+        Column("variance", float, source="unbiased"),
+        Column("floor", float),
+        Column("floor_from"),
+        Column("floor_removed", float),
+        Column("low", float, source="floor_removed_low"),
+        Column("high", float, source="floor_removed_high"),
+    ),
+    "components": (
+        Column("force_level", _level),
+        Column("component"),
+        *(Column(name, float) for name in ("variance", "truncated", "low", "high")),
+        Column("degrees_of_freedom", int),
+        Column("includes"),
+        Column("note"),
+    ),
+    "between_textures": (
+        *_PRINTER,
+        Column("force_level", _level),
+        Column("texture"),
+        Column("other_texture"),
+        Column("variance", float),
+        Column("presses", int),
+    ),
+    "positions": (
+        *_CELL,
+        Column("position", int),
+        *(Column(name, float) for name in ("x_mm", "y_mm", "variance")),
+    ),
+    "permutation": (
+        Column("force_level", _level),
+        Column("first"),
+        Column("second"),
+        Column("textures", int, source="outcome.textures"),
+        Column("prints_first", int, source=lambda test: test.outcome.prints[0]),
+        Column("prints_second", int, source=lambda test: test.outcome.prints[1]),
+        *(Column(name, float, source=f"outcome.{name}", text=short) for name in ("ratio", "statistic", "p")),
+        Column("p_holm", float, "p for all pairs", text=short),
+        Column("least_p", float, "least p possible", source="outcome.least_p", text=short),
+    ),
+    "registration": (
+        *_CELL,
+        Column("copy", int),
+        *(Column(name, float) for name in ("x_mm", "y_mm")),
+        *(Column(name, float, text=short) for name in ("variance", "seating")),
+        Column("variance_without_seating", float, "without seating", text=short),
+    ),
+}
+_COMPONENTS = {"texture": "texture", "printer": "printer-filament", "print": "print", "repeat": "repeat on one print"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What was asked for: a report's methods paragraph names it. The fields are the keys of the settings file."""
+
+    analysis: Literal["variance"] = "variance"
+    version: str = __version__
+    colour: bool
+    resolution: float
+    ddof: int
+    seed: int
+    registered: bool
+    left_out: tuple[str, ...]
+    data: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class VarianceView:
+    """A variance table as it is shown.
+
+    Args:
+        collection: The study.
+        settings: What was asked for.
+        cells: The cells.
+        tables: By the names of :data:`COLUMNS`; read from files without those that nobody is shown.
+    """
+
+    collection: Collection
+    settings: Settings
+    cells: tuple[Cell, ...]
+    tables: Mapping[str, Table]
+
+    @classmethod
+    def of(cls, result: VarianceResult, seatings: Sequence[Seating] = ()) -> VarianceView:
+        """The view of a result.
+
+        Args:
+            result: The result.
+            seatings: What registration gave, if it was asked for.
+        """
+        items: dict[str, Sequence[object]] = {
+            "variance": result.cells,
+            "floor_removed": result.cells,
+            "components": result.components,
+            "between_textures": list(_pairs(result)),
+            "positions": list(_positions(result)),
+            "permutation": result.tests,
+            "registration": [row for seating in seatings for row in seating.rows()],
+        }
+        preprocess = result.preprocess
+        return cls(
+            collection=result.collection,
+            settings=Settings(
+                colour=preprocess.colour,
+                resolution=preprocess.resolution,
+                ddof=result.ddof,
+                seed=result.seed,
+                registered=bool(seatings),
+                left_out=result.left_out,
+                data=result.collection.data_key,
+            ),
+            cells=result.cells,
+            tables={name: Table.of(COLUMNS[name], rows) for name, rows in items.items()},
+        )
+
+    @classmethod
+    def read(cls, folder: Path, collection: Collection) -> VarianceView:
+        """The view in a folder that ``tacbench variance`` wrote.
+
+        Raises:
+            InputError: A file is missing or damaged.
+        """
+        settings = read_json(folder / SETTINGS_FILE, Settings, "settings")
+        names = ("variance", "floor_removed", "components", "permutation", *["registration"] * settings.registered)
+        tables = {name: Table.read(folder / f"{name}.csv", COLUMNS[name]) for name in names}
+        try:
+            cells = tuple(
+                Cell(
+                    **one,
+                    floor_from=two["floor_from"] or "",
+                    unbiased=two["variance"],
+                    floor_removed=two["floor_removed"],
+                    floor_removed_low=two["low"],
+                    floor_removed_high=two["high"],
+                )
+                for one, two in zip(tables["variance"].rows, tables["floor_removed"].rows, strict=True)
+            )
+        except (InputError, TypeError, ValueError) as error:
+            raise InputError("table", str(folder / "variance.csv"), f"holds a wrong value: {error}") from None
+        return cls(collection=collection, settings=settings, cells=cells, tables=tables)
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write every table as CSV, and the settings.
+
+        Raises:
+            InputError: A file cannot be written.
+        """
+        names = [name for name in COLUMNS if name != "registration" or self.settings.registered]
+        paths = [self.tables[name].write(folder / f"{name}.csv") for name in names]
+        with replacing(folder / SETTINGS_FILE) as temporary:
+            temporary.write_text(json.dumps(to_plain(self.settings), indent=1) + "\n", encoding="utf-8")
+        return [*paths, folder / SETTINGS_FILE]
+
+    def document(self) -> dict[str, Any]:
+        """The values of ``--json``."""
+        keys = [column.name for column in COLUMNS["variance"]]
+        return {
+            "simulated": list(self.collection.simulated),
+            "units": self.unit,
+            "grey": not self.settings.colour,
+            "ddof": self.settings.ddof,
+            "variance": [
+                {
+                    **{key: getattr(cell, key) for key in (*keys, "floor_from")},
+                    "ddof_1": {
+                        "variance": cell.unbiased,
+                        "floor_removed": cell.floor_removed,
+                        "low": cell.floor_removed_low,
+                        "high": cell.floor_removed_high,
+                    },
+                }
+                for cell in self.cells
+            ],
+            **{
+                name: self.tables[name].records()
+                for name in COLUMNS
+                if name not in ("variance", "floor_removed", "positions")
+            },
+            "warnings": list(self.warnings),
+            "left_out": list(self.settings.left_out),
+        }
+
+    @property
+    def unit(self) -> str:
+        """The unit of a variance: ``counts^2``."""
+        units = self.collection.units
+        return f"{units}^2" if units.isalnum() else f"({units})^2"
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader must know, a sentence each."""
+        return variance_warnings(self.collection, self.cells, self.settings.left_out)
+
+    @property
+    def notes(self) -> list[str]:
+        """How the tables are to be read, a sentence or two each."""
+        words = {
+            FRAMES: "stationary frames in contact, at the middle force",
+            REPEATS: "repeats on one print, an upper bound",
+        }
+        sources = "; or ".join(words[one] for one in sorted({cell.floor_from for cell in self.cells} & words.keys()))
+        notes = [
+            "Noise alone: what the table would show if a cell's readings differed by the sensor's noise only"
+            f"{f' ({sources})' if sources else ''}. Interval: prints are its unit. Floor removed: variance with ddof 1 "
+            "less the floor."
+        ]
+        if self.collection.units == "counts":
+            readings = ", ".join(f"{value:.3g} counts^2 if it is a {what}" for what, value in FLOOR_READINGS.items())
+            notes.append(
+                f"The paper gives the average pixel variation of a stationary sensor as {FLOOR:g}, without a unit: "
+                f"{readings}. It does not say whether the images are grey, at which force, nor which ddof."
+            )
+        return notes
+
+    def shown(self) -> Iterator[tuple[str, Table]]:
+        """The tables that people are shown, each with the name of the file that has it with every digit."""
+        for level in shown_levels(self.cells):
+            yield "variance", self._level_table(level)
+        yield "components", self._component_table()
+        if self.tables["permutation"].rows:
+            yield "permutation", self._test_table()
+        if self.settings.registered:
+            table = self.tables["registration"]
+            title = (
+                "registration: the part of the variance that differences in placement explain (ours, not the paper's)"
+            )
+            yield "registration", table.select(*(column.name for column in table.columns), title=title)
+
+    def _level_table(self, level: Level) -> Table:
+        """The variance table at one level: a few lines for each printer-filament, a column for each texture."""
+        collection = self.collection
+        by_key = {(cell.combination, cell.texture): cell for cell in self.cells if cell.force_level == level}
+        most = max(cell.variance for cell in by_key.values())
+        decimals = 2 if most <= 0.0 else min(12, max(0, 2 - math.floor(math.log10(most))))
+
+        def number(value: float | None) -> str:
+            return "" if value is None else f"{round(value, decimals) + 0.0:.{decimals}f}"  # no minus where all are 0
+
+        def paper(cell: Cell) -> str:
+            value = variance_of(cell.printer, cell.filament, cell.texture)
+            return "" if value is None or collection.units != "counts" else f"{value:g}"
+
+        lines: dict[str, Callable[[Cell], str]] = {
+            "noise alone": lambda cell: number(cell.noise_alone),
+            "floor removed (ddof 1)": lambda cell: number(cell.floor_removed),
+            "95 % interval": lambda cell: "" if cell.low is None else interval(cell.low, cell.high),
+            "the paper": paper,
+        }
+        rows: list[Row] = []
+        for combination in collection.combinations:
+            cells = {t: by_key[combination, t] for t in collection.textures if (combination, t) in by_key}
+            if not cells:
+                continue
+            counts = {what: _range([getattr(cell, what) for cell in cells.values()]) for what in ("prints", "presses")}
+            values = {texture: number(cell.variance) for texture, cell in cells.items()}
+            rows.append({"name": name_of(combination), "what": "variance", **values, **counts})
+            bound = any(cell.floor_from == REPEATS for cell in cells.values())
+            for what, text in lines.items():
+                texts = {texture: text(cell) for texture, cell in cells.items()}
+                if any(texts.values()):
+                    rows.append({"what": f"{what}, at most" if bound and what == "noise alone" else what, **texts})
+        columns = [Column("name", head="printer, filament"), Column("what", head="")]
+        columns += [Column(texture, head=short_texture(texture), right=True) for texture in collection.textures]
+        columns += [Column(name, right=True) for name in ("prints", "presses")]
+        kind = f"; {'colour' if self.settings.colour else 'grey'}, full size" if collection.units == "counts" else ""
+        title = f"variance, {self._level_name(level)} ({self.unit}{kind}, ddof {self.settings.ddof})"
+        return _filled(columns, rows, title)
+
+    def _component_table(self) -> Table:
+        """The components and ISO 5725's standard deviations, a column for each level."""
+        by_key = {(row["force_level"], row["component"]): row for row in self.tables["components"].rows}
+        levels = shown_levels(self.cells)
+        rows = [
+            {"name": text, **{str(level): _component(by_key[level, name]) for level in levels}}
+            for name, text in _COMPONENTS.items()
+        ]
+        for name in ("repeatability", "intermediate", "reproducibility"):
+            texts = {}
+            for level in levels:
+                value = by_key[level, name]["variance"]
+                sd = None if value is None else math.sqrt(value)
+                texts[str(level)] = "" if sd is None else f"{short(sd)} (limit {short(LIMIT_FACTOR * sd)})"
+            rows.append({"name": f"{name} s.d. ({self.collection.units})", **texts})
+        columns = [Column("name", head="")]
+        columns += [Column(str(level), head=self._level_name(level), right=True) for level in levels]
+        return _filled(columns, rows, f"variance components of the nested design ({self.unit}, unbiased) and ISO 5725")
+
+    def _test_table(self) -> Table:
+        table = self.tables["permutation"]
+        pooled = table.where(lambda row: row["force_level"] == ALL_LEVELS)
+        return (pooled if pooled.rows else table).select(
+            Column("force", derived=lambda row: self._level_name(row["force_level"])),
+            Column("first", text=name_of),
+            Column("second", text=name_of),
+            Column("prints", derived=lambda row: f"{row['prints_first']}, {row['prints_second']}", right=True),
+            *("ratio", "p", "p_holm", "least_p"),
+            title="do two printers vary alike from print to print? (permutation test, prints permuted)",
+        )
+
+    def _level_name(self, level: Level) -> str:
+        return level_name(self.collection.info.protocol, level)
+
+
+def write_all(result: VarianceResult, folder: Path, seatings: Sequence[Seating] = ()) -> list[Path]:
+    """Write every table as CSV and every figure as PNG and PDF.
+
+    Args:
+        result: The variance table.
+        folder: The folder; it is made if it is not there.
+        seatings: What registration gave, if it was asked for.
+
+    Returns:
+        The files.
+
+    Raises:
+        InputError: The folder cannot be written, or another process is writing to it.
+        MissingToolError: matplotlib is not installed; the tables are written all the same.
+    """
+    from tacbench_cad.lab.analysis.variance.figures import draw_all
+
+    with locked(folder):
+        return [*VarianceView.of(result, seatings).write(folder), *draw_all(result, folder)]
+
+
+def _pairs(result: VarianceResult) -> Iterator[Row]:
+    """Rows of ``between_textures.csv``: each pair once, and each texture with itself."""
+    for matrix in result.matrices:
+        printer, filament = matrix.combination.split("_", 1)
+        for i, j in zip(*np.triu_indices(len(matrix.textures)), strict=True):
+            if matrix.presses[i, j]:
+                yield {
+                    "printer": printer,
+                    "filament": filament,
+                    "force_level": matrix.force_level,
+                    "texture": matrix.textures[i],
+                    "other_texture": matrix.textures[j],
+                    "variance": float(matrix.variance[i, j]),
+                    "presses": int(matrix.presses[i, j]),
+                }
+
+
+def _positions(result: VarianceResult) -> Iterator[Row]:
+    """Rows of ``positions.csv``."""
+    places = result.collection.info.protocol.grid.positions_mm
+    for (level, (combination, texture)), values in result.positions.items():
+        printer, filament = combination.split("_", 1)
+        for number in np.flatnonzero(np.isfinite(values)).tolist():
+            yield {
+                "printer": printer,
+                "filament": filament,
+                "texture": texture,
+                "force_level": level,
+                "position": number + 1,
+                "x_mm": float(places[number, 0]),
+                "y_mm": float(places[number, 1]),
+                "variance": float(values[number]),
+            }
+
+
+def _component(row: Row) -> str:
+    if row["variance"] is None:
+        return str(row["note"] or "not estimated")
+    ends = f" ({interval(row['low'], row['high'])})" if row["low"] is not None else ""
+    return f"{short(row['variance'])}{ends}" + (
+        f", with {row['includes'].replace(' ', ', ')}" if row["includes"] else ""
+    )
+
+
+def _range(values: Sequence[int]) -> str:
+    low, high = min(values), max(values)
+    return f"{low:,}" if low == high else f"{low:,} to {high:,}"
+
+
+def _filled(columns: Sequence[Column], rows: Sequence[Row], title: str) -> Table:
+    """A table of texts in which what a row lacks is empty."""
+    empty = dict.fromkeys((column.name for column in columns), "")
+    return Table(columns=tuple(columns), rows=tuple({**empty, **row} for row in rows), title=title)
