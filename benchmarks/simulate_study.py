@@ -23,8 +23,8 @@ from tacbench_cad.cli.simulate import SHARES
 from tacbench_cad.lab.simulate.blockrun import SimulationOptions
 from tacbench_cad.lab.simulate.study import estimate_simulation, require_room, simulate_study, study_of
 
-MOST_MINUTES = 5.0
-MOST_GROWTH = 1.1
+MAX_MINUTES = 5.0
+MAX_GROWTH = 1.1
 
 
 def main() -> int:
@@ -66,8 +66,8 @@ def main() -> int:
     early = max(rss for count, rss in memory if count <= images / 4)
     late = max(rss for count, rss in memory if count >= 3 * images / 4)
     print(f"largest process: {early / 1e6:.0f} MB in the first quarter, {late / 1e6:.0f} MB in the last")
-    held = late <= MOST_GROWTH * early and (given.study != "paper" or seconds / 60 <= MOST_MINUTES)
-    print(f"at most {MOST_MINUTES:g} minutes, memory flat: {'yes' if held else 'NO'}")
+    held = late <= MAX_GROWTH * early and (given.study != "paper" or seconds / 60 <= MAX_MINUTES)
+    print(f"at most {MAX_MINUTES:g} minutes, memory flat: {'yes' if held else 'NO'}")
     return 0 if held else 1
 
 

@@ -46,7 +46,7 @@ def check(
       tacbench runs check runs/ --json
     """
     from tacbench_cad.lab.runs.checking import check_run
-    from tacbench_cad.lab.runs.finding import find_runs
+    from tacbench_cad.lab.runs.reading import find_runs
 
     reports: list[RunReport] = []
     refusals: list[tuple[Path, InputError]] = []
@@ -105,7 +105,7 @@ def export(
       tacbench runs export --to tactile-data runs/ --out learning --bbox 110,0,550,440
     """
     from tacbench_cad.lab.runs.export import Processing, export_tactile_data
-    from tacbench_cad.lab.runs.finding import find_runs
+    from tacbench_cad.lab.runs.reading import find_runs
 
     one_of("to", to, ("tactile-data",))
     how = Processing(bbox=_box(bbox), size=_size(size), grey=not colour)

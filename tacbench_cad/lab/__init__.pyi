@@ -66,9 +66,9 @@ from .runs.checking import RunReport as RunReport
 from .runs.checking import check_run as check_run
 from .runs.export import Processing as Processing
 from .runs.export import export_tactile_data as export_tactile_data
-from .runs.finding import find_runs as find_runs
 from .runs.info import RunInfo as RunInfo
 from .runs.reading import Run as Run
+from .runs.reading import find_runs as find_runs
 from .runs.schema import Row as Row
 from .runs.writing import RunWriter as RunWriter
 from .simulate.blockrun import SimulationOptions as SimulationOptions

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
-from tacbench_cad.lab.runs.finding import find_runs
 from tacbench_cad.lab.runs.info import RunInfo
-from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.runs.reading import Run, find_runs
 from tacbench_cad.lab.study.names import COMBINATIONS
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Ints, Strings

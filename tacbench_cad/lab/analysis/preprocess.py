@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tacbench_cad.lab.rig.sensor import Reading, is_image
+from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bytes, Floats
 
@@ -31,7 +31,7 @@ class Preprocess:
         if not (math.isfinite(self.resolution) and 0.001 <= self.resolution <= 1.0):
             raise InputError("resolution", self.resolution, "must be from 0.001 to 1")
 
-    def __call__(self, reading: Reading) -> Bytes | Floats:
+    def __call__(self, reading: Frame) -> Bytes | Floats:
         """The numbers of one reading.
 
         Args:

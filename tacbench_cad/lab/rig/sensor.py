@@ -11,7 +11,6 @@ from tacbench_cad.lab.rig.stage import Device
 
 #: One image or array of a sensor.
 Frame = NDArray[Any]
-Reading = Frame
 
 
 @runtime_checkable

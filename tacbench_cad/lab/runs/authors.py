@@ -213,7 +213,7 @@ class AuthorsBlock:
                 repeats=first.repeats, grid=PressGrid.paper(spacing=options.spacing), stationary_frames=0
             ),
             grid_spacing=options.spacing,
-            holder=HolderRim(),
+            holder=HolderRim(gap_mm=0.2),  # nobody measured it; runs imported earlier say so, too
             frame=WorkFrame(origin_mm=(0.0, 0.0, 0.0)),
             slot=0,
             stage={"identity": "the authors' rig", "simulated": "", "settings": {"driver": "arduino"}},

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -41,8 +42,7 @@ class Run:
             InputError: It is no run folder, of another schema version, or its ``run.json`` is damaged.
         """
         path = folder / schema.RUN_FILE
-        if not folder.is_dir():
-            raise InputError("run", str(folder), "is not a folder" if folder.exists() else "there is no such folder")
+        _require_folder(folder)
         if not path.is_file():
             raise InputError("run", str(folder), f"is no run folder: it has no {schema.RUN_FILE}")
         document = door.parse_json(door.read_bytes(path, "run", "json", within=folder), "run", str(path))
@@ -219,3 +219,34 @@ def planned(info: RunInfo) -> Callable[[int, Any], None]:
             raise InputError("sensor_image", row.sensor_image, f"stands in line {seen[row.key]} already")
 
     return check
+
+
+def find_runs(folders: Iterable[Path]) -> list[Path]:
+    """The run folders among and below some folders, each once, in order.
+
+    Args:
+        folders: Run folders, or folders that contain some.
+
+    Raises:
+        InputError: One is no folder, or has no run in it.
+    """
+    runs: dict[Path, None] = {}
+    for folder in folders:
+        _require_folder(folder)
+        here = sorted(_walk(folder))
+        if not here:
+            raise InputError("run", str(folder), f"has no run folder in it (none has a {schema.RUN_FILE})")
+        runs.update(dict.fromkeys(here))
+    return list(runs)
+
+
+def _walk(folder: Path) -> Iterator[Path]:
+    for here, below, files in os.walk(folder):
+        if schema.RUN_FILE in files or schema.TARGETS_FILE in files:
+            below.clear()
+            yield Path(here)
+
+
+def _require_folder(folder: Path) -> None:
+    if not folder.is_dir():
+        raise InputError("run", str(folder), "is not a folder" if folder.exists() else "there is no such folder")

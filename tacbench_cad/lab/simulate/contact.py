@@ -23,7 +23,7 @@ from tacbench_cad.util.types import Floats
 #: A force is solved to this many newtons: a two hundredth of the narrowest of the paper's bands.
 FORCE_ERROR_N = 1e-5
 #: Newton steps and halvings before a solution is given up; it takes fewer than ten as a rule.
-MOST_STEPS = 200
+MAX_STEPS = 200
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -135,7 +135,7 @@ class DomeContact:
             )
         # The depth that a flat ground would need is a good start everywhere.
         z = high - math.sqrt(force_n / (math.pi * self.stiffness_n_per_mm3 * self.radius_mm))
-        for _ in range(MOST_STEPS):
+        for _ in range(MAX_STEPS):
             force, slope = self._force_and_slope(x_mm, y_mm, z)
             error = force - force_n
             if abs(error) <= FORCE_ERROR_N:

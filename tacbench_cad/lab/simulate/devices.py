@@ -9,7 +9,7 @@ import numpy as np
 
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.gauge import Force
-from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.tactip import FLICKER, SIMULATED, TacTip
@@ -103,7 +103,7 @@ class SimulatedSensor(_Follower):
         self.simulated = SIMULATED
         self.settings: dict[str, Any] = {"requested": dict(options or {}), "actual": self._tactip.as_dict()}
 
-    def read(self) -> Reading:
+    def read(self) -> Frame:
         """An image at the reported position, one frame later."""
         self._clock.sleep(1.0 / FRAME_RATE_HZ)
         return self._tactip.image(self._contact, self._pose(), self._rng)

@@ -11,7 +11,7 @@ from tacbench_cad.lab.simulate.prints import seeded
 from tacbench_cad.lab.simulate.tactip import REST, SIMULATED, TacTip
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol
 from tacbench_cad.spec.block import Block
-from tacbench_cad.util.errors import MissingToolError
+from tacbench_cad.util.packages import require
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,7 +25,7 @@ PRINTER, FILAMENT = "bambu-p1p", "pla-minus"
 #: Half the side of what is shown of the ground in mm, and of an image in pixels.
 _GROUND_MM = 12.0
 _IMAGE_PX = 118.0
-_MOVED = "#ff5a36"
+_COLOUR = "#ff5a36"
 
 
 def simulated_images() -> Figure:
@@ -40,10 +40,9 @@ def simulated_images() -> Figure:
     Raises:
         MissingToolError: matplotlib is not installed.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingToolError('the figure needs matplotlib: pip install "tacbench-cad[plot]"') from None
+    require("the figure", "matplotlib")
+    from matplotlib.figure import Figure
+
     protocol = Protocol()
     positions = protocol.grid.positions_mm
     x, y = (float(one) for one in positions[len(positions) // 2])
@@ -82,7 +81,7 @@ def _show_ground(panel: Axes, contact: DomeContact, x_mm: float, y_mm: float, fo
     panel.set_facecolor("black")
     overlap = contact.overlap(x_mm, y_mm, contact.z_for_force(x_mm, y_mm, force_n))
     touching = (overlap.depth_mm > 0.0).astype(float)
-    panel.contour(overlap.x_mm, overlap.y_mm, touching, levels=[0.5], colors=_MOVED, linewidths=0.5)
+    panel.contour(overlap.x_mm, overlap.y_mm, touching, levels=[0.5], colors=_COLOUR, linewidths=0.5)
     panel.set_xlim(extent[:2])
     panel.set_ylim(extent[2:])
     return shown
@@ -95,7 +94,7 @@ def _show_image(panel: Axes, contact: DomeContact, x_mm: float, y_mm: float, for
     pins = sensor.pins(contact, (x_mm, y_mm, contact.z_for_force(x_mm, y_mm, force_n)))
     panel.imshow(sensor.frame(pins, seeded(seed)), cmap="gray", vmin=0, vmax=255)
     at_rest, now = sensor.camera.pixels(REST.tips_mm), sensor.camera.pixels(pins.tips_mm)
-    panel.plot(*np.stack([at_rest, now], axis=1).T, color=_MOVED, linewidth=0.8, solid_capstyle="round")
+    panel.plot(*np.stack([at_rest, now], axis=1).T, color=_COLOUR, linewidth=0.8, solid_capstyle="round")
     middle = sensor.camera.middle_px
     panel.set_xlim(middle[0] - _IMAGE_PX, middle[0] + _IMAGE_PX)
     panel.set_ylim(middle[1] + _IMAGE_PX, middle[1] - _IMAGE_PX)

@@ -16,7 +16,7 @@ from tacbench_cad.util.types import Floats
 #: Side of a cell, in mm: a quarter of the paper's nozzles, and some 20 cells under the lightest contact.
 CELL_MM = 0.1
 #: A large block has larger cells, so that the map keeps its size: at most so many along the block's longer side.
-MOST_CELLS = 1500
+MAX_CELLS = 1500
 #: Width of the holder's plate round the pocket, in mm: that of the project's own holder.
 PLATE_MM = 11.0
 #: Lengths that differ by less are equal.
@@ -91,7 +91,7 @@ def flat_plate(side_mm: float = 60.0, cell_mm: float = CELL_MM) -> HeightMap:
 
 def cell_of(block: Block) -> float:
     """Side of a block's cells in mm."""
-    return max(CELL_MM, max(block.size_mm) / MOST_CELLS)
+    return max(CELL_MM, max(block.size_mm) / MAX_CELLS)
 
 
 def centres(block: Block) -> tuple[Floats, Floats]:

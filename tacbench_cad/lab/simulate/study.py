@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, wait
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -62,14 +63,8 @@ def paper_study() -> Study:
     five more prints at the middle force make 4,500.
     """
     protocol = Protocol(stationary_frames=PAPER_STATIONARY)
-    levels = tuple(range(1, protocol.levels + 1))
-    first = [_planned(texture, both, 1, levels) for both in names.COMBINATIONS for texture in TEXTURES]
-    more = [
-        _planned(texture, both, copy, (COPIES_LEVEL,))
-        for both in names.SELECTED
-        for copy in range(2, PAPER_COPIES + 1)
-        for texture in TEXTURES
-    ]
+    first = _prints(names.COMBINATIONS, (1,), _levels(protocol))
+    more = _prints(names.SELECTED, range(2, PAPER_COPIES + 1), (COPIES_LEVEL,))
     return Study(blocks=(*first, *more), protocol=protocol)
 
 
@@ -81,14 +76,21 @@ def quick_study() -> Study:
     whole = PressGrid.paper()
     grid = PressGrid(x_mm=whole.x_mm[::2], y_mm=whole.y_mm[::2])
     protocol = Protocol(grid=grid, stationary_frames=QUICK_STATIONARY)
-    levels = tuple(range(1, protocol.levels + 1))
-    blocks = [
-        _planned(texture, both, copy, levels)
-        for both in QUICK_COMBINATIONS
-        for copy in range(1, QUICK_COPIES + 1)
-        for texture in TEXTURES
-    ]
+    blocks = _prints(QUICK_COMBINATIONS, range(1, QUICK_COPIES + 1), _levels(protocol))
     return Study(blocks=tuple(blocks), protocol=protocol, grid_spacing="own")
+
+
+def _levels(protocol: Protocol) -> tuple[int, ...]:
+    return tuple(range(1, protocol.levels + 1))
+
+
+def _prints(
+    combinations: Sequence[tuple[str, str]], copies: Iterable[int], levels: tuple[int, ...]
+) -> Iterator[PlannedBlock]:
+    """One print of each texture for each combination and copy, in this order."""
+    for (printer, filament), copy, texture in product(combinations, tuple(copies), TEXTURES):
+        printed = PrintedBlock(block=Block.of(texture), printer=printer, filament=filament, copy=copy)
+        yield PlannedBlock(printed=printed, levels=levels)
 
 
 def study_of(word: str) -> StudyFile:
@@ -249,12 +251,6 @@ def simulate_study(
                         counted.add(i)
             progress(sum(counts))
         return [future.result() for future in futures]
-
-
-def _planned(texture: int, combination: tuple[str, str], copy: int, levels: tuple[int, ...]) -> PlannedBlock:
-    printer, filament = combination
-    printed = PrintedBlock(block=Block.of(texture), printer=printer, filament=filament, copy=copy)
-    return PlannedBlock(printed=printed, levels=levels)
 
 
 def images_there(folder: Path) -> int:

@@ -11,7 +11,7 @@ from helpers.studies import GRID, Plan, write_run, write_study
 
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
-from tacbench_cad.lab.runs.finding import find_runs
+from tacbench_cad.lab.runs.reading import find_runs
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid

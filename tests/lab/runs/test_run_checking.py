@@ -13,8 +13,8 @@ import pytest
 from tacbench_cad.cli import main
 from tacbench_cad.cli.runs import _devices
 from tacbench_cad.lab.runs.checking import check_run, ranges
-from tacbench_cad.lab.runs.finding import find_runs
 from tacbench_cad.lab.runs.pictures import encoded, sha256
+from tacbench_cad.lab.runs.reading import find_runs
 from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.util.errors import InputError
 

@@ -9,7 +9,7 @@ import pytest
 
 from tacbench_cad.lab.simulate.heights import (
     CELL_MM,
-    MOST_CELLS,
+    MAX_CELLS,
     PLATE_MM,
     HeightMap,
     cell_of,
@@ -45,8 +45,8 @@ def test_cells_cover_the_block_with_x_along_the_columns() -> None:
 
 def test_a_large_block_keeps_the_map_small() -> None:
     block = Block.of(1, scale=20.0)
-    assert cell_of(block) == pytest.approx(600.0 / MOST_CELLS)
-    assert max(one.size for one in centres(block)) == MOST_CELLS
+    assert cell_of(block) == pytest.approx(600.0 / MAX_CELLS)
+    assert max(one.size for one in centres(block)) == MAX_CELLS
 
 
 @pytest.mark.parametrize("x_mm", [-0.05, -0.25, 23.35, 23.55])

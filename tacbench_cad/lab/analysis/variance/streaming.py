@@ -33,7 +33,7 @@ from tacbench_cad.lab.analysis.variance.components import NestedSums
 from tacbench_cad.lab.analysis.variance.intervals import CellSums
 from tacbench_cad.lab.analysis.variance.moments import Running, moments, small_map, spread
 from tacbench_cad.lab.parallel import Team
-from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Floats
@@ -188,7 +188,7 @@ def stream(
     )
 
 
-def read_usable(run: Run, path: str, preprocess: Preprocess) -> Reading:
+def read_usable(run: Run, path: str, preprocess: Preprocess) -> Frame:
     """A reading, preprocessed.
 
     Raises:
@@ -278,10 +278,10 @@ class _Worker:
         self.decode = 0.0
         self.maps: dict[CellKey, tuple[Floats, int]] = {}
 
-    def frame(self, run: int, path: str) -> Reading | None:
+    def frame(self, run: int, path: str) -> Frame | None:
         """A reading, or None (and a line in ``left_out``) if it cannot be used."""
         began = time.perf_counter()
-        values: Reading | None = None
+        values: Frame | None = None
         try:
             values = read_usable(self.task.runs[run], path, self.task.preprocess)
         except CheckFailedError as error:
