@@ -5,21 +5,29 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Iterator
-from itertools import groupby
-from typing import Any
 
-import typer
+import rich_click as click
 from sphinx.application import Sphinx
 
 from tacbench_cad import cli
 
 PLACE = "```{commands}\n```\n"
 #: What begins a program's examples in its help.
-EXAMPLES = "Examples:\n"
-COMMANDS: dict[str, Any] = typer.main.get_command(cli.app).commands  # type: ignore[attr-defined]
+EXAMPLES = "\b\nExamples:\n"
+#: The context of the program itself.
+ROOT = click.Context(cli.tacbench)
+
+
+def inside(command: click.Command) -> dict[str, click.Command]:
+    """The commands of a group by their names."""
+    names = command.list_commands(ROOT) if isinstance(command, click.Group) else ()
+    return {name: command.get_command(ROOT, name) for name in names}
+
+
+COMMANDS = inside(cli.tacbench)
 #: Names of all commands, the longer ones first.
 NAMES = sorted(
-    [*COMMANDS, *(f"{name} {inner}" for name, one in COMMANDS.items() for inner in getattr(one, "commands", {}))],
+    [*COMMANDS, *(f"{name} {inner}" for name, command in COMMANDS.items() for inner in inside(command))],
     key=len,
     reverse=True,
 )
@@ -46,27 +54,23 @@ def examples(text: str) -> str:
     return "\n".join(re.sub(r"^(\S.*?)\s{2,}\(?(.*?)\)?$", r"\1  # \2", line) for line in lines)
 
 
-def row(one: Any) -> str:
+def row(parameter: click.Parameter) -> str:
     """An option's or argument's row: how it is written, what it means, and what holds without it."""
-    meaning = one.help or ""
-    if one.required:
+    meaning = parameter.help or ""
+    shown = getattr(parameter, "show_default", False)
+    default = shown if isinstance(shown, str) else parameter.default
+    if parameter.required:
         meaning += " Required."
-    elif "Default: " not in meaning and one.show_default and one.default not in (None, False, ()):
-        meaning += f" Default: {one.default}."
-    written = [f"`{name}`" for name in sorted((*one.opts, *one.secondary_opts), key=len)]
-    if one.param_type_name == "argument":
-        written = []
-    if one.metavar:
-        written.append(f"`{one.metavar}`")
+    elif shown and isinstance(default, str) and "Default: " not in meaning:
+        meaning += f" Default: {default}."
+    option = isinstance(parameter, click.Option)
+    written = [f"`{name}`" for name in sorted(parameter.opts, key=len)] if option else []
+    if not (option and parameter.is_flag):
+        written.append(f"`{parameter.make_metavar(ROOT)}`")
     return "| {} | {} |".format(" ".join(written).replace("|", r"\|"), prose(meaning, cell=True))
 
 
-def argument(one: Any) -> str:
-    """An argument as it stands in a line of use: in brackets if it may be left out, with dots if it may be repeated."""
-    return (one.metavar if one.required else f"[{one.metavar}]") + ("..." if one.nargs == -1 else "")
-
-
-def section(name: str, command: Any, level: int) -> Iterator[str]:
+def section(name: str, command: click.Command, level: int) -> Iterator[str]:
     """A command's section, and below it those of its own commands."""
     yield f"{'#' * level} {name}\n"
     for paragraph in inspect.cleandoc(command.help or "").split("\n\n"):
@@ -74,28 +78,26 @@ def section(name: str, command: Any, level: int) -> Iterator[str]:
             yield f"```sh\n{examples(paragraph.removeprefix(EXAMPLES))}\n```\n"
         else:
             yield f"{prose(paragraph)}\n"
-    inside = getattr(command, "commands", {})
-    if inside:
-        yield overview(name, inside)
+    if isinstance(command, click.Group):
+        yield overview(name, inside(command))
     else:
-        usage = [argument(one) for one in command.params if one.param_type_name == "argument"]
+        usage = [one.make_metavar(ROOT) for one in command.params if isinstance(one, click.Argument)]
         yield f"Usage: `{' '.join((name, '[OPTIONS]', *usage))}`\n"
-        shown = [one for one in command.params if not one.hidden]
-        for panel, ones in groupby(shown, key=lambda one: one.rich_help_panel or ""):
-            rows = [row(one) for one in ones]
-            yield table(
-                panel or ("Options" if rows[0].startswith("| `-") else "Arguments and options"), "Meaning", rows
-            )
-    for word, one in inside.items():
-        yield from section(f"{name} {word}", one, level + 1)
+        panels: dict[str, list[str]] = {}
+        for one in command.params:
+            panels.setdefault(one.panel or "Arguments and options", []).append(row(one))
+        for panel, rows in panels.items():
+            yield table(panel, "Meaning", rows)
+    for word, inner in inside(command).items():
+        yield from section(f"{name} {word}", inner, level + 1)
 
 
-def overview(name: str, inside: dict[str, Any]) -> str:
-    """A table of the commands in a group, each with the first line of its help."""
+def overview(name: str, commands: dict[str, click.Command], title: str = "Command") -> str:
+    """A table of commands, each with the first line of its help."""
     rows = []
-    for word, one in inside.items():
+    for word, one in commands.items():
         rows.append(f"| {prose(f'{name} {word}')} | {prose(one.help.partition(chr(10))[0], cell=True)} |")
-    return table("Command", "What it does", rows)
+    return table(title, "What it does", rows)
 
 
 def table(left: str, right: str, rows: list[str]) -> str:
@@ -107,7 +109,10 @@ def write_commands(app: Sphinx, name: str, source: list[str]) -> None:
     """Put the reference in its place."""
     if PLACE in source[0]:
         sections = (part for word, one in COMMANDS.items() for part in section(f"tacbench {word}", one, 2))
-        source[0] = source[0].replace(PLACE, "\n".join([overview("tacbench", COMMANDS), *sections]))
+        overviews = (
+            overview("tacbench", {name: COMMANDS[name] for name in names}, title) for title, names in cli.GROUPS.items()
+        )
+        source[0] = source[0].replace(PLACE, "\n".join([*overviews, *sections]))
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

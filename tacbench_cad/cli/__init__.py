@@ -2,64 +2,65 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+import shlex
 import sys
 from collections.abc import Sequence
-from typing import Annotated
 
-import typer
+import rich_click as click
+from click.exceptions import ClickException, Exit, NoSuchCommand, UsageError
 
 from tacbench_cad import __version__
-from tacbench_cad.cli import (
-    acquire,
-    check,
-    cite,
-    classify,
-    compare,
-    doctor,
-    export,
-    grade,
-    import_,
-    make,
-    plate,
-    report,
-    rig,
-    runs,
-    score,
-    show,
-    simulate,
-    slice_check,
-    split,
-    textures,
-    variance,
-    view,
-)
-from tacbench_cad.cli.common import one_line, with_default_values
+from tacbench_cad.cli.common import note, one_line
+from tacbench_cad.cli.options import help_of
 from tacbench_cad.util.errors import MissingToolError, TacbenchError
 from tacbench_cad.util.packages import why_not_imported
 
-app = typer.Typer(
-    name="tacbench",
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
-    context_settings={"help_option_names": ["-h", "--help"]},
+#: The commands by what they are for.
+GROUPS = {
+    "Print set": ("make", "plate", "slice-check", "check", "textures", "show", "view", "export"),
+    "Rig and runs": ("acquire", "rig", "runs", "simulate", "import"),
+    "Analysis": ("variance", "grade", "classify", "split", "score", "compare", "report"),
+    "Others": ("cite", "doctor"),
+}
+#: Exit code of a run that was stopped safely.
+SAFELY_STOPPED = 3
+#: Those that the same command resumes after an interruption.
+RESUMABLE = ("acquire", "simulate", "import", "classify", "report")
+#: The modules of commands that cannot have their command's name.
+_MODULES = {"import": "import_", "slice-check": "slice_check"}
+
+
+class _Commands(click.RichGroup):
+    """The commands. Each is imported when it is asked for."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return [name for names in GROUPS.values() for name in names]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
+        if cmd_name not in self.list_commands(ctx):
+            raise NoSuchCommand(cmd_name, possibilities=self.list_commands(ctx), ctx=ctx)
+        module = importlib.import_module(f"{__name__}.{_MODULES.get(cmd_name, cmd_name)}")
+        command: click.Command = module.command
+        return command
+
+
+@click.command(
+    "tacbench",
+    cls=_Commands,
+    panels=[click.RichCommandPanel(title, commands=list(names)) for title, names in GROUPS.items()],
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "rich_help_config": {"text_paragraph_linebreaks": "\n\n", "padding_helptext_first_line": (0, 0, 1, 0)},
+    },
 )
-
-
-def _print_version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"tacbench {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def tacbench(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and stop.")
-    ] = False,
-) -> None:
+@click.version_option(__version__, message="tacbench %(version)s", help="Print the version and stop.")
+def tacbench() -> None:
     """Printable tactile texture blocks from formulas: made, checked, pressed and compared.
+
+    Every command has its own --help. Exit codes: 0 done, 1 a check failed, 2 bad input or something missing,
+    3 a run stopped safely that can go on, 130 interrupted.
 
     Examples:
       tacbench make                         the six blocks, holder and jig, in stl_out/
@@ -75,38 +76,10 @@ def tacbench(
       tacbench simulate --study quick --out study  a whole simulated study
       tacbench report study -o report.html  what the data say, on one page
       tacbench doctor                       what is installed, and how to repair it
-
-    Every command has its own --help. Exit codes: 0 done, 1 a check failed, 2 bad input or something missing,
-    3 a run stopped safely that can go on, 130 interrupted.
     """
 
 
-_MODULES = (
-    make,
-    plate,
-    slice_check,
-    check,
-    textures,
-    show,
-    view,
-    export,
-    acquire,
-    simulate,
-    import_,
-    variance,
-    grade,
-    classify,
-    report,
-    cite,
-    split,
-    score,
-    compare,
-    doctor,
-)
-for _module in _MODULES:
-    app.command(_module.NAME)(_module.command)
-for _group in (runs, rig):
-    app.add_typer(_group.app, name=_group.NAME)
+tacbench.help = help_of(tacbench.callback.__doc__)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -120,29 +93,40 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     # Our matrix products are small: threads only get in each other's way. A user's own value stays.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    arguments = with_default_values(sys.argv[1:] if argv is None else argv) or ["--help"]
+    words = list(sys.argv[1:] if argv is None else argv)
     try:
-        outcome = app(arguments, prog_name="tacbench", standalone_mode=False)
+        with tacbench.make_context("tacbench", words[:] or ["--help"]) as root:
+            tacbench.invoke(root)
+        return 0
+    except Exit as end:
+        return end.exit_code
     except TacbenchError as error:
-        print(f"error: {one_line(str(error))}", file=sys.stderr)
+        note(f"error: {one_line(error)}")
+        if error.exit_code == SAFELY_STOPPED:
+            _say_how_to_resume(words)
         return error.exit_code
-    except KeyboardInterrupt:
-        outcome = 130
-    except ModuleNotFoundError as error:
-        reason = why_not_imported(error)
-        if reason is None:
-            raise
-        print(f"error: {reason}", file=sys.stderr)
-        return MissingToolError.exit_code
-    except Exception as error:
-        # Typer's own errors come from click, or from a copy of it inside Typer: known by what they can do.
-        message = getattr(error, "format_message", None)
-        if message is None:
-            raise
-        context = getattr(error, "ctx", None)
-        where = f" (see {context.command_path} --help)" if context is not None else ""
-        print(f"error: {one_line(message())}{where}", file=sys.stderr)
+    except ClickException as error:
+        context = error.ctx if isinstance(error, UsageError) else None
+        where = "" if context is None else f" (see {context.command_path} --help)"
+        note(f"error: {one_line(error.format_message())}{where}")
         return 2
-    if outcome == 130:
-        print("error: interrupted", file=sys.stderr)
-    return outcome if isinstance(outcome, int) else 0
+    except KeyboardInterrupt as stop:
+        note("; ".join(["error: interrupted", *filter(None, [str(stop)])]))
+        _say_how_to_resume(words)
+        return 130
+    except BrokenPipeError:  # nobody reads on: what is still to be flushed has nowhere to go
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except Exception as error:
+        reason = why_not_imported(error) if isinstance(error, ModuleNotFoundError) else None
+        if reason is not None:
+            note(f"error: {reason}")
+            return MissingToolError.exit_code
+        from tacbench_cad.cli.unexpected import report_unexpected
+
+        return report_unexpected(error, words)
+
+
+def _say_how_to_resume(words: Sequence[str]) -> None:
+    if words[0] in RESUMABLE:
+        note(f"resume with: {shlex.join(['tacbench', *words])}")

@@ -2,45 +2,37 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
+from functools import partial
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import rich_click as click
 
-from tacbench_cad.cli.common import note, number_of
+from tacbench_cad.cli import options
+from tacbench_cad.cli.common import ask_line, note
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.text import counted
 
-NAME = "acquire"
-
 #: How many times faster than real time the rig of ``--virtual`` runs.
 _VIRTUAL_SPEED = 50.0
+_VIRTUAL = "With --virtual"
 
 
+@options.command("acquire")
+@options.argument("study", options.file("FILE.toml"), "Blocks, protocol and rig.", required=False)
+@options.option("--init", kind=options.file("FILE.toml"), help="Write such a file, every key explained, and stop.")
+@options.flag("--virtual", help="One block on a rig that is simulated throughout; needs no file.")
+@options.option("--texture", kind=options.text("T"), panel=_VIRTUAL, help="The texture. Default: 1.")
+@options.option("--driver", kind=options.text("D"), panel=_VIRTUAL, help="virtual-grbl (default) or virtual-marlin.")
+@options.option("--speed", kind=options.NUMBER, panel=_VIRTUAL, help="Times faster than real time. Default: 50.")
+@options.out("DIR", "Folder of the run folders. Default: the file's own.")
 def command(
-    file: Annotated[
-        Path | None, typer.Argument(metavar="FILE.toml", help="Blocks, protocol and rig.", show_default=False)
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder of the run folders. Default: the file's own.")
-    ] = None,
-    init: Annotated[
-        Path | None, typer.Option(metavar="FILE.toml", help="Write such a file, every key explained, and stop.")
-    ] = None,
-    virtual: Annotated[
-        bool, typer.Option("--virtual", help="One block on a rig that is simulated throughout; needs no file.")
-    ] = False,
-    texture: Annotated[str | None, typer.Option(metavar="T", help="With --virtual: the texture. Default: 1.")] = None,
-    driver: Annotated[
-        str | None,
-        typer.Option(metavar="D", help="With --virtual: virtual-grbl (default) or virtual-marlin."),
-    ] = None,
-    speed: Annotated[
-        str | None,
-        typer.Option(metavar="N", help="With --virtual: times faster than real time. Default: 50."),
-    ] = None,
+    study: Path | None,
+    init: Path | None,
+    virtual: bool,
+    texture: str | None,
+    driver: str | None,
+    speed: float | None,
+    out: Path | None,
 ) -> None:
     """Press blocks by the paper's protocol: travel, approach, press to the force, read, lift; a run folder a block.
 
@@ -62,66 +54,49 @@ def command(
     if init is not None:
         from tacbench_cad.lab.acquire.template import write_template
 
-        if virtual or file is not None:
+        if virtual or study is not None:
             raise InputError("init", str(init), "goes with no other option; it only writes a file")
         write_template(init)
         note(f"wrote {init}; edit it, then: tacbench acquire {init}")
         return
     from tacbench_cad.lab.acquire.person import Typing
     from tacbench_cad.lab.acquire.progress import ProgressLines
-    from tacbench_cad.lab.acquire.safety import RunInterruptedError
     from tacbench_cad.lab.acquire.session import acquire_study
     from tacbench_cad.lab.runs.checking import check_run
     from tacbench_cad.lab.study.file import read_study, virtual_study
     from tacbench_cad.virtual_rig.devices import open_rig
 
     if virtual:
-        if file is not None:
-            raise InputError("virtual", str(file), "needs no file; leave one of the two out")
+        if study is not None:
+            raise InputError("virtual", str(study), "needs no file; leave one of the two out")
         chosen = virtual_study(
             texture=texture or "1",
             driver=driver or "virtual-grbl",
-            speed=_VIRTUAL_SPEED if speed is None else number_of("speed", speed),
+            speed=_VIRTUAL_SPEED if speed is None else speed,
             out=out,
         )
     else:
         for name, value in (("texture", texture), ("driver", driver), ("speed", speed)):
             if value is not None:
                 raise InputError(name, value, "goes with --virtual; otherwise the file says it")
-        if file is None:
+        if study is None:
             raise InputError("file", None, "name a TOML file (--init writes one), or use --virtual")
-        chosen = read_study(file)
+        chosen = read_study(study)
     folder = out or chosen.out
     if folder is None:
         raise InputError("out", None, "name the folder of the run folders")
-    options = {"--texture": texture, "--driver": driver, "--speed": speed, "--out": out}
-    given = [word for name, value in options.items() if value is not None for word in (name, str(value))]
-    try:
-        results = acquire_study(
-            chosen.study,
-            chosen.required_rig,
-            folder,
-            person=Typing(_ask, note),
-            progress=ProgressLines(folder),
-            opener=open_rig,
-        )
-    except RunInterruptedError as error:
-        again = shlex.join(["tacbench", "acquire", "--virtual" if virtual else str(file), *given])
-        note(f"{error}; resume with: {again}")
-        raise
+    results = acquire_study(
+        chosen.study,
+        chosen.required_rig,
+        folder,
+        person=Typing(partial(ask_line, err=True), note),
+        progress=ProgressLines(folder),
+        opener=open_rig,
+    )
     for result in results:
         missed = f", {result.missed} of them out of their band" if result.missed else ""
         note(f"{result.folder}: {counted(result.presses, 'press')}{missed}")
     unsound = [str(result.folder) for result in results if not check_run(result.folder).ok]
     if unsound:
         raise CheckFailedError(f"complete but not sound: tacbench runs check {' '.join(unsound)}")
-    typer.echo(f"{counted(len(chosen.study.blocks), 'run')} complete in {folder}")
-
-
-def _ask(prompt: str) -> str:
-    """One line of the standard input, a terminal's or a script's; prompt and a script's line go where notes go."""
-    typer.echo(prompt, nl=False, err=True)
-    line = input()
-    if not sys.stdin.isatty():
-        typer.echo(line, err=True)
-    return line
+    click.echo(f"{counted(len(chosen.study.blocks), 'run')} complete in {folder}")

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import rich_click as click
 
-import typer
-
-NAME = "cite"
+from tacbench_cad.cli import options
 
 
-def command(
-    form: Annotated[str, typer.Option("--format", metavar="text|bibtex", help="Lines of text, or BibTeX.")] = "text",
-) -> None:
+@options.command("cite")
+@options.option(
+    "--format", "form", kind=options.choice("text", "bibtex"), default="text", help="Lines of text, or BibTeX."
+)
+def command(form: str) -> None:
     """What to cite: the paper whose textures these are, and this version of the program.
 
     Examples:
@@ -20,4 +20,4 @@ def command(
     """
     from tacbench_cad.lab.analysis.report.cite import citations
 
-    typer.echo(citations(form), nl=False)
+    click.echo(citations(form), nl=False)

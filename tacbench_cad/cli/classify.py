@@ -2,114 +2,111 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from tacbench_cad.cli.common import (
-    Dask,
-    Jobs,
-    console,
-    given,
-    jobs_of,
-    number_of,
-    print_json,
-    print_simulated,
-    table,
-    whole_of,
-    words_of,
-)
+from tacbench_cad.cli import options
+from tacbench_cad.cli.common import print_json, print_lines, print_simulated, print_table
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.text import interval
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.analysis.classification.accuracy import Score
+    from tacbench_cad.lab.analysis.classification.augment import Augmentation
     from tacbench_cad.lab.analysis.classification.classify import Result
     from tacbench_cad.lab.analysis.classification.settings import Settings
     from tacbench_cad.lab.analysis.classification.sweep import SweepResult
 
-NAME = "classify"
 
-
+@options.command("classify")
+@options.runs
+@options.option(
+    "--protocol",
+    kind=options.text("sound|paper"),
+    default="sound",
+    help="Groups held out whole, or what the paper's text says.",
+)
+@options.option(
+    "--estimator",
+    "estimators",
+    kind=options.NAMES,
+    help="forest, network, or your own scikit-learn estimator or pipeline as module:name. Default: forest; of the "
+    "paper's protocol forest,network.",
+)
+@options.option(
+    "--trials", kind=options.COUNT, help="Trials that are averaged. Default: 5; of the paper's protocol 20."
+)
+@options.option("--seed", kind=options.COUNT, default="0", help="Fixes every number.")
+@options.option(
+    "--rungs",
+    kind=options.NAMES,
+    help="Of press,position,force,copy,printer-filament. Default: all that the data support.",
+)
+@options.option("--folds", kind=options.COUNT, default="5", help="Folds of presses and of positions.")
+@options.option(
+    "--train-on",
+    kind=options.NAMES,
+    help="Combinations that the paper's protocol trains on, one at a time: bambu-p1p_pla-minus. Default: the paper's "
+    "three where they are there, else all.",
+)
+@options.option("--force-level", kind=options.LEVEL, default="all", help="Use the presses of one force level only.")
+@options.option(
+    "--resolution",
+    kind=options.Value("SHARE", options.number_of),
+    default="0.4",
+    help="Share of an image's width and height that is kept.",
+)
+@options.option(
+    "--components",
+    kind=options.or_none(options.COUNT),
+    help="Principal components that the estimator gets; none: the readings themselves. Default: 25, and none for an "
+    "estimator of your own.",
+)
+@options.option(
+    "--noise",
+    kind=options.or_none(options.Value("SIGMA", options.number_of)),
+    help="Noise of one copy of each training reading. Default: 5 for images.",
+)
+@options.option(
+    "--brightness",
+    kind=options.or_none(options.Value("A,B", options.numbers_of)),
+    help="Added to one more copy each. Default: 10,-10 for images.",
+)
+@options.flag("--clip", help="Clip the copies to 0 to 255 (paper's protocol; the text leaves it open).")
+@options.option("--epochs", kind=options.COUNT, default="1500", help="Epochs of the network.")
+@options.option(
+    "--batch-size", kind=options.COUNT, default="200", help="Rows of a step of the network; the text gives none."
+)
+@options.option("--depth", kind=options.COUNT, default="50", help="Largest depth of the forest's trees.")
+@options.option(
+    "--sweep",
+    kind=options.text("NAME=LOW:HIGH"),
+    help="A curve over resolution, components, copies (in training) or forces: resolution=0.025:0.475; a third number "
+    "says how many values (10), A,B,C names them.",
+)
+@options.jobs
+@options.dask
+@options.out("OUT", "Folder of tables, figures and finished trials.", default="classification")
+@options.json
 def command(
-    runs: Annotated[
-        list[Path],
-        typer.Argument(metavar="RUNS", help="Run folders, or folders that hold some.", show_default=False),
-    ],
-    out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="OUT", help="Folder of tables, figures and finished trials.")
-    ] = Path("classification"),
-    protocol: Annotated[
-        str, typer.Option(metavar="sound|paper", help="Groups held out whole, or what the paper's text says.")
-    ] = "sound",
-    estimator: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME,...",
-            help="forest, network, or your own scikit-learn estimator or pipeline as module:name. Default: forest; of "
-            "the paper's protocol forest,network.",
-        ),
-    ] = None,
-    trials: Annotated[
-        str | None, typer.Option(metavar="N", help="Trials that are averaged. Default: 5; of the paper's protocol 20.")
-    ] = None,
-    seed: Annotated[str, typer.Option(metavar="N", help="Fixes every number.")] = "0",
-    rungs: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME,...",
-            help="Of press,position,force,copy,printer-filament. Default: all that the data support.",
-        ),
-    ] = None,
-    folds: Annotated[str, typer.Option(metavar="N", help="Folds of presses and of positions.")] = "5",
-    train_on: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME,...",
-            help="Combinations that the paper's protocol trains on, one at a time: bambu-p1p_pla-minus. Default: the "
-            "paper's three where they are there, else all.",
-        ),
-    ] = None,
-    force_level: Annotated[str, typer.Option(metavar="all|N", help="Use the presses of one force level only.")] = "all",
-    resolution: Annotated[
-        str, typer.Option(metavar="SHARE", help="Share of an image's width and height that is kept.")
-    ] = "0.4",
-    components: Annotated[
-        str | None,
-        typer.Option(
-            metavar="N|none",
-            help="Principal components that the estimator gets; none: the readings themselves. Default: 25, and none "
-            "for an estimator of your own.",
-        ),
-    ] = None,
-    noise: Annotated[
-        str | None,
-        typer.Option(metavar="SIGMA|none", help="Noise of one copy of each training reading. Default: 5 for images."),
-    ] = None,
-    brightness: Annotated[
-        str | None,
-        typer.Option(metavar="A,B|none", help="Added to one more copy each. Default: 10,-10 for images."),
-    ] = None,
-    clip: Annotated[
-        bool, typer.Option("--clip", help="Clip the copies to 0 to 255 (paper's protocol; the text leaves it open).")
-    ] = False,
-    epochs: Annotated[str, typer.Option(metavar="N", help="Epochs of the network.")] = "1500",
-    batch_size: Annotated[
-        str, typer.Option(metavar="N", help="Rows of a step of the network; the text gives none.")
-    ] = "200",
-    depth: Annotated[str, typer.Option(metavar="N", help="Largest depth of the forest's trees.")] = "50",
-    sweep: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME=LOW:HIGH",
-            help="A curve over resolution, components, copies (in training) or forces: resolution=0.025:0.475; a third "
-            "number says how many values (10), A,B,C names them.",
-        ),
-    ] = None,
-    jobs: Jobs = None,
-    dask: Dask = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    runs: tuple[Path, ...],
+    protocol: str,
+    estimators: tuple[str, ...] | None,
+    trials: int | None,
+    rungs: tuple[str, ...] | None,
+    train_on: tuple[str, ...] | None,
+    force_level: int | str,
+    components: Any,
+    noise: Any,
+    brightness: Any,
+    sweep: str | None,
+    jobs: int,
+    dask: str | None,
+    out: Path,
+    json: bool,
+    **settings: Any,
 ) -> None:
     """What can the sensor tell apart? Textures classified from the readings, with what is held out said plainly.
 
@@ -140,64 +137,47 @@ def command(
     from tacbench_cad.util.packages import require
 
     if rungs is not None and protocol == "paper":
-        raise InputError("rungs", rungs, "are of --protocol sound; the paper's has train, test and unseen")
+        raise InputError("rungs", ",".join(rungs), "are of --protocol sound; the paper's has train, test and unseen")
     if train_on is not None and protocol == "sound":
-        raise InputError("train-on", train_on, "is of --protocol paper; sound holds out each group in turn")
-    wanted = None if sweep is None else Sweep.parsed(sweep)
-    estimators = words_of(estimator) or (("forest", "network") if protocol == "paper" else ("forest",))
+        raise InputError("train-on", ",".join(train_on), "is of --protocol paper; sound holds out each group in turn")
+    swept = None if sweep is None else Sweep.parsed(sweep)
+    estimators = estimators or (("forest", "network") if protocol == "paper" else ("forest",))
     own = protocol == "sound" and any(is_plugin(name) for name in estimators)
-    level = None if force_level == "all" else whole_of("force-level", force_level)
-    count = given(whole_of, "trials", trials)
     require("classify", *MODULES)
     collection = Collection.open(runs)
-    if level is not None:
-        collection = at_level(collection, level)
-    settings = Settings(
+    if isinstance(force_level, int):
+        collection = at_level(collection, force_level)
+    how = Settings(
         protocol=protocol,
         estimators=estimators,
-        resolution=number_of("resolution", resolution),
-        components=_components(components, own),
+        components=(None if own else 25) if components is None else None if components == "none" else components,
         augmentation=_augmentation(noise, brightness, is_image(collection.frame(0))),
-        clip=clip,
-        seed=whole_of("seed", seed),
-        rungs=words_of(rungs) or RUNGS,
-        folds=whole_of("folds", folds),
-        epochs=whole_of("epochs", epochs),
-        batch_size=whole_of("batch-size", batch_size),
-        depth=whole_of("depth", depth),
-        train_on=words_of(train_on) or (),
+        rungs=rungs or RUNGS,
+        train_on=train_on or (),
+        **settings,
     )
-    processes = jobs_of(jobs)
-    count = TRIALS[protocol] if count is None else count
-    with locked(out), workers(processes, dask) as team, ProgressLine() as progress:
-        if wanted is not None:
-            swept = run_sweep(collection, settings, wanted, count, out, team, progress.show)
-            paths = [write_sweep(swept, out), *draw_sweep(swept, out, collection.simulated)]
+    trials = TRIALS[protocol] if trials is None else trials
+    with locked(out), workers(jobs, dask) as team, ProgressLine() as progress:
+        if swept is not None:
+            curve = run_sweep(collection, how, swept, trials, out, team, progress.show)
+            paths = [write_sweep(curve, out), *draw_sweep(curve, out, collection.simulated)]
         else:
-            result = classify(collection, settings, count, out, team, progress.show)
+            result = classify(collection, how, trials, out, team, progress.show)
             paths = [*write_tables(result, out), *draw_result(result, out)]
-    if wanted is not None:
-        _show_sweep(swept, collection.simulated, paths, json)
+    if swept is not None:
+        _show_sweep(curve, collection.simulated, paths, json)
     else:
         _show(result, paths, json)
 
 
-def _components(text: str | None, own: bool) -> int | None:
-    if text is None:
-        return None if own else 25
-    return None if text == "none" else whole_of("components", text)
-
-
-def _augmentation(noise: str | None, brightness: str | None, image: bool) -> Any:
+def _augmentation(noise: Any, brightness: Any, image: bool) -> Augmentation:
     from tacbench_cad.lab.analysis.classification.augment import Augmentation
 
     usual = Augmentation() if image else Augmentation(noise=None, brightness=())
-    sigma = usual.noise if noise is None else None if noise == "none" else number_of("noise", noise)
-    levels = usual.brightness
-    if brightness is not None:
-        words = () if brightness == "none" else words_of(brightness) or ()
-        levels = tuple(number_of("brightness", word) for word in words)
-    return Augmentation(noise=sigma, brightness=levels)
+    return Augmentation(
+        noise=usual.noise if noise is None else None if noise == "none" else noise,
+        brightness=usual.brightness if brightness is None else () if brightness == "none" else brightness,
+    )
 
 
 def _percent(value: float | None) -> str:
@@ -207,52 +187,56 @@ def _percent(value: float | None) -> str:
 def _band(score: Score) -> str:
     if score.low is None or score.high is None:
         return "none (one unit)"
-    return f"{100 * score.low:.1f} to {100 * score.high:.1f}"
+    return interval(100.0 * score.low, 100.0 * score.high)
 
 
 def _show(result: Result, paths: list[Path], json: bool) -> None:
     if json:
         print_json(_document(result, paths))
         return
-    screen = console()
-    print_simulated(screen, result.collection.simulated)
+    print_simulated(result.collection.simulated)
     if result.settings.protocol == "paper":
         _print_paper(result)
-    right = ("accuracy", "spread", "95 % interval", "trials", "images")
-    head = ("estimator", "rung", "trained on", "tested on", "accuracy", "spread", "95 % interval", "units", *right[3:])
-    title = f"protocol {result.settings.protocol}, per cent; chance is {100 * result.chance:.1f}"
-    shown = table(title, *head, right=right)
-    for one in result.scores:
-        shown.add_row(
-            *(one.estimator, one.rung, one.train_on, one.tested_on, _percent(one.accuracy), _percent(one.spread)),
-            *(_band(one), one.units, str(one.trials), f"{one.images:,}"),
-        )
-    screen.print(shown)
-    recalls = table("recall of each texture, per cent", "estimator", "rung", "trained on", *result.textures)
-    for one in result.scores:
-        if one.tested_on in ("all", "all others", one.train_on):
-            recalls.add_row(one.estimator, one.rung, one.train_on, *(_percent(value) for value in one.recall))
-    screen.print(recalls)
+    print_table(
+        f"protocol {result.settings.protocol}, per cent; chance is {100 * result.chance:.1f}",
+        (
+            *("estimator", "rung", "trained on", "tested on", ">accuracy", ">spread", ">95 % interval", "units"),
+            *(">trials", ">images"),
+        ),
+        [
+            (
+                *(one.estimator, one.rung, one.train_on, one.tested_on, _percent(one.accuracy), _percent(one.spread)),
+                *(_band(one), one.units, one.trials, f"{one.images:,}"),
+            )
+            for one in result.scores
+        ],
+    )
+    print_table(
+        "recall of each texture, per cent",
+        ("estimator", "rung", "trained on", *result.textures),
+        [
+            (one.estimator, one.rung, one.train_on, *map(_percent, one.recall))
+            for one in result.scores
+            if one.tested_on in ("all", "all others", one.train_on)
+        ],
+    )
     _print_end(result.notes, paths)
 
 
 def _print_paper(result: Result) -> None:
     from tacbench_cad.lab.analysis.classification.classify import beside_paper
 
-    columns = [f"{name}, {whose}" for name in ("train", "test", "unseen") for whose in ("ours", "paper")]
-    shown = table("the paper's table beside ours, per cent", "estimator", "trained on", *columns, right=columns)
+    columns = [f">{name}, {whose}" for name in ("train", "test", "unseen") for whose in ("ours", "paper")]
+    rows = []
     for one in beside_paper(result):
-        pairs = zip(one.ours, one.paper, strict=True)
-        cells = ["-" if value is None else f"{value:.2f}" for pair in pairs for value in pair]
-        shown.add_row(one.estimator, one.train_on, *cells)
-    console().print(shown)
+        values = [value for pair in zip(one.ours, one.paper, strict=True) for value in pair]
+        rows.append((one.estimator, one.train_on, *("-" if value is None else f"{value:.2f}" for value in values)))
+    print_table("the paper's table beside ours, per cent", ("estimator", "trained on", *columns), rows)
 
 
-def _print_end(notes: tuple[str, ...], paths: list[Path]) -> None:
-    screen = console()
-    for line in notes:
-        screen.print(f"note: {line}", soft_wrap=True)
-    screen.print(f"written to {paths[0].parent}: " + ", ".join(path.name for path in paths), soft_wrap=True)
+def _print_end(notes: Sequence[str], paths: list[Path]) -> None:
+    print_lines(*(f"note: {line}" for line in notes))
+    print_lines(f"written to {paths[0].parent}: " + ", ".join(path.name for path in paths))
 
 
 def _score_document(score: Score) -> dict[str, Any]:
@@ -283,7 +267,7 @@ def _document(result: Result, paths: list[Path]) -> dict[str, Any]:
     }
 
 
-def _show_sweep(result: SweepResult, simulated: tuple[str, ...], paths: list[Path], json: bool) -> None:
+def _show_sweep(result: SweepResult, simulated: Sequence[str], paths: list[Path], json: bool) -> None:
     parameter = result.sweep.parameter
     if json:
         points = [{parameter: value, **_score_document(score)} for value, score in result.points]
@@ -298,16 +282,16 @@ def _show_sweep(result: SweepResult, simulated: tuple[str, ...], paths: list[Pat
             }
         )
         return
-    screen = console()
-    print_simulated(screen, simulated)
-    right = (parameter, "accuracy", "spread", "95 % interval", "images")
-    shown = table(
+    print_simulated(simulated)
+    print_table(
         f"protocol {result.settings.protocol}, per cent; chance is {100 / result.textures:.1f}",
-        *("estimator", "rung", "trained on", *right),
-        right=right,
+        ("estimator", "rung", "trained on", f">{parameter}", ">accuracy", ">spread", ">95 % interval", ">images"),
+        [
+            (
+                *(one.estimator, one.rung, one.train_on, f"{value:g}"),
+                *(_percent(one.accuracy), _percent(one.spread), _band(one), f"{one.images:,}"),
+            )
+            for value, one in result.points
+        ],
     )
-    for value, one in result.points:
-        words = (one.estimator, one.rung, one.train_on, f"{value:g}")
-        shown.add_row(*words, _percent(one.accuracy), _percent(one.spread), _band(one), f"{one.images:,}")
-    screen.print(shown)
     _print_end(result.notes, paths)

@@ -3,43 +3,39 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import rich_click as click
 
-from tacbench_cad.cli.common import (
-    Dask,
-    Jobs,
-    console,
-    jobs_of,
-    note,
-    print_json,
-    print_simulated,
-    show_table,
-    whole_of,
-)
+from tacbench_cad.cli import options
+from tacbench_cad.cli.common import note, print_json, print_lines, print_simulated, show_table
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
 
-NAME = "compare"
 
-
+@options.command("compare")
+@options.argument("a", options.file("A"), "Runs of one sensor, or what classify wrote of them.")
+@options.argument("b", options.file("B"), "The same of the other sensor.")
+@options.option(
+    "--estimator",
+    kind=options.text("NAME"),
+    help="Of those that both were classified with. Default: A's first.",
+)
+@options.flag("--unpaired", help="Run folders of one name are different prints, as another lab's own are.")
+@options.option("--trials", kind=options.COUNT, default="5", help="Trials, where runs are given.")
+@options.jobs
+@options.dask
+@options.out("DIR", "Folder of table, figure, and classifications of runs.", default="comparison")
+@options.json
 def command(
-    a: Annotated[Path, typer.Argument(metavar="A", help="Runs of one sensor, or what classify wrote of them.")],
-    b: Annotated[Path, typer.Argument(metavar="B", help="The same of the other sensor.")],
-    out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="DIR", help="Folder of table, figure, and classifications of runs.")
-    ] = Path("comparison"),
-    estimator: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Of those that both were classified with. Default: A's first.")
-    ] = None,
-    unpaired: Annotated[
-        bool, typer.Option("--unpaired", help="Run folders of one name are different prints, as another lab's own are.")
-    ] = False,
-    trials: Annotated[str, typer.Option(metavar="N", help="Trials, where runs are given.")] = "5",
-    jobs: Jobs = None,
-    dask: Dask = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    a: Path,
+    b: Path,
+    estimator: str | None,
+    unpaired: bool,
+    trials: int,
+    jobs: int,
+    dask: str | None,
+    out: Path,
+    json: bool,
 ) -> None:
     """Two sensors' studies of the same textures side by side, and the smallest difference that the data can show.
 
@@ -58,25 +54,22 @@ def command(
     from tacbench_cad.util.files import locked
     from tacbench_cad.util.packages import require
 
-    count, processes = whole_of("trials", trials), jobs_of(jobs)
     if a.resolve() == b.resolve():
         raise InputError("B", str(b), "is A itself; name the other sensor's study")
     require("compare", *(("matplotlib",) if _is_classified(a) and _is_classified(b) else MODULES))
     with locked(out):
-        folders = [_classified(side, folder, out, count, processes, dask) for side, folder in (("a", a), ("b", b))]
+        folders = [_classified(side, folder, out, trials, jobs, dask) for side, folder in (("a", a), ("b", b))]
         first, used = read_side(folders[0], a.name, estimator)
         second, _ = read_side(folders[1], b.name, used)
-        found = compare(first, second, used, same_prints=not unpaired)
-        files = write_comparison(found, out)
+        comparison = compare(first, second, used, same_prints=not unpaired)
+        files = write_comparison(comparison, out)
     if json:
-        print_json({**found.document(), "files": [str(one) for one in files]})
+        print_json({**comparison.document(), "files": [str(path) for path in files]})
         return
-    screen = console()
-    print_simulated(screen, found.simulated)
-    show_table(found.shown)
-    for text in found.notes:
-        screen.print(f"note: {text}", soft_wrap=True)
-    typer.echo(f"{counted(len(files), 'file')} in {out}")
+    print_simulated(comparison.simulated)
+    show_table(comparison.shown)
+    print_lines(*(f"note: {text}" for text in comparison.notes))
+    click.echo(f"{counted(len(files), 'file')} in {out}")
 
 
 def _is_classified(folder: Path) -> bool:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from click.exceptions import Exit
 
-import typer
-
-from tacbench_cad.cli.common import console, note, print_json, table
-
-NAME = "doctor"
+from tacbench_cad.cli import options
+from tacbench_cad.cli.common import note, print_json, print_lines, print_table
 
 
-def command(
-    repair: Annotated[bool, typer.Option("--repair", help="Run the repairs that pip can do.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
-) -> None:
+@options.command("doctor")
+@options.flag("--repair", help="Run the repairs that pip can do.")
+@options.json
+def command(repair: bool, json: bool) -> None:
     """Say what is installed, whether it works, and the command that repairs what does not.
 
     It knows the trap of the two kernel wheels (cadquery-ocp and cadquery-ocp-novtk write the same files) and the
@@ -30,29 +27,25 @@ def command(
 
     diagnosis = doctor.diagnose()
     if repair and not diagnosis.ok:
-        for done in doctor.repair(diagnosis):
-            note(f"ran: pip install {' '.join(done)}")
+        for arguments in doctor.repair(diagnosis):
+            note(f"ran: pip install {' '.join(arguments)}")
         diagnosis = doctor.diagnose()
+    facts = diagnosis.as_dict()
     if json:
-        print_json(diagnosis.as_dict())
+        print_json(facts)
     else:
-        facts = diagnosis.as_dict()
-        shown = table(
+        print_table(
             f"tacbench {facts['version']}, Python {facts['python']}, {facts['system']}",
-            *("package", "version", "extra", "for"),
+            ("package", "version", "extra", "for"),
+            [
+                (package["name"], package["version"] or "not installed", package["extra"] or "", package["use"])
+                for package in diagnosis.packages
+            ],
         )
-        for package in diagnosis.packages:
-            shown.add_row(
-                package["name"], package["version"] or "not installed", package["extra"] or "", package["use"]
-            )
-        screen = console()
-        screen.print(shown)
         for finding in diagnosis.findings:
-            verdict = "ok" if finding.ok else "BROKEN"
-            screen.print(f"{verdict}: {finding.name}: {finding.detail}", soft_wrap=True)
+            print_lines(f"{'ok' if finding.ok else 'BROKEN'}: {finding.name}: {finding.detail}")
             if finding.repair:
-                screen.print(f"  repair: {finding.repair}", soft_wrap=True)
-        for extra, how in doctor.left_out_extras().items():
-            screen.print(f"not installed: extra {extra}: {how}", soft_wrap=True)
+                print_lines(f"  repair: {finding.repair}")
+        print_lines(*(f"not installed: extra {extra}: {how}" for extra, how in doctor.left_out_extras().items()))
     if not diagnosis.ok:
-        raise typer.Exit(1)
+        raise Exit(1)

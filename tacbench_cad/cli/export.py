@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from tacbench_cad.cli.common import console, number_of, print_json, table, words_of
+from tacbench_cad.cli import options
+from tacbench_cad.cli.common import print_json, print_table
 from tacbench_cad.util.text import counted
 
-NAME = "export"
 
-_KINDS = "mjcf|urdf|sdf|usd|glb|obj|npy|png16|taxim"
-
-
-def command(
-    to: Annotated[str, typer.Option(metavar=_KINDS, help="What for; several with commas.", show_default=False)],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder that takes a folder a texture.", show_default=False)],
-    texture: Annotated[
-        str, typer.Option(metavar="1,4|FILE.toml|all", help="Textures, with commas between them.")
-    ] = "all",
-    preset: Annotated[str, typer.Option(metavar="paper|released", help="Geometry to begin from.")] = "paper",
-    scale: Annotated[str, typer.Option(metavar="S", help="Multiply sides, height and mm per unit by S.")] = "1",
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
-) -> None:
+@options.command("export")
+@options.option(
+    "--to",
+    kind=options.words("mjcf|urdf|sdf|usd|glb|obj|npy|png16|taxim"),
+    required=True,
+    help="What for; several with commas.",
+)
+@options.textures
+@options.preset
+@options.scale
+@options.out("DIR", "Folder that takes a folder a texture.", required=True)
+@options.json
+def command(to: tuple[str, ...], textures: tuple[str, ...], preset: str, scale: float, out: Path, json: bool) -> None:
     """Write textures for simulators: a folder a texture, with collision that keeps the relief.
 
     The folder's README.md states frame, scale, units, the proved error against the formula, contact settings that hold,
@@ -39,15 +36,15 @@ def command(
     from tacbench_cad.formats.simulators.folder import export_to_simulators
     from tacbench_cad.making.choice import described
 
-    targets = words_of(to) or ()
-    blocks = described(words_of(texture) or (), preset, number_of("scale", scale))
-    made = export_to_simulators(blocks, targets, out)
+    folders = export_to_simulators(described(textures, preset, scale), to, out)
     if json:
-        print_json({"folders": [one.as_dict() for one in made]})
+        print_json({"folders": [folder.as_dict() for folder in folders]})
         return
-    title = f"{counted(len(made), 'folder')} in {out}"
-    shown = table(title, "folder", "files", "MB", "begin with", right=("files", "MB"))
-    for one in made:
-        size = sum(one.files.values()) / 1e6
-        shown.add_row(one.folder.name, str(len(one.files)), f"{size:.2f}", next(iter(one.files)))
-    console().print(shown)
+    print_table(
+        f"{counted(len(folders), 'folder')} in {out}",
+        ("folder", ">files", ">MB", "begin with"),
+        [
+            (one.folder.name, len(one.files), f"{sum(one.files.values()) / 1e6:.2f}", next(iter(one.files)))
+            for one in folders
+        ],
+    )

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Literal
 
-import typer
-
-from tacbench_cad.cli.common import console, jobs_of, print_json, show_table, whole_of
-
-NAME = "grade"
+from tacbench_cad.cli import options
+from tacbench_cad.cli.common import print_json, print_lines, show_table
 
 
-def command(
-    runs: Annotated[
-        list[Path],
-        typer.Argument(metavar="RUNS", help="Run folders, or folders that hold some.", show_default=False),
-    ],
-    force_level: Annotated[
-        str, typer.Option(metavar="all|N", help="Force level to compare; all: the mean over the levels.")
-    ] = "all",
-    jobs: Annotated[str, typer.Option(metavar="N", help="Processes at once.")] = "1",
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
-) -> None:
+@options.command("grade")
+@options.runs
+@options.option(
+    "--force-level", kind=options.LEVEL, default="all", help="Force level to compare; all: the mean over the levels."
+)
+@options.option("--jobs", kind=options.JOBS, default="1", panel=options.WORK, help="Processes at once.")
+@options.json
+def command(runs: tuple[Path, ...], force_level: int | Literal["all"], jobs: int, json: bool) -> None:
     """Is my print good enough to compare with the published ones? The printer beside the paper's variance table.
 
     For each texture: the variance between readings of different prints, the noise floor in the same unit, its interval
@@ -41,21 +35,16 @@ def command(
     from tacbench_cad.lab.analysis.variance.table import variance_table
     from tacbench_cad.util.convert import to_plain
 
-    level = force_level if force_level == "all" else whole_of("force-level", force_level)
-    workers = jobs_of(jobs)
     collection = Collection.open(runs)
-    result = variance_table(collection, Preprocess(), ddof=0, jobs=workers)
+    result = variance_table(collection, Preprocess(), ddof=0, jobs=jobs)
     context = Context.of(collection, result.cells, result.left_out)
-    grades = grade(result.cells, context, level)
+    grades = grade(result.cells, context, force_level)
     if json:
         document = {"simulated": list(context.simulated), "units": context.units}
         print_json({**document, "grades": [to_plain(one) for one in grades]})
         return
-    screen = console()
     for one in grades:
         show_table(one.table)
         for head, lines in (("Verdicts", [verdict.text for verdict in one.verdicts]), ("Limits", one.limits)):
-            screen.print(f"{head}:")
-            for line in lines:
-                screen.print(f"  - {line}", soft_wrap=True)
-        screen.print()
+            print_lines(f"{head}:", *(f"  - {line}" for line in lines))
+        print_lines("")

@@ -3,34 +3,50 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Any
 
-import typer
+import rich_click as click
 
-from tacbench_cad.cli.common import note, whole_of, words_of
-from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.cli import options
+from tacbench_cad.cli.common import note
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
 
-NAME = "import"
+
+def _levels_of(option: str, text: str) -> dict[str, int]:
+    levels: dict[str, int] = {}
+    for word in options.words_of(option, text):
+        name, _, number = word.partition("=")
+        name = name.strip().upper()
+        if name in levels:
+            raise InputError(option, text, f"names {name} twice")
+        levels[name] = options.whole_of(option, number)
+    return levels
 
 
-def command(
-    files: Annotated[list[Path], typer.Argument(metavar="FILES", help="The authors' NumPy files.", show_default=False)],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="The folder for the run folders.", show_default=False)],
-    force_levels: Annotated[
-        str, typer.Option(metavar="P30=1,...", help="What the names call the paper's three forces.")
-    ] = "P30=1,P40=2,P50=3",
-    first_axis: Annotated[
-        str, typer.Option(metavar="x|y", help="Axis that the first index of the 5 x 5 positions runs along.")
-    ] = "y",
-    unnumbered_copy: Annotated[
-        str, typer.Option(metavar="N", help="The copy that a name without a copy number is.")
-    ] = "1",
-    preset: Annotated[
-        str, typer.Option(metavar="released|paper", help="Geometry of the blocks that were pressed.")
-    ] = "released",
-    spacing: Annotated[str, typer.Option(metavar="even|1mm", help="ImportOptions of the press grid along y.")] = "even",
-) -> None:
+@options.command("import")
+@options.argument("files", options.file("FILES"), "The authors' NumPy files.", many=True)
+@options.option(
+    "--force-levels",
+    kind=options.Value("P30=1,...", _levels_of),
+    default="P30=1,P40=2,P50=3",
+    help="What the names call the paper's three forces.",
+)
+@options.option(
+    "--first-axis",
+    kind=options.choice("x", "y"),
+    default="y",
+    help="Axis that the first index of the 5 x 5 positions runs along.",
+)
+@options.option(
+    "--unnumbered-copy", kind=options.COUNT, default="1", help="The copy that a name without a copy number is."
+)
+@options.option("--preset", kind=options.PRESET, default="released", help="Geometry of the blocks that were pressed.")
+@options.option(
+    "--spacing", kind=options.choice("even", "1mm"), default="even", help="Reading of the press grid along y."
+)
+@options.out("DIR", "The folder for the run folders.", required=True)
+def command(files: tuple[Path, ...], out: Path, **how: Any) -> None:
     """Turn the authors' data into run folders, one a printed block; its force levels become one run.
 
     The files are named <filament>_z<texture - 1>[.<copy>]_P<level>_<printer>.npy. They are mapped into memory and
@@ -43,28 +59,9 @@ def command(
       tacbench import data/*.npy --out runs --force-levels P20=1,P30=2,P40=3
     """
     from tacbench_cad.lab.runs.authors import ImportOptions, gather_authors_files, import_block
-    from tacbench_cad.spec.presets import PRESETS
 
-    how = ImportOptions(
-        force_levels=_levels(force_levels),
-        first_axis="x" if one_of("first-axis", first_axis, ("x", "y")) == "x" else "y",
-        unnumbered_copy=whole_of("unnumbered-copy", unnumbered_copy),
-        preset=one_of("preset", preset, PRESETS),
-        spacing="1mm" if one_of("spacing", spacing, ("even", "1mm")) == "1mm" else "even",
-    )
-    blocks = gather_authors_files(files, how)
+    blocks = gather_authors_files(files, ImportOptions(**how))
     for number, block in enumerate(blocks, start=1):
         folder = import_block(block, out)
         note(f"{number} of {len(blocks)}: {folder}, {counted(len(block.files), 'force level')}")
-    typer.echo(f"{counted(len(blocks), 'run')} in {out}")
-
-
-def _levels(text: str) -> dict[str, int]:
-    levels: dict[str, int] = {}
-    for word in words_of(text) or ():
-        name, _, number = word.partition("=")
-        name = name.strip().upper()
-        if name in levels:
-            raise InputError("force-levels", text, f"names {name} twice")
-        levels[name] = whole_of("force-levels", number)
-    return levels
+    click.echo(f"{counted(len(blocks), 'run')} in {out}")

@@ -3,43 +3,46 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from tacbench_cad.cli.common import console, given, key_of, note, number_of, print_json, table, whole_of, words_of
+from tacbench_cad.cli import options
+from tacbench_cad.cli.common import note, print_json, print_table
 from tacbench_cad.util.errors import MissingToolError
 
 if TYPE_CHECKING:
     from tacbench_cad.slicing.plates import Plate
     from tacbench_cad.slicing.writing import PlateFiles
 
-NAME = "plate"
 
-
+@options.command("plate")
+@options.option(
+    "--printer",
+    kind=options.text("NAME"),
+    required=True,
+    help="ender-3, ender-3-v3-se, bambu-p1p, form-3 or your own.",
+)
+@options.textures
+@options.option("--copies", kind=options.COUNT, default="1", help="Copies of each.")
+@options.preset
+@options.scale
+@options.key
+@options.option("--filament", kind=options.text("NAME"), help="What it is printed of. Default: the printer's first.")
+@options.option("--spacing", kind=options.MM, default="5", help="What stays free between two blocks.")
+@options.option("--printers", kind=options.file("FILE.toml"), help="Printers of your own, beside the known ones.")
+@options.out("DIR", "Where the files go.", default="plates")
+@options.json
 def command(
-    printer: Annotated[
-        str,
-        typer.Option(metavar="NAME", help="ender-3, ender-3-v3-se, bambu-p1p, form-3 or your own.", show_default=False),
-    ],
-    texture: Annotated[
-        str, typer.Option(metavar="1,4|FILE.toml|all", help="Textures, with commas between them.")
-    ] = "all",
-    copies: Annotated[str, typer.Option(metavar="N", help="Copies of each.")] = "1",
-    preset: Annotated[str, typer.Option(metavar="paper|released", help="Geometry to begin from.")] = "paper",
-    scale: Annotated[str, typer.Option(metavar="S", help="Multiply the blocks by S.")] = "1",
-    key: Annotated[
-        str | None, typer.Option(metavar="MM", help="Cut the corner (X, 0), as in make; alone: the default leg.")
-    ] = None,
-    filament: Annotated[
-        str | None, typer.Option(metavar="NAME", help="What it is printed of. Default: the printer's first.")
-    ] = None,
-    spacing: Annotated[str, typer.Option(metavar="MM", help="What stays free between two blocks.")] = "5",
-    printers: Annotated[
-        Path | None, typer.Option(metavar="FILE.toml", help="Printers of your own, beside the known ones.")
-    ] = None,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the files go.")] = Path("plates"),
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    printer: str,
+    textures: tuple[str, ...],
+    copies: int,
+    preset: str,
+    scale: float,
+    key_mm: float | None,
+    filament: str | None,
+    spacing: float,
+    printers: Path | None,
+    out: Path,
+    json: bool,
 ) -> None:
     """Arrange blocks, with their labels engraved, on a printer's bed, on as many plates as it takes.
 
@@ -70,24 +73,25 @@ def command(
     machine = printer_named(printer, known_printers(printers))
     own_name("printer", machine.name)
     material = own_name("filament", filament if filament is not None else machine.filaments[0])
-    factor, leg = number_of("scale", scale), given(key_of, "key", key)
-    words = words_of(texture) or ()
-    found = textures_of(words, preset)
-    blocks = [Block.of(one, preset, scale=factor, key_mm=leg, table=block) for one, block in found]
-    plates = arrange_plates(blocks, whole_of("copies", copies), machine, number_of("spacing", spacing))
-    if not all(one.block.label for plate in plates for one in plate.blocks):
+    blocks = [
+        Block.of(texture, preset, scale=scale, key_mm=key_mm, table=table)
+        for texture, table in textures_of(textures, preset)
+    ]
+    plates = arrange_plates(blocks, copies, machine, spacing)
+    if not all(placed.block.label for plate in plates for placed in plate.blocks):
         note("warning: some blocks are too small for an engraved label; mark them by hand when they come off the bed")
-    files = [Path(word) for word in words if word.lower().endswith(".toml")]
+    files = [Path(word) for word in textures if word.lower().endswith(".toml")]
     written = write_plates(plates, material, out, files)
-    pictures = [_draw(plate, one, material) for plate, one in zip(plates, written, strict=True)]
-    for one, drawn in zip(written, pictures, strict=True):
-        for path in (*one.paths, *([one.picture] if drawn else [])):
+    pictures = [_draw(plate, paths, material) for plate, paths in zip(plates, written, strict=True)]
+    for paths, drawn in zip(written, pictures, strict=True):
+        for path in (*paths.paths, *([paths.picture] if drawn else [])):
             note(f"wrote {path}")
     if json:
         rows = zip(plates, written, pictures, strict=True)
         print_json({"printer": machine.name, "filament": material, "plates": [_row(*row) for row in rows]})
     else:
-        _print(plates, machine.name, material)
+        heads = (">plate", ">blocks", ">copies off the middle (mm)", "labels")
+        print_table(f"{machine.name}, {material}", heads, map(_cells, plates))
 
 
 def _draw(plate: Plate, files: PlateFiles, filament: str) -> bool:
@@ -115,13 +119,9 @@ def _row(plate: Plate, files: PlateFiles, drawn: bool) -> dict[str, object]:
     }
 
 
-def _print(plates: list[Plate], printer: str, filament: str) -> None:
-    heads = ("plate", "blocks", "copies off the middle (mm)")
-    shown = table(f"{printer}, {filament}", *heads, "labels", right=heads)
-    for plate in plates:
-        copies: dict[tuple[str, ...], list[str]] = {}
-        for *words, copy in sorted(one.block.label_words for one in plate.blocks):
-            copies.setdefault(tuple(words), []).append(copy)
-        labels = "\n".join(" ".join([*words, *numbers]) for words, numbers in copies.items())
-        shown.add_row(str(plate.number), str(len(plate.blocks)), f"{plate.imbalance_mm:.1f}", labels)
-    console().print(shown)
+def _cells(plate: Plate) -> tuple[object, ...]:
+    copies: dict[tuple[str, ...], list[str]] = {}
+    for *words, copy in sorted(placed.block.label_words for placed in plate.blocks):
+        copies.setdefault(tuple(words), []).append(copy)
+    labels = "\n".join(" ".join([*words, *numbers]) for words, numbers in copies.items())
+    return plate.number, len(plate.blocks), f"{plate.imbalance_mm:.1f}", labels

@@ -3,37 +3,39 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import rich_click as click
 
-from tacbench_cad.cli.common import Dask, Jobs, jobs_of, print_json
+from tacbench_cad.cli import options
+from tacbench_cad.cli.common import print_json
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
 
-NAME = "report"
 
-
+@options.command("report")
+@options.runs
+@options.option("--variance", kind=options.file("DIR"), help="What tacbench variance wrote. Default: computed.")
+@options.option(
+    "--classify",
+    kind=options.file("DIR"),
+    multiple=True,
+    help="What tacbench classify wrote; may be given twice. Default: computed, sound.",
+)
+@options.flag("--no-classify", help="Leave classification out; it takes most of the time.")
+@options.jobs
+@options.dask
+@options.out("FILE.html", "The page.", default="report.html")
+@options.json
 def command(
-    runs: Annotated[
-        list[Path],
-        typer.Argument(metavar="RUNS", help="Run folders, or folders that hold some.", show_default=False),
-    ],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE.html", help="The page.")] = Path("report.html"),
-    variance: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="What tacbench variance wrote. Default: computed.")
-    ] = None,
-    classify: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="DIR", help="What tacbench classify wrote; may be given twice. Default: computed, sound."),
-    ] = None,
-    no_classify: Annotated[
-        bool, typer.Option("--no-classify", help="Leave classification out; it takes most of the time.")
-    ] = False,
-    jobs: Jobs = None,
-    dask: Dask = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    runs: tuple[Path, ...],
+    variance: Path | None,
+    classify: tuple[Path, ...],
+    no_classify: bool,
+    jobs: int,
+    dask: str | None,
+    out: Path,
+    json: bool,
 ) -> None:
     """One self-contained page on a study, fit to be sent, printed and quoted.
 
@@ -52,18 +54,11 @@ def command(
 
     if no_classify and classify:
         raise InputError("no-classify", str(classify[0]), "leaves out what --classify gives; give one of the two")
-    processes = jobs_of(jobs)
-    options = Options(
-        variance=variance,
-        classifications=tuple(classify or ()),
-        classify=not no_classify,
-        jobs=processes,
-        dask=dask,
-    )
+    how = Options(variance=variance, classifications=classify, classify=not no_classify, jobs=jobs, dask=dask)
     with ProgressLine() as progress:
-        files = write_report(runs, out, options, progress.show)
+        files = write_report(runs, out, how, progress.show)
     if json:
-        print_json({"report": str(files[0]), "files": [str(one) for one in files[1:]]})
+        print_json({"report": str(files[0]), "files": [str(path) for path in files[1:]]})
         return
     size = files[0].stat().st_size / 1e6
-    typer.echo(f"{files[0]} ({size:.1f} MB), {counted(len(files) - 1, 'file')} in {files[0].stem}_files")
+    click.echo(f"{files[0]} ({size:.1f} MB), {counted(len(files) - 1, 'file')} in {files[0].stem}_files")

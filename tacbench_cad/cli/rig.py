@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import rich_click as click
 
-from tacbench_cad.cli.common import console, given, note, number_of, print_json, table, whole_of, words_of
+from tacbench_cad.cli import options
+from tacbench_cad.cli.common import ask_line, note, print_json, print_lines, print_table
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
 
@@ -16,13 +16,12 @@ if TYPE_CHECKING:
     from tacbench_cad.lab.rig.calibration import Calibration, CalibrationPoint
     from tacbench_cad.lab.rig.loadcell import RawLoadCell
 
-NAME = "rig"
-app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="rich")
 
-
-@app.callback()
-def rig() -> None:
+@options.group("rig")
+def command() -> None:
     """Look at a rig, teach it where the block lies, calibrate its load cell.
+
+    Only align moves the stage, and only as far as you type.
 
     Examples:
       tacbench rig probe                       ports and cameras by the names to write into a file
@@ -31,14 +30,15 @@ def rig() -> None:
     """
 
 
-@app.command()
-def probe(
-    ask: Annotated[
-        list[str] | None,
-        typer.Option(metavar="PORT", help="Ask what is at this port; may be given more than once. Restarts boards."),
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
-) -> None:
+@options.command("probe", command)
+@options.option(
+    "--ask",
+    kind=options.text("PORT"),
+    multiple=True,
+    help="Ask what is at this port; may be given more than once. Restarts boards.",
+)
+@options.json
+def probe(ask: tuple[str, ...], json: bool) -> None:
     """List serial ports and cameras by names that stay the same.
 
     Nothing is sent to a port that is not named by --ask: opening a port restarts many boards, and a stage then forgets
@@ -54,7 +54,7 @@ def probe(
 
     ports = candidates()
     answers = {}
-    for port in ask or ():
+    for port in ask:
         note(f"asking {port}; a silent one takes half a minute")
         answers[port] = identify(port)
     cameras = found_cameras()
@@ -72,27 +72,26 @@ def probe(
             }
         )
         return
-    shown = table("Serial ports", "name", "now", "device")
-    for found in ports:
-        shown.add_row(found.name, found.device, found.description)
-    seen = table("Cameras", "name", "size")
-    for camera in cameras:
-        size = "does not open" if camera.size_px is None else f"{camera.size_px[0]} x {camera.size_px[1]}"
-        seen.add_row(camera.name, size)
-    screen = console()
-    screen.print(shown if ports else "No serial device is plugged in.")
-    screen.print(seen if cameras else "No camera with a stable name is plugged in.")
-    for asked, answer in answers.items():
-        screen.print(f"{asked}: {answer}", soft_wrap=True)
+    if ports:
+        rows = [(one.name, one.device, one.description) for one in ports]
+        print_table("Serial ports", ("name", "now", "device"), rows)
+    else:
+        print_lines("No serial device is plugged in.")
+    if cameras:
+        sizes = [
+            (one.name, "does not open" if one.size_px is None else f"{one.size_px[0]} x {one.size_px[1]}")
+            for one in cameras
+        ]
+        print_table("Cameras", ("name", "size"), sizes)
+    else:
+        print_lines("No camera with a stable name is plugged in.")
+    print_lines(*(f"{port}: {answer}" for port, answer in answers.items()))
 
 
-@app.command()
-def align(
-    file: Annotated[Path, typer.Argument(metavar="FILE.toml", help="The study, with its rig.", show_default=False)],
-    tolerance_mm: Annotated[
-        str | None, typer.Option(metavar="MM", help="How far a marker may lie from the fitted frame. Default: 0.3.")
-    ] = None,
-) -> None:
+@options.command("align", command)
+@options.argument("file", options.file("FILE.toml"), "The study, with its rig.")
+@options.option("--tolerance-mm", kind=options.MM, help="How far a marker may lie from the fitted frame. Default: 0.3.")
+def align(file: Path, tolerance_mm: float | None) -> None:
     """Teach the stage where the block lies, with the printed jig; the file's origin and quarter turns are replaced.
 
     You drive a pointer to four markers of the jig by typed steps (x 1.5, y -0.2, z -1), then the sensor down to the
@@ -112,9 +111,8 @@ def align(
     from tacbench_cad.lab.study.spec import SensorSettings
     from tacbench_cad.virtual_rig.devices import open_rig
 
-    tolerance = given(number_of, "tolerance-mm", tolerance_mm)
-    if tolerance is not None and not 0.0 < tolerance <= 5.0:
-        raise InputError("tolerance-mm", tolerance, "must be above 0 and at most 5 mm")
+    if tolerance_mm is not None and not 0.0 < tolerance_mm <= 5.0:
+        raise InputError("tolerance mm", tolerance_mm, "must be above 0 and at most 5 mm")
     study = read_study(file, teaching=True)
     # The sensor is not needed: its camera or port stays free, and may not even be plugged in yet.
     settings = replace(study.required_rig, sensor=SensorSettings(driver="simulated"))
@@ -127,13 +125,13 @@ def align(
         teaching = Teaching(
             opened.stage,
             limits_mm=stage.limits_mm,
-            ask=_ask,
-            say=typer.echo,
+            ask=ask_line,
+            say=click.echo,
             travel_mm_s=stage.travel_mm_s,
             approach_mm_s=stage.approach_mm_s,
             force_n=None if gauge is None else lambda: gauge.read(protocol.force_window_s).mean_n,
         )
-        taught = teaching.frame(protocol, printed.block, TOLERANCE_MM if tolerance is None else tolerance)
+        taught = teaching.frame(protocol, printed.block, TOLERANCE_MM if tolerance_mm is None else tolerance_mm)
     origin, turns = taught.frame.origin_mm, taught.frame.quarter_turns
     aligned = replace(stage, origin_mm=origin, quarter_turns=turns)
     try:
@@ -142,24 +140,38 @@ def align(
         raise OutOfRangeError(f"{error}; nothing is stored") from None
     store_frame(file, taught.frame)
     x, y, z = taught.frame.origin_mm
-    typer.echo(
+    click.echo(
         f"stored in {file}: origin {x:z.4f}, {y:z.4f}, {z:z.4f} mm, {taught.frame.quarter_turns} quarter turns; worst "
         f"marker {taught.worst_mm:.3f} mm off, {taught.turn_deg:+z.2f} degrees left over, stretch {taught.stretch:.4f}"
     )
 
 
-@app.command(name="calibrate-force")
+def _column_of(option: str, text: str) -> tuple[int, int]:
+    parts = text.split("/")
+    if len(parts) != 2:
+        raise InputError(option, text, "must be I/N, as in 2/3 for the second of three numbers on a line")
+    number, count = (options.whole_of(option, part) for part in parts)
+    if not 1 <= number <= count <= 1000:
+        raise InputError(option, text, "must be I/N with I from 1 to N")
+    return number, count
+
+
+@options.command("calibrate-force", command)
+@options.option(
+    "--masses",
+    kind=options.Value("G,G,...", options.numbers_of),
+    required=True,
+    help="Known masses in grams, 0 for none; three or more.",
+)
+@options.option("--port", kind=options.text("P"), help="The load cell's port. Default: the only one there is.")
+@options.option("--baud", kind=options.COUNT, help="Symbols per second. Default: 115200.")
+@options.option(
+    "--column", kind=options.Value("I/N", _column_of), default="1/1", help="Which of the N numbers on a line."
+)
+@options.flag("--falling", help="The counts are meant to fall under load.")
+@options.out("FILE.json", "Where the calibration goes.", required=True)
 def calibrate_force(
-    masses: Annotated[str, typer.Option(metavar="G,G,...", help="Known masses in grams, 0 for none; three or more.")],
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE.json", help="Where the calibration goes.")],
-    port: Annotated[
-        str | None, typer.Option(metavar="P", help="The load cell's port. Default: the only one there is.")
-    ] = None,
-    baud: Annotated[str | None, typer.Option(metavar="N", help="Symbols per second. Default: 115200.")] = None,
-    column: Annotated[
-        str | None, typer.Option(metavar="I/N", help="Which of the N numbers on a line. Default: 1/1.")
-    ] = None,
-    falling: Annotated[bool, typer.Option("--falling", help="The counts are meant to fall under load.")] = False,
+    masses: tuple[float, ...], port: str | None, baud: int | None, column: tuple[int, int], falling: bool, out: Path
 ) -> None:
     """Find what a load cell's raw counts mean, with known masses.
 
@@ -177,18 +189,17 @@ def calibrate_force(
     from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_raw
     from tacbench_cad.lab.rig.ports import resolve
 
-    grams = [number_of("masses", word) for word in words_of(masses) or ()]
-    if len(set(grams)) < MIN_MASSES or not all(0.0 <= one <= 10_000.0 for one in grams):
-        raise InputError("masses", masses, f"at least {MIN_MASSES} different ones from 0 to 10000 g are needed")
+    if len(set(masses)) < MIN_MASSES or not all(0.0 <= mass <= 10_000.0 for mass in masses):
+        shown = ",".join(f"{mass:g}" for mass in masses)
+        raise InputError("masses", shown, f"at least {MIN_MASSES} different ones from 0 to 10000 g are needed")
     if out.exists():
         raise InputError("out", str(out), "is there already; name another file, or remove it")
     if not out.resolve().parent.is_dir():
         raise InputError("out", str(out), "its folder does not exist")
-    number, of = _column(column)
     where = resolve(port, "gauge")
-    options = LoadCellOptions(columns=of, column=number)
-    with open_raw(where, clock=Clock(), baud=given(whole_of, "baud", baud), options=options) as cell:
-        points = tuple(_weighed(cell, mass) for mass in grams)
+    how = LoadCellOptions(columns=column[1], column=column[0])
+    with open_raw(where, clock=Clock(), baud=baud, options=how) as cell:
+        points = tuple(_weighed(cell, mass) for mass in masses)
         garbled = cell.garbled
     found = fit(points, date_utc=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), device=where, falling=falling)
     write_calibration(out, found)
@@ -202,62 +213,27 @@ def _weighed(cell: RawLoadCell, mass_g: float) -> CalibrationPoint:
     from tacbench_cad.lab.rig.calibration import CalibrationPoint
     from tacbench_cad.lab.rig.loadcell import STILL_S
 
-    _ask(f"{f'put {mass_g:g} g on' if mass_g else 'take everything off'}, wait for it to rest, press Enter: ")
+    ask_line(f"{f'put {mass_g:g} g on' if mass_g else 'take everything off'}, wait for it to rest, press Enter: ")
     raw = cell.read(STILL_S)
-    typer.echo(f"{mass_g:g} g: {raw.mean:z.1f} counts, spread {raw.spread:.1f}, {counted(raw.samples, 'sample')}")
+    click.echo(f"{mass_g:g} g: {raw.mean:z.1f} counts, spread {raw.spread:.1f}, {counted(raw.samples, 'sample')}")
     return CalibrationPoint(mass_g=mass_g, counts=raw.mean, spread_counts=raw.spread, samples=raw.samples)
 
 
 def _print(found: Calibration, path: Path) -> None:
     from tacbench_cad.lab.rig.calibration import weight_n
 
-    shown = table(
+    forces = [(point, found.newtons(point.counts)) for point in found.points]
+    print_table(
         str(path),
-        "mass (g)",
-        "counts",
-        "force (N)",
-        "off the line (N)",
-        right=("mass (g)", "counts", "force (N)", "off the line (N)"),
+        (">mass (g)", ">counts", ">force (N)", ">off the line (N)"),
+        [
+            (f"{point.mass_g:g}", f"{point.counts:z.1f}", f"{force:z.4f}", f"{force - weight_n(point.mass_g):+z.4f}")
+            for point, force in forces
+        ],
     )
-    for one in found.points:
-        force = found.newtons(one.counts)
-        off = force - weight_n(one.mass_g)
-        shown.add_row(f"{one.mass_g:g}", f"{one.counts:z.1f}", f"{force:z.4f}", f"{off:+z.4f}")
-    screen = console()
-    screen.print(shown)
-    screen.print(
+    print_lines(
         f"{1.0 / found.newtons_per_count:.6g} counts per newton; residual {found.residual_n:.3g} N (rms), worst "
-        f"{found.worst_n:.3g} N, noise of a sample {found.noise_n:.3g} N",
-        soft_wrap=True,
+        f"{found.worst_n:.3g} N, noise of a sample {found.noise_n:.3g} N"
     )
     for warning in found.warnings:
         note(f"warning: {warning}")
-
-
-def _column(text: str | None) -> tuple[int, int]:
-    """``2/3`` is the second of three."""
-    if text is None:
-        return (1, 1)
-    parts = text.split("/")
-    if len(parts) != 2:
-        raise InputError("column", text, "must be I/N, as in 2/3 for the second of three numbers on a line")
-    number, of = (whole_of("column", part) for part in parts)
-    if not 1 <= number <= of <= 1000:
-        raise InputError("column", text, "must be I/N with I from 1 to N")
-    return (number, of)
-
-
-def _ask(prompt: str) -> str:
-    """Show a prompt and return the line that was typed. A line that no terminal shows is shown here.
-
-    Raises:
-        InputError: The input has ended.
-    """
-    typer.echo(prompt, nl=False)
-    line = sys.stdin.readline()
-    if not line:
-        typer.echo()
-        raise InputError("answer", None, "the input has ended; nothing is stored")
-    if not sys.stdin.isatty():
-        typer.echo(line.strip())
-    return line.strip()

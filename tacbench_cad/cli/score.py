@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from tacbench_cad.cli.common import console, note, print_json, print_simulated, table
+from tacbench_cad.cli import options
+from tacbench_cad.cli.common import note, print_json, print_lines, print_simulated, print_table
+from tacbench_cad.util.text import interval
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.analysis.classification.score import Score, Share
 
-NAME = "score"
 
-
-def command(
-    predictions: Annotated[Path, typer.Argument(metavar="PREDICTIONS.csv", show_default=False)],
-    split: Annotated[Path, typer.Argument(metavar="SPLIT", help="A file of tacbench split.", show_default=False)],
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
-) -> None:
+@options.command("score")
+@options.argument("predictions", options.file("PREDICTIONS.csv"), "The predictions.")
+@options.argument("split", options.file("SPLIT"), "A file of tacbench split.")
+@options.json
+def command(predictions: Path, split: Path, json: bool) -> None:
     """Score predictions, made by anything, against a split file.
 
     PREDICTIONS.csv has a head and a row for each press that a fold tests, with the columns fold, run, force_level,
@@ -37,34 +35,36 @@ def command(
     try:
         result = score(predictions, read_split(split))
     except PredictionsError as error:
-        for one in error.faults:
-            note(f"{one.kind}: {one.text}")
+        for fault in error.faults:
+            note(f"{fault.kind}: {fault.text}")
         raise
     if json:
         print_json(result.as_dict())
-        return
-    _print(result)
+    else:
+        _print(result)
 
 
 def _print(result: Score) -> None:
     textures = result.split.textures
-    numbers = ("accuracy", "95 % interval", "right", "presses", "prints")
-    shown = table(f"{result.split.protocol}: accuracy", "of", *numbers, right=numbers)
-    shown.add_row("all folds", *_cells(result.accuracy))
-    for name, one in result.folds.items():
-        shown.add_row(name, *_cells(one))
-    for name, one in result.recall.items():
-        shown.add_row(f"{name} (recall)", *_cells(one))
-    screen = console()
-    screen.print(shown)
-    confusion = table("pressed (rows) and predicted (columns)", "", *textures, right=textures)
-    for name, row in zip(textures, result.confusion.tolist(), strict=True):
-        confusion.add_row(name, *(f"{count:,}" for count in row))
-    screen.print(confusion)
-    screen.print(f"chance is {1.0 / len(textures):.1%}; data {result.split.data_sha256[:12]}", soft_wrap=True)
-    print_simulated(screen, result.split.simulated)
+    rows = {"all folds": result.accuracy, **result.folds}
+    rows |= {f"{name} (recall)": recall for name, recall in result.recall.items()}
+    print_table(
+        f"{result.split.protocol}: accuracy (%)",
+        ("of", ">accuracy", ">95 % interval", ">right", ">presses", ">prints"),
+        [(name, *_cells(share)) for name, share in rows.items()],
+    )
+    print_table(
+        "pressed (rows) and predicted (columns)",
+        ("", *(f">{name}" for name in textures)),
+        [
+            (name, *(f"{count:,}" for count in row))
+            for name, row in zip(textures, result.confusion.tolist(), strict=True)
+        ],
+    )
+    print_lines(f"chance is {1.0 / len(textures):.1%}; data {result.split.data_sha256[:12]}")
+    print_simulated(result.split.simulated)
 
 
-def _cells(one: Share) -> list[str]:
-    interval = "none" if one.low is None or one.high is None else f"{one.low:.1%} to {one.high:.1%}"
-    return [f"{one.value:.1%}", interval, f"{one.right:,}", f"{one.presses:,}", str(one.prints)]
+def _cells(share: Share) -> tuple[object, ...]:
+    low, high = (None if end is None else 100.0 * end for end in (share.low, share.high))
+    return f"{100.0 * share.value:.1f}", interval(low, high), f"{share.right:,}", f"{share.presses:,}", share.prints

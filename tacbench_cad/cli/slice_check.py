@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from tacbench_cad.cli.common import console, given, key_of, note, number_of, print_json, table
+from tacbench_cad.cli import options
+from tacbench_cad.cli.common import note, print_json, print_table
 from tacbench_cad.util.errors import InputError, MissingToolError
 
 if TYPE_CHECKING:
@@ -15,38 +15,49 @@ if TYPE_CHECKING:
     from tacbench_cad.slicing.surface import Frame
     from tacbench_cad.spec.block import Block
 
-NAME = "slice-check"
+
+def _frame_of(option: str, text: str) -> Frame:
+    from tacbench_cad.slicing.surface import Frame
+
+    try:
+        numbers = options.numbers_of(option, text)
+    except InputError:
+        numbers = ()
+    if len(numbers) not in (2, 3):
+        raise InputError(option, text, "must be X,Y or X,Y,DEGREES, numbers with commas between them")
+    degrees = numbers[2] if len(numbers) == 3 else 0.0
+    if degrees not in (0.0, 90.0, 180.0, 270.0):
+        raise InputError(option, text, "a block is turned by 0, 90, 180 or 270 degrees")
+    return Frame(x_mm=numbers[0], y_mm=numbers[1], quarters=int(degrees) // 90)
 
 
+@options.command("slice-check")
+@options.argument("files", options.file("FILE.gcode"), "G-code of one block each.", many=True)
+@options.option("--texture", kind=options.text("T"), required=True, help="What the block is: 1 to 6 or a TOML file.")
+@options.preset
+@options.scale
+@options.key
+@options.option(
+    "--frame",
+    kind=options.Value("X,Y[,DEG]", _frame_of),
+    help="Lower left corner of the block on the bed in mm, and its turn by 90, 180 or 270 degrees. "
+    "Default: from the outer walls of the low layers.",
+)
+@options.option("--filament", kind=options.MM, help="Diameter of the filament. Default: the file's, or 1.75.")
+@options.out("FILE.png", "Picture. Default: FILE_as-sliced.png in this folder.")
+@options.flag("--no-picture", panel=options.OUTPUT, help="Draw nothing.")
+@options.json
 def command(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="FILE.gcode", help="G-code of one block each.", show_default=False)
-    ],
-    texture: Annotated[
-        str, typer.Option(metavar="T", help="What the block is: 1 to 6 or a TOML file.", show_default=False)
-    ],
-    preset: Annotated[str, typer.Option(metavar="paper|released", help="Geometry of the block.")] = "paper",
-    scale: Annotated[str, typer.Option(metavar="S", help="Scale of the block.")] = "1",
-    key: Annotated[
-        str | None, typer.Option(metavar="MM", help="Leg of the block's key, as in make; alone: the default one.")
-    ] = None,
-    frame: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y[,DEG]",
-            help="Lower left corner of the block on the bed in mm, and its turn by 90, 180 or 270 degrees. "
-            "Default: from the outer walls of the low layers.",
-        ),
-    ] = None,
-    filament: Annotated[
-        str | None, typer.Option(metavar="MM", help="Diameter of the filament. Default: the file's, or 1.75.")
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", metavar="FILE.png", help="Picture. Default: FILE_as-sliced.png in this folder."),
-    ] = None,
-    no_picture: Annotated[bool, typer.Option("--no-picture", help="Draw nothing.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    files: tuple[Path, ...],
+    texture: str,
+    preset: str,
+    scale: float,
+    key_mm: float | None,
+    frame: Frame | None,
+    filament: float | None,
+    out: Path | None,
+    no_picture: bool,
+    json: bool,
 ) -> None:
     """Read a slicer's G-code and compare the top that it will print with the texture's formula.
 
@@ -65,20 +76,20 @@ def command(
     """
     from tacbench_cad.slicing.compare import slice_check
 
-    block = _block(texture, preset, number_of("scale", scale), given(key_of, "key", key))
-    place = None if frame is None else _frame(frame)
-    diameter = given(number_of, "filament", filament)
+    block = _block(texture, preset, scale, key_mm)
     pictures = _pictures(files, out, no_picture)
-    found = [slice_check(path, block, place, filament_mm=diameter) for path in files]
+    results = [slice_check(path, block, frame, filament_mm=filament) for path in files]
     if json:
-        print_json({"files": [one.as_dict() for one in found]})
+        print_json({"files": [result.as_dict() for result in results]})
     else:
-        _print(found)
-    for one in found:
-        for warning in one.warnings:
-            note(f"warning: {one.sliced.path.name}: {warning}")
-    for one, path in zip(found, pictures, strict=False):
-        _draw(one, path, asked=out is not None)
+        names = [f">{result.sliced.path.name}" for result in results]
+        title = f"{block.name} as sliced (lengths in µm unless said otherwise)"
+        print_table(title, ("", *names), [(head, *map(cell, results)) for head, cell in _ROWS])
+    for result in results:
+        for warning in result.warnings:
+            note(f"warning: {result.sliced.path.name}: {warning}")
+    for result, path in zip(results, pictures, strict=False):
+        _draw(result, path, asked=out is not None)
 
 
 def _block(texture: str, preset: str, scale: float, key_mm: float | None) -> Block:
@@ -92,22 +103,7 @@ def _block(texture: str, preset: str, scale: float, key_mm: float | None) -> Blo
     return replace(blocks[0], key_mm=key_mm)
 
 
-def _frame(text: str) -> Frame:
-    from tacbench_cad.slicing.surface import Frame
-
-    try:
-        numbers = [float(word) for word in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in (2, 3):
-        raise InputError("frame", text, "must be X,Y or X,Y,DEGREES, numbers with commas between them")
-    degrees = numbers[2] if len(numbers) == 3 else 0.0
-    if degrees not in (0.0, 90.0, 180.0, 270.0):
-        raise InputError("frame", text, "a block is turned by 0, 90, 180 or 270 degrees")
-    return Frame(x_mm=numbers[0], y_mm=numbers[1], quarters=int(degrees) // 90)
-
-
-def _pictures(files: list[Path], out: Path | None, no_picture: bool) -> list[Path]:
+def _pictures(files: Sequence[Path], out: Path | None, no_picture: bool) -> list[Path]:
     """Where the pictures go, in the order of the files; none where none are wanted."""
     if out is not None and no_picture:
         raise InputError("out", str(out), "goes not together with --no-picture")
@@ -137,15 +133,6 @@ def _draw(found: AsSliced, path: Path, *, asked: bool) -> None:
         note(f"no picture: {error}")
     else:
         note(f"wrote {path}")
-
-
-def _print(found: list[AsSliced]) -> None:
-    names = [one.sliced.path.name for one in found]
-    block = found[0].block
-    shown = table(f"{block.name} as sliced (lengths in µm unless said otherwise)", "", *names, right=names)
-    for head, read in _ROWS:
-        shown.add_row(head, *(read(one) for one in found))
-    console().print(shown)
 
 
 def _um(mm: float | None) -> str:

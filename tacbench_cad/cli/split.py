@@ -3,31 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from tacbench_cad.cli.common import console, note, print_json, table, whole_of, words_of
+from tacbench_cad.cli import options
+from tacbench_cad.cli.common import note, print_json, print_table
 from tacbench_cad.util.text import counted
 
-NAME = "split"
 
-
+@options.command("split")
+@options.runs
+@options.option(
+    "--rungs", kind=options.words("A,B"), help="Of press, position, force, copy, printer-filament. Default: all."
+)
+@options.option("--folds", kind=options.COUNT, default="5", help="Folds of the rungs press and position.")
+@options.option("--seed", kind=options.COUNT, default="0", help="Draws presses and positions into folds.")
+@options.out("DIR", "Folder of the split files.", default="splits")
+@options.json
 def command(
-    runs: Annotated[
-        list[Path],
-        typer.Argument(metavar="RUNS", help="Run folders, or folders that hold some.", show_default=False),
-    ],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder of the split files.")] = Path(
-        "splits"
-    ),
-    rungs: Annotated[
-        str | None,
-        typer.Option(metavar="A,B", help="Of press, position, force, copy, printer-filament. Default: all."),
-    ] = None,
-    folds: Annotated[str, typer.Option(metavar="N", help="Folds of the rungs press and position.")] = "5",
-    seed: Annotated[str, typer.Option(metavar="N", help="Draws presses and positions into folds.")] = "0",
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    runs: tuple[Path, ...], rungs: tuple[str, ...] | None, folds: int, seed: int, out: Path, json: bool
 ) -> None:
     """Write split files: which presses may be learnt from and which are to be predicted, with a protocol id and hashes.
 
@@ -45,39 +37,38 @@ def command(
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.util.files import locked
 
-    number, count = whole_of("seed", seed), whole_of("folds", folds)
-    wanted = words_of(rungs) or RUNGS
-    splits, notes = make_splits(Collection.open(runs), wanted, seed=number, folds=count)
+    splits, notes = make_splits(Collection.open(runs), rungs or RUNGS, seed=seed, folds=folds)
     with locked(out):
-        paths = [write_split(out / f"split_{one.rung}.json", one) for one in splits]
+        files = {out / f"split_{split.rung}.json": split for split in splits}
+        for path, split in files.items():
+            write_split(path, split)
     if json:
         print_json(
             {
                 "splits": [
                     {
                         "file": str(path),
-                        "protocol": one.protocol,
-                        "rung": one.rung,
-                        "design_sha256": one.design_sha256,
-                        "data_sha256": one.data_sha256,
-                        "presses": len(one.presses),
-                        "folds": [fold.name for fold in one.folds],
-                        "simulated": list(one.simulated),
+                        "protocol": split.protocol,
+                        "rung": split.rung,
+                        "design_sha256": split.design_sha256,
+                        "data_sha256": split.data_sha256,
+                        "presses": len(split.presses),
+                        "folds": [fold.name for fold in split.folds],
+                        "simulated": list(split.simulated),
                     }
-                    for path, one in zip(paths, splits, strict=True)
+                    for path, split in files.items()
                 ],
                 "left_out": list(notes),
             }
         )
         return
-    shown = table(
-        f"{counted(len(paths), 'split file')} in {out}",
-        *("file", "protocol", "folds", "tested"),
-        right=("folds", "tested"),
+    print_table(
+        f"{counted(len(files), 'split file')} in {out}",
+        ("file", "protocol", ">folds", ">tested"),
+        [
+            (path.name, split.protocol, len(split.folds), f"{sum(len(fold.test) for fold in split.folds):,}")
+            for path, split in files.items()
+        ],
     )
-    for path, one in zip(paths, splits, strict=True):
-        tested = sum(len(fold.test) for fold in one.folds)
-        shown.add_row(path.name, one.protocol, str(len(one.folds)), f"{tested:,}")
-    console().print(shown)
     for text in notes:
         note(f"note: {text}")

@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import rich_click as click
+from click.exceptions import Exit
 
-from tacbench_cad.cli.common import (
-    Dask,
-    Jobs,
-    console,
-    jobs_of,
-    note,
-    print_json,
-    print_simulated,
-    show_table,
-    whole_of,
-)
+from tacbench_cad.cli import options
+from tacbench_cad.cli.common import note, print_json, print_lines, print_simulated, show_table
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
@@ -26,26 +18,34 @@ if TYPE_CHECKING:
     from tacbench_cad.lab.analysis.variance.registration import Seating
     from tacbench_cad.lab.analysis.variance.view import VarianceView
 
-NAME = "variance"
 
-
+@options.command("variance")
+@options.runs
+@options.flag("--colour", help="Keep the colours; else BT.601 grey.")
+@options.option(
+    "--ddof",
+    kind=options.Value("0|1", options.whole_of),
+    default="0",
+    help="Divide by n (0, as the paper's NumPy) or n - 1.",
+)
+@options.flag(
+    "--register", help="Separate differences in placement from differences in printing; reads every image three times."
+)
+@options.option("--seed", kind=options.COUNT, default="0", help="Seed of intervals and permutation tests.")
+@options.jobs
+@options.dask
+@options.out("DIR", "Folder for tables (CSV) and figures (PNG, PDF).")
+@options.json
 def command(
-    runs: Annotated[
-        list[Path],
-        typer.Argument(metavar="RUNS", help="Run folders, or folders that hold some.", show_default=False),
-    ],
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for tables (CSV) and figures (PNG, PDF).")
-    ] = None,
-    colour: Annotated[bool, typer.Option("--colour", help="Keep the colours; else BT.601 grey.")] = False,
-    ddof: Annotated[str, typer.Option(metavar="0|1", help="Divide by n (0, as the paper's NumPy) or n - 1.")] = "0",
-    register: Annotated[
-        bool, typer.Option("--register", help="Tell how a block lay apart from how it printed; reads all thrice.")
-    ] = False,
-    seed: Annotated[str, typer.Option(metavar="N", help="Seed of intervals and permutation tests.")] = "0",
-    jobs: Jobs = None,
-    dask: Dask = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    runs: tuple[Path, ...],
+    colour: bool,
+    ddof: int,
+    register: bool,
+    seed: int,
+    jobs: int,
+    dask: str | None,
+    out: Path | None,
+    json: bool,
 ) -> None:
     """The paper's variance table: each pixel's variance over prints and repeats, mean over pixels and positions.
 
@@ -67,12 +67,10 @@ def command(
     from tacbench_cad.lab.analysis.variance.view import VarianceView, write_all
     from tacbench_cad.util.files import locked
 
-    divisor, number = whole_of("ddof", ddof), whole_of("seed", seed)
-    if divisor not in (0, 1):
-        raise InputError("ddof", divisor, "allowed: 0, 1")
-    if number < 0:
-        raise InputError("seed", number, "must be 0 or more")
-    count = jobs_of(jobs)
+    if ddof not in (0, 1):
+        raise InputError("ddof", ddof, "allowed: 0, 1")
+    if seed < 0:
+        raise InputError("seed", seed, "must be 0 or more")
     collection, preprocess = Collection.open(runs), Preprocess(colour=colour)
     if out is not None:
         with locked(out):  # a folder that cannot be written is refused before the work, not after it
@@ -84,15 +82,15 @@ def command(
             progress.show("readings", done, total)
 
         if register:
-            progress.say("registering")
-            seatings = seats(collection, preprocess, ddof=divisor, jobs=count, dask=dask)
+            progress.show("registering")
+            seatings = seats(collection, preprocess, ddof=ddof, jobs=jobs, dask=dask)
         result = variance_table(
             collection,
             preprocess,
-            ddof=divisor,
-            jobs=count,
+            ddof=ddof,
+            jobs=jobs,
             dask=dask,
-            seed=number,
+            seed=seed,
             progress=readings,
         )
     files = [] if out is None else write_all(result, out, seatings)
@@ -103,19 +101,17 @@ def command(
     else:
         _print(view)
         if out is not None:
-            typer.echo(f"{counted(len(files), 'file')} in {out}")
+            click.echo(f"{counted(len(files), 'file')} in {out}")
     for line in result.left_out:
         note(f"error: left out: {line}")
     if result.left_out:
-        raise typer.Exit(1)
+        raise Exit(1)
 
 
 def _print(view: VarianceView) -> None:
-    screen = console()
-    print_simulated(screen, view.collection.simulated)
+    print_simulated(view.collection.simulated)
     for _, shown in view.shown():
         show_table(shown)
-    for line in (*view.notes, *(f"warning: {text}" for text in view.warnings)):
-        screen.print(line, soft_wrap=True)
+    print_lines(*view.notes, *(f"warning: {text}" for text in view.warnings))
     if not view.tables["permutation"].rows and len(view.collection.combinations) > 1:
         note("no permutation test between printers: it needs two printers with two prints of one texture each")

@@ -3,38 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Any
 
-import typer
-
-from tacbench_cad.cli.common import note, number_of, part_options
-
-NAME = "view"
+from tacbench_cad.cli import options
+from tacbench_cad.cli.common import note
 
 
-def command(
-    parts: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="PARTS",
-            help="1 to 6, a texture's name, a TOML file, blocks, holder, jig, coupon. Default: the whole set.",
-            show_default=False,
-        ),
-    ] = None,
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE.html", help="The page.")] = Path("view.html"),
-    preset: Annotated[str, typer.Option(metavar="paper|released", help="Geometry to begin from.")] = "paper",
-    scale: Annotated[str, typer.Option(metavar="S", help="Multiply sides, height, mm per unit, press grid.")] = "1",
-    key: Annotated[
-        str | None, typer.Option(metavar="[MM]", help="Cut the corner at (X, 0), 3 mm if no number follows.")
-    ] = None,
-    slots: Annotated[str | None, typer.Option(metavar="N", help="Pockets of the holder.")] = None,
-    tolerance: Annotated[
-        str | None, typer.Option(metavar="MM", help="Distance of meshes from the formula. Default: 0.01.")
-    ] = None,
-    grid: Annotated[
-        str | None, typer.Option(metavar="[NXxNY]", help="Join samples instead, the preset's if no size follows.")
-    ] = None,
-) -> None:
+@options.command("view")
+@options.argument(
+    "parts",
+    options.words("PARTS"),
+    "1 to 6, a texture's name, a TOML file, blocks, holder, jig, coupon. Default: the whole set.",
+    many=True,
+    required=False,
+)
+@options.part
+@options.out("FILE.html", "The page.", default="view.html")
+def command(parts: tuple[tuple[str, ...], ...], out: Path, **request: Any) -> None:
     """Write one HTML page with the parts in 3D: to turn, cut and measure. It loads nothing, so it can be sent on.
 
     The page shows texture, block, holder, jig and how they go together, the press positions and contact circles, and
@@ -50,15 +35,10 @@ def command(
     from tacbench_cad.render.viewing.page import require_page, write_page
     from tacbench_cad.render.viewing.scene import request_of, scene_of
 
-    words = [word.strip() for text in parts or () for word in text.split(",") if word.strip()]
-    options = Request(
-        preset=preset,
-        scale=number_of("scale", scale),
-        **part_options(key=key, slots=slots, tolerance=tolerance, grid=grid),
-    )
-    request = request_of(words, options)
+    words = [word for words in parts for word in words]
+    meant = request_of(words, Request(**options.request_fields(request)))
     require_page(out)
-    scene = scene_of(request, note)
+    scene = scene_of(meant, note)
     write_page(scene, out)
     for left in scene.left_out:
         note(f"left out: {left.what}: {left.reason}")

@@ -36,7 +36,7 @@ PACKAGES: tuple[Package, ...] = (
     Package(distribution="scipy", module="scipy", extra=None, use="splines and sparse tables"),
     Package(distribution="manifold3d", module="manifold3d", extra=None, use="checks of every mesh"),
     Package(distribution="lib3mf", module="lib3mf", extra=None, use="3MF files"),
-    Package(distribution="typer", module="typer", extra=None, use="the commands"),
+    Package(distribution="rich-click", module="rich_click", extra=None, use="the commands"),
     Package(distribution="rich", module="rich", extra=None, use="tables and progress"),
     Package(distribution="cadquery", module="cadquery", extra="cad", use="the CadQuery plugin"),
     Package(distribution="build123d", module="build123d", extra="cad", use="holder, jig, coupon; the build123d plugin"),

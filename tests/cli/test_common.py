@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tacbench_cad.cli.common import console, print_simulated
+from tacbench_cad.cli.common import print_simulated
 
 Capture = pytest.CaptureFixture[str]
 
@@ -18,10 +18,10 @@ RUNS = tuple(
 
 
 def test_what_was_simulated_is_said_in_one_short_line(capsys: Capture) -> None:
-    print_simulated(console(), RUNS)
+    print_simulated(RUNS)
     assert capsys.readouterr().out == "simulated: stage, gauge, sensor (see run.json)\n"
 
 
 def test_nothing_is_said_of_real_data(capsys: Capture) -> None:
-    print_simulated(console(), ())
+    print_simulated(())
     assert capsys.readouterr().out == ""

@@ -126,7 +126,7 @@ def test_repair_runs_pip_for_what_pip_can_mend_and_nothing_else(monkeypatch: pyt
     )
     done = doctor.repair(doctor.Diagnosis(packages=(), findings=findings))
     assert done == [("--no-deps", "cadquery-ocp==7")]
-    assert [command[1:4] for command in ran] == [["-m", "pip", "install"]]
+    assert [command[1:5] for command in ran] == [["-P", "-m", "pip", "install"]]
     assert ran[0][-2:] == ["--no-deps", "cadquery-ocp==7"]
 
 
@@ -147,5 +147,5 @@ def test_json_and_exit_code_when_something_is_broken(monkeypatch: pytest.MonkeyP
 def test_this_install_is_reported_with_its_versions(capsys: Capture) -> None:
     main(["doctor", "--json"])
     packages = {one["name"]: one["version"] for one in json.loads(capsys.readouterr().out)["packages"]}
-    for name in ("numpy", "scipy", "manifold3d", "typer", "rich"):
+    for name in ("numpy", "scipy", "manifold3d", "rich-click", "rich"):
         assert packages[name] == importlib.metadata.version(name)

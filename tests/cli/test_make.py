@@ -16,7 +16,6 @@ import pytest
 from tacbench_cad import __version__
 from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.cli import main
-from tacbench_cad.cli.common import with_default_values
 from tacbench_cad.making import writing as making
 
 Capture = pytest.CaptureFixture[str]
@@ -181,24 +180,9 @@ def test_an_interruption_ends_with_130_and_leaves_nothing_unfinished(tmp_path: P
 
 
 @pytest.mark.parametrize(
-    ("typed", "read"),
-    [
-        (["--grid"], ["--grid=default"]),
-        (["--grid", "--key"], ["--grid=default", "--key=default"]),
-        (["--grid", "189x201", "--key", "2.5"], ["--grid", "189x201", "--key", "2.5"]),
-        (["--key", "-1"], ["--key", "-1"]),
-        (["--key", "-o", "x"], ["--key=default", "-o", "x"]),
-        (["--grid=9x9", "--out", "--key"], ["--grid=9x9", "--out", "--key=default"]),
-        (["--key", "--json"], ["--key=default", "--json"]),
-    ],
-)
-def test_options_whose_value_may_be_left_out(typed: list[str], read: list[str]) -> None:
-    assert with_default_values(typed) == read
-
-
-@pytest.mark.parametrize(
     ("options", "name"),
     [
+        (["--grid=9x9", "--key"], "texture-1_paper_x1_key3_grid9x9"),
         (["--grid", "--key", "--scale", "0.5"], "texture-1_paper_x0.5_key3_grid189x201"),
         (["--key", "2", "--grid", "40x50"], "texture-1_paper_x1_key2_grid40x50"),
         (["--size", "40,40", "--grid", "--label"], "texture-1_paper_x1_40x40x7_grid324x268_label"),

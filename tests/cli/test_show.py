@@ -31,6 +31,16 @@ def test_press_gives_another_picture_under_another_name(tmp_path: Path, monkeypa
     assert plain.read_bytes() != press.read_bytes()
 
 
+def test_several_textures_are_shown_as_one_picture_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["show", "all"]) == 0
+    assert main(["show", "2,3", "--drawing"]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *(f"texture-{number}_paper_x1.png" for number in range(1, 7)),
+        *(f"texture-{number}_paper_x1_drawing.pdf" for number in (2, 3)),
+    }
+
+
 def test_a_texture_file_can_be_shown(tmp_path: Path) -> None:
     file = tmp_path / "hex.toml"
     file.write_text('[texture]\nname = "hex"\nfamily = "series"\nlaw = "square"\nN = 5\naxes = "x"\n')
@@ -86,7 +96,7 @@ def test_fixtures_are_drawn_by_the_same_option(tmp_path: Path, monkeypatch: pyte
     ("argv", "needle"),
     [
         (["show", "7"], "texture = '7'"),
-        (["show", "all"], "name one texture"),
+        (["show", "all", "-o", "all.png"], "names one picture, and there are 6"),
         (["show", "1", "-o", "picture.stl"], "must end in .png"),
         (["show", "1", "-o", "nowhere/picture.png"], "nowhere"),
         (["show", "1", "--preset", "papers"], 'did you mean "paper"'),
@@ -95,8 +105,7 @@ def test_fixtures_are_drawn_by_the_same_option(tmp_path: Path, monkeypatch: pyte
         (["show", "1", "--drawing", "jigg"], 'did you mean "jig"'),
         (["show", "1", "--drawing", "-o", "block.stl"], "must end in .png, .pdf or .svg"),
         (["show", "1", "--drawing", "-o", "nowhere/block.pdf"], "nowhere"),
-        (["show", "all", "--drawing"], "name one texture"),
-        (["show", "1,2", "--drawing"], "texture = '1,2'"),
+        (["show", "1,2", "--drawing", "-o", "both.pdf"], "names one picture, and there are 2"),
         (["show", "1", "--drawing", "jig", "--press"], "belongs to the drawing of a block"),
         (["show", "1", "--drawing", "--scale", "0"], "scale"),
         (["show", "1", "--drawing", "--key", "0.2", "--size", "9,"], "size = '9,'"),

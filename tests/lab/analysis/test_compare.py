@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
+from click.testing import CliRunner
 from helpers.studies import noise_image, write_study
-from typer.testing import CliRunner
 
 pytest.importorskip("scipy")
 pytest.importorskip("sklearn")
@@ -121,12 +120,10 @@ def compared(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
     folder = tmp_path_factory.mktemp("compare")
     write_study(folder / "seeing", simulated="a formula", copies=3)
     write_study(folder / "blind", image=noise_image, copies=3)
-    app = typer.Typer()
-    app.command()(command.command)
     out = folder / "out"
     words = [str(folder / "seeing"), str(folder / "blind"), "-o", str(out), "--trials", "1", "--jobs", "1", "--json"]
     with threadpoolctl.threadpool_limits(1):
-        answer = CliRunner().invoke(app, words)
+        answer = CliRunner().invoke(command.command, words)
     assert answer.exit_code == 0, answer.output
     return folder, json.loads(answer.stdout)
 
@@ -148,15 +145,13 @@ def test_the_command_takes_runs_and_tells_a_seeing_sensor_from_a_blind_one(
 
 def test_the_command_takes_folders_of_classify(compared: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
     folder, document = compared
-    app = typer.Typer()
-    app.command()(command.command)
     sides = [str(folder / "out" / f"classification_{one}") for one in "ab"]
-    again = CliRunner().invoke(app, [*sides, "-o", str(tmp_path), "--json"])
+    again = CliRunner().invoke(command.command, [*sides, "-o", str(tmp_path), "--json"])
     assert again.exit_code == 0
     assert json.loads(again.stdout)["rows"] == document["rows"]
-    unpaired = CliRunner().invoke(app, [*sides, "--unpaired", "-o", str(tmp_path), "--json"])
+    unpaired = CliRunner().invoke(command.command, [*sides, "--unpaired", "-o", str(tmp_path), "--json"])
     assert not any(row["paired"] for row in json.loads(unpaired.stdout)["rows"])
-    plain = CliRunner().invoke(app, [*sides, "-o", str(tmp_path)])
+    plain = CliRunner().invoke(command.command, [*sides, "-o", str(tmp_path)])
     assert "A better" in plain.stdout and "simulated: sensor (see run.json)\n" in plain.stdout
 
 
@@ -166,7 +161,5 @@ def test_a_folder_without_the_estimator_is_refused(compared: tuple[Path, dict[st
 
 
 def test_a_study_is_not_compared_with_itself(tmp_path: Path) -> None:
-    app = typer.Typer()
-    app.command()(command.command)
-    answer = CliRunner().invoke(app, [str(tmp_path), str(tmp_path)])
+    answer = CliRunner().invoke(command.command, [str(tmp_path), str(tmp_path)])
     assert isinstance(answer.exception, InputError) and "is A itself" in str(answer.exception)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from helpers.studies import write_study
 
-from tacbench_cad.cli import grade as command
+from tacbench_cad.cli import main
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.variance.cells import Cell
 from tacbench_cad.lab.analysis.variance.grade import Grade, grade
@@ -211,7 +211,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_command_prints_table_verdicts_and_reasons(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    command.command([study], force_level="all", jobs="1", json=False)
+    assert main(["grade", str(study)]) == 0
     out = capsys.readouterr().out
     assert "ender-3, pla-plus: mean over the forces" in out
     assert "bambu-p1p, pla-minus: mean over the forces" in out
@@ -227,7 +227,7 @@ def test_the_command_prints_table_verdicts_and_reasons(study: Path, capsys: pyte
 
 
 def test_the_command_prints_json(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    command.command([study], force_level="1", jobs="1", json=True)
+    assert main(["grade", str(study), "--force-level", "1", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["simulated"] == ["sensor: simulated TacTip"] and document["units"] == "counts"
     assert [(one["printer"], one["force_level"]) for one in document["grades"]] == [("ender-3", 1), ("bambu-p1p", 1)]
@@ -241,10 +241,15 @@ def test_the_command_prints_json(study: Path, capsys: pytest.CaptureFixture[str]
     assert verdict["printer"] == "form-3" and sorted(verdict["less"] + verdict["more"] + verdict["unclear"]) == [1, 2]
 
 
-@pytest.mark.parametrize(("options", "field"), [({"force_level": "two"}, "force-level"), ({"jobs": "0"}, "jobs")])
-def test_the_commands_options_are_refused_by_name(options: dict[str, str], field: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=field):
-        command.command([tmp_path], json=False, **{"force_level": "all", "jobs": "1", **options})
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [(["--force-level", "two"], "force level = 'two'"), (["--jobs", "0"], "jobs = 0: must be 1 or more")],
+)
+def test_the_commands_options_are_refused_by_name(
+    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["grade", str(tmp_path), *options]) == 2
+    assert message in capsys.readouterr().err
 
 
 def test_readings_that_were_left_out_are_said() -> None:

@@ -12,9 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
+from click.testing import CliRunner
 from helpers.studies import GRID, noise_image, texture_image, write_study
-from typer.testing import CliRunner
 
 pytest.importorskip("cv2")
 pytest.importorskip("sklearn")
@@ -179,18 +178,16 @@ def test_the_page_says_what_a_reader_asks_for(page: Page) -> None:
 
 def test_without_classification_and_with_folders_of_the_commands(runs: Path, report: Path, tmp_path: Path) -> None:
     files = report.with_name("report_files")
-    app = typer.Typer()
-    app.command()(command.command)
     out = tmp_path / "again.html"
     words = [str(runs), "-o", str(out), "--variance", str(files / "variance")]
-    answer = CliRunner().invoke(app, [*words, "--classify", str(files / "classification"), "--json"])
+    answer = CliRunner().invoke(command.command, [*words, "--classify", str(files / "classification"), "--json"])
     assert answer.exit_code == 0, answer.output
     assert json.loads(answer.stdout)["report"] == str(out)
     again = Page(out.read_text(encoding="utf-8"))
     before = Page(report.read_text(encoding="utf-8"))
     assert again.text == before.text.replace("report_files/", "again_files/")
     assert not (tmp_path / "again_files" / "classification" / "trials").exists()
-    plain = CliRunner().invoke(app, [*words[:2], str(tmp_path / "short.html"), *words[3:], "--no-classify"])
+    plain = CliRunner().invoke(command.command, [*words[:2], str(tmp_path / "short.html"), *words[3:], "--no-classify"])
     assert "files in short_files" in plain.stdout
     assert "What the sensor can tell apart" not in (tmp_path / "short.html").read_text(encoding="utf-8")
 

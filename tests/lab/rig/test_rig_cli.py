@@ -33,7 +33,7 @@ Patch = pytest.MonkeyPatch
 
 
 def run(*argv: str) -> None:
-    rig.app(list(argv), prog_name="tacbench rig", standalone_mode=False)
+    rig.command(list(argv), prog_name="tacbench rig", standalone_mode=False)
 
 
 def typed(monkeypatch: Patch, *lines: str) -> None:
@@ -113,7 +113,7 @@ def test_masses_in_the_wrong_order_store_nothing(scale: Scale, tmp_path: Path, m
 
 def test_an_input_that_ends_stores_nothing(scale: Scale, tmp_path: Path, monkeypatch: Patch) -> None:
     typed(monkeypatch, "")
-    with pytest.raises(InputError, match="the input has ended; nothing is stored"):
+    with pytest.raises(InputError, match="ended before the answer"):
         run("calibrate-force", "--port", "P", "--masses", "0,50,100", "-o", str(tmp_path / "gauge.json"))
     assert list(tmp_path.iterdir()) == [] and scale.left == 1
 
@@ -331,7 +331,7 @@ def test_align_stores_the_frame(stage: FakeStage, tmp_path: Path, monkeypatch: P
 @pytest.mark.parametrize(
     ("lines", "error", "message"),
     [
-        (answers()[:3], InputError, "the input has ended; nothing is stored"),
+        (answers()[:3], InputError, "ended before the answer"),
         (["quit"], InputError, "stopped"),
         (answers(off_mm=3.0), CheckFailedError, "nothing is stored"),
     ],
@@ -371,7 +371,7 @@ def test_align_refuses_odd_tolerances_and_studies_without_a_rig(tmp_path: Path) 
     path = tmp_path / "study.toml"
     path.write_text(STUDY[: STUDY.index("[stage]")])
     for value in ("0", "-1", "nan", "six"):
-        with pytest.raises(InputError, match="tolerance-mm"):
+        with pytest.raises(InputError, match="tolerance mm"):
             run("align", str(path), "--tolerance-mm", value)
     with pytest.raises(InputError, match=r"\[stage\]"):
         run("align", str(path))

@@ -244,8 +244,8 @@ def test_the_command_imports_and_says_where(tmp_path: Path, capsys: Capture) -> 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--first-axis", "z"], "first-axis = 'z': allowed: x, y"),
-        (["--force-levels", "P30"], "force-levels = '': must be a whole number"),
+        (["--first-axis", "z"], "first axis = 'z': allowed: x, y"),
+        (["--force-levels", "P30"], "force levels = '': must be a whole number"),
         (["--force-levels", "P30=1,P40=1"], "must name each level's number once"),
         (["--force-levels", "P30=4"], "must be from 1 to 3"),
         (["--force-levels", "P30=1,P30=2"], "names P30 twice"),

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 pytest.importorskip("scipy")
 
@@ -180,16 +179,14 @@ def test_intervals_cover_studies_with_prints_that_differ(prints: int, mean: floa
 
 
 def test_the_command_prints_the_score_or_names_every_fault(split: Split, tmp_path: Path) -> None:
-    app = typer.Typer()
-    app.command()(command.command)
     path = write_split(tmp_path / "split.json", split)
     rows = right_rows(split)
-    answer = CliRunner().invoke(app, [str(write_rows(tmp_path / "p.csv", rows)), str(path), "--json"])
+    answer = CliRunner().invoke(command.command, [str(write_rows(tmp_path / "p.csv", rows)), str(path), "--json"])
     assert answer.exit_code == 0
     assert json.loads(answer.stdout)["accuracy"]["share"] == 1.0
-    plain = CliRunner().invoke(app, [str(tmp_path / "p.csv"), str(path)])
+    plain = CliRunner().invoke(command.command, [str(tmp_path / "p.csv"), str(path)])
     assert "all folds" in plain.stdout and "texture-2 (recall)" in plain.stdout and "chance is 50.0%" in plain.stdout
     lost(rows)
-    bad = CliRunner().invoke(app, [str(write_rows(tmp_path / "p.csv", rows)), str(path)])
+    bad = CliRunner().invoke(command.command, [str(write_rows(tmp_path / "p.csv", rows)), str(path)])
     assert isinstance(bad.exception, PredictionsError)
     assert bad.stderr.count("missing: ") == 2

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 from helpers.studies import write_study
-from typer.testing import CliRunner
 
 from tacbench_cad.cli import split as command
 from tacbench_cad.lab.analysis.classification.split_files import (
@@ -126,12 +126,9 @@ def test_a_fold_must_train_and_test() -> None:
 
 
 def test_the_command_writes_the_files_and_says_what_they_are(runs: Path, tmp_path: Path) -> None:
-    import typer
 
-    app = typer.Typer()
-    app.command()(command.command)
     out = tmp_path / "splits"
-    answer = CliRunner().invoke(app, [str(runs), "-o", str(out), "--rungs", "copy,force", "--json"])
+    answer = CliRunner().invoke(command.command, [str(runs), "-o", str(out), "--rungs", "copy,force", "--json"])
     assert answer.exit_code == 0, answer.output
     document = json.loads(answer.stdout)
     assert sorted(one.name for one in out.glob("*.json")) == ["split_copy.json", "split_force.json"]

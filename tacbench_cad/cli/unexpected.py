@@ -1,0 +1,75 @@
+"""The last line of defence: what a command says of an exception that nobody expected."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import traceback
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+from tacbench_cad.cli.common import note, one_line
+from tacbench_cad.util.errors import InputError
+
+#: Environment variable with the path of the file that takes tracebacks.
+LOG_VARIABLE = "TACBENCH_LOG"
+
+
+def report_unexpected(error: Exception, words: Sequence[str]) -> int:
+    """Say in one line what happened, and write the traceback to a log file that the line names.
+
+    Args:
+        error: The exception.
+        words: The arguments of the command line.
+
+    Returns:
+        The exit code: that of bad input if one of the input files was being read, else 1.
+    """
+    path = _file_being_read(error, words)
+    blamed = "" if path is None else f"{path}: "
+    text = "".join(traceback.format_exception(error))
+    try:
+        where = f"the traceback is in {_logged(text)}"
+    except OSError as failure:
+        where = f"the log file cannot be written: {failure}"
+    note(f"error: {blamed}unexpected {type(error).__name__}: {one_line(error) or 'no message'}; {where}")
+    return 1 if path is None else InputError.exit_code
+
+
+def _logged(text: str) -> str:
+    """Append to the log file, or to a new one in the system's temporary folder."""
+    name = os.environ.get(LOG_VARIABLE)
+    if name:
+        descriptor = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+    else:
+        descriptor, name = tempfile.mkstemp(prefix="tacbench-", suffix=".log")
+    with os.fdopen(descriptor, "w", encoding="utf-8", errors="backslashreplace") as file:
+        file.write(text)
+    return name
+
+
+def _file_being_read(error: Exception, words: Sequence[str]) -> Path | None:
+    """The file that the innermost function was told of, if it is one of the inputs or lies below one."""
+    inputs = [path.absolute() for path in _inputs(words)]
+    for path in _paths(error):
+        place = path.absolute()
+        if place.is_file() and any(place.is_relative_to(root) for root in inputs):
+            return path
+    return None
+
+
+def _paths(error: Exception) -> Iterator[Path]:
+    """The paths that an exception and the functions that it left know, the innermost first."""
+    if isinstance(error, OSError) and isinstance(error.filename, str):
+        yield Path(error.filename)
+    for frame, _ in reversed(list(traceback.walk_tb(error.__traceback__))):
+        yield from (value for value in list(frame.f_locals.values()) if isinstance(value, Path))
+
+
+def _inputs(words: Sequence[str]) -> Iterator[Path]:
+    """The words of the command line that are existing files or folders, but for the place of the output."""
+    for before, word in pairwise(("", *words)):
+        if before not in ("-o", "--out") and not word.startswith(("-o", "--out")):
+            paths = [Path(part) for part in word.rpartition("=")[2].split(",") if part]
+            yield from (path for path in paths if path.exists())
