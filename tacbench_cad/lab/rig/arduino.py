@@ -36,8 +36,7 @@ from tacbench_cad.lab.rig.errors import (
     PositionLostError,
     ProtocolError,
 )
-from tacbench_cad.lab.rig.line import Line
-from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.rig.serial_stage import Link, SerialStage, confirmed
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.util.errors import InputError
 
@@ -59,8 +58,8 @@ Steps = tuple[int, int, int]
 
 def counters(line: str) -> Steps | None:
     """The three whole numbers of an answer to ``SHOW``; None if a line does not hold just three."""
-    found = re.findall(r"(?<![\w.])-?\d{1,10}(?![\w.])", line, re.ASCII)
-    return (int(found[0]), int(found[1]), int(found[2])) if len(found) == 3 else None
+    numbers = re.findall(r"(?<![\w.])-?\d{1,10}(?![\w.])", line, re.ASCII)
+    return (int(numbers[0]), int(numbers[1]), int(numbers[2])) if len(numbers) == 3 else None
 
 
 def is_done(line: str) -> bool:
@@ -68,7 +67,7 @@ def is_done(line: str) -> bool:
     return "done" in line.lower()
 
 
-class ArduinoStage(Closing):
+class ArduinoStage(SerialStage):
     """A three-axis stage behind the authors' firmware. See :class:`tacbench_cad.lab.rig.stage.Stage`.
 
     Args:
@@ -97,27 +96,27 @@ class ArduinoStage(Closing):
         home_timeout_s: float = 120.0,
         simulated: str = "",
     ) -> None:
-        self.simulated = simulated
         self._steps_per_mm = _checked(steps_per_mm)
-        self._clock = clock or Clock()
-        self._timeout_s = timeout_s
-        self._home_timeout_s = home_timeout_s
-        self._lost = "it was not homed"
+        super().__init__(
+            port,
+            clock=clock,
+            baud=baud,
+            timeout_s=timeout_s,
+            home_timeout_s=home_timeout_s,
+            simulated=simulated,
+        )
+        self._link = Link(self._line, timeout_s)
+        self._link.lost = "it was not homed"
         self._stopping = False
         self._at: Steps = (0, 0, 0)
-        self._line = Line(port, baud=baud, what="stage", write_timeout_s=min(timeout_s, 2.0))
-        self._name = f"stage at {port}"
-        try:
+        with self._opening():
             shown = self._greet()
             self._shows = shown is not None
             if shown is not None and any(shown):
                 # Counters that survived: nothing has reset the board since it moved.
-                self._lost, self._at = "", shown
+                self._link.lost, self._at = "", shown
             trust = "SHOW tells the steps" if self._shows else "SHOW tells no position, done is believed"
             self.identity = f"arduino: the paper's firmware (no version; {trust}) at {port}"
-        except BaseException:
-            self.close()
-            raise
 
     def home(self) -> None:
         """``RESET``: find the end stops. Afterwards the position is known.
@@ -129,12 +128,12 @@ class ArduinoStage(Closing):
             RigError: Lost or silent.
         """
         self._stopping = False
-        self._lost = "homing was not finished"
+        self._link.lost = "homing was not finished"
         self._reset()
         if self._stopping:
-            raise AlarmError(f"{self._name}: homing was stopped on request")
+            raise AlarmError(f"{self._link.name}: homing was stopped on request")
         self._at = self._shown() if self._shows else (0, 0, 0)
-        self._lost = ""
+        self._link.lost = ""
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
         """Go there in a straight line, to the nearest whole steps.
@@ -149,11 +148,11 @@ class ArduinoStage(Closing):
         start = self.position()
         pieces = max(1, math.ceil(math.dist(start, target_mm) / (speed_mm_s * PIECE_S)))
         for piece in range(1, pieces + 1):
-            share = piece / pieces
-            x, y, z = (a + share * (b - a) for a, b in zip(start, target_mm, strict=True))
+            fraction = piece / pieces
+            x, y, z = (a + fraction * (b - a) for a, b in zip(start, target_mm, strict=True))
             self._step_to(self._steps((x, y, z)), math.dist(start, target_mm) / speed_mm_s / pieces)
             if self._stopping:
-                raise NotThereError(f"{self._name}: was stopped on request on its way")
+                raise NotThereError(f"{self._link.name}: was stopped on request on its way")
         return self._mm(self._at)
 
     def position(self) -> Point:
@@ -163,23 +162,17 @@ class ArduinoStage(Closing):
             PositionLostError: It is unknown: reset, or never homed.
             RigError: Lost or silent.
         """
-        if self._lost:
-            raise PositionLostError(f"{self._name}: the position is unknown: {self._lost}; home first")
+        self._link.require_known()
         if self._shows:
-            at = self._told(self._at)
+            at = self._confirmed(self._at)
             if not any(at) and any(self._at):
-                self._lost = "the board was reset (button, power dip or disturbance)"
-                raise PositionLostError(f"{self._name}: counts 0, 0, 0 although it was left elsewhere; home first")
+                raise self._link.reset_noticed("counts 0, 0, 0 although it was left elsewhere")
             self._at = at
         return self._mm(self._at)
 
     def stop(self) -> None:
         """End the motion after the piece that is under way; from a signal handler too. Never raises."""
         self._stopping = True
-
-    def close(self) -> None:
-        """Let go of the port. Never raises; a second call does nothing."""
-        self._line.close()
 
     def _steps(self, at: Point) -> Steps:
         x, y, z = (round(a * per_mm) for a, per_mm in zip(at, self._steps_per_mm, strict=True))
@@ -202,37 +195,33 @@ class ArduinoStage(Closing):
                 break
             except NoAnswerError:
                 # The done may have been lost on the way, or the order: the counters tell.
-                self._lost = "a move was not acknowledged"
-                at = self._told(steps) if self._shows else None
+                self._link.lost = "a move was not acknowledged"
+                at = self._confirmed(steps) if self._shows else None
                 if at == steps:
                     break
                 if at != self._at or not any(at) or attempt == ATTEMPTS - 1:
                     raise
-        self._lost = ""
+        self._link.lost = ""
         if self._shows:
-            at = self._told(steps)
+            at = self._confirmed(steps)
             if at != steps:
                 # Without limits, a garbled target may have driven it against an end of its travel: steps were lost.
-                self._lost = "" if at == self._at else "a move went elsewhere (garbled on its way, or a reset)"
+                self._link.lost = "" if at == self._at else "a move went elsewhere (garbled on its way, or a reset)"
                 kind = NotThereError if any(at) else PositionLostError
-                raise kind(f"{self._name}: counts {at} steps instead of {steps}")
+                raise kind(f"{self._link.name}: counts {at} steps instead of {steps}")
         self._at = steps
 
-    def _told(self, expected: Steps) -> Steps:
+    def _confirmed(self, expected: Steps) -> Steps:
         """The counters; others than expected are believed only when they were told twice: an answer may be damaged.
 
         Raises:
             ProtocolError: They are others each time.
             RigError: Lost or silent.
         """
-        at = self._shown()
-        for _ in range(ATTEMPTS):
-            if at == expected:
-                return at
-            before, at = at, self._shown()
-            if at == before:
-                return at
-        raise ProtocolError(f"{self._name}: counts other steps each time it is asked, at rest")
+        at = confirmed(self._shown, lambda at: at == expected)
+        if at is None:
+            raise ProtocolError(f"{self._link.name}: counts other steps each time it is asked, at rest")
+        return at
 
     def _shown(self) -> Steps:
         silent: NoAnswerError | None = None
@@ -246,7 +235,7 @@ class ArduinoStage(Closing):
                 found = counters(line)
                 if found is not None:
                     return found
-        raise silent or ProtocolError(f"{self._name}: SHOW no longer tells a position")
+        raise silent or ProtocolError(f"{self._link.name}: SHOW no longer tells a position")
 
     def _reset(self) -> None:
         """Send ``RESET`` until it is understood.
@@ -281,7 +270,7 @@ class ArduinoStage(Closing):
                 lines.append(line)
                 if is_done(line):
                     return lines
-        raise NoAnswerError(f"{self._name}: no done to {command} within {timeout_s:.1f} s")
+        raise NoAnswerError(f"{self._link.name}: no done to {command} within {timeout_s:.1f} s")
 
     def _greet(self) -> Steps | None:
         """Wait until ``SHOW`` is answered; the counters, if it tells them."""
@@ -297,17 +286,17 @@ class ArduinoStage(Closing):
                 pass
             heard = " ".join(lines)
             if "echo:" in heard or "error:" in heard.lower():
-                raise ProtocolError(f"{self._name}: is not the paper's firmware; it sent {heard[:60]!r}")
+                raise ProtocolError(f"{self._link.name}: is not the paper's firmware; it sent {heard[:60]!r}")
             return next((found for line in lines if (found := counters(line))), None)
-        raise NoAnswerError(f"{self._name}: nothing answers SHOW with done; power, cable, baud rate, driver?")
+        raise NoAnswerError(f"{self._link.name}: nothing answers SHOW with done; power, cable, baud rate, driver?")
 
 
 def _checked(steps_per_mm: object) -> Point:
     allowed = "must be three numbers, none of them 0: motor steps per mm of x, y, z, negative for a turned axis"
     if not isinstance(steps_per_mm, list | tuple) or len(steps_per_mm) != 3:
         raise InputError("[stage] options steps_per_mm", steps_per_mm, allowed)
-    for one in steps_per_mm:
-        if isinstance(one, bool) or not isinstance(one, int | float) or not math.isfinite(one) or one == 0:
-            raise InputError("[stage] options steps_per_mm", one, allowed)
-    x, y, z = (float(one) for one in steps_per_mm)
+    for number in steps_per_mm:
+        if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number) or number == 0:
+            raise InputError("[stage] options steps_per_mm", number, allowed)
+    x, y, z = map(float, steps_per_mm)
     return (x, y, z)

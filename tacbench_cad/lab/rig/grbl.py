@@ -30,12 +30,10 @@ from tacbench_cad.lab.rig.errors import (
     NotThereError,
     PositionLostError,
     ProtocolError,
-    RigError,
 )
 from tacbench_cad.lab.rig.grbl_link import ANSWER_S, ASK, HOLD, RESET, GrblLink
 from tacbench_cad.lab.rig.grbl_replies import Status
-from tacbench_cad.lab.rig.line import Line
-from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.rig.serial_stage import SerialStage, confirmed, duration_s, is_near, place_text
 from tacbench_cad.lab.study.spec import Point
 
 #: Speed of the line, in baud.
@@ -46,8 +44,6 @@ POLL_S = 0.03
 STANDING_S = 0.3
 #: How far from the straight line to its target a carriage may be reported.
 ASIDE_MM = 0.05
-#: How often an unexpected position is asked for again.
-REPORTS = 4
 #: How often a line that was refused as unreadable, and nothing done, is sent again at most.
 RESENDS = 5
 #: How often homing is begun anew, where the order to home was not taken.
@@ -56,7 +52,7 @@ HOMINGS = 4
 NO_HOMING = 5
 
 
-class GrblStage(Closing):
+class GrblStage(SerialStage):
     """A three-axis stage behind GRBL. See :class:`tacbench_cad.lab.rig.stage.Stage` and the module's text.
 
     Args:
@@ -88,16 +84,17 @@ class GrblStage(Closing):
         tolerance_mm: float | None = None,
         simulated: str = "",
     ) -> None:
-        self.simulated = simulated
-        self._clock = clock or Clock()
-        self._timeout_s = timeout_s
-        self._home_timeout_s = home_timeout_s
-        self._stopping = False
-        self._homing = False
-        self._last: Point | None = None
-        self._line = Line(port, baud=baud, what="stage", write_timeout_s=min(timeout_s, 2.0))
+        super().__init__(
+            port,
+            clock=clock,
+            baud=baud,
+            timeout_s=timeout_s,
+            home_timeout_s=home_timeout_s,
+            simulated=simulated,
+        )
+        self._stopping = self._homing = False
         self._link = GrblLink(self._line, timeout_s)
-        try:
+        with self._opening():
             self._link.greet()
             self.identity = f"grbl: {self._link.firmware} at {port}"
             self.settings = replies.settings(self._link.ask("$$"))
@@ -105,9 +102,6 @@ class GrblStage(Closing):
                 raise ProtocolError(f"{self._link.name}: reports inches; send it $13=0")
             self._tolerance_mm = tuple(tolerance_mm or self._resolution(axis) for axis in range(3))
             self._look_around()
-        except BaseException:
-            self.close()
-            raise
 
     def home(self) -> None:
         """Find the end stops, z first and upwards (GRBL's own order); afterwards the position is known.
@@ -162,14 +156,8 @@ class GrblStage(Closing):
             DeviceLostError: Unplugged.
         """
         start = self.position()
-        try:
+        with self._moving():
             self._last = self._follow(start, target_mm, speed_mm_s)
-        except RigError:
-            raise
-        except BaseException:
-            # An interruption must not leave a carriage moving that nobody watches.
-            self.stop()
-            raise
         return self._last
 
     def position(self) -> Point:
@@ -179,19 +167,12 @@ class GrblStage(Closing):
             PositionLostError: It is unknown: reset, alarm, or never homed.
             RigError: Lost or silent.
         """
-        if self._link.lost:
-            raise PositionLostError(f"{self._link.name}: the position is unknown: {self._link.lost}; home first")
+        self._link.require_known()
         if self._stopping or self._line.torn:
             self._leave_hold()
-        at = self._reported()
-        if self._last is not None and not self._there(at, self._last):
-            # A report may be damaged: another place is believed when it was reported twice.
-            for _ in range(REPORTS):
-                before, at = at, self._reported()
-                if at == before:
-                    break
-            else:
-                raise ProtocolError(f"{self._link.name}: reports another place each time it is asked")
+        at = confirmed(self._reported, lambda at: self._last is None or self._there(at, self._last))
+        if at is None:
+            raise ProtocolError(f"{self._link.name}: reports another place each time it is asked")
         # What a reset leaves behind, should its banner have been lost on the way.
         if at == (0.0, 0.0, 0.0) and self._last is not None and math.dist(at, self._last) > ASIDE_MM:
             raise self._link.reset_noticed("reports 0, 0, 0 although it was left elsewhere")
@@ -202,10 +183,6 @@ class GrblStage(Closing):
         """Stop all motion at once; from a signal handler too. Never raises."""
         self._stopping = True
         self._line.write_now(RESET if self._homing else HOLD)
-
-    def close(self) -> None:
-        """Let go of the port. Never raises; a second call does nothing."""
-        self._line.close()
 
     def _reported(self) -> Point:
         report = self._link.status()
@@ -222,18 +199,12 @@ class GrblStage(Closing):
         steps_per_mm = self.settings.get(100 + axis, 0.0)
         return 0.5 / steps_per_mm + 0.0015 if steps_per_mm > 0.0 else 0.01
 
-    def _duration_s(self, start: Point, target: Point, speed_mm_s: float) -> float:
-        """Longest time of a move, by speed and by each axis's own greatest rate."""
-        length = math.dist(start, target)
-        seconds = length / speed_mm_s
-        for axis, (a, b) in enumerate(zip(start, target, strict=True)):
-            rate = self.settings.get(110 + axis, 0.0) / 60.0
-            if rate > 0.0:
-                seconds = max(seconds, abs(b - a) / rate)
-        return seconds
+    @property
+    def _rates_mm_s(self) -> tuple[float, ...]:
+        return tuple(self.settings.get(110 + axis, 0.0) / 60.0 for axis in range(3))
 
     def _there(self, at: Point, target: Point) -> bool:
-        return all(abs(a - b) <= near for a, b, near in zip(at, target, self._tolerance_mm, strict=True))
+        return is_near(at, target, self._tolerance_mm)
 
     def _follow(self, start: Point, target: Point, speed_mm_s: float) -> Point:
         """Send a move and watch it to its end."""
@@ -242,7 +213,7 @@ class GrblStage(Closing):
         command = f"G21G90G94G53G1X{x:.4f}Y{y:.4f}Z{z:.4f}F{max(60.0 * speed_mm_s, 0.1):.3f}"
         line.write(command.encode("ascii") + b"\n")
         begun = heard = progress = time.monotonic()
-        give_up = begun + self._timeout_s + 2.0 * self._duration_s(start, target, speed_mm_s)
+        give_up = begun + self._timeout_s + 2.0 * duration_s(start, target, speed_mm_s, self._rates_mm_s)
         closest, aside, accepted, refusals = math.dist(start, target), 0, False, 0
         standing: tuple[Point, float] | None = None
         ask_at = begun
@@ -254,7 +225,7 @@ class GrblStage(Closing):
             got = self._link.next(max(ask_at - now, 0.0))
             now = time.monotonic()
             if self._stopping:
-                raise NotThereError(f"{name}: was stopped on request on its way to {_text(target)}")
+                raise NotThereError(f"{name}: was stopped on request on its way to {place_text(target)}")
             if now - heard > self._timeout_s:
                 raise self._link.silence()
             if isinstance(got, str):
@@ -272,19 +243,21 @@ class GrblStage(Closing):
             self._link.not_locked(got)
             if got.state == "Hold":
                 self._stopping = True
-                raise NotThereError(f"{name}: was put on hold at {_text(at)} (its button?)")
+                raise NotThereError(f"{name}: was put on hold at {place_text(at)} (its button?)")
             # A single report may be damaged; two in a row are believed.
             aside = aside + 1 if _is_aside(at, start, target) else 0
             if aside >= 2:
                 self.stop()
-                raise NotThereError(f"{name}: went to {_text(at)} on its way to {_text(target)}; stopped")
+                raise NotThereError(f"{name}: went to {place_text(at)} on its way to {place_text(target)}; stopped")
             if got.state != "Idle":
                 standing = None
                 if math.dist(at, target) < closest - min(self._tolerance_mm):
                     closest, progress = math.dist(at, target), now
                 if now - progress > self._timeout_s or now > give_up:
                     self.stop()
-                    raise NotThereError(f"{name}: stays at {_text(at)} on its way to {_text(target)}; stopped")
+                    raise NotThereError(
+                        f"{name}: stays at {place_text(at)} on its way to {place_text(target)}; stopped"
+                    )
                 continue
             standing = standing if standing and standing[0] == at else (at, now)
             stood_s = now - standing[1]
@@ -292,7 +265,7 @@ class GrblStage(Closing):
                 return at
             if stood_s >= (STANDING_S if accepted else self._timeout_s):
                 why = "ended" if accepted else "did not take the move and stands"
-                raise NotThereError(f"{name}: {why} at {_text(at)} instead of {_text(target)}")
+                raise NotThereError(f"{name}: {why} at {place_text(at)} instead of {place_text(target)}")
 
     def _wait_for_homing(self) -> bool | None:
         """Send ``$H`` and wait for its end; whether ``Home`` was reported, or None if the order was not taken.
@@ -383,11 +356,7 @@ def _is_aside(at: Point, start: Point, target: Point) -> bool:
     """Whether a place lies off the straight line from start to target."""
     way = [b - a for a, b in zip(start, target, strict=True)]
     off = [b - a for a, b in zip(start, at, strict=True)]
-    length2 = sum(one * one for one in way)
-    share = sum(a * b for a, b in zip(way, off, strict=True)) / length2 if length2 > 0.0 else 0.0
-    share = min(max(share, 0.0), 1.0)
-    return math.dist(off, [share * one for one in way]) > ASIDE_MM
-
-
-def _text(at: Point) -> str:
-    return "x {:.3f}, y {:.3f}, z {:.3f} mm".format(*at)
+    length2 = sum(a * a for a in way)
+    fraction = sum(a * b for a, b in zip(way, off, strict=True)) / length2 if length2 > 0.0 else 0.0
+    fraction = min(max(fraction, 0.0), 1.0)
+    return math.dist(off, [fraction * a for a in way]) > ASIDE_MM

@@ -9,13 +9,12 @@ from tacbench_cad.lab.rig.errors import (
     AlarmError,
     NoAnswerError,
     OutOfRangeError,
-    PositionLostError,
     ProtocolError,
     RigError,
 )
 from tacbench_cad.lab.rig.grbl_replies import Status
 from tacbench_cad.lab.rig.greeting import Greeting
-from tacbench_cad.lab.rig.line import Line
+from tacbench_cad.lab.rig.serial_stage import Link
 from tacbench_cad.lab.study.spec import Point
 
 #: A status report unanswered for so long is asked for again: two requests close together may earn one answer.
@@ -34,27 +33,10 @@ BANNER_S = 0.1
 HOLD, RESET, ASK = b"!", b"\x18", b"?"
 
 
-class GrblLink:
-    """A line to GRBL.
+class GrblLink(Link):
+    """A line to GRBL; ``firmware`` reads ``GRBL 1.1h.20190825``."""
 
-    Args:
-        line: The open port.
-        timeout_s: Longest silence that is waited through, in real seconds.
-
-    Attributes:
-        line: As given.
-        name: Who is talked to, for the messages.
-        lost: Why nobody knows where the carriage is; empty while that is known.
-        firmware: ``GRBL 1.1h.20190825``; empty before :meth:`greet`.
-    """
-
-    def __init__(self, line: Line, timeout_s: float) -> None:
-        self.line = line
-        self.name = f"stage at {line.port}"
-        self.lost = ""
-        self.firmware = ""
-        self.timeout_s = timeout_s
-        self._offset: Point | None = None
+    _offset: Point | None = None
 
     def greet(self) -> None:
         """Wait for an answer that proves GRBL 1.1.
@@ -189,11 +171,6 @@ class GrblLink:
             return NoAnswerError(f"{self.name}: no answer within {self.timeout_s:g} s; is its power on?")
         self.lost = "it fell silent and had to be reset"
         return AlarmError(f"{self.name}: was silent until reset, as after an alarm; look for the cause, then home")
-
-    def reset_noticed(self, how: str) -> PositionLostError:
-        """The error for a reset that came from elsewhere."""
-        self.lost = "the firmware was reset (button, power dip or disturbance)"
-        return PositionLostError(f"{self.name}: {how}: where the carriage is, nobody knows; home first")
 
     def refused(self, got: str, command: str) -> None:
         """Raise if a line refuses a command.

@@ -27,25 +27,20 @@ from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
     NotThereError,
-    PositionLostError,
     ProtocolError,
-    RigError,
 )
-from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.marlin_link import BAUDS, MarlinLink
 from tacbench_cad.lab.rig.marlin_replies import Place
-from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.rig.serial_stage import SerialStage, confirmed, duration_s, is_near, place_text
 from tacbench_cad.lab.study.spec import Point
 
 #: Half of the last decimal of ``M114``, and a little for the rounding of the target.
 ROUNDING_MM = 0.0055
-#: How often an unexpected position is asked for again.
-REPORTS = 4
 #: Speed of the rise before homing.
 LIFT_MM_S = 5.0
 
 
-class MarlinStage(Closing):
+class MarlinStage(SerialStage):
     """A three-axis stage behind Marlin 2. See :class:`tacbench_cad.lab.rig.stage.Stage` and the module's text.
 
     Args:
@@ -74,19 +69,21 @@ class MarlinStage(Closing):
         home_lift_mm: float = 5.0,
         simulated: str = "",
     ) -> None:
-        self.simulated = simulated
-        self._clock = clock or Clock()
-        self._timeout_s = timeout_s
-        self._home_timeout_s = home_timeout_s
+        bauds = (baud,) if baud else BAUDS
+        super().__init__(
+            port,
+            clock=clock,
+            baud=bauds[0],
+            timeout_s=timeout_s,
+            home_timeout_s=home_timeout_s,
+            simulated=simulated,
+        )
         self._home_lift_mm = home_lift_mm
         self._steps_per_mm: Point | None = None
         self._rates_mm_s: Point | None = None
         self._counts = False
-        self._last: Point | None = None
-        bauds = (baud,) if baud else BAUDS
-        self._line = Line(port, baud=bauds[0], what="stage", write_timeout_s=min(timeout_s, 2.0))
         self._link = MarlinLink(self._line, timeout_s)
-        try:
+        with self._opening():
             self._link.greet(bauds)
             self.identity = f"marlin: {self._link.firmware} at {port}"
             self._prepare()
@@ -94,9 +91,6 @@ class MarlinStage(Closing):
             self._counts = self._counted(place) is not None
             if not any(place.planned_mm) and not self._link.lost:
                 self._link.lost = "it counts from 0 as after its power came on"
-        except BaseException:
-            self.close()
-            raise
 
     def home(self) -> None:
         """Find the end stops (see the module's text for the order); afterwards the position is known.
@@ -147,20 +141,14 @@ class MarlinStage(Closing):
         """
         start = self.position()
         x, y, z = target_mm
-        try:
+        with self._moving():
             self._known(f"G1 X{x:.4f} Y{y:.4f} Z{z:.4f} F{max(60.0 * speed_mm_s, 0.1):.3f}")
-            seconds = self._duration_s(start, target_mm, speed_mm_s)
+            seconds = duration_s(start, target_mm, speed_mm_s, self._rates_mm_s or (0.0,) * 3)
             self._link.command("M400", within_s=seconds, limit_s=4.0 * (self._timeout_s + seconds) + 10.0)
             at = self._at(target_mm)
-        except RigError:
-            raise
-        except BaseException:
-            # An interruption must not leave a carriage moving that nobody watches.
-            self.stop()
-            raise
-        if not all(abs(a - b) <= near for a, b, near in zip(at, target_mm, self._tolerance_mm(), strict=True)):
+        if not is_near(at, target_mm, self._tolerance_mm()):
             raise NotThereError(
-                f"{self._link.name}: stands at {_text(at)} instead of {_text(target_mm)}; "
+                f"{self._link.name}: stands at {place_text(at)} instead of {place_text(target_mm)}; "
                 "clamped by the firmware's soft end stops, or cut short"
             )
         self._last = at
@@ -173,8 +161,7 @@ class MarlinStage(Closing):
             PositionLostError: It is unknown: reset, halted, or never homed.
             RigError: Lost or silent.
         """
-        if self._link.lost:
-            raise PositionLostError(f"{self._link.name}: the position is unknown: {self._link.lost}; home first")
+        self._link.require_known()
         if self._link.stopping or self._line.torn or self._link.unsure:
             self._link.resume()
             self._prepare()
@@ -182,8 +169,7 @@ class MarlinStage(Closing):
         at = self._at(self._last)
         # What a reset leaves behind, should its banner have been lost on the way.
         if not any(at) and self._last is not None and math.dist(at, self._last) > 2.0 * ROUNDING_MM:
-            self._link.lost = "the firmware was reset (button, power dip or disturbance)"
-            raise PositionLostError(f"{self._link.name}: reports 0, 0, 0 although it was left elsewhere; home first")
+            raise self._link.reset_noticed("reports 0, 0, 0 although it was left elsewhere")
         self._last = at
         return at
 
@@ -191,23 +177,15 @@ class MarlinStage(Closing):
         """Stop all motion at once; from a signal handler too. Never raises."""
         self._link.stop()
 
-    def close(self) -> None:
-        """Let go of the port. Never raises; a second call does nothing."""
-        self._line.close()
-
     def _prepare(self) -> None:
         """Modes that a reset forgets: mm, absolute, no reports unasked; and what the axes can do."""
         self._known("G90")
         # Not every build knows these; where they are missing there is nothing to switch.
         for command in ("G21", "M154 S0", "M155 S0"):
             self._link.command(command)
-        found = dict(
-            one
-            for command in ("M92", "M203")
-            for line in self._link.command(command)
-            if (one := replies.per_axis(line))
-        )
-        self._steps_per_mm, self._rates_mm_s = found.get("M92"), found.get("M203")
+        lines = [line for command in ("M92", "M203") for line in self._link.command(command)]
+        per_axis = dict(numbers for line in lines if (numbers := replies.per_axis(line)))
+        self._steps_per_mm, self._rates_mm_s = per_axis.get("M92"), per_axis.get("M203")
 
     def _known(self, command: str, limit_s: float | None = None) -> list[str]:
         """Send a command that the firmware must know."""
@@ -225,18 +203,16 @@ class MarlinStage(Closing):
 
         Another one than expected is believed only when it was reported twice: a report may be damaged.
         """
-        place = self._place()
-        if expected is None or math.dist(place.planned_mm, expected) > 2.0 * ROUNDING_MM:
-            for _ in range(REPORTS):
-                before, place = place, self._place()
-                if place == before:
-                    break
-            else:
-                raise ProtocolError(f"{self._link.name}: reports another position each time it is asked, at rest")
+        place = confirmed(
+            self._place,
+            lambda place: expected is not None and math.dist(place.planned_mm, expected) <= 2.0 * ROUNDING_MM,
+        )
+        if place is None:
+            raise ProtocolError(f"{self._link.name}: reports another position each time it is asked, at rest")
         counted = self._counted(place)
         if self._counts and counted is None:
             raise NotThereError(
-                f"{self._link.name}: its motors are not where its planner says, {_text(place.planned_mm)}; "
+                f"{self._link.name}: its motors are not where its planner says, {place_text(place.planned_mm)}; "
                 "motion was cut short"
             )
         return counted or place.planned_mm
@@ -254,17 +230,5 @@ class MarlinStage(Closing):
     def _tolerance_mm(self) -> Point:
         if not self._counts or self._steps_per_mm is None:
             return (ROUNDING_MM,) * 3
-        x, y, z = (0.5 / one + 0.0005 for one in self._steps_per_mm)
+        x, y, z = (0.5 / per_mm + 0.0005 for per_mm in self._steps_per_mm)
         return (x, y, z)
-
-    def _duration_s(self, start: Point, target: Point, speed_mm_s: float) -> float:
-        """Longest time of a move, by speed and by each axis's own greatest rate."""
-        seconds = math.dist(start, target) / speed_mm_s
-        for a, b, rate in zip(start, target, self._rates_mm_s or (0.0,) * 3, strict=True):
-            if rate > 0.0:
-                seconds = max(seconds, abs(b - a) / rate)
-        return seconds
-
-
-def _text(at: Point) -> str:
-    return "x {:.3f}, y {:.3f}, z {:.3f} mm".format(*at)

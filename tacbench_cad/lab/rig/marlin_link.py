@@ -10,11 +10,11 @@ from tacbench_cad.lab.rig.errors import (
     AlarmError,
     NoAnswerError,
     NotThereError,
-    PositionLostError,
     ProtocolError,
 )
 from tacbench_cad.lab.rig.greeting import Greeting
 from tacbench_cad.lab.rig.line import Line
+from tacbench_cad.lab.rig.serial_stage import Link
 
 #: Both are common; the first is Marlin's own default.
 BAUDS = (250000, 115200)
@@ -47,29 +47,16 @@ class _OutOfStepError(Exception):
         self.number = number
 
 
-class MarlinLink:
-    """A line to Marlin.
-
-    Args:
-        line: The open port.
-        timeout_s: Longest silence that is waited through, in real seconds.
+class MarlinLink(Link):
+    """A line to Marlin; ``firmware`` reads ``Marlin 2.1.2.7``.
 
     Attributes:
-        line: As given.
-        name: Who is talked to, for the messages.
-        lost: Why nobody knows where the carriage is; empty while that is known.
-        firmware: ``Marlin 2.1.2.7``; empty before :meth:`greet`.
         stopping: Motion was stopped on request since the last :meth:`resume`.
-        unsure: The last command was given up, so that it may have been obeyed, or may still be.
     """
 
     def __init__(self, line: Line, timeout_s: float) -> None:
-        self.line = line
-        self.name = f"stage at {line.port}"
-        self.lost = ""
-        self.firmware = ""
+        super().__init__(line, timeout_s)
         self.stopping = False
-        self._timeout_s = timeout_s
         self._stopped_at = 0.0
         self._number = 0
         self._previous = b""
@@ -85,7 +72,7 @@ class MarlinLink:
             NoAnswerError: Nothing answers.
             ProtocolError: Something else does.
         """
-        patience_s = max(GREETING_S, self._timeout_s) * max(1, len(bauds))
+        patience_s = max(GREETING_S, self.timeout_s) * max(1, len(bauds))
         greeting = Greeting(self.line, self.name, "Marlin 2", limit_s=patience_s, attempt_s=ATTEMPT_S)
 
         def ask(attempt: int) -> None:
@@ -187,7 +174,7 @@ class MarlinLink:
         try:
             return self._exchange(text, within_s=within_s, limit_s=limit_s, wanted=wanted)
         except _OutOfStepError as found:
-            raise self._reset_noticed(f"counts its lines from {found.number} instead of {self._number}") from None
+            raise self.reset_noticed(f"counts its lines from {found.number} instead of {self._number}") from None
 
     def _exchange(
         self,
@@ -208,9 +195,9 @@ class MarlinLink:
         self._given_up += 1
         own = replies.framed(self._number, text)
         self.line.write(own)
-        quiet = min(self._timeout_s, QUIET_S) + within_s
+        quiet = min(self.timeout_s, QUIET_S) + within_s
         begun = time.monotonic()
-        until = begun + (limit_s if limit_s is not None else 4.0 * (quiet + self._timeout_s))
+        until = begun + (limit_s if limit_s is not None else 4.0 * (quiet + self.timeout_s))
         quiet_until = begun + quiet
         lines: list[str] = []
         again: list[bytes] = []
@@ -297,12 +284,8 @@ class MarlinLink:
         if line is None:
             return None
         if replies.is_banner(line):
-            raise self._reset_noticed("was reset")
+            raise self.reset_noticed("was reset")
         if replies.is_halted(line):
             self.lost = "the firmware halted"
             raise AlarmError(f"{self.name}: halted ({line}); press its reset button, then home")
         return line
-
-    def _reset_noticed(self, how: str) -> PositionLostError:
-        self.lost = "the firmware was reset (button, power dip or disturbance)"
-        return PositionLostError(f"{self.name}: {how}: where the carriage is, nobody knows; home first")
