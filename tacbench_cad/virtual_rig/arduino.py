@@ -22,7 +22,7 @@ _HOME_MM_S = 20.0
 _ACCELERATION_MM_S2 = 400.0
 #: Way off a closed end stop before homing: more than an axis can go behind it.
 _BACK_OFF_MM = 5.0
-_MOST_STEPS = 2**31 - 1
+_MAX_STEPS = 2**31 - 1
 
 
 class Arduino(Firmware):
@@ -79,7 +79,7 @@ class Arduino(Firmware):
         elif word == "ZERO":
             self.carriage.count_as((0.0, 0.0, 0.0))
         elif word == "MOVE":
-            numbers = [_whole(one) for one in [*rest, "", "", "", ""][:4]]
+            numbers = [_whole(word) for word in [*rest, "", "", "", ""][:4]]
             yield from self._move(numbers[:3], numbers[3])
         elif word == "CENTRE":
             yield from self._centre()
@@ -112,19 +112,14 @@ class Arduino(Firmware):
             # Off the end stop first: a carriage that was driven past it would else have its zero there.
             away = [-_BACK_OFF_MM] if i in self.carriage.pressed(self.now_s) else []
             for by_mm in (*away, 1.5 * axis.travel_mm):
-                target = list(self.carriage.counted(self.now_s))
-                target[i] += by_mm * axis.home
-                self.carriage.go((target[0], target[1], target[2]), _HOME_MM_S, _ACCELERATION_MM_S2, self.now_s)
+                self._shove(i, by_mm * axis.home, _HOME_MM_S, _ACCELERATION_MM_S2)
                 yield self._at_rest
         self._homing = None
         self.carriage.count_as((0.0, 0.0, 0.0))
 
-    def _at_rest(self) -> bool:
-        return not self.carriage.moving
-
 
 def _whole(text: str) -> int:
     """The whole number at the start of a text, 0 without one, within 32 bits."""
-    found = re.match(r"\s*(-?\d{1,12})", text, re.ASCII)
-    number = int(found.group(1)) if found else 0
-    return max(-_MOST_STEPS, min(_MOST_STEPS, number))
+    digits = re.match(r"\s*(-?\d{1,12})", text, re.ASCII)
+    number = int(digits[1]) if digits else 0
+    return max(-_MAX_STEPS, min(_MAX_STEPS, number))

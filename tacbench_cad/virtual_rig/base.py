@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 
 from tacbench_cad.lab.study.spec import Point
-from tacbench_cad.virtual_rig.machine import Carriage
+from tacbench_cad.virtual_rig.machine import Carriage, replaced
 
 #: What a program waits for: so many seconds, or until something is true.
 Wait = float | Callable[[], bool]
@@ -21,6 +21,11 @@ Program = Iterator[Wait]
 OUTPUT_BYTES = 65536
 #: A program that goes on so often without time passing is at fault; this bound keeps the simulator alive.
 _STEPS = 100_000
+
+
+def earliest(*times_s: float | None) -> float | None:
+    """The first of some times; None if none is known."""
+    return min((time_s for time_s in times_s if time_s is not None), default=None)
 
 
 class Firmware(ABC):
@@ -77,8 +82,7 @@ class Firmware(ABC):
 
     def next_event_s(self) -> float | None:
         """When something will happen by itself; None if nothing will."""
-        times = [one for one in (self.carriage.next_event_s(), self._wake_s, self._timer_s()) if one is not None]
-        return min(times, default=None)
+        return earliest(self.carriage.next_event_s(), self._wake_s, self._timer_s())
 
     def take(self) -> bytes:
         """The bytes sent since the last call."""
@@ -133,6 +137,18 @@ class Firmware(ABC):
 
     def _timers(self) -> None:  # noqa: B027
         """Do what is due at :attr:`now_s`; what is done must not be due again."""
+
+    def _at_rest(self) -> bool:
+        return not self.carriage.moving
+
+    def _shove(self, axis: int, by_mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> None:
+        """Move one axis from where the counters say that it is."""
+        here = self.carriage.counted(self.now_s)
+        self.carriage.go(replaced(here, axis, here[axis] + by_mm), speed_mm_s, acceleration_mm_s2, self.now_s)
+
+    def _count_axis_as(self, axis: int, value_mm: float) -> None:
+        """Set the counter of one axis."""
+        self.carriage.count_as(replaced(self.carriage.counted(self.now_s), axis, value_mm))
 
     def _boot(self) -> Program:
         yield self.boot_s

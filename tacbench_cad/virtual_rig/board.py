@@ -6,7 +6,7 @@ import random
 from collections import deque
 from collections.abc import Iterable
 
-from tacbench_cad.virtual_rig.base import OUTPUT_BYTES, Firmware
+from tacbench_cad.virtual_rig.base import OUTPUT_BYTES, Firmware, earliest
 from tacbench_cad.virtual_rig.faults import BYTE_KINDS, Fault, Spoiler
 
 #: The host's own send buffer; beyond it the host's writing blocks.
@@ -63,11 +63,11 @@ class Board:
     def read(self, now_s: float) -> bytes:
         """What has reached the host by now."""
         self.advance(now_s)
-        found = bytearray()
+        data = bytearray()
         while self._out and self._out[0][0] <= now_s:
-            found += self._out.popleft()[1]
-        self._out_bytes -= len(found)
-        return bytes(found)
+            data += self._out.popleft()[1]
+        self._out_bytes -= len(data)
+        return bytes(data)
 
     def inject(self, fault: Fault, now_s: float) -> None:
         """Give it another fault."""
@@ -87,21 +87,14 @@ class Board:
 
     def next_event_s(self) -> float | None:
         """When something will happen by itself."""
-        times = [fault.at_s for fault in self._waiting if fault.at_s is not None]
-        times += [when for when, _ in self._ends]
-        if self._in:
-            times.append(self._in[0][0])
-        if self._out:
-            times.append(self._out[0][0])
-        firmware = self.firmware.next_event_s()
-        return min([*times, *([] if firmware is None else [firmware])], default=None)
+        lines = (queue[0][0] if queue else None for queue in (self._in, self._out))
+        return earliest(self._fault_s(), self.firmware.next_event_s(), *lines)
 
     def advance(self, now_s: float) -> None:
         """Let time pass: deliver, run, fail, in the order of time."""
         while True:
             pending = self._in[0][0] if self._in else None
-            times = [one for one in (pending, self.firmware.next_event_s(), self._fault_s()) if one is not None]
-            when = min(times, default=None)
+            when = earliest(pending, self.firmware.next_event_s(), self._fault_s())
             if when is None or when > now_s:
                 break
             self.now_s = max(self.now_s, when)
@@ -146,14 +139,13 @@ class Board:
     # Faults
 
     def _fault_s(self) -> float | None:
-        times = [fault.at_s for fault in self._waiting if fault.at_s is not None]
-        return min([*times, *(when for when, _ in self._ends)], default=None)
+        return earliest(*(fault.at_s for fault in self._waiting), *(when for when, _ in self._ends))
 
     def _change_faults(self) -> None:
-        for when, fault in [one for one in self._ends if one[0] <= self.now_s]:
+        for when, fault in [end for end in self._ends if end[0] <= self.now_s]:
             self._ends.remove((when, fault))
             self._end(fault)
-        for fault in [one for one in self._waiting if self._is_due(one)]:
+        for fault in [fault for fault in self._waiting if self._is_due(fault)]:
             self._waiting.remove(fault)
             self._begin(fault)
 

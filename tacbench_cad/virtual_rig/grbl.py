@@ -10,7 +10,7 @@ from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.virtual_rig.base import Program
 from tacbench_cad.virtual_rig.grbl_core import PLANNER_LINES, GrblCore
 from tacbench_cad.virtual_rig.grbl_gcode import Block, GcodeError, parse
-from tacbench_cad.virtual_rig.machine import Stroke
+from tacbench_cad.virtual_rig.machine import Stroke, along_path, replaced
 
 
 class Grbl(GrblCore):
@@ -74,7 +74,7 @@ class Grbl(GrblCore):
             return
         self.modal = block.modal
         if block.action in ("dwell", "offset", "pause", "end"):
-            yield self._at_rest
+            yield self._all_done
         if block.action == "dwell":
             yield block.values["P"]
         elif block.action == "offset":
@@ -95,15 +95,12 @@ class Grbl(GrblCore):
     def _move(self, target: Point, feed_mm_min: float | None, state: str) -> Program:
         yield lambda: self.carriage.queued + len(self._held) < PLANNER_LINES
         start, self._position = self._position, target
-        along = [abs(b - a) for a, b in zip(start, target, strict=True)]
-        length = sum(one * one for one in along) ** 0.5
-        if length == 0.0:
+        if start == target:
             return
-        shares = [(i, one / length) for i, one in enumerate(along) if one > 0.0]
-        speed = min(self.settings[110 + i] / share for i, share in shares) / 60.0
+        speed = along_path(start, target, [self.settings[110 + i] / 60.0 for i in range(3)])
         if feed_mm_min is not None:
             speed = min(speed, feed_mm_min / 60.0)
-        acceleration = min(self.settings[120 + i] / share for i, share in shares)
+        acceleration = along_path(start, target, [self.settings[120 + i] for i in range(3)])
         if self.state == "Hold":
             last = self._held[-1].end if self._held else self.carriage.planned
             self._held.append(
@@ -118,20 +115,18 @@ class Grbl(GrblCore):
         if self.state == "Run":
             self.state = "Hold"
             self._hold_strokes()
-        yield lambda: not self.carriage.moving
+        yield self._at_rest
         yield from self._critical(2)
 
     def _target(self, block: Block) -> Point:
         offset = self.settings.offsets[block.modal.system_index]
-        target = list(self._position)
+        target = self._position
         for i, value in block.axes.items():
-            if block.machine:
-                target[i] = value
-            elif block.modal.distance == "G91":
-                target[i] += value
+            if block.modal.distance == "G91" and not block.machine:
+                target = replaced(target, i, target[i] + value)
             else:
-                target[i] = value + offset[i] + self._shift[i]
-        return (target[0], target[1], target[2])
+                target = replaced(target, i, value + (0.0 if block.machine else offset[i] + self._shift[i]))
+        return target
 
     def _within(self, target: Point) -> bool:
         # Compared in steps, as a target at the very limit is inside.
@@ -145,17 +140,16 @@ class Grbl(GrblCore):
         index = block.modal.system_index if index < 0 else index
         base = self._shift if "G92" in block.values else self.settings.offsets[index]
         other = self.settings.offsets[index] if "G92" in block.values else self._shift
-        made = list(base)
+        point = base
         for i, value in block.axes.items():
-            made[i] = value if block.values.get("L") == 2.0 else self._position[i] - other[i] - value
-        point = (made[0], made[1], made[2])
+            point = replaced(point, i, value if block.values.get("L") == 2.0 else self._position[i] - other[i] - value)
         if "G92" in block.values:
             self._shift = point
         else:
             self.settings.offsets[index] = point
 
-    def _at_rest(self) -> bool:
-        return not self.carriage.moving and not self._held and self.state != "Hold"
+    def _all_done(self) -> bool:
+        return self._at_rest() and not self._held and self.state != "Hold"
 
     # Homing
 
@@ -164,32 +158,25 @@ class Grbl(GrblCore):
         for i in (2, 0, 1):
             axis = self.carriage.axes[i]
             self._homing = i
-            pull_off, seek, slow = self.settings[27], self.settings[25] / 60.0, self.settings[24] / 60.0
+            pull_off, acceleration = self.settings[27], self.settings[120 + i]
+            seek, slow = (min(self.settings[number], self.settings[110 + i]) / 60.0 for number in (25, 24))
             for reach, speed in ((1.5 * axis.travel_mm, seek), (5.0 * pull_off, slow)):
                 if i not in self.carriage.pressed(self.now_s):
-                    self._shove(i, reach * axis.home, speed)
-                    yield lambda: not self.carriage.moving
+                    self._shove(i, reach * axis.home, speed, acceleration)
+                    yield self._at_rest
                     if i not in self.carriage.pressed(self.now_s):
                         self._abort(9)
                         yield lambda: False
                 yield self.settings[26] / 1000.0
-                self._shove(i, -pull_off * axis.home, speed)
-                yield lambda: not self.carriage.moving
+                self._shove(i, -pull_off * axis.home, speed, acceleration)
+                yield self._at_rest
                 if i in self.carriage.pressed(self.now_s):
                     self._abort(8)
                     yield lambda: False
-            made = list(self.carriage.counted(self.now_s))
-            made[i] = axis.stepped(axis.switch_at_mm - pull_off * axis.home)
-            self.carriage.count_as((made[0], made[1], made[2]))
+            self._count_axis_as(i, axis.stepped(axis.switch_at_mm - pull_off * axis.home))
         self._homing = None
         self._position = self.carriage.counted(self.now_s)
         if self._status_s is not None:
             self._report()
         self._deaf = False
         self.state = "Idle"
-
-    def _shove(self, axis: int, by_mm: float, speed_mm_s: float) -> None:
-        target = list(self.carriage.counted(self.now_s))
-        target[axis] += by_mm
-        speed = min(speed_mm_s, self.settings[110 + axis] / 60.0)
-        self.carriage.go((target[0], target[1], target[2]), speed, self.settings[120 + axis], self.now_s)

@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Mapping
 
 from tacbench_cad.lab.study.spec import Point
-from tacbench_cad.virtual_rig.base import Firmware, Program
+from tacbench_cad.virtual_rig.base import Firmware, Program, earliest
 from tacbench_cad.virtual_rig.grbl_gcode import Modal
 from tacbench_cad.virtual_rig.grbl_memory import Dialect, Memory, triple
 from tacbench_cad.virtual_rig.machine import Carriage, Stroke
@@ -153,9 +153,7 @@ class GrblCore(Firmware):
     # Events
 
     def _timer_s(self) -> float | None:
-        status = None if self._deaf else self._status_s
-        times = [one for one in (status, self._idle_s) if one is not None]
-        return min(times, default=None)
+        return earliest(None if self._deaf else self._status_s, self._idle_s)
 
     def _timers(self) -> None:
         if self._idle_s is not None and self.now_s >= self._idle_s:

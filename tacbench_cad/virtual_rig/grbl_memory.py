@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.virtual_rig.grbl_gcode import GcodeError
-from tacbench_cad.virtual_rig.machine import Axis
+from tacbench_cad.virtual_rig.machine import MotorAxis
 
 #: Settings in the order of ``$$``. The flags 20, 21 and 22 are on: a stage for pressing is set up so.
 SETTINGS: Mapping[int, float] = {
@@ -52,7 +52,7 @@ class Memory:
         changed: Settings that differ from :data:`SETTINGS`.
     """
 
-    def __init__(self, axes: Sequence[Axis], changed: Mapping[int, float]) -> None:
+    def __init__(self, axes: Sequence[MotorAxis], changed: Mapping[int, float]) -> None:
         self._settings: dict[int, float] = {**SETTINGS, **{int(number): value for number, value in changed.items()}}
         for i, axis in enumerate(axes):
             self._settings[100 + i], self._settings[130 + i] = axis.steps_per_mm, axis.travel_mm

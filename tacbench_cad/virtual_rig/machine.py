@@ -20,8 +20,22 @@ from tacbench_cad.util.errors import InputError
 AXES = "xyz"
 
 
+def replaced(point: Point, axis: int, value: float) -> Point:
+    """A point with another coordinate on one axis."""
+    x, y, z = (value if i == axis else coordinate for i, coordinate in enumerate(point))
+    return (x, y, z)
+
+
+def along_path(start: Point, end: Point, limits: Sequence[float]) -> float:
+    """The speed (or acceleration) along a straight path at which no axis exceeds its own limit; 0 without a path."""
+    length = math.dist(start, end)
+    return min(
+        (limit * length / abs(b - a) for a, b, limit in zip(start, end, limits, strict=True) if a != b), default=0.0
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
-class Axis:
+class MotorAxis:
     """One axis, in the frame that the firmware has after a flawless homing.
 
     Args:
@@ -59,6 +73,11 @@ class Axis:
         low = self.low_mm - self.slack_mm - (self.switch_mm if self.home < 0 else 0.0)
         high = self.high_mm + self.slack_mm + (self.switch_mm if self.home > 0 else 0.0)
         return low, high
+
+    def within(self, value_mm: float) -> float:
+        """The position itself, or the end that it lies beyond."""
+        low, high = self.ends_mm
+        return min(high, max(low, value_mm))
 
     @property
     def travel_mm(self) -> float:
@@ -167,7 +186,7 @@ class Carriage:
     """
 
     def __init__(
-        self, axes: Sequence[Axis], true_mm: Point, random_: random.Random, switch_scatter_mm: float = 0.001
+        self, axes: Sequence[MotorAxis], true_mm: Point, random_: random.Random, switch_scatter_mm: float = 0.001
     ) -> None:
         self.axes = tuple(axes)
         if len(self.axes) != 3:
@@ -196,12 +215,12 @@ class Carriage:
         raw = stroke.at(now_s)
         if raw == stroke.end:
             return stroke.end
-        made = []
-        for axis, value, start in zip(self.axes, raw, stroke.start, strict=True):
-            # Only whole steps count: rounded back towards where the stroke came from.
-            whole = math.floor if value >= start else math.ceil
-            made.append(whole(value * axis.steps_per_mm) / axis.steps_per_mm)
-        return (made[0], made[1], made[2])
+        # Only whole steps count: rounded back towards where the stroke came from.
+        x, y, z = (
+            (math.floor if value >= start else math.ceil)(value * axis.steps_per_mm) / axis.steps_per_mm
+            for axis, value, start in zip(self.axes, raw, stroke.start, strict=True)
+        )
+        return (x, y, z)
 
     def true(self, now_s: float) -> Point:
         """Where the carriage is, in mm."""
@@ -209,23 +228,23 @@ class Carriage:
         return self._true_of(counted)
 
     def _true_of(self, counted: Point) -> Point:
-        found = []
-        for i, axis in enumerate(self.axes):
-            low, high = axis.ends_mm
-            moved = self._gain[i] * (counted[i] - self._anchor_counted[i])
-            found.append(min(high, max(low, self._anchor_true[i] + moved)))
-        return (found[0], found[1], found[2])
+        x, y, z = (
+            axis.within(true + gain * (now - then))
+            for axis, true, gain, now, then in zip(
+                self.axes, self._anchor_true, self._gain, counted, self._anchor_counted, strict=True
+            )
+        )
+        return (x, y, z)
 
     def pressed(self, now_s: float) -> tuple[int, ...]:
         """Axes whose end stop is closed."""
         true = self.true(now_s)
-        closed = []
-        for i, axis in enumerate(self.axes):
-            # It closes within the scatter, and the counters know whole steps only.
-            near = self._scatter_mm + 1.0 / axis.steps_per_mm
-            if (true[i] - axis.switch_at_mm) * axis.home >= -near:
-                closed.append(i)
-        return tuple(closed)
+        # A switch closes within the scatter, and the counters know whole steps only.
+        return tuple(
+            i
+            for i, axis in enumerate(self.axes)
+            if (true[i] - axis.switch_at_mm) * axis.home >= -(self._scatter_mm + 1.0 / axis.steps_per_mm)
+        )
 
     # Motion
 
@@ -334,16 +353,13 @@ class Carriage:
     def slip(self, axis: int, by_mm: float, now_s: float) -> None:
         """A motor slips: the carriage stands elsewhere, the counters don't know."""
         self._anchor(now_s)
-        low, high = self.axes[axis].ends_mm
-        true = list(self._anchor_true)
-        true[axis] = min(high, max(low, true[axis] + by_mm))
-        self._anchor_true = (true[0], true[1], true[2])
+        self._anchor_true = replaced(self._anchor_true, axis, self.axes[axis].within(self._anchor_true[axis] + by_mm))
         self._find_switch()
 
-    def turn_only(self, axis: int, share: float, now_s: float) -> None:
-        """From now on a motor makes only a share of its steps: 1 is healthy, 0 stalled."""
+    def turn_only(self, axis: int, fraction: float, now_s: float) -> None:
+        """From now on a motor makes only a fraction of its steps: 1 is healthy, 0 stalled."""
         self._anchor(now_s)
-        self._gain[axis] = share
+        self._gain[axis] = fraction
         self._find_switch()
 
     def _anchor(self, now_s: float) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.virtual_rig.base import Program
 from tacbench_cad.virtual_rig.gcode import words
+from tacbench_cad.virtual_rig.machine import along_path, replaced
 from tacbench_cad.virtual_rig.marlin_core import VERSION, MarlinCore
 
 #: Strokes that the planner holds.
@@ -82,38 +83,34 @@ class Marlin(MarlinCore):
         feed = values.get("F")
         if feed is not None and feed > 0.0:
             self._feed_mm_s = feed / 60.0
-        target = list(self._planned)
+        target = self._planned
         for i, letter in enumerate("XYZ"):
             value = values.get(letter)
             if value is None:
                 continue
-            target[i] = value if self._absolute else target[i] + value
+            value = value if self._absolute else target[i] + value
             if self._homed[i]:
                 axis, shift = self.carriage.axes[i], self._shift[i]
                 # Soft end stops clamp without a word, and only on axes that are homed.
-                target[i] = min(axis.high_mm - shift, max(axis.low_mm - shift, target[i]))
+                value = min(axis.high_mm - shift, max(axis.low_mm - shift, value))
+            target = replaced(target, i, value)
         yield lambda: self.carriage.queued < _PLANNER_STROKES
-        self._go((target[0], target[1], target[2]), self._feed_mm_s)
+        self._go(target, self._feed_mm_s)
 
     def _go(self, target: Point, speed_mm_s: float) -> None:
-        along = [abs(b - a) for a, b in zip(self._planned, target, strict=True)]
-        length = sum(one * one for one in along) ** 0.5
-        self._planned = target
-        if length == 0.0:
+        start, self._planned = self._planned, target
+        if start == target:
             return
-        shares = [(i, one / length) for i, one in enumerate(along) if one > 0.0]
-        speed = min(speed_mm_s, *(_PEAK[i] / share for i, share in shares))
-        acceleration = min(_ACCELERATION[i] / share for i, share in shares)
+        speed = min(speed_mm_s, along_path(start, target, _PEAK))
+        acceleration = along_path(start, target, _ACCELERATION)
         self.carriage.go(self._native(target), speed, acceleration, self.now_s)
 
     def _set_position(self, values: dict[str, float | None]) -> None:
         native = self._native(self._planned)
-        planned = list(self._planned)
         for i, letter in enumerate("XYZ"):
             value = values.get(letter)
             if value is not None:
-                planned[i] = value
-        self._planned = (planned[0], planned[1], planned[2])
+                self._planned = replaced(self._planned, i, value)
         x, y, z = (a - b for a, b in zip(native, self._planned, strict=True))
         self._shift = (x, y, z)
 
@@ -122,33 +119,23 @@ class Marlin(MarlinCore):
         for i in sorted(axes, key=(2, 0, 1).index):
             axis, speed = self.carriage.axes[i], _HOME[i]
             self._homing = i
-            for reach, share in ((1.5 * axis.travel_mm, 1.0), (2.0 * _BUMP_MM, 0.25)):
+            for reach, fraction in ((1.5 * axis.travel_mm, 1.0), (2.0 * _BUMP_MM, 0.25)):
                 if i not in self.carriage.pressed(self.now_s):
-                    self._shove(i, reach * axis.home, speed * share)
+                    self._shove(i, reach * axis.home, speed * fraction, _ACCELERATION[i])
                     yield self._at_rest
                     if i not in self.carriage.pressed(self.now_s):
                         self._send("echo:Homing Failed\n")
                         self._kill()
                         yield lambda: False
-                if share == 1.0:
-                    self._shove(i, -_BUMP_MM * axis.home, speed)
+                if fraction == 1.0:
+                    self._shove(i, -_BUMP_MM * axis.home, speed, _ACCELERATION[i])
                     yield self._at_rest
-            made = list(self.carriage.counted(self.now_s))
-            made[i] = axis.stepped(axis.switch_at_mm)
-            self.carriage.count_as((made[0], made[1], made[2]))
+            self._count_axis_as(i, axis.stepped(axis.switch_at_mm))
             self._homed[i] = True
-            shift = list(self._shift)
-            shift[i] = 0.0
-            self._shift = (shift[0], shift[1], shift[2])
+            self._shift = replaced(self._shift, i, 0.0)
         self._homing = None
         self._planned = self._logical(self.carriage.counted(self.now_s))
         self._report()
-
-    def _shove(self, axis: int, by_mm: float, speed_mm_s: float) -> None:
-        target = list(self.carriage.counted(self.now_s))
-        target[axis] += by_mm
-        acceleration = _ACCELERATION[axis]
-        self.carriage.go((target[0], target[1], target[2]), speed_mm_s, acceleration, self.now_s)
 
     # Reports
 

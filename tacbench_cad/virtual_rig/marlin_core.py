@@ -9,7 +9,7 @@ from functools import reduce
 from operator import xor
 
 from tacbench_cad.lab.study.spec import Point
-from tacbench_cad.virtual_rig.base import Firmware, Program
+from tacbench_cad.virtual_rig.base import Firmware, Program, earliest
 from tacbench_cad.virtual_rig.machine import Carriage
 
 #: The version that it says it is.
@@ -179,8 +179,7 @@ class MarlinCore(Firmware):
     # Events
 
     def _timer_s(self) -> float | None:
-        times = [one for one in (self._busy_s, self._auto_s, self._quiet_until_s) if one is not None]
-        return min(times, default=None)
+        return earliest(self._busy_s, self._auto_s, self._quiet_until_s)
 
     def _timers(self) -> None:
         if self._quiet_until_s is not None and self.now_s >= self._quiet_until_s:
@@ -246,9 +245,6 @@ class MarlinCore(Firmware):
 
     # The plan
 
-    def _at_rest(self) -> bool:
-        return not self.carriage.moving
-
     def _native(self, logical: Point) -> Point:
         x, y, z = (a + b for a, b in zip(logical, self._shift, strict=True))
         return (x, y, z)
@@ -266,10 +262,5 @@ class MarlinCore(Firmware):
 
 def _leading_number(text: str) -> int:
     """The whole number at the start of a text; 0 if there is none, as ``strtol`` has it."""
-    text = text.strip()
-    sign = -1 if text.startswith("-") else 1
-    digits = text.lstrip("+-")
-    end = 0
-    while end < len(digits) and digits[end].isascii() and digits[end].isdigit():
-        end += 1
-    return sign * int(digits[: min(end, 18)] or "0")
+    number = re.match(r"\s*([+-]?\d{1,18})", text, re.ASCII)
+    return int(number[1]) if number else 0

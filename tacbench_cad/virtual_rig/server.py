@@ -19,6 +19,7 @@ from typing import Any, TextIO
 
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError, TacbenchError
+from tacbench_cad.virtual_rig.base import earliest
 from tacbench_cad.virtual_rig.faults import Fault
 from tacbench_cad.virtual_rig.loadcell import ForceAtCarriage, LoadCell, stimulus_from
 from tacbench_cad.virtual_rig.setup import Setup
@@ -88,7 +89,7 @@ class Server:
         if orders is not None:
             threading.Thread(target=_forward, args=(orders, inbox, waker), daemon=True).start()
         while True:
-            watched = [one for one in (awake, self._listened(self.stage), self.gauge.watched()) if one is not None]
+            watched = [port for port in (awake, self._listened(self.stage), self.gauge.watched()) if port is not None]
             select.select(watched, [], [], self._pause_s())
             with contextlib.suppress(BlockingIOError):
                 awake.recv(4096)
@@ -111,11 +112,9 @@ class Server:
         if (self.stage.watched() is None and self.board.plugged) or self.gauge.watched() is None:
             pause = _LOOK_S
         now = self.now_s
-        dues = [self.board.next_event_s(), self._gauge_back_s]
-        dues += [fault.at_s for fault in self._gauge_faults]
-        for due in dues:
-            if due is not None:
-                pause = min(pause, (due - now) / self.setup.speed)
+        due = earliest(self.board.next_event_s(), self._gauge_back_s, *(fault.at_s for fault in self._gauge_faults))
+        if due is not None:
+            pause = min(pause, (due - now) / self.setup.speed)
         if self.gauge.opened:
             pause = min(pause, max(_BATCH_S, (self._cell.next_event_s() - now) / self.setup.speed))
         return max(0.0, pause)

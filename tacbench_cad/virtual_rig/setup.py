@@ -18,7 +18,7 @@ from tacbench_cad.virtual_rig.faults import Fault
 from tacbench_cad.virtual_rig.grbl import Grbl
 from tacbench_cad.virtual_rig.grblhal import GrblHal
 from tacbench_cad.virtual_rig.loadcell import CellSettings
-from tacbench_cad.virtual_rig.machine import Axis, Carriage
+from tacbench_cad.virtual_rig.machine import Carriage, MotorAxis
 from tacbench_cad.virtual_rig.marlin import Marlin
 
 #: The firmware that there is.
@@ -112,14 +112,16 @@ def _firmware(kind: str, start: Point, random_: random.Random, options: dict[str
     return factory(Carriage(axes, start, random_), **options)
 
 
-def _axes(z_low_mm: float, z_high_mm: float, switch_mm: float, xy_steps: float, z_steps: float) -> tuple[Axis, ...]:
+def _axes(
+    z_low_mm: float, z_high_mm: float, switch_mm: float, xy_steps: float, z_steps: float
+) -> tuple[MotorAxis, ...]:
     """Axes x and y from 0 to 200 mm with their end stops at 0, z with its end stop at the top."""
-    flat = Axis(low_mm=0.0, high_mm=200.0, home=-1, switch_mm=switch_mm, steps_per_mm=xy_steps)
-    return flat, flat, Axis(low_mm=z_low_mm, high_mm=z_high_mm, home=1, switch_mm=switch_mm, steps_per_mm=z_steps)
+    flat = MotorAxis(low_mm=0.0, high_mm=200.0, home=-1, switch_mm=switch_mm, steps_per_mm=xy_steps)
+    return flat, flat, MotorAxis(low_mm=z_low_mm, high_mm=z_high_mm, home=1, switch_mm=switch_mm, steps_per_mm=z_steps)
 
 
 #: GRBL's machine frame has z = 0 at the top; Marlin's has z = 100 there.
-_FACTORIES: Mapping[str, tuple[Callable[..., Firmware], tuple[Axis, ...]]] = {
+_FACTORIES: Mapping[str, tuple[Callable[..., Firmware], tuple[MotorAxis, ...]]] = {
     "grbl": (Grbl, _axes(-100.0, 0.0, 1.0, 400.0, 1600.0)),
     "grblhal": (GrblHal, _axes(-100.0, 0.0, 1.0, 400.0, 1600.0)),
     "marlin": (Marlin, _axes(0.0, 100.0, 0.0, 80.0, 400.0)),

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.virtual_rig.machine import Axis, Carriage, Stroke
+from tacbench_cad.virtual_rig.machine import Carriage, MotorAxis, Stroke
 
-AXIS = Axis(low_mm=0.0, high_mm=100.0, home=-1, switch_mm=1.0, steps_per_mm=100.0)
+AXIS = MotorAxis(low_mm=0.0, high_mm=100.0, home=-1, switch_mm=1.0, steps_per_mm=100.0)
 
 
 def carriage(at: tuple[float, float, float] = (50.0, 50.0, 50.0), scatter_mm: float = 0.0) -> Carriage:
@@ -143,7 +143,7 @@ def test_bad_axes_are_refused() -> None:
     for wrong in ({"low_mm": 5.0, "high_mm": 5.0}, {"home": 0}, {"steps_per_mm": 0.0}, {"switch_mm": -1.0}):
         values = {"low_mm": 0.0, "high_mm": 1.0, "home": 1, "switch_mm": 0.0, "steps_per_mm": 1.0, **wrong}
         with pytest.raises(InputError):
-            Axis(**values)
+            MotorAxis(**values)
     with pytest.raises(InputError, match="start z"):
         carriage((0.0, 0.0, 500.0))
     with pytest.raises(InputError, match="three"):
