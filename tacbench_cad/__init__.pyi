@@ -8,8 +8,8 @@ from .checks.report import Report as Report
 from .formats.simulators import SIMULATOR_TARGETS as SIMULATOR_TARGETS
 from .formats.simulators import SimulatorTarget as SimulatorTarget
 from .formats.simulators.asset import SimulatorAsset as SimulatorAsset
+from .formats.simulators.asset import TargetFiles as TargetFiles
 from .formats.simulators.folder import export_to_simulators as export_to_simulators
-from .formats.simulators.written import TargetFiles as TargetFiles
 from .geometry.block_part import as_part as as_part
 from .geometry.mesh import Certificate as Certificate
 from .geometry.mesh import Mesh as Mesh
@@ -30,8 +30,8 @@ from .render.snapshot import snapshot as snapshot
 from .slicing.compare import AsSliced as AsSliced
 from .slicing.compare import slice_check as slice_check
 from .slicing.overhang import overhangs as overhangs
-from .slicing.picture import as_sliced_picture as as_sliced_picture
-from .slicing.plate_picture import plate_picture as plate_picture
+from .slicing.pictures import as_sliced_picture as as_sliced_picture
+from .slicing.pictures import plate_picture as plate_picture
 from .slicing.plates import Plate as Plate
 from .slicing.plates import arrange_plates as arrange_plates
 from .slicing.printers import Printer as Printer

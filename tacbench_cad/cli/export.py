@@ -35,10 +35,11 @@ def command(to: tuple[str, ...], textures: tuple[str, ...], preset: str, scale: 
     """
     from tacbench_cad.formats.simulators.folder import export_to_simulators
     from tacbench_cad.making.choice import described
+    from tacbench_cad.util.convert import to_plain
 
     folders = export_to_simulators(described(textures, preset, scale), to, out)
     if json:
-        print_json({"folders": [folder.as_dict() for folder in folders]})
+        print_json({"folders": to_plain(folders)})
         return
     print_table(
         f"{counted(len(folders), 'folder')} in {out}",

@@ -95,7 +95,7 @@ def command(
 
 
 def _draw(plate: Plate, files: PlateFiles, filament: str) -> bool:
-    from tacbench_cad.slicing.plate_picture import plate_picture
+    from tacbench_cad.slicing.pictures import plate_picture
 
     try:
         plate_picture(plate, filament, files.picture)

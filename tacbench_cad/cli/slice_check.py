@@ -123,7 +123,7 @@ def _pictures(files: Sequence[Path], out: Path | None, no_picture: bool) -> list
 
 
 def _draw(found: AsSliced, path: Path, *, asked: bool) -> None:
-    from tacbench_cad.slicing.picture import as_sliced_picture
+    from tacbench_cad.slicing.pictures import as_sliced_picture
 
     try:
         as_sliced_picture(found, path)
@@ -159,14 +159,14 @@ def _extrema(extrema: Extrema, above: float) -> str:
 
 def _share(one: AsSliced) -> str:
     steep = one.sideways
-    return "-" if steep is None else f"{100.0 * steep.missing_share:.1f} %"
+    return "-" if steep is None else f"{100.0 * steep.missing_fraction:.1f} %"
 
 
 _ROWS = (
     ("slicer", lambda one: one.sliced.dialect),
     ("layers", lambda one: f"{len(one.sliced.layer_tops_mm)} of {one.sliced.layer_mm:.4g} mm"),
     ("corner on the bed (mm)", _place),
-    ("top with slope below 1", lambda one: f"{100.0 * one.flat_share:.0f} %"),
+    ("top with slope below 1", lambda one: f"{100.0 * one.flat_fraction:.0f} %"),
     ("  height error, rms", lambda one: _um(one.rms_mm)),
     ("  of the ideal staircase", lambda one: _um(one.ideal_rms_mm)),
     ("  misplaced by 0.1 mm", lambda one: _um(one.misplaced_rms_mm)),

@@ -164,10 +164,10 @@ def _light(depth: Floats, owner: Ints, mesh: Mesh, axes: Floats) -> Floats:
 
     ground = depth[solid].min(initial=0.0)
     filled = np.where(solid, depth, ground)
-    share = solid.astype(np.float64)
+    fraction = solid.astype(np.float64)
     for reach, strength in _HOLLOWS:
         size = max(3, int(reach * depth.shape[0]) * 2 + 1)
-        mean = uniform_filter(filled * share, size) / np.maximum(uniform_filter(share, size), 1e-9)
+        mean = uniform_filter(filled * fraction, size) / np.maximum(uniform_filter(fraction, size), 1e-9)
         light *= np.clip(1.0 - strength * (mean[solid] - filled[solid]) / size, 0.45, 1.12)
     light *= 1.0 - 0.55 * _edges(filled, solid)[solid]
     image = np.zeros(depth.shape)

@@ -13,7 +13,7 @@ import numpy as np
 from tacbench_cad.geometry.block_mesh import fine_mesh
 from tacbench_cad.render.raster import render
 from tacbench_cad.spec.protocol import FORCES_N, PressGrid, contact_radius_mm
-from tacbench_cad.util.plotting import BLUE, DPI, GREEN, INK, ORANGE, new_figure
+from tacbench_cad.util.plotting import BLUE, DPI, GREEN, INK, ORANGE, colour_bar, new_figure
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
@@ -117,11 +117,7 @@ def cuts_figure(block: Block) -> Figure:
     scale = _map(axes, block, 0.0)
     axes.axhline(cut_y, color=ORANGE, linewidth=1.6, linestyle="--")
     axes.axvline(cut_x, color="white", linewidth=1.6, linestyle=(0, (1, 1)))
-    axes.apply_aspect()
-    box = axes.get_position()
-    bar = figure.colorbar(scale, cax=figure.add_axes((box.x1 + 0.012, box.y0, 0.014, box.height)))
-    bar.set_label("height z (mm)")
-    left = box.x1 + 0.14
+    left = colour_bar(axes, scale, "height z (mm)") + 0.128
     _portrait(figure, block, (left, 0.53, 0.985 - left, 0.40))
     x, y = (np.linspace(0.0, side, 4001) for side in block.size_mm)
     _cut_panel(figure, block, (left, 0.335, 0.985 - left, 0.155), "x", x, cut_y, ORANGE, "dashed")
@@ -131,7 +127,7 @@ def cuts_figure(block: Block) -> Figure:
 
 def _portrait(figure: Figure, block: Block, place: tuple[float, float, float, float]) -> None:
     """The block itself, rendered at the figure's own resolution."""
-    width, height = (round(share * side * DPI) for share, side in zip(place[2:], figure.get_size_inches(), strict=True))
+    width, height = (round(part * side * DPI) for part, side in zip(place[2:], figure.get_size_inches(), strict=True))
     axes = figure.add_axes(place)
     axes.imshow(render(fine_mesh(block), width, height), interpolation="none", aspect="auto")
     axes.set_axis_off()

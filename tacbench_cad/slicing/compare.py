@@ -8,7 +8,7 @@ The edge of the block, where every bead has a round shoulder, is left out of all
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from tacbench_cad.slicing.gcode import Sliced, read_gcode
 from tacbench_cad.slicing.surface import PITCH_MM, Frame, frames_of, points_of, printed_heights, staircase
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.textures import Texture, catalogue
+from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats
 
@@ -29,10 +30,10 @@ EDGE_MM = 0.5
 MISPLACED_MM = 0.1
 #: A peak's printed top, and a valley's floor, may lie this far beside it, in mm.
 NEAR_MM = 0.15
-#: Above this share of the relief's own spread, the print is not of this texture.
+#: Above this fraction of the relief's own standard deviation, the print is not of this texture.
 UNLIKE = 0.5
 #: How far sideways the formula's height is looked for, in steps, in mm; and how many steep points are asked.
-_REACH_MM, _STEP_MM, _MOST_STEEP = 0.8, 0.02, 20_000
+_REACH_MM, _STEP_MM, _MAX_STEEP = 0.8, 0.02, 20_000
 #: Points that are enough to tell the quarter turns, and the textures, apart: their distance in mm.
 _COARSE_MM = 0.2
 
@@ -53,11 +54,7 @@ class Extrema:
     missed: int
     mean_mm: float
     worst_mm: float
-    missed_mm: Floats
-
-    def as_dict(self) -> dict[str, float]:
-        """For JSON."""
-        return {"count": self.count, "missed": self.missed, "mean_mm": self.mean_mm, "worst_mm": self.worst_mm}
+    missed_mm: Floats = field(metadata={"key": None})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,16 +64,12 @@ class Sideways:
     Args:
         rms_mm: Root mean square of it, where the formula reaches the printed height nearby.
         ideal_rms_mm: The same for the ideal staircase.
-        missing_share: Share of the steep top where the formula has no such height within reach.
+        missing_fraction: Fraction of the steep top where the formula has no such height within reach.
     """
 
     rms_mm: float
     ideal_rms_mm: float
-    missing_share: float
-
-    def as_dict(self) -> dict[str, float]:
-        """For JSON."""
-        return {"rms_mm": self.rms_mm, "ideal_rms_mm": self.ideal_rms_mm, "missing_share": self.missing_share}
+    missing_fraction: float = field(metadata={"key": "missing_share"})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -120,8 +113,8 @@ class AsSliced:
         return self.inside & (self.slope < STEEP)
 
     @property
-    def flat_share(self) -> float:
-        """Share of the inside that is flatter than :data:`STEEP`."""
+    def flat_fraction(self) -> float:
+        """Fraction of the inside that is flatter than :data:`STEEP`."""
         return float(self.flat.sum() / self.inside.sum())
 
     @cached_property
@@ -142,11 +135,11 @@ class AsSliced:
     @cached_property
     def misplaced_rms_mm(self) -> float | None:
         """The largest height error (rms) with the frame 0.1 mm beside where it was found, along x or y."""
-        found = []
+        errors = []
         for dx, dy in ((MISPLACED_MM, 0.0), (-MISPLACED_MM, 0.0), (0.0, MISPLACED_MM), (0.0, -MISPLACED_MM)):
-            moved = self.block.datum_mm + self.block.surface.grid(self.x_mm + dx, self.y_mm + dy)
-            found.append(_rms((self.printed_mm - moved)[self.flat]))
-        return max((one for one in found if one is not None), default=None)
+            shifted = self.block.datum_mm + self.block.surface.grid(self.x_mm + dx, self.y_mm + dy)
+            errors.append(_rms((self.printed_mm - shifted)[self.flat]))
+        return max((error for error in errors if error is not None), default=None)
 
     @cached_property
     def sideways(self) -> Sideways | None:
@@ -154,14 +147,14 @@ class AsSliced:
         i, j = np.nonzero(self.inside & (self.slope >= STEEP))
         if len(i) == 0:
             return None
-        every = math.ceil(len(i) / _MOST_STEEP)
+        every = math.ceil(len(i) / _MAX_STEEP)
         i, j = i[::every], j[::every]
         x, y = self.x_mm[i], self.y_mm[j]
         printed, ideal = (_sideways(self.block, x, y, heights[i, j]) for heights in (self.printed_mm, self.ideal_mm))
         return Sideways(
             rms_mm=_rms(printed[np.isfinite(printed)]) or 0.0,
             ideal_rms_mm=_rms(ideal[np.isfinite(ideal)]) or 0.0,
-            missing_share=float(np.isnan(printed).mean()),
+            missing_fraction=float(np.isnan(printed).mean()),
         )
 
     @cached_property
@@ -201,36 +194,40 @@ class AsSliced:
     def warnings(self) -> tuple[str, ...]:
         """What the user should know of the file, the block or the numbers."""
         sliced, block = self.sliced, self.block
-        said = []
+        warnings = []
         first = float(sliced.layer_tops_mm[0] - sliced.floor_mm)
         layers = (block.height_mm - first) / sliced.layer_mm
         if abs(layers - round(layers)) * sliced.layer_mm > 0.002:
             below, above = (first + count * sliced.layer_mm for count in (math.floor(layers), math.ceil(layers)))
-            said.append(
+            warnings.append(
                 f"the block's height of {block.height_mm:.6g} mm is no whole number of layers: a first one of "
                 f"{first:.4g} mm and others of {sliced.layer_mm:.4g} mm end at {below:.6g} or {above:.6g} mm"
             )
         steps = np.diff(sliced.layer_tops_mm)
         if len(steps) and float(np.ptp(steps)) > 0.002:
-            said.append(f"the layers are from {steps.min():.4g} to {steps.max():.4g} mm high")
+            warnings.append(f"the layers are from {steps.min():.4g} to {steps.max():.4g} mm high")
         if sliced.filament_assumed:
-            said.append(
+            warnings.append(
                 f"the file does not name its filament's diameter, {sliced.filament_mm:g} mm is assumed (--filament): "
                 f"beads are then {float(np.median(sliced.beads.width_mm)):.3g} mm wide"
             )
         if sliced.unknown:
-            said.append(f"counted as part of the block though unknown to {sliced.dialect}: {', '.join(sliced.unknown)}")
+            warnings.append(
+                f"counted as part of the block though unknown to {sliced.dialect}: {', '.join(sliced.unknown)}"
+            )
         if self.frame.outline_mm is not None:
             sides = block.size_mm if self.frame.quarters % 2 == 0 else block.size_mm[::-1]
-            off = max(abs(one - side) for one, side in zip(self.frame.outline_mm, sides, strict=True))
+            off = max(abs(length - side) for length, side in zip(self.frame.outline_mm, sides, strict=True))
             if off > 0.1:
-                said.append(f"the outline is {off:.2g} mm off the block's sides; was it scaled, or shrunk for its fit?")
+                warnings.append(
+                    f"the outline is {off:.2g} mm off the block's sides; was it scaled, or shrunk for its fit?"
+                )
         if block.grid_aliases:
-            said.append("the published surface draws another shape than its formula; the formula is compared here")
-        return tuple(said)
+            warnings.append("the published surface draws another shape than its formula; the formula is compared here")
+        return tuple(warnings)
 
     def as_dict(self) -> dict[str, object]:
-        """For JSON: lengths in mm, shares from 0 to 1."""
+        """For JSON: lengths in mm, fractions from 0 to 1."""
         sliced = self.sliced
         return {
             "file": sliced.path.name,
@@ -245,16 +242,16 @@ class AsSliced:
             "frame": self.frame.as_dict(),
             "edge_mm": EDGE_MM,
             "height": {
-                "share": self.flat_share,
+                "share": self.flat_fraction,
                 "rms_mm": self.rms_mm,
                 "mean_mm": self.mean_mm,
                 "ideal_rms_mm": self.ideal_rms_mm,
                 "misplaced_rms_mm": self.misplaced_rms_mm,
                 "misplaced_by_mm": MISPLACED_MM,
             },
-            "sideways": None if self.sideways is None else self.sideways.as_dict(),
-            "peaks": self.peaks.as_dict(),
-            "valleys": self.valleys.as_dict(),
+            "sideways": to_plain(self.sideways),
+            "peaks": to_plain(self.peaks),
+            "valleys": to_plain(self.valleys),
             "warnings": list(self.warnings),
         }
 
@@ -288,7 +285,7 @@ def compare(sliced: Sliced, block: Block, frame: Frame | None = None, *, pitch_m
     """
     frames = [frame] if frame is not None else frames_of(sliced, block)
     x, y = points_of(block, _COARSE_MM)
-    looks = [printed_heights(sliced, block, one, x, y) for one in frames]
+    looks = [printed_heights(sliced, block, place, x, y) for place in frames]
     inside = _inside(block, x, y)
     best = min(range(len(frames)), key=lambda i: _distance(block, block.texture, x, y, looks[i], inside))
     _require_likeness(sliced, block, x, y, looks[best], inside)
@@ -317,7 +314,7 @@ def _inside(block: Block, x: Floats, y: Floats) -> Bools:
 
 
 def _distance(block: Block, texture: Texture, x: Floats, y: Floats, printed: Floats, inside: Bools) -> float:
-    """Spread of the height error, were the block's texture this one: the height of the whole does not count."""
+    """Standard deviation of the height error about its mean, if the block's texture were this one."""
     along_x, along_y, up = block.mm_per_unit
     formula = texture.waves.mapped((along_x, along_y), up, block.origin_uv).grid(x, y)
     return float(np.std((printed - formula)[inside]))
@@ -328,9 +325,9 @@ def _require_likeness(sliced: Sliced, block: Block, x: Floats, y: Floats, printe
         raise InputError("frame", None, f"{sliced.path} prints nothing there; name the block's corner on the bed")
     own = _distance(block, block.texture, x, y, printed, inside)
     others = {
-        one.name: _distance(block, one, x, y, printed, inside)
-        for one in catalogue(block.preset)
-        if one.name != block.texture.name
+        texture.name: _distance(block, texture, x, y, printed, inside)
+        for texture in catalogue(block.preset)
+        if texture.name != block.texture.name
     }
     name = min(others, key=others.__getitem__)
     nearer = others[name] < 0.5 * own
@@ -361,7 +358,7 @@ def _sideways(block: Block, x: Floats, y: Floats, heights: Floats) -> Floats:
     along_x, along_y = block.surface.gradient(x, y)
     slope = np.hypot(along_x, along_y)
     ux, uy = along_x / slope, along_y / slope
-    found = np.full(len(x), np.nan)
+    nearest = np.full(len(x), np.nan)
     at_zero = block.height_at(x, y) - heights
     for sign in (1.0, -1.0):
         before = at_zero
@@ -369,8 +366,8 @@ def _sideways(block: Block, x: Floats, y: Floats, heights: Floats) -> Floats:
             away = sign * k * _STEP_MM
             here = block.height_at(x + away * ux, y + away * uy) - heights
             crossed = (before * here <= 0.0) & (before != here)
-            share = np.where(crossed, before / np.where(crossed, before - here, 1.0), 0.0)
-            distance = (k - 1 + share) * _STEP_MM
-            found = np.where(crossed, np.fmin(found, distance), found)
+            fraction = np.where(crossed, before / np.where(crossed, before - here, 1.0), 0.0)
+            distance = (k - 1 + fraction) * _STEP_MM
+            nearest = np.where(crossed, np.fmin(nearest, distance), nearest)
             before = here
-    return found
+    return nearest

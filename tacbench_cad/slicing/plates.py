@@ -76,8 +76,8 @@ class Plate:
     @property
     def imbalance_mm(self) -> float:
         """Largest distance between the middle of one texture's copies and that of the whole plate."""
-        places = np.array([[one.x_mm, one.y_mm] for one in self.blocks])
-        names = [one.block.texture.name for one in self.blocks]
+        places = np.array([[placed.x_mm, placed.y_mm] for placed in self.blocks])
+        names = [placed.block.texture.name for placed in self.blocks]
         return _imbalance(places, _index(names))
 
 
@@ -151,7 +151,7 @@ def _plate(
         # A smaller block lies in the middle of its place.
         corner = (x + (size[0] - block.size_mm[0]) / 2.0, y + (size[1] - block.size_mm[1]) / 2.0)
         placed.append(PlacedBlock(block=_marked(block, copy), x_mm=corner[0], y_mm=corner[1]))
-    placed.sort(key=lambda one: (one.y_mm, one.x_mm))
+    placed.sort(key=lambda block: (block.y_mm, block.x_mm))
     return Plate(printer=printer, number=number, blocks=tuple(placed))
 
 
@@ -191,7 +191,7 @@ def _confounding(places: Floats, texture: Ints) -> float:
 def _spread(places: Floats, texture: Ints) -> list[int]:
     """Which block comes to which place: changes of places are kept while position tells less of the texture."""
     rng = np.random.default_rng(len(places))
-    found: list[tuple[float, list[int]]] = []
+    orders: list[tuple[float, list[int]]] = []
     for _ in range(_BEGINNINGS):
         order = rng.permutation(len(places))
         best = _confounding(places, texture[order])
@@ -204,8 +204,8 @@ def _spread(places: Floats, texture: Ints) -> list[int]:
                 best = now
             else:
                 order[[i, j]] = order[[j, i]]
-        found.append((best, order.tolist()))
-    return min(found)[1]
+        orders.append((best, order.tolist()))
+    return min(orders)[1]
 
 
 def write_layout(plate: Plate, filament: str, path: Path, files: Mapping[str, str]) -> None:
@@ -223,10 +223,10 @@ def write_layout(plate: Plate, filament: str, path: Path, files: Mapping[str, st
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(COLUMNS)
-        for one in plate.blocks:
-            block = one.block
+        for placed in plate.blocks:
+            block = placed.block
             key = "" if block.key_mm is None else f"{block.key_mm:g}"
             texture = files.get(block.texture.name, block.texture.name)
-            about = (plate.number, one.label, texture, block.preset, f"{block.scale:g}", key, block.copy)
-            place = (f"{value:.3f}" for value in (one.x_mm, one.y_mm, *block.size_mm))
+            about = (plate.number, placed.label, texture, block.preset, f"{block.scale:g}", key, block.copy)
+            place = (f"{value:.3f}" for value in (placed.x_mm, placed.y_mm, *block.size_mm))
             writer.writerow([*about, plate.printer.name, filament, *place])

@@ -20,13 +20,13 @@ from tacbench_cad.util.types import Floats, Ints
 #: The outline of a block may differ from its sides by this much, in mm: more is another part.
 OUTLINE_MM = 0.5
 #: Distance of the points at which surfaces are compared, in mm, and the most points that are taken.
-PITCH_MM, MOST_POINTS = 0.05, 1_000_000
+PITCH_MM, MAX_POINTS = 0.05, 1_000_000
 #: Long beads are cut into pieces of this length, so that their boxes hold few points, in mm.
 _PIECE_MM = 1.0
 #: Points that are looked at in one go.
 _CHUNK = 1_500_000
-#: Layers below this share of the base tell where the block lies.
-_LOW_SHARE = 0.95
+#: Layers below this fraction of the base tell where the block lies.
+_LOW_FRACTION = 0.95
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +86,7 @@ def frames_of(sliced: Sliced, block: Block) -> list[Frame]:
         InputError: The outline is not the block's.
     """
     beads = sliced.beads
-    low = sliced.floor_mm + _LOW_SHARE * block.base_mm
+    low = sliced.floor_mm + _LOW_FRACTION * block.base_mm
     tops = [top for top in sliced.layer_tops_mm if top <= low][1:] or [float(sliced.layer_tops_mm[0])]
     boxes = []
     for top in tops:
@@ -99,29 +99,29 @@ def frames_of(sliced: Sliced, block: Block) -> list[Frame]:
         raise InputError("file", str(sliced.path), "has no outer walls in its low layers; give --frame X,Y")
     x0, y0, x1, y1 = np.median(np.array(boxes), axis=0).tolist()
     outline = (x1 - x0, y1 - y0)
-    found = []
+    frames = []
     for quarters in range(4):
         sides = block.size_mm if quarters % 2 == 0 else block.size_mm[::-1]
-        if max(abs(one - side) for one, side in zip(outline, sides, strict=True)) <= OUTLINE_MM:
+        if max(abs(length - side) for length, side in zip(outline, sides, strict=True)) <= OUTLINE_MM:
             corner = ((x0 + x1 - sides[0]) / 2.0, (y0 + y1 - sides[1]) / 2.0)
-            found.append(
+            frames.append(
                 Frame(x_mm=corner[0], y_mm=corner[1], quarters=quarters, source="outer walls", outline_mm=outline)
             )
-    if not found:
-        want = " x ".join(f"{side:.4g}" for side in block.size_mm)
+    if not frames:
+        own = " x ".join(f"{side:.4g}" for side in block.size_mm)
         raise InputError(
             "file",
             str(sliced.path),
-            f"is of another part: its outer walls span {outline[0]:.4g} x {outline[1]:.4g} mm, {block.name} has {want} "
+            f"is of another part: its outer walls span {outline[0]:.4g} x {outline[1]:.4g} mm, {block.name} has {own} "
             "mm; name its --texture, --preset and --scale, or give --frame X,Y where a plate holds more than one block",
         )
-    return found
+    return frames
 
 
 def points_of(block: Block, pitch_mm: float = PITCH_MM) -> tuple[Floats, Floats]:
     """Middles x (n,) and y (m,) of the cells into which the block's top is divided, in mm."""
     x, y = block.size_mm
-    pitch = max(pitch_mm, math.sqrt(x * y / MOST_POINTS))
+    pitch = max(pitch_mm, math.sqrt(x * y / MAX_POINTS))
     counts = (max(1, round(side / pitch)) for side in (x, y))
     across, down = ((np.arange(count) + 0.5) * side / count for count, side in zip(counts, (x, y), strict=True))
     return across, down
@@ -165,10 +165,10 @@ def _covered(beads: Beads, x: Floats, y: Floats) -> Iterator[tuple[Ints, Floats]
     round_mm = np.minimum(width, height) / 2.0
     flat = width / 2.0 - round_mm
     pitch = np.array([x[1] - x[0], y[1] - y[0]])
-    origin, most = np.array([x[0], y[0]]), np.array([len(x), len(y)]) - 1
+    origin, last_index = np.array([x[0], y[0]]), np.array([len(x), len(y)]) - 1
     low = np.ceil((np.minimum(start, end) - width[:, None] / 2.0 - origin) / pitch).astype(np.int64)
     high = np.floor((np.maximum(start, end) + width[:, None] / 2.0 - origin) / pitch).astype(np.int64)
-    low, high = np.maximum(low, 0), np.minimum(high, most)
+    low, high = np.maximum(low, 0), np.minimum(high, last_index)
     spans = np.maximum(high - low + 1, 0)
     counts = spans[:, 0] * spans[:, 1]
     bounds = np.concatenate([[0], np.cumsum(counts)])
@@ -182,8 +182,8 @@ def _covered(beads: Beads, x: Floats, y: Floats) -> Iterator[tuple[Ints, Floats]
         away = np.column_stack([x[i], y[j]]) - start[piece]
         along = step[piece]
         square = np.maximum((along**2).sum(axis=1), 1e-18)
-        share = np.clip((away * along).sum(axis=1) / square, 0.0, 1.0)
-        off = away - share[:, None] * along
+        fraction = np.clip((away * along).sum(axis=1) / square, 0.0, 1.0)
+        off = away - fraction[:, None] * along
         beyond = np.maximum(np.hypot(off[:, 0], off[:, 1]) - flat[piece], 0.0)
         radius = round_mm[piece]
         under = beyond < radius

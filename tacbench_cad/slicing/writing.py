@@ -77,28 +77,28 @@ def write_plates(
     names = {read_texture(path).texture.name: path.name for path in texture_files}
     if len(set(names.values())) < len(texture_files):
         raise InputError("texture", [path.name for path in texture_files], "two files have one name; rename one")
-    wanted = [PlateFiles.of(plate, filament, out) for plate in plates]
+    all_files = [PlateFiles.of(plate, filament, out) for plate in plates]
     with locked(out):
-        _require_no_others(wanted, f"{plates[0].printer.name}_{filament}_plate", out)
+        _require_no_others(all_files, f"{plates[0].printer.name}_{filament}_plate", out)
         for path in texture_files:
             content = path.read_bytes()
             with replacing(out / path.name) as temporary:
                 temporary.write_bytes(content)
-        for plate, files in zip(plates, wanted, strict=True):
+        for plate, files in zip(plates, all_files, strict=True):
             _write_model(plate, files.model.stem, files.model)
             write_layout(plate, filament, files.layout, names)
             if not files.record.exists():
                 with replacing(files.record) as temporary:
                     temporary.write_text(_record(plate, filament, files), encoding="utf-8")
-    return wanted
+    return all_files
 
 
-def _require_no_others(wanted: Sequence[PlateFiles], stem: str, out: Path) -> None:
+def _require_no_others(all_files: Sequence[PlateFiles], stem: str, out: Path) -> None:
     """Refuse a folder with further plates of this printer and filament: who slices all of them prints too many.
 
     They are of an earlier request for more, and may be printed and pressed already, so that they are not removed here.
     """
-    known = {path for files in wanted for path in (files.model, files.layout)}
+    known = {path for files in all_files for path in (files.model, files.layout)}
     others = sorted(
         path.name for end in (".3mf", ".csv") for path in out.glob(f"{stem}[0-9]*{end}") if path not in known
     )
@@ -112,7 +112,7 @@ def _require_no_others(wanted: Sequence[PlateFiles], stem: str, out: Path) -> No
 
 def _write_model(plate: Plate, name: str, path: Path) -> None:
     placed: list[tuple[Part, tuple[float, float]]] = [
-        (block_part(one.block), (one.x_mm, one.y_mm)) for one in plate.blocks
+        (block_part(placed.block), (placed.x_mm, placed.y_mm)) for placed in plate.blocks
     ]
     with replacing(path) as temporary:
         threemf.write_plate(placed, name, temporary)
@@ -121,13 +121,13 @@ def _write_model(plate: Plate, name: str, path: Path) -> None:
 
 def _require_as_meant(placed: Sequence[tuple[Part, tuple[float, float]]], path: Path) -> None:
     """Read the file back: every part's vertices lie where they belong, and all triangles are there."""
-    found, _ = threemf.read_3mf(path)
-    wanted = [np.add(part.mesh[0].vertices, (*place, 0.0)) for part, place in placed]
+    mesh, _ = threemf.read_3mf(path)
+    expected = [np.add(part.mesh[0].vertices, (*place, 0.0)) for part, place in placed]
     triangles = sum(len(part.mesh[0].triangles) for part, _ in placed)
-    vertices = np.concatenate(wanted)
-    if found.vertices.shape != vertices.shape or len(found.triangles) != triangles:
+    vertices = np.concatenate(expected)
+    if mesh.vertices.shape != vertices.shape or len(mesh.triangles) != triangles:
         raise CheckFailedError(f"{path.name}: the plate came back with other triangles than it was written with")
-    if float(np.abs(found.vertices - vertices).max()) > _PLACE_MM:
+    if float(np.abs(mesh.vertices - vertices).max()) > _PLACE_MM:
         raise CheckFailedError(f"{path.name}: a block came back at another place than it was put")
 
 

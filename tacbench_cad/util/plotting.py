@@ -11,11 +11,15 @@ from tacbench_cad.util.errors import MissingToolError
 from tacbench_cad.util.files import replacing
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.transforms import Bbox
 
-#: Colours that people with any colour vision tell apart (after Okabe and Ito).
-ORANGE, BLUE, GREEN, INK = "#d55e00", "#0072b2", "#009e73", "#222222"
+#: Colours that people with any colour vision tell apart (Okabe and Ito), the darker ones first.
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#f0e442")
+BLUE, ORANGE, GREEN = COLOURS[:3]
+#: Colour of text and axes.
+INK = "#222222"
 #: Dots per inch of a picture.
 DPI = 150
 _STYLE = {
@@ -80,6 +84,25 @@ def new_figure(inches: tuple[float, float], dpi: int = DPI, layout: Literal["con
     figure = Figure(figsize=inches, dpi=dpi, facecolor="white", layout=layout)
     FigureCanvasAgg(figure)
     return figure
+
+
+def colour_bar(axes: Axes, mapped: Any, label: str, **style: Any) -> float:
+    """Draw a colour bar along the right side of a map.
+
+    Args:
+        axes: The map, whose sides are true to scale.
+        mapped: What has the colours.
+        label: What stands beside the bar.
+        style: Passed on to matplotlib.
+
+    Returns:
+        Left side of the bar, as a fraction of the figure's width.
+    """
+    axes.apply_aspect()
+    box = axes.get_position()
+    left = box.x1 + 0.012
+    axes.figure.colorbar(mapped, cax=axes.figure.add_axes((left, box.y0, 0.014, box.height)), **style).set_label(label)
+    return float(left)
 
 
 def save_figure(figure: Figure, path: Path, kind: str = "png", box: Bbox | None = None) -> None:

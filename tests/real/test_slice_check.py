@@ -39,7 +39,7 @@ def require_like_expected(found: AsSliced, layer_mm: float) -> None:
     assert found.rms_mm == pytest.approx(rms, abs=0.004)
     assert found.ideal_rms_mm == pytest.approx(ideal, abs=0.001)
     assert found.misplaced_rms_mm is not None and found.misplaced_rms_mm > 0.055
-    assert found.sideways is not None and found.sideways.missing_share < 0.01
+    assert found.sideways is not None and found.sideways.missing_fraction < 0.01
     assert (found.peaks.count, found.peaks.missed) == (9, 0)
     assert (found.valleys.count, found.valleys.missed) == (9, 0)
     assert found.sliced.unknown == ()

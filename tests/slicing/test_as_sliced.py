@@ -55,7 +55,7 @@ def test_a_plain_slicer_comes_near_the_ideal_staircase(printed: AsSliced) -> Non
     assert printed.mean_mm == pytest.approx(0.0, abs=0.02)
     assert printed.sideways is not None
     assert printed.sideways.ideal_rms_mm == pytest.approx(0.2 / np.sqrt(12.0) / 1.08, rel=0.1)
-    assert printed.sideways.missing_share == 0.0
+    assert printed.sideways.missing_fraction == 0.0
     assert (printed.peaks.count, printed.peaks.missed) == (9, 0)
     assert (printed.valleys.count, printed.valleys.missed) == (9, 0)
     assert printed.warnings == ()
@@ -94,7 +94,7 @@ def test_a_given_frame_and_what_misplacement_changes(printed: AsSliced) -> None:
 def test_height_error_counts_on_the_flat_part_only(printed: AsSliced) -> None:
     raised = with_heights(printed, printed.formula_mm + np.where(printed.slope < 1.0, 0.03, 0.5))
     assert raised.rms_mm == pytest.approx(0.03) and raised.mean_mm == pytest.approx(0.03)
-    assert 0.9 < raised.flat_share < 0.95
+    assert 0.9 < raised.flat_fraction < 0.95
 
 
 def wave(amplitude: float, f: float, g: float = 0.0) -> Texture:
@@ -108,14 +108,14 @@ def test_sideways_error_is_the_shift_of_a_wall(printed: AsSliced, shift: float) 
     block = Block.of(wave(1.0, 3.0))
     x, y = points_of(block)
     found = with_heights(printed, block.datum_mm + block.surface.grid(x + shift, y), block)
-    assert found.sideways is not None and found.sideways.missing_share == 0.0
+    assert found.sideways is not None and found.sideways.missing_fraction == 0.0
     assert found.sideways.rms_mm == pytest.approx(abs(shift), rel=0.01)
 
 
 def test_heights_that_the_formula_never_has_are_counted(printed: AsSliced) -> None:
     six = Block.of(6)
     high = with_heights(printed, np.full((len(points_of(six)[0]), len(points_of(six)[1])), 20.0), six)
-    assert high.sideways is not None and high.sideways.missing_share == 1.0
+    assert high.sideways is not None and high.sideways.missing_fraction == 1.0
 
 
 def test_a_lost_peak_and_a_filled_valley(printed: AsSliced) -> None:
@@ -148,7 +148,7 @@ def test_a_ridge_counts_once(printed: AsSliced) -> None:
 def test_a_gentle_texture_has_no_steep_walls(printed: AsSliced) -> None:
     block = Block.of(wave(0.3, 1.0))
     found = with_heights(printed, block.height_at(*np.meshgrid(*points_of(block), indexing="ij")), block)
-    assert found.sideways is None and found.flat_share == 1.0 and found.rms_mm == pytest.approx(0.0)
+    assert found.sideways is None and found.flat_fraction == 1.0 and found.rms_mm == pytest.approx(0.0)
     assert json.loads(json.dumps(found.as_dict(), allow_nan=False))["sideways"] is None
 
 

@@ -1,4 +1,4 @@
-"""Textures for simulators: a folder a texture, each engine's files with a note of frame, units and contact settings.
+"""Textures for simulators: a folder for each texture, with each engine's files and a note of frame, units and contact.
 
 A print format is one part in one file, checked and put in place by itself (:mod:`tacbench_cad.formats`). A target here
 is several files that refer to each other and to the folder that they lie in, so these have a package of their own. A
@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tacbench_cad.formats.simulators import glb, heightmaps, mjcf, obj, sdf, taxim, urdf, usd
-from tacbench_cad.formats.simulators.asset import SimulatorAsset
-from tacbench_cad.formats.simulators.written import TargetFiles
+from tacbench_cad.formats.simulators.asset import SimulatorAsset, TargetFiles
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class SimulatorTarget:
     """What a texture can be exported to.
 
@@ -33,16 +32,16 @@ class SimulatorTarget:
 
 #: What a texture can be written for, by the names of ``--to``.
 SIMULATOR_TARGETS: dict[str, SimulatorTarget] = {
-    row.name: row
-    for row in (
-        SimulatorTarget(name="mjcf", title="MuJoCo (MJCF)", write=mjcf.write_mjcf),
-        SimulatorTarget(name="urdf", title="URDF, for PyBullet", write=urdf.write_urdf),
-        SimulatorTarget(name="sdf", title="SDFormat, for Drake", write=sdf.write_sdf),
-        SimulatorTarget(name="usd", title="OpenUSD", write=usd.write_usd),
-        SimulatorTarget(name="glb", title="glTF (binary)", write=glb.write_glb),
-        SimulatorTarget(name="obj", title="Wavefront OBJ", write=obj.write_obj),
-        SimulatorTarget(name="npy", title="NumPy array of heights", write=heightmaps.write_npy),
-        SimulatorTarget(name="png16", title="16-bit PNG of heights", write=heightmaps.write_png16),
-        SimulatorTarget(name="taxim", title="Taxim (PLY of the top)", write=taxim.write_taxim),
+    target.name: target
+    for target in (
+        SimulatorTarget("mjcf", "MuJoCo (MJCF)", mjcf.write_mjcf),
+        SimulatorTarget("urdf", "URDF, for PyBullet", urdf.write_urdf),
+        SimulatorTarget("sdf", "SDFormat, for Drake", sdf.write_sdf),
+        SimulatorTarget("usd", "OpenUSD", usd.write_usd),
+        SimulatorTarget("glb", "glTF (binary)", glb.write_glb),
+        SimulatorTarget("obj", "Wavefront OBJ", obj.write_obj),
+        SimulatorTarget("npy", "NumPy array of heights", heightmaps.write_npy),
+        SimulatorTarget("png16", "16-bit PNG of heights", heightmaps.write_png16),
+        SimulatorTarget("taxim", "Taxim (PLY of the top)", taxim.write_taxim),
     )
 }

@@ -1,4 +1,4 @@
-"""What every target is written from: a block, its closed mesh, and its heights on an even grid."""
+"""What every target is written from: a block, its closed mesh, and its heights on an even grid; and what it gives."""
 
 from __future__ import annotations
 
@@ -20,11 +20,24 @@ from tacbench_cad.util.types import Floats
 #: Distance from the formula that an even grid is made fine enough for, in mm.
 GRID_DISTANCE_MM = 0.025
 #: The grid is at most this many times as fine as the preset's own; past that its error is stated, not met.
-MOST_TIMES = 8
+MAX_TIMES = 8
 #: Samples of one grid: beyond this the files are no longer of use.
-MOST_SAMPLES = 20_000_000
+MAX_SAMPLES = 20_000_000
 #: Density of the printed blocks that masses are worked out from (PLA), in kg/m^3.
 DENSITY_KG_M3 = 1240.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetFiles:
+    """The files of one target in one folder.
+
+    Args:
+        files: Their paths from the folder, with ``/``.
+        note: Markdown for the folder's README: files, units, axes, error, contact settings, what was tested.
+    """
+
+    files: tuple[str, ...]
+    note: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,9 +106,9 @@ class SimulatorAsset:
         block = self.block
         coarse = grid_of_same_step(VALUES[block.preset], block.nominal_size_mm, block.nominal_mm_per_unit)
         field = sampled(block, coarse)
-        for times in range(2, MOST_TIMES + 1):
+        for times in range(2, MAX_TIMES + 1):
             grid = SampleGrid(nx=(coarse.nx - 1) * times + 1, ny=(coarse.ny - 1) * times + 1)
-            if field.certificate.distance_mm <= GRID_DISTANCE_MM or grid.nx * grid.ny > MOST_SAMPLES:
+            if field.certificate.distance_mm <= GRID_DISTANCE_MM or grid.nx * grid.ny > MAX_SAMPLES:
                 break
             field = sampled(block, grid)
         return field
@@ -114,11 +127,11 @@ def sampled(block: Block, grid: SampleGrid) -> HeightField:
         grid: The samples.
 
     Raises:
-        InputError: The grid has more than :data:`MOST_SAMPLES` samples.
+        InputError: The grid has more than :data:`MAX_SAMPLES` samples.
     """
-    if grid.nx * grid.ny > MOST_SAMPLES:
+    if grid.nx * grid.ny > MAX_SAMPLES:
         raise InputError(
-            "grid", f"{grid.nx}x{grid.ny}", f"must have at most {MOST_SAMPLES:,} samples; take a smaller domain"
+            "grid", f"{grid.nx}x{grid.ny}", f"must have at most {MAX_SAMPLES:,} samples; take a smaller domain"
         )
     x, y = replace(block, sampling=grid).samples_mm
     z = block.surface.grid(x, y)
@@ -136,5 +149,5 @@ def _certificate(block: Block, x: Floats, y: Floats, z: Floats) -> Certificate:
         return Certificate(distance_mm=min(paired(*proofs), high), vertical_mm=high)
     cells = Cells(surface, x, y)
     falling, rising = (astuple(cells.prove(z, rising=way)) for way in (False, True))
-    proof = [float(np.maximum(one, other).max()) for one, other in zip(falling, rising, strict=True)]
+    proof = [float(np.maximum(a, b).max()) for a, b in zip(falling, rising, strict=True)]
     return Certificate(distance_mm=proof[0], vertical_mm=proof[1])

@@ -45,10 +45,6 @@ class Exported:
     folder: Path
     files: dict[str, int]
 
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {"texture": self.texture, "folder": str(self.folder), "files": self.files}
-
 
 def export_to_simulators(blocks: Iterable[Block], targets: Sequence[str], out: Path) -> list[Exported]:
     """Write blocks for some simulators, ``out/NAME`` for each texture.
@@ -70,13 +66,13 @@ def export_to_simulators(blocks: Iterable[Block], targets: Sequence[str], out: P
     """
     if not targets:
         one_of("to", "", SIMULATOR_TARGETS)
-    wanted = [SIMULATOR_TARGETS[one_of("to", name, SIMULATOR_TARGETS)] for name in dict.fromkeys(targets)]
+    chosen = [SIMULATOR_TARGETS[one_of("to", name, SIMULATOR_TARGETS)] for name in dict.fromkeys(targets)]
     assets = [SimulatorAsset(block) for block in blocks]
     with locked(out):
         _recover(out)
         for asset in assets:
             _record_of(out / asset.name, asset)
-        return [_write(asset, wanted, out) for asset in assets]
+        return [_write(asset, chosen, out) for asset in assets]
 
 
 def _recover(out: Path) -> None:
@@ -113,18 +109,18 @@ def _record_of(folder: Path, asset: SimulatorAsset) -> dict[str, Any]:
             raise InputError("out", str(folder), f"holds files but no {RECORD}; empty it or choose another --out")
         return {}
     try:
-        found = json.loads(record.read_text(encoding="utf-8"))
-        block, targets = found["block"], found["targets"]
+        document = json.loads(record.read_text(encoding="utf-8"))
+        block, targets = document["block"], document["targets"]
         what = f"{block['texture']}, preset {block['preset']}, scale {block['scale']:g}"
         known = {name: targets[name] for name in SIMULATOR_TARGETS if name in targets}
-        for one in known.values():
-            _ = [*one["files"]], one["note"] + ""
+        for target in known.values():
+            _ = [*target["files"]], target["note"] + ""
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             "out", str(record), f"cannot be read as a record of ours ({error}); remove the folder"
         ) from None
-    wanted = _described(asset.block)
-    differs = [key for key in IDENTITY if block.get(key) != wanted[key]]
+    own = _described(asset.block)
+    differs = [key for key in IDENTITY if block.get(key) != own[key]]
     if differs:
         raise InputError(
             "out",
@@ -164,7 +160,7 @@ def _fill(
     replaced = {README, RECORD}
     for target in targets:
         replaced.update(record.pop(target.name, {}).get("files", {}))
-    kept = {file for one in record.values() for file in one["files"]}
+    kept = {file for target in record.values() for file in target["files"]}
     for path in sorted(folder.rglob("*")) if folder.exists() else ():
         place = path.relative_to(folder).as_posix()
         if path.is_file() and (place not in replaced or place in kept):
@@ -172,14 +168,14 @@ def _fill(
             shutil.copy2(path, new / place)
     written: dict[str, int] = {}
     for target in targets:
-        made = target.write(asset, new)
-        hashes = {file: sha256(new / file) for file in made.files}
-        record[target.name] = {"version": __version__, "files": hashes, "note": made.note}
-        written.update({file: (new / file).stat().st_size for file in made.files})
+        result = target.write(asset, new)
+        hashes = {file: sha256(new / file) for file in result.files}
+        record[target.name] = {"version": __version__, "files": hashes, "note": result.note}
+        written.update({file: (new / file).stat().st_size for file in result.files})
     ordered = {name: record[name] for name in SIMULATOR_TARGETS if name in record}
     document = {"tacbench_cad": __version__, "block": _described(asset.block), "targets": ordered}
     (new / RECORD).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    sections = [(SIMULATOR_TARGETS[name].title, one["note"]) for name, one in ordered.items()]
+    sections = [(SIMULATOR_TARGETS[name].title, target["note"]) for name, target in ordered.items()]
     (new / README).write_text(readme(asset, sections), encoding="utf-8")
     return written
 

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from tacbench_cad import __version__
-from tacbench_cad.formats.simulators.asset import SimulatorAsset
+from tacbench_cad.formats.simulators.asset import SimulatorAsset, TargetFiles
 from tacbench_cad.formats.simulators.obj import mesh_error
-from tacbench_cad.formats.simulators.written import TargetFiles
 
 _FLOAT, _UNSIGNED_INT, _ARRAY_BUFFER, _ELEMENT_BUFFER = 5126, 5125, 34962, 34963
 
@@ -67,11 +66,7 @@ def write_glb(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     header += b" " * (-len(header) % 4)
     chunks = struct.pack("<I4s", len(header), b"JSON") + header + struct.pack("<I4s", len(binary), b"BIN\0") + binary
     (folder / file).write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
-    return TargetFiles(files=(file,), note=_note(asset, file))
-
-
-def _note(asset: SimulatorAsset, file: str) -> str:
-    return f"""\
+    note = f"""\
 - `{file}`: one mesh, {len(asset.mesh.triangles):,} triangles, without normals, so that viewers shade the facets flat.
 - Units and axes: metres, y up, as glTF lays down: the block frame's (x, y, z) is (x, z, -y) here.
 - {mesh_error(asset)}
@@ -81,3 +76,4 @@ def _note(asset: SimulatorAsset, file: str) -> str:
   formula; a steel ball of 0.5 mm radius, dropped in PyBullet on the triangles that pygltflib hands out, rests within
   0.05 mm of where the formula lets it (textures 2 and 4, scale 1).
 """
+    return TargetFiles(files=(file,), note=note)

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tacbench_cad.formats.simulators.asset import HeightField, SimulatorAsset
-from tacbench_cad.formats.simulators.written import TargetFiles
+from tacbench_cad.formats.simulators.asset import HeightField, SimulatorAsset, TargetFiles
 
 #: Value of the highest sample in the PNG.
 WHITE = 65535

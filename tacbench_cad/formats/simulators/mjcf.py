@@ -15,8 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tacbench_cad.formats.simulators.asset import HeightField, SimulatorAsset
-from tacbench_cad.formats.simulators.written import TargetFiles
+from tacbench_cad.formats.simulators.asset import HeightField, SimulatorAsset, TargetFiles
 from tacbench_cad.util.types import Floats
 
 #: Tiles along each side in the file for domes.
@@ -26,7 +25,7 @@ STEP_S = 0.0005
 #: Stiff contacts that win over the probe's own settings (``priority``).
 CONTACT = 'solref="0.002 1" solimp="0.99 0.999 0.0001" friction="0.5 0.0001 0.000001" condim="3" priority="1"'
 #: A field without range would be refused; no relief is as small as this, in m.
-LEAST_RANGE_M = 1e-9
+MIN_RANGE_M = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,7 +96,7 @@ def _write_model(asset: SimulatorAsset, fields: list[_Field], path: Path) -> Non
     for field in fields:
         low, high = float(field.z_mm.min()) * 1e-3, float(field.z_mm.max()) * 1e-3
         (x0, x1), (y0, y1) = field.x_mm, field.y_mm
-        size = ((x1 - x0) / 2e3, (y1 - y0) / 2e3, max(high - low, LEAST_RANGE_M), low)
+        size = ((x1 - x0) / 2e3, (y1 - y0) / 2e3, max(high - low, MIN_RANGE_M), low)
         place = ((x0 + x1) / 2e3, (y0 + y1) / 2e3, low)
         assets.append(f'    <hfield name="{field.name}" file="{field.file}" size="{_numbers(size)}"/>')
         geoms.append(

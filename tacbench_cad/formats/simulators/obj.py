@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tacbench_cad.formats.simulators.asset import SimulatorAsset
-from tacbench_cad.formats.simulators.written import TargetFiles
+from tacbench_cad.formats.simulators.asset import SimulatorAsset, TargetFiles
 
 
 def write_obj(asset: SimulatorAsset, folder: Path) -> TargetFiles:
@@ -36,6 +35,24 @@ def write_mesh(asset: SimulatorAsset, folder: Path) -> str:
         stream.write("".join(f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in mesh.vertices.tolist()))
         stream.write("".join(f"f {a} {b} {c}\n" for a, b, c in (mesh.triangles + 1).tolist()))
     return file
+
+
+def write_with_mesh(asset: SimulatorAsset, folder: Path, suffix: str, model: str, note: str) -> TargetFiles:
+    """Write the mesh, and beside it a model in metres that refers to it as ``NAME.obj`` and scales it.
+
+    Args:
+        asset: The block.
+        folder: An existing folder.
+        suffix: Of the model's file.
+        model: Its text.
+        note: What to say of it after the names of the files, the units and the axes.
+    """
+    mesh, file = write_mesh(asset, folder), f"{asset.name}{suffix}"
+    (folder / file).write_text(model, encoding="utf-8")
+    about = f"""\
+- `{file}` with `{mesh}` ({len(asset.mesh.triangles):,} triangles), which has to lie beside it.
+- Units and axes: metres, z up, block frame (the OBJ's millimetres are scaled by 0.001). """
+    return TargetFiles(files=(file, mesh), note=about + note)
 
 
 def mesh_error(asset: SimulatorAsset) -> str:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tacbench_cad.formats.simulators.asset import SimulatorAsset
-from tacbench_cad.formats.simulators.obj import mesh_error, write_mesh
+from tacbench_cad.formats.simulators.asset import SimulatorAsset, TargetFiles
+from tacbench_cad.formats.simulators.obj import mesh_error, write_with_mesh
 from tacbench_cad.formats.simulators.urdf import METRES
-from tacbench_cad.formats.simulators.written import TargetFiles
 
 
 def _inertia_kg_m2(asset: SimulatorAsset) -> tuple[float, float, float]:
@@ -28,7 +27,7 @@ def write_sdf(asset: SimulatorAsset, folder: Path) -> TargetFiles:
         asset: The block.
         folder: An existing folder.
     """
-    mesh, name = write_mesh(asset, folder), asset.name
+    name = asset.name
     xx, yy, zz = _inertia_kg_m2(asset)
     text = f"""\
 <?xml version="1.0"?>
@@ -42,11 +41,11 @@ def write_sdf(asset: SimulatorAsset, folder: Path) -> TargetFiles:
         <inertia><ixx>{xx:.6g}</ixx><iyy>{yy:.6g}</iyy><izz>{zz:.6g}</izz><ixy>0</ixy><ixz>0</ixz><iyz>0</iyz></inertia>
       </inertial>
       <visual name="visual">
-        <geometry><mesh><uri>{mesh}</uri><scale>{METRES}</scale></mesh></geometry>
+        <geometry><mesh><uri>{name}.obj</uri><scale>{METRES}</scale></mesh></geometry>
         <material><diffuse>0.55 0.62 0.70 1</diffuse></material>
       </visual>
       <collision name="collision">
-        <geometry><mesh><uri>{mesh}</uri><scale>{METRES}</scale></mesh></geometry>
+        <geometry><mesh><uri>{name}.obj</uri><scale>{METRES}</scale></mesh></geometry>
         <drake:proximity_properties>
           <drake:rigid_hydroelastic/>
           <drake:mu_static>0.5</drake:mu_static>
@@ -57,15 +56,8 @@ def write_sdf(asset: SimulatorAsset, folder: Path) -> TargetFiles:
   </model>
 </sdf>
 """
-    file = f"{name}.sdf"
-    (folder / file).write_text(text, encoding="utf-8")
-    return TargetFiles(files=(file, mesh), note=_note(asset, file, mesh))
-
-
-def _note(asset: SimulatorAsset, file: str, mesh: str) -> str:
-    return f"""\
-- `{file}` with `{mesh}` ({len(asset.mesh.triangles):,} triangles), which has to lie beside it.
-- Units and axes: metres, z up, block frame (the OBJ's millimetres are scaled by 0.001). Weld it to the world. Its mass
+    note = f"""\
+Weld it to the world. Its mass
   is that of massive PLA, its inertia that of a box.
 - {mesh_error(asset)}
 - Contact: rigid hydroelastic, so give the probe a compliant surface and the plant `contact_model = "hydroelastic"`.
@@ -77,3 +69,4 @@ def _note(asset: SimulatorAsset, file: str, mesh: str) -> str:
 - Tested in Drake 1.51 with textures 2, 3, 4 and 6 at scale 1: the signed distance of points on the formula; a steel
   ball of 0.5 mm radius with those settings, dropped into a valley, rests within 0.05 mm of where the formula lets it.
 """
+    return write_with_mesh(asset, folder, ".sdf", text, note)

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tacbench_cad.formats.simulators.asset import MOST_SAMPLES, HeightField, SimulatorAsset, sampled
-from tacbench_cad.formats.simulators.written import TargetFiles
+from tacbench_cad.formats.simulators.asset import MAX_SAMPLES, HeightField, SimulatorAsset, TargetFiles, sampled
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.util.errors import InputError
@@ -78,11 +77,11 @@ def _fine(block: Block) -> HeightField:
     x, y = block.size_mm
     # Coordinates are written to 0.00001 mm: a distance must not be rounded past the pixel.
     nx, ny = (math.ceil(side / (PIXEL_MM - 2e-5)) + 1 for side in (x, y))
-    if nx * ny > MOST_SAMPLES:
+    if nx * ny > MAX_SAMPLES:
         raise InputError(
             "scale",
             block.scale,
-            f"a top of {x:g} x {y:g} mm takes {nx * ny:,} vertices at {PIXEL_MM} mm, {MOST_SAMPLES:,} at most",
+            f"a top of {x:g} x {y:g} mm takes {nx * ny:,} vertices at {PIXEL_MM} mm, {MAX_SAMPLES:,} at most",
         )
     if not isinstance(block.sampling, SampleGrid):
         return sampled(block, SampleGrid(nx=nx, ny=ny))
@@ -92,8 +91,8 @@ def _fine(block: Block) -> HeightField:
     return replace(own, x_mm=fine_x, y_mm=fine_y, z_mm=_between(along_x.T, own.y_mm, fine_y))
 
 
-def _between(rows: Floats, at: Floats, wanted: Floats) -> Floats:
+def _between(rows: Floats, at: Floats, to: Floats) -> Floats:
     """Rows given at some places, interpolated linearly to others; shape (n, k) to (m, k)."""
-    i = np.clip(np.searchsorted(at, wanted, side="right") - 1, 0, len(at) - 2)
-    share = ((wanted - at[i]) / (at[i + 1] - at[i]))[:, None]
-    return np.asarray((1.0 - share) * rows[i] + share * rows[i + 1])
+    i = np.clip(np.searchsorted(at, to, side="right") - 1, 0, len(at) - 2)
+    fraction = ((to - at[i]) / (at[i + 1] - at[i]))[:, None]
+    return np.asarray((1.0 - fraction) * rows[i] + fraction * rows[i + 1])

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tacbench_cad.formats.simulators.asset import SimulatorAsset
-from tacbench_cad.formats.simulators.obj import mesh_error, write_mesh
-from tacbench_cad.formats.simulators.written import TargetFiles
+from tacbench_cad.formats.simulators.asset import SimulatorAsset, TargetFiles
+from tacbench_cad.formats.simulators.obj import mesh_error, write_with_mesh
 
 #: From the OBJ's millimetres to metres.
 METRES = "0.001 0.001 0.001"
@@ -23,7 +22,7 @@ def write_urdf(asset: SimulatorAsset, folder: Path) -> TargetFiles:
         asset: The block.
         folder: An existing folder.
     """
-    mesh, name = write_mesh(asset, folder), asset.name
+    name = asset.name
     text = f"""\
 <?xml version="1.0"?>
 <!-- {asset.block.name}: metres, z up; origin at the lower corner of the underside -->
@@ -38,24 +37,17 @@ def write_urdf(asset: SimulatorAsset, folder: Path) -> TargetFiles:
       <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>
     </inertial>
     <visual>
-      <geometry><mesh filename="{mesh}" scale="{METRES}"/></geometry>
+      <geometry><mesh filename="{name}.obj" scale="{METRES}"/></geometry>
       <material name="{name}"><color rgba="0.55 0.62 0.70 1"/></material>
     </visual>
     <collision concave="yes">
-      <geometry><mesh filename="{mesh}" scale="{METRES}"/></geometry>
+      <geometry><mesh filename="{name}.obj" scale="{METRES}"/></geometry>
     </collision>
   </link>
 </robot>
 """
-    file = f"{name}.urdf"
-    (folder / file).write_text(text, encoding="utf-8")
-    return TargetFiles(files=(file, mesh), note=_note(asset, file, mesh))
-
-
-def _note(asset: SimulatorAsset, file: str, mesh: str) -> str:
-    return f"""\
-- `{file}` with `{mesh}` ({len(asset.mesh.triangles):,} triangles), which has to lie beside it.
-- Units and axes: metres, z up, block frame (the OBJ's millimetres are scaled by 0.001). Mass 0: it stands still.
+    note = f"""\
+Mass 0: it stands still.
 - {mesh_error(asset)}
 - Load it with `setPhysicsEngineParameter(enableFileCaching=0)` before `loadURDF`: else a mesh that changed under its
   name is taken from the cache. `concave="yes"` on `<collision>` keeps the relief; on `<link>` it has no effect.
@@ -67,3 +59,4 @@ def _note(asset: SimulatorAsset, file: str, mesh: str) -> str:
 - Tested in PyBullet 3.2.7 with the paper's six at scale 1: rays against the formula; a steel ball of 0.5 mm radius
   dropped into a valley rests within 0.05 mm of where the formula lets it (1 mm radius: textures 2 and 4).
 """
+    return write_with_mesh(asset, folder, ".urdf", text, note)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tacbench_cad.formats.simulators.asset import SimulatorAsset
+from tacbench_cad.formats.simulators.asset import SimulatorAsset, TargetFiles
 from tacbench_cad.formats.simulators.obj import mesh_error
-from tacbench_cad.formats.simulators.written import TargetFiles
 
 
 def write_usd(asset: SimulatorAsset, folder: Path) -> TargetFiles:
@@ -62,11 +61,7 @@ def Xform "{prim}" (
 }}
 """
     (folder / file).write_text(text, encoding="utf-8")
-    return TargetFiles(files=(file,), note=_note(asset, file))
-
-
-def _note(asset: SimulatorAsset, file: str) -> str:
-    return f"""\
+    note = f"""\
 - `{file}`: one mesh, {len(asset.mesh.triangles):,} triangles, as text; reference it by its default prim.
 - Units and axes: metres (`metersPerUnit = 1`), z up (`upAxis = "Z"`), block frame. No rigid body: it stands still.
 - {mesh_error(asset)}
@@ -78,3 +73,4 @@ def _note(asset: SimulatorAsset, file: str) -> str:
   the formula; a steel ball of 0.5 mm radius, dropped in PyBullet on the triangles that usd-core hands out, rests
   within 0.05 mm of where the formula lets it (textures 2 and 4, scale 1). No engine that reads USD itself was run.
 """
+    return TargetFiles(files=(file,), note=note)

@@ -17,10 +17,7 @@ from tacbench_cad.util import plotting
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Colours that people with any colour vision tell apart (Okabe and Ito), the darker ones first.
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#f0e442")
-#: Colour of text and axes.
-INK = "#222222"
+COLOURS, INK = plotting.COLOURS, plotting.INK
 #: Colour map of magnitudes.
 MAP = "viridis"
 #: Colour of the mark of simulated data.

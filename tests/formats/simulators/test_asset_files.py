@@ -63,7 +63,7 @@ def test_a_grid_of_too_many_samples_is_refused() -> None:
         sampled(Block.of("1"), SampleGrid(nx=5000, ny=5000))
     # a finer one than the first is not tried where it would pass the limit
     block = Block.of("4", size_mm=(1500.0, 1800.0), mm_per_unit=(5.0, 5.0, 1.0))
-    assert SimulatorAsset(block).heights.z_mm.size <= assets.MOST_SAMPLES
+    assert SimulatorAsset(block).heights.z_mm.size <= assets.MAX_SAMPLES
 
 
 @pytest.mark.parametrize("block", [Block.of("4"), oblique(), Block.of("5", scale=0.3)])

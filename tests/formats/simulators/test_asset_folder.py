@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 
 from tacbench_cad.formats.simulators import SIMULATOR_TARGETS, folder
-from tacbench_cad.formats.simulators.asset import SimulatorAsset
+from tacbench_cad.formats.simulators.asset import SimulatorAsset, TargetFiles
 from tacbench_cad.formats.simulators.folder import README, RECORD, export_to_simulators
-from tacbench_cad.formats.simulators.written import TargetFiles
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 
