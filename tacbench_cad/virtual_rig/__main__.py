@@ -40,7 +40,7 @@ def main() -> int:
         action="append",
         default=[],
         metavar="'KIND KEY=VALUE ...'",
-        help=f"kinds: {', '.join(FAULTS)}; keys: {', '.join(one.name for one in fields(Fault)[1:])}",
+        help=f"kinds: {', '.join(FAULTS)}; keys: {', '.join(field.name for field in fields(Fault)[1:])}",
     )
     for name, of in (("--option", "the firmware, as emergency_parser=1"), ("--gauge", "the load cell, as newtons=1")):
         parser.add_argument(name, action="append", default=[], metavar="KEY=VALUE", help=f"a setting of {of}")

@@ -29,20 +29,20 @@ def words(line: str, *, flags: bool = False) -> list[Word] | None:
         flags: Letters may stand alone, as in Marlin's ``G28 X Y``, and what is no number is passed over. Otherwise a
             word whose number is missing or wrong ends the list: what follows cannot be read.
     """
-    found = []
+    result = []
     at = 0
     while at < len(line):
         if not "A" <= line[at] <= "Z":
             return None
         number = _NUMBER.match(line, at + 1)
         if number is not None:
-            found.append(Word(line[at], float(number.group())))
+            result.append(Word(line[at], float(number.group())))
             at = number.end()
             continue
-        found.append(Word(line[at], None))
+        result.append(Word(line[at], None))
         if not flags:
             break
         at += 1
         while at < len(line) and not "A" <= line[at] <= "Z":
             at += 1
-    return found
+    return result

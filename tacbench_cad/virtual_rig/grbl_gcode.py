@@ -161,19 +161,19 @@ def parse(line: str, modal: Modal, *, jog: bool = False) -> Block:
 
 
 def _readable(line: str) -> list[Word]:
-    found = words(line)
-    if found is None:
+    line_words = words(line)
+    if line_words is None:
         raise GcodeError(1)
-    if any(word.value is None for word in found):
+    if any(word.value is None for word in line_words):
         raise GcodeError(2)
-    return found
+    return line_words
 
 
-def _sort(found: list[Word]) -> tuple[dict[str, str], dict[str, float]]:
+def _sort(line_words: list[Word]) -> tuple[dict[str, str], dict[str, float]]:
     """Commands by modal group, and the words that carry values."""
     commands: dict[str, str] = {}
     values: dict[str, float] = {}
-    for word in found:
+    for word in line_words:
         value = word.value if word.value is not None else 0.0
         if word.letter in "GM":
             name = f"{word.letter}{value:g}"

@@ -114,7 +114,7 @@ class LoadCell:
 
     def _sample(self, force_n: float, when_s: float) -> str:
         own = self.settings
-        self._faults = [one for one in self._faults if when_s < one[0]]
+        self._faults = [active for active in self._faults if when_s < active[0]]
         kinds = {fault.kind: fault for _, fault in self._faults}
         if "stuck" not in kinds:
             shown = force_n + self._random.gauss(0.0, own.noise_n) + own.drift_n_per_min * when_s / 60.0

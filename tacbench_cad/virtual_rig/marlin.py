@@ -36,12 +36,12 @@ class Marlin(MarlinCore):
     """Marlin 2.1.2.7. The arguments are those of its base class."""
 
     def _do(self, line: str) -> Program:
-        found = words(line.upper().replace(" ", ""), flags=True) or []
-        if not found or found[0].letter not in "GM" or found[0].value is None:
+        line_words = words(line.upper().replace(" ", ""), flags=True) or []
+        if not line_words or line_words[0].letter not in "GM" or line_words[0].value is None:
             self._unknown(line)
             return
-        name = f"{found[0].letter}{found[0].value:g}"
-        values = {word.letter: word.value for word in found[1:]}
+        name = f"{line_words[0].letter}{line_words[0].value:g}"
+        values = {word.letter: word.value for word in line_words[1:]}
         if name in ("G0", "G1"):
             yield from self._move(values)
         elif name == "G4":

@@ -101,10 +101,10 @@ class MarlinCore(Firmware):
         if byte not in b"\r\n":
             self._seen = (self._seen + bytes((byte,)))[-_LINE_SIGNS:]
             return
-        found = _EMERGENCY.match(bytes(self._seen))
+        match = _EMERGENCY.match(bytes(self._seen))
         self._seen = bytearray()
-        if found:
-            self._rush(found.group(1).decode())
+        if match:
+            self._rush(match.group(1).decode())
 
     def _read_lines(self) -> None:
         """Take lines out of the receive buffer while the queue has room."""

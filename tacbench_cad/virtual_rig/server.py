@@ -140,7 +140,7 @@ class Server:
         self.stage.write(said)
 
     def _mind_cables(self, now: float) -> None:
-        for fault in [one for one in self._gauge_faults if one.at_s is None or one.at_s <= now]:
+        for fault in [fault for fault in self._gauge_faults if fault.at_s is None or fault.at_s <= now]:
             self._gauge_faults.remove(fault)
             self._fail_gauge(fault, now)
         if self._gauge_back_s is not None and now >= self._gauge_back_s:

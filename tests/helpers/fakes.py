@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.lab.rig.gauge import Force
-from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.spec import Point
 
@@ -192,7 +192,7 @@ class FakeSensor(Closing):
         self._random = np.random.default_rng(seed)
         self._pattern = 60.0 * (np.indices(size).sum(axis=0) % 8 < 3) + 40.0
 
-    def read(self) -> Reading:
+    def read(self) -> Frame:
         self.count += 1
         fault = self.faults.pop(self.count, None)
         if fault is not None:

@@ -12,13 +12,13 @@ from tacbench_cad.lab.rig.gauge import Force, Gauge
 from tacbench_cad.lab.study.spec import Protocol
 
 #: A free sensor that reads more than this share of the hard limit is not free, or its gauge is faulty.
-FREE_SHARE = 0.1
+FREE_FRACTION = 0.1
 #: The zero follows the free force once that has moved by so much of the narrowest band.
-DRIFT_SHARE = 0.25
+DRIFT_FRACTION = 0.25
 #: A force that counts as touch: so many times the noise of the free gauge, and never less than this many newtons.
 TOUCH_SPREADS = 5.0
 #: The least force that counts as touch, in newtons.
-LEAST_TOUCH_N = 0.005
+MIN_TOUCH_N = 0.005
 
 
 class ContactForce:
@@ -41,7 +41,7 @@ class ContactForce:
         self.protocol = protocol
         self.clock = clock
         self.zero_n = 0.0
-        self.touch_n = LEAST_TOUCH_N
+        self.touch_n = MIN_TOUCH_N
 
     def tare(self) -> None:
         """Zero the gauge; the sensor must be free.
@@ -61,15 +61,15 @@ class ContactForce:
         """
         self.clock.sleep(self.protocol.settle_s)
         free = self._raw(self.protocol.force_window_s)
-        most = FREE_SHARE * self.protocol.hard_limit_n
+        most = FREE_FRACTION * self.protocol.hard_limit_n
         if abs(free.mean_n) > most:
             raise GaugeError(
                 f"the gauge reads {free.mean_n:z.3f} N at the travel height, where the sensor is free (at most "
                 f"{most:g} N is taken for drift); tare or repair it"
             )
-        if abs(free.mean_n - self.zero_n) > DRIFT_SHARE * min(self.protocol.bands_n):
+        if abs(free.mean_n - self.zero_n) > DRIFT_FRACTION * min(self.protocol.bands_n):
             self.zero_n = free.mean_n
-        self.touch_n = max(LEAST_TOUCH_N, TOUCH_SPREADS * free.spread_n)
+        self.touch_n = max(MIN_TOUCH_N, TOUCH_SPREADS * free.spread_n)
 
     def glance(self) -> Force:
         """The newest force, without waiting for the step to settle: it guards the limit between coarse steps.

@@ -68,10 +68,10 @@ class Typing:
     def first_touch(self, printed: PrintedBlock, positions: int) -> tuple[float, ...]:
         """See :class:`Person`."""
         typed = self._line(
-            f"First touch on {printed.name}, z in mm of the work frame, one number or {positions} with commas: "
+            f"First touch on {printed.name}, z in mm of the work frame, word number or {positions} with commas: "
         )
         try:
-            return tuple(float(one) for one in typed.split(","))
+            return tuple(float(word) for word in typed.split(","))
         except ValueError:
             raise InputError("first touch", typed, "must be numbers with commas between them") from None
 

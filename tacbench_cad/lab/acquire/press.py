@@ -24,7 +24,7 @@ GROWTH = 3.0
 #: Far from the band, in its half widths, only this share of the predicted step is taken: prediction lags behind.
 FAR_BANDS = 4.0
 #: The share of the predicted step that is taken far from the band.
-FAR_SHARE = 0.8
+FAR_FRACTION = 0.8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,14 +140,14 @@ class Presser:
                 best = (abs(miss), z)
             slope.add(z, read.mean_n)
             stiffness = slope.at(z) or stiffness
-            wanted = abs(miss) / stiffness if stiffness else protocol.approach_step_mm
+            needed_mm = abs(miss) / stiffness if stiffness else protocol.approach_step_mm
             if miss > 0.0:
-                share = FAR_SHARE if miss > FAR_BANDS * band_n else 1.0
-                self._lower(min(max(share * wanted, least), protocol.approach_step_mm))
+                fraction = FAR_FRACTION if miss > FAR_BANDS * band_n else 1.0
+                self._lower(min(max(fraction * needed_mm, least), protocol.approach_step_mm))
                 # A stage with coarser steps than ours does not move at all: the next step is then a longer one.
                 least = 2.0 * least if abs(carriage.at[2] - z) < protocol.fine_step_mm / 2.0 else protocol.fine_step_mm
             else:
-                self._from_above(z + max(wanted, least))
+                self._from_above(z + max(needed_mm, least))
         assert best is not None
         self._from_above(best[1])
         read = force.settled()

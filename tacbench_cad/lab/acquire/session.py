@@ -198,7 +198,7 @@ def _finished(study: Study, rig: RigSettings, place: Place) -> bool:
     if not run.rows:
         advice = "it holds no press, so delete it or name another folder"
     run.info.require_same(now, str(place.folder), advice)
-    still = [(one.when, one.in_contact) for one in run.stationary_frames]
+    still = [(frame.when, frame.in_contact) for frame in run.stationary_frames]
     count = study.protocol.stationary_frames
     done = {row.number for row in run.rows}
     return all(still.count(group) >= count for group in STATIONARY) and all(
@@ -221,7 +221,7 @@ def _prepare(
     heights = person.first_touch(place.planned.printed, len(study.protocol.grid.positions_mm))
     place.folder.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
-        numbers = ", ".join(f"{one:.4f}" for one in heights)
+        numbers = ", ".join(f"{height:.4f}" for height in heights)
         head = "# Heights of first touch, taught by hand, in mm of the work frame."
         temporary.write_text(f"{head}\nz_mm = [{numbers}]\n", encoding="utf-8")
     return heights

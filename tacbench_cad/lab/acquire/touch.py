@@ -19,14 +19,14 @@ from tacbench_cad.util.types import Floats32
 FREE_READINGS = 8
 #: The change of a reading is the mean of its largest changes, so many of all its numbers (at least one): touch moves a
 #: few markers in the middle of the image first.
-LARGEST_SHARE = 0.001
+LARGEST_FRACTION = 0.001
 #: A reading shows touch if its change is larger than those of the free readings by so many times their scatter, and by
 #: this share at the least.
 CHANGE_SPREADS = 6.0
 #: How much larger it is at the least, as a share of the free readings' changes.
-LEAST_CHANGE = 0.2
+MIN_CHANGE = 0.2
 #: Touch is found in steps of this share of an approach step, once an approach step has met it.
-FINE_SHARE = 0.1
+FINE_FRACTION = 0.1
 
 #: Lowers the sensor by so many mm (an approach step at most) and returns the height.
 Down = Callable[[float], float]
@@ -74,7 +74,7 @@ class StepwiseTouch:
         self.carriage.to_height(self.carriage.at[2] + 2.0 * step)
         while True:
             free = self.carriage.at[2]
-            down(FINE_SHARE * step)
+            down(FINE_FRACTION * step)
             if self.touches():
                 return free
 
@@ -118,10 +118,10 @@ class SensorChange:
         count = len(free)
         self._mean = np.mean(free, axis=0, dtype=np.float32)
         # The mean of the others differs from one reading by count / (count - 1) times what the mean of all does.
-        share = count / (count - 1.0)
-        changes = [share * self._change(one) for one in free]
+        factor = count / (count - 1.0)
+        changes = [factor * self._change(frame) for frame in free]
         middle = float(np.mean(changes))
-        self._most = middle + max(CHANGE_SPREADS * float(np.std(changes, ddof=1)), LEAST_CHANGE * middle)
+        self._most = middle + max(CHANGE_SPREADS * float(np.std(changes, ddof=1)), MIN_CHANGE * middle)
 
     def seen(self, reading: Floats32) -> bool:
         """Whether a reading is not one of the free sensor."""
@@ -129,7 +129,7 @@ class SensorChange:
 
     def _change(self, reading: Floats32) -> float:
         changes = np.abs(reading - self._mean).ravel()
-        largest = max(1, round(LARGEST_SHARE * changes.size))
+        largest = max(1, round(LARGEST_FRACTION * changes.size))
         return float(np.mean(np.partition(changes, changes.size - largest)[-largest:]))
 
 

@@ -120,19 +120,19 @@ def fit_frame(markers_mm: Sequence[tuple[float, float]], touched_mm: Sequence[Po
     """
     m = np.array([complex(x, y) for x, y in markers_mm])
     s = np.array([complex(x, y) for x, y, _ in touched_mm])
-    z = float(np.mean([one[2] for one in touched_mm]))
+    z = float(np.mean([point[2] for point in touched_mm]))
 
     def left_over(turns: int) -> Floats:
         off = s - m * 1j**turns
         return np.asarray(np.abs(off - off.mean()), dtype=np.float64)
 
-    turns = min(range(4), key=lambda one: float(np.sum(left_over(one) ** 2)))
+    turns = min(range(4), key=lambda quarter: float(np.sum(left_over(quarter) ** 2)))
     origin = complex(np.mean(s - m * 1j**turns))
     centred = (m - m.mean()) * 1j**turns
     similarity = complex(np.sum(np.conj(centred) * (s - s.mean())) / np.sum(np.abs(centred) ** 2))
     return FittedFrame(
         frame=WorkFrame(origin_mm=(origin.real, origin.imag, z), quarter_turns=turns),
-        distances_mm=tuple(float(one) for one in left_over(turns)),
+        distances_mm=tuple(float(distance) for distance in left_over(turns)),
         turn_deg=math.degrees(math.atan2(similarity.imag, similarity.real)),
         stretch=abs(similarity),
     )
@@ -217,22 +217,20 @@ class Teaching:
                 self._across(ahead[0], ahead[1])
             touched.append(self._jog(f"marker {number} (x {x:g}, y {y:g} mm of the block): centre the pointer on it"))
             self._lift(LIFT_MM)
-        found = fit_frame([(x, y) for _, x, y in markers], touched)
-        for (number, _, _), distance in zip(markers, found.distances_mm, strict=True):
+        fit = fit_frame([(x, y) for _, x, y in markers], touched)
+        for (number, _, _), distance in zip(markers, fit.distances_mm, strict=True):
             self._say(f"marker {number}: {distance:.3f} mm from where the frame has it")
-        found.require_within(tolerance_mm)
+        fit.require_within(tolerance_mm)
         self.lift_off()
         self._answered("Take the jig and the pointer off and put the sensor on. Then say ok.")
         x, y = highest_point_mm(block)
-        ahead = found.frame.to_stage((x, y, 0.0))
+        ahead = fit.frame.to_stage((x, y, 0.0))
         self._across(ahead[0], ahead[1])
         z = self._jog("the block's highest point: go down until the sensor just touches it")[2]
         self.lift_off()
-        origin = found.frame.origin_mm
-        taught = WorkFrame(origin_mm=(origin[0], origin[1], z), quarter_turns=found.frame.quarter_turns)
-        return FittedFrame(
-            frame=taught, distances_mm=found.distances_mm, turn_deg=found.turn_deg, stretch=found.stretch
-        )
+        origin = fit.frame.origin_mm
+        taught = WorkFrame(origin_mm=(origin[0], origin[1], z), quarter_turns=fit.frame.quarter_turns)
+        return FittedFrame(frame=taught, distances_mm=fit.distances_mm, turn_deg=fit.turn_deg, stretch=fit.stretch)
 
     def lift_off(self) -> None:
         """Lift to the upper limit."""
@@ -292,13 +290,13 @@ def parse_step(words: Sequence[str]) -> Point:
         InputError: It is no such line, or a step is too long.
     """
     line = " ".join(words)
-    found = re.findall(r"([xyz]) ?([+-]?(?:\d+(?:\.\d*)?|\.\d+))(?: |$)", line)
-    if not found or re.sub(r"([xyz]) ?([+-]?(?:\d+(?:\.\d*)?|\.\d+))(?: |$)", "", line):
+    steps = re.findall(r"([xyz]) ?([+-]?(?:\d+(?:\.\d*)?|\.\d+))(?: |$)", line)
+    if not steps or re.sub(r"([xyz]) ?([+-]?(?:\d+(?:\.\d*)?|\.\d+))(?: |$)", "", line):
         raise InputError("step", line, "type x, y or z and millimetres, up, ok or quit")
     step = {"x": 0.0, "y": 0.0, "z": 0.0}
-    for axis, text in found:
+    for axis, text in steps:
         step[axis] += float(text)
-    if max(abs(one) for one in step.values()) > LONGEST_STEP_MM or step["z"] < -LONGEST_DOWN_MM:
+    if max(abs(length) for length in step.values()) > LONGEST_STEP_MM or step["z"] < -LONGEST_DOWN_MM:
         raise InputError(
             "step", line, f"is too long: at most {LONGEST_STEP_MM:g} mm at once, and {LONGEST_DOWN_MM:g} mm down"
         )
@@ -313,17 +311,17 @@ def store_frame(path: Path, frame: WorkFrame) -> None:
     Raises:
         InputError: The file cannot be edited safely; the message has the lines to write by hand.
     """
-    origin = [round(one, _DECIMALS) + 0.0 for one in frame.origin_mm]
+    origin = [round(value, _DECIMALS) + 0.0 for value in frame.origin_mm]
     lines = {"origin_mm": repr(origin), "quarter_turns": repr(frame.quarter_turns)}
     by_hand = "write by hand: " + "; ".join(f"{key} = {value}" for key, value in lines.items())
     target = path.resolve()
     try:
         text = target.read_bytes().decode("utf-8")
-        wanted = copy.deepcopy(tomllib.loads(text))
-        wanted["stage"] |= {"origin_mm": origin, "quarter_turns": frame.quarter_turns}
+        expected = copy.deepcopy(tomllib.loads(text))
+        expected["stage"] |= {"origin_mm": origin, "quarter_turns": frame.quarter_turns}
         for key, value in lines.items():
             text = _with_key(text, "stage", key, value)
-        same = tomllib.loads(text) == wanted
+        same = tomllib.loads(text) == expected
     except (OSError, ValueError, KeyError, TypeError):
         same = False
     if not same:
@@ -345,9 +343,9 @@ def _with_key(text: str, table: str, key: str, value: str) -> str:
     end = following.start() if following else len(text)
     # A list may run over several lines, with comments between its numbers.
     old = re.compile(rf"^([ \t]*{key}[ \t]*=[ \t]*)(?:\[(?:[^\]#]|#[^\n]*\n)*\]|[^\s#\[]+)", re.MULTILINE)
-    found = old.search(text, header.end(), end)
-    if found is not None:
-        return text[: found.start()] + found[1] + value + text[found.end() :]
+    match = old.search(text, header.end(), end)
+    if match is not None:
+        return text[: match.start()] + match[1] + value + text[match.end() :]
     line_end = "\r\n" if header[0].endswith("\r") else "\n"
     at = header.end() if not header[0].endswith("\r") else header.end() - 1
     return text[:at] + f"{line_end}{key} = {value}" + text[at:]

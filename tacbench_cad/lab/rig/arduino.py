@@ -232,9 +232,9 @@ class ArduinoStage(SerialStage):
                 silent = error
                 continue
             for line in lines:
-                found = counters(line)
-                if found is not None:
-                    return found
+                steps = counters(line)
+                if steps is not None:
+                    return steps
         raise silent or ProtocolError(f"{self._link.name}: SHOW no longer tells a position")
 
     def _reset(self) -> None:
@@ -287,7 +287,7 @@ class ArduinoStage(SerialStage):
             heard = " ".join(lines)
             if "echo:" in heard or "error:" in heard.lower():
                 raise ProtocolError(f"{self._link.name}: is not the paper's firmware; it sent {heard[:60]!r}")
-            return next((found for line in lines if (found := counters(line))), None)
+            return next((steps for line in lines if (steps := counters(line))), None)
         raise NoAnswerError(f"{self._link.name}: nothing answers SHOW with done; power, cable, baud rate, driver?")
 
 

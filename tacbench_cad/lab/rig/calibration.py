@@ -84,12 +84,12 @@ class Calibration:
     @property
     def noise_n(self) -> float:
         """Largest standard deviation of the samples under one mass, in newtons."""
-        return max(one.spread_counts for one in self.points) * abs(self.newtons_per_count)
+        return max(point.spread_counts for point in self.points) * abs(self.newtons_per_count)
 
     @property
     def span_n(self) -> float:
         """Weight of the heaviest mass, in newtons."""
-        return weight_n(max(one.mass_g for one in self.points))
+        return weight_n(max(point.mass_g for point in self.points))
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -100,7 +100,7 @@ class Calibration:
                 f"the points lie {self.residual_n:.3g} N from the line (rms), above {_POOR_FRACTION:.0%} of the span: "
                 "friction, a mass off the middle, or a wrong mass"
             )
-        if all(one.mass_g > 0.0 for one in self.points):
+        if all(point.mass_g > 0.0 for point in self.points):
             warnings.append("no point without load: forces near zero are extrapolated")
         return tuple(warnings)
 
@@ -119,13 +119,13 @@ def fit(points: Sequence[CalibrationPoint], *, date_utc: str, device: str, falli
     Raises:
         InputError: Too few masses, counts that do not follow them, or counts that fall under load.
     """
-    masses = [one.mass_g for one in points]
+    masses = [point.mass_g for point in points]
     if len(set(masses)) < MIN_MASSES:
-        raise InputError("masses", masses, f"at least {MIN_MASSES} different ones are needed, one of them 0 at best")
-    force = np.array([weight_n(one) for one in masses])
-    counts = np.array([one.counts for one in points])
+        raise InputError("masses", masses, f"at least {MIN_MASSES} different ones are needed, point of them 0 at best")
+    force = np.array([weight_n(mass) for mass in masses])
+    counts = np.array([point.counts for point in points])
     slope, zero = _line(force, counts)
-    noise = max(one.spread_counts for one in points)
+    noise = max(point.spread_counts for point in points)
     if abs(slope) * float(np.ptp(force)) <= 3.0 * noise or slope == 0.0:
         raise InputError(
             "masses",
@@ -200,8 +200,8 @@ def _outliers(points: Sequence[CalibrationPoint]) -> list[tuple[CalibrationPoint
     """
     if len(points) <= MIN_MASSES:
         return []
-    force = np.array([weight_n(one.mass_g) for one in points])
-    counts = np.array([one.counts for one in points])
+    force = np.array([weight_n(point.mass_g) for point in points])
+    counts = np.array([point.counts for point in points])
     span = float(np.ptp(force))
     worst: tuple[float, CalibrationPoint, float] | None = None
     for i, point in enumerate(points):

@@ -71,11 +71,11 @@ def open_capture(device: str) -> Capture:
 
 def cameras(folders: tuple[Path, ...] = STABLE_FOLDERS) -> tuple[str, ...]:
     """Stable names of the cameras that are plugged in: one for each, by id where it has one. Linux only."""
-    found: dict[Path, str] = {}
+    names: dict[Path, str] = {}
     for folder in folders:
         for link in sorted(folder.glob(f"*{_PICTURES}")):
-            found.setdefault(link.resolve(), str(link))
-    return tuple(sorted(found.values()))
+            names.setdefault(link.resolve(), str(link))
+    return tuple(sorted(names.values()))
 
 
 def chosen_camera(device: str | None, folders: tuple[Path, ...] = STABLE_FOLDERS) -> str:
@@ -94,11 +94,11 @@ def chosen_camera(device: str | None, folders: tuple[Path, ...] = STABLE_FOLDERS
     listed = "; cameras here: " + (", ".join(known) if known else "none with a stable name")
     if device is None:
         if len(known) != 1:
-            raise InputError("[sensor] device", None, f"is missing, and there is not exactly one camera{listed}")
+            raise InputError("[sensor] device", None, f"is missing, and there is not exactly name camera{listed}")
         return known[0]
     if device.isdecimal() or device.startswith("/dev/video"):
         node = Path(f"/dev/video{device}" if device.isdecimal() else device)
-        stable = next((one for one in known if Path(one).resolve() == node.resolve()), None)
+        stable = next((name for name in known if Path(name).resolve() == node.resolve()), None)
         if stable is not None:
             raise InputError("[sensor] device", device, f"may be another camera after a restart; write {stable!r}")
         return device

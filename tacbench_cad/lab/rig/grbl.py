@@ -340,7 +340,7 @@ class GrblStage(SerialStage):
         """Whether every coordinate lies a homing's pull-off from an end of the travel."""
         near = 2.0 * self.settings.get(27, 1.0) + 0.1
         ends = [(0.0, self.settings.get(130 + axis, 0.0)) for axis in range(3)]
-        return all(min(abs(abs(one) - end) for end in pair) <= near for one, pair in zip(at, ends, strict=True))
+        return all(min(abs(abs(a) - end) for end in pair) <= near for a, pair in zip(at, ends, strict=True))
 
     def _look_around(self) -> None:
         """What state the stage was found in."""

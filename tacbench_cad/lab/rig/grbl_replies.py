@@ -28,12 +28,12 @@ ALARMS = {
     6: "homing was cut short by a reset",
     7: "homing was cut short by the safety door",
     8: "homing could not leave the end stop",
-    9: "homing found no end stop",
-    10: "homing found no second end stop",
+    9: "homing match no end stop",
+    10: "homing match no second end stop",
 }
 #: What errors mean, in our words, as far as a driver's own lines can earn them.
 ERRORS = {
-    1: "no letter where one was expected",
+    1: "no letter where part was expected",
     2: "a number was unreadable",
     3: "an unknown $ command",
     5: "homing is not enabled ($22=0)",
@@ -70,21 +70,21 @@ class Status:
 
 def status(line: str) -> Status | None:
     """The status report that a line is; None if it is none, or damaged."""
-    found = _REPORT.fullmatch(line)
-    if not found:
+    match = _REPORT.fullmatch(line)
+    if not match:
         return None
     points: dict[str, Point] = {}
-    for one in found[3].split("|")[1:]:
-        if one.startswith(("MPos", "WPos", "WCO")):
-            point = _POINT.fullmatch(one)
+    for part in match[3].split("|")[1:]:
+        if part.startswith(("MPos", "WPos", "WCO")):
+            point = _POINT.fullmatch(part)
             if not point or point[1] in points:
                 return None
             points[point[1]] = (float(point[2]), float(point[3]), float(point[4]))
     if "MPos" not in points and "WPos" not in points:
         return None
     return Status(
-        state=found[1],
-        detail=int(found[2]) if found[2] else None,
+        state=match[1],
+        detail=int(match[2]) if match[2] else None,
         machine_mm=points.get("MPos"),
         work_mm=points.get("WPos"),
         offset_mm=points.get("WCO"),
@@ -98,16 +98,16 @@ def is_banner(line: str) -> bool:
 
 def alarm(line: str) -> int | None:
     """Number of the alarm that a line raises; 0 where the number is unreadable; None if it is no alarm."""
-    found = _CODE.fullmatch(line)
-    if found and found[1] == "ALARM":
-        return int(found[2])
+    match = _CODE.fullmatch(line)
+    if match and match[1] == "ALARM":
+        return int(match[2])
     return 0 if line.startswith("ALARM") else None
 
 
 def error(line: str) -> int | None:
     """Number of the error with which a command was refused; None if the line is none."""
-    found = _CODE.fullmatch(line)
-    return int(found[2]) if found and found[1] == "error" else None
+    match = _CODE.fullmatch(line)
+    return int(match[2]) if match and match[1] == "error" else None
 
 
 def is_unreadable(line: str) -> bool:
@@ -125,4 +125,4 @@ def version(line: str) -> str | None:
 
 def settings(lines: Iterable[str]) -> dict[int, float]:
     """The ``$number=value`` lines of ``$$``; others are passed over."""
-    return {int(found[1]): float(found[2]) for line in lines if (found := _SETTING.fullmatch(line))}
+    return {int(match[1]): float(match[2]) for line in lines if (match := _SETTING.fullmatch(line))}

@@ -195,8 +195,8 @@ class MarlinStage(SerialStage):
         return lines
 
     def _place(self) -> Place:
-        lines = self._link.command("M114", wanted=lambda line: replies.place(line) is not None)
-        return next(found for line in reversed(lines) if (found := replies.place(line)))
+        lines = self._link.command("M114", expecting=lambda line: replies.place(line) is not None)
+        return next(place for line in reversed(lines) if (place := replies.place(line)))
 
     def _at(self, expected: Point | None) -> Point:
         """Position at rest; by the motors' steps where they have proved to mean millimetres.

@@ -150,7 +150,7 @@ class MarlinLink(Link):
         *,
         within_s: float = 0.0,
         limit_s: float | None = None,
-        wanted: Callable[[str], bool] | None = None,
+        expecting: Callable[[str], bool] | None = None,
     ) -> list[str]:
         """Send a command and wait for its ``ok``.
 
@@ -162,7 +162,7 @@ class MarlinLink(Link):
             text: The command.
             within_s: How long the firmware may be at work in silence.
             limit_s: Longest time in all; None: three silences and the resends.
-            wanted: An ``ok`` does not count before a line of this kind has come.
+            expecting: An ``ok`` does not count before a line of this kind has come.
 
         Returns:
             The lines that came before the ``ok``.
@@ -172,9 +172,9 @@ class MarlinLink(Link):
             NoAnswerError, ProtocolError, PositionLostError, AlarmError, DeviceLostError: As their names say.
         """
         try:
-            return self._exchange(text, within_s=within_s, limit_s=limit_s, wanted=wanted)
-        except _OutOfStepError as found:
-            raise self.reset_noticed(f"counts its lines from {found.number} instead of {self._number}") from None
+            return self._exchange(text, within_s=within_s, limit_s=limit_s, expecting=expecting)
+        except _OutOfStepError as mismatch:
+            raise self.reset_noticed(f"counts its lines from {mismatch.number} instead of {self._number}") from None
 
     def _exchange(
         self,
@@ -182,7 +182,7 @@ class MarlinLink(Link):
         *,
         within_s: float = 0.0,
         limit_s: float | None = None,
-        wanted: Callable[[str], bool] | None = None,
+        expecting: Callable[[str], bool] | None = None,
     ) -> list[str]:
         """See :meth:`command`.
 
@@ -202,7 +202,7 @@ class MarlinLink(Link):
         lines: list[str] = []
         again: list[bytes] = []
         # Acknowledgements still to come that are not this command's: a refusal has one of its own.
-        resends, foreign, tried, has_come = 0, 0, 0, wanted is None
+        resends, foreign, tried, has_come = 0, 0, 0, expecting is None
         while (now := time.monotonic()) < until:
             line = self._take(self.line.read_line(0.05))
             if self.stopping:
@@ -229,15 +229,15 @@ class MarlinLink(Link):
                 if foreign:
                     if again:
                         self._pause(resends)
-                    for one in again:
-                        self.line.write(one)
+                    for data in again:
+                        self.line.write(data)
                     foreign += len(again[1:]) - 1
                     again = []
                 elif has_come:
                     self._previous, self._given_up = own, 0
                     return lines
             elif not replies.is_busy(line):
-                has_come = has_come or (wanted is not None and wanted(line))
+                has_come = has_come or (expecting is not None and expecting(line))
                 lines.append(line)
         raise NoAnswerError(f"{self.name}: no answer to {text} within {time.monotonic() - begun:.1f} s")
 

@@ -47,12 +47,12 @@ def framed(number: int, command: str) -> bytes:
 
 def place(line: str) -> Place | None:
     """The position that a line reports; None if it reports none, or is damaged."""
-    found = _POSITION.fullmatch(line)
-    if not found:
+    match = _POSITION.fullmatch(line)
+    if not match:
         return None
     return Place(
-        planned_mm=(float(found[1]), float(found[2]), float(found[3])),
-        steps=None if found[4] is None else (int(found[4]), int(found[5]), int(found[6])),
+        planned_mm=(float(match[1]), float(match[2]), float(match[3])),
+        steps=None if match[4] is None else (int(match[4]), int(match[5]), int(match[6])),
     )
 
 
@@ -63,8 +63,8 @@ def is_ok(line: str) -> bool:
 
 def resend(line: str) -> int | None:
     """Number of the line that is asked for again; None if none is."""
-    found = _RESEND.fullmatch(line)
-    return int(found[1]) if found else None
+    match = _RESEND.fullmatch(line)
+    return int(match[1]) if match else None
 
 
 def is_busy(line: str) -> bool:
@@ -84,19 +84,19 @@ def is_halted(line: str) -> bool:
 
 def unknown(line: str) -> str | None:
     """The command that the firmware says it does not know (its ``ok`` comes all the same); None of another line."""
-    found = _UNKNOWN.fullmatch(line)
-    return found[1] if found else None
+    match = _UNKNOWN.fullmatch(line)
+    return match[1] if match else None
 
 
 def firmware(line: str) -> str | None:
     """Name and version in an answer to ``M115``: ``Marlin 2.1.2.7``; None if the line is another."""
-    found = _FIRMWARE.fullmatch(line)
-    if not found:
+    match = _FIRMWARE.fullmatch(line)
+    if not match:
         return None
-    return f"{found[1]} {found[2]}" if found[2] and ":" not in found[2] else found[1]
+    return f"{match[1]} {match[2]}" if match[2] and ":" not in match[2] else match[1]
 
 
 def per_axis(line: str) -> tuple[str, Point] | None:
     """Command and numbers of a line such as ``echo:  M92 X80.00 Y80.00 Z400.00 E93.00``; None if it is another."""
-    found = _THREE.fullmatch(line)
-    return (found[1], (float(found[2]), float(found[3]), float(found[4]))) if found else None
+    match = _THREE.fullmatch(line)
+    return (match[1], (float(match[2]), float(match[3]), float(match[4]))) if match else None

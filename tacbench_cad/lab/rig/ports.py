@@ -43,13 +43,13 @@ def candidates(by_id: Path = BY_ID, by_path: Path = BY_PATH) -> list[Candidate]:
     from serial.tools import list_ports
 
     links = _links(by_path) | _links(by_id)
-    found = []
+    ports = []
     for port in list_ports.comports():
         if port.vid is None:
             continue
         link = links.get(str(Path(port.device).resolve()))
         described = " ".join(part for part in (port.manufacturer, port.product or port.description) if part)
-        found.append(
+        ports.append(
             Candidate(
                 name=str(link or port.device),
                 device=port.device,
@@ -58,7 +58,7 @@ def candidates(by_id: Path = BY_ID, by_path: Path = BY_PATH) -> list[Candidate]:
                 stable=link is not None,
             )
         )
-    return sorted(found, key=lambda one: one.name)
+    return sorted(ports, key=lambda candidate: candidate.name)
 
 
 def resolve(port: str | None, what: str, *, taken: Sequence[str] = ()) -> str:
@@ -76,13 +76,13 @@ def resolve(port: str | None, what: str, *, taken: Sequence[str] = ()) -> str:
         if not port:
             raise InputError(f"{what} port", port, "must be a path, a name or a URL such as socket://host:port")
         return port
-    used = {str(Path(one).resolve()) for one in taken}
-    free = [one for one in candidates() if str(Path(one.device).resolve()) not in used]
+    used = {str(Path(other).resolve()) for other in taken}
+    free = [candidate for candidate in candidates() if str(Path(candidate.device).resolve()) not in used]
     if not free:
         raise InputError(f"{what} port", None, "no serial device is plugged in; `tacbench rig probe` lists them")
     if len(free) > 1:
-        names = ", ".join(one.name for one in free)
-        raise InputError(f"{what} port", None, f"there are several, none is guessed; write one of: {names}")
+        names = ", ".join(candidate.name for candidate in free)
+        raise InputError(f"{what} port", None, f"there are several, none is guessed; write candidate of: {names}")
     return free[0].name
 
 

@@ -19,7 +19,7 @@ _START_S = 2.5
 #: Time over which a stream of samples is counted.
 _LISTEN_S = 0.5
 #: Least lines that tell a stream of samples.
-_LEAST_LINES = 4
+_MIN_LINES = 4
 #: Longest real time that each firmware is given to answer.
 _ANSWER_S = 3.0
 
@@ -43,7 +43,7 @@ def found_cameras(opener: Opener = open_capture) -> tuple[FoundCamera, ...]:
     Args:
         opener: Opens a device.
     """
-    found = []
+    cameras_here = []
     for name in cameras(STABLE_FOLDERS):
         size = None
         try:
@@ -54,8 +54,8 @@ def found_cameras(opener: Opener = open_capture) -> tuple[FoundCamera, ...]:
             if capture.isOpened():
                 size = (int(capture.get(3)), int(capture.get(4)))
             capture.release()
-        found.append(FoundCamera(name=name, size_px=size))
-    return tuple(found)
+        cameras_here.append(FoundCamera(name=name, size_px=size))
+    return tuple(cameras_here)
 
 
 def identify(port: str) -> str:
@@ -81,8 +81,8 @@ def identify(port: str) -> str:
         return heard
     for stage in (GrblStage, MarlinStage):
         try:
-            with stage(port, clock=Clock(), timeout_s=_ANSWER_S) as found:
-                return found.identity
+            with stage(port, clock=Clock(), timeout_s=_ANSWER_S) as device:
+                return device.identity
         except InputError:
             raise
         except TacbenchError:
@@ -108,11 +108,11 @@ def _listen(port: str) -> str | None:
                 text = line.read_line(left)
                 if text is not None:
                     lines.append(text)
-            columns = Counter(len(numbers) for one in lines if (numbers := parse_numbers(one)) is not None)
-            if columns and (most := columns.most_common(1)[0])[1] >= max(_LEAST_LINES, 0.7 * len(lines)):
+            columns = Counter(len(numbers) for text in lines if (numbers := parse_numbers(text)) is not None)
+            if columns and (most := columns.most_common(1)[0])[1] >= max(_MIN_LINES, 0.7 * len(lines)):
                 rate = most[1] / _LISTEN_S
                 return f"samples of {most[0]} number(s), about {rate:.0f} a second at {baud} baud: {lines[-1][:40]}"
-            if lines and not any("\ufffd" in one for one in lines):
+            if lines and not any("\ufffd" in text for text in lines):
                 # Plain words: the rate is right, and it is no stream of samples.
                 return None
     return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping
 
@@ -66,19 +67,20 @@ def own_name(field: str, word: str) -> str:
     Raises:
         InputError: It has other signs than a-z, 0-9 and inner hyphens.
     """
-    table = PRINTERS if field == "printer" else FILAMENTS
     lowered = word.strip().lower()
-    for name, spellings in table.items():
-        if lowered == name or lowered in spellings:
-            return name
-    if not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,30}[a-z0-9])?", lowered):
+    name = _of_spelling(lowered, PRINTERS if field == "printer" else FILAMENTS)
+    if name is None and not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,30}[a-z0-9])?", lowered):
         raise InputError(field, word, "use 1 to 32 of a-z, 0-9 and inner hyphens")
-    return lowered
+    return name or lowered
 
 
 def _known(field: str, word: str, table: Mapping[str, tuple[str, ...]]) -> str:
     lowered = word.strip().lower()
-    for name, spellings in table.items():
-        if lowered == name or lowered in spellings:
-            return name
-    raise InputError(field, word, nearest(lowered, [*table, *(one for all_ in table.values() for one in all_)]))
+    name = _of_spelling(lowered, table)
+    if name is None:
+        raise InputError(field, word, nearest(lowered, [*table, *itertools.chain(*table.values())]))
+    return name
+
+
+def _of_spelling(lowered: str, table: Mapping[str, tuple[str, ...]]) -> str | None:
+    return next((name for name, spellings in table.items() if lowered == name or lowered in spellings), None)

@@ -86,6 +86,6 @@ def block_order(study: Study) -> tuple[PlannedBlock, ...]:
 def shuffled(items: Sequence[T], seed: int, what: str) -> list[T]:
     """The items in an order that only ``seed`` and ``what`` decide, the same on every machine."""
     digest = hashlib.sha256(f"{seed} {what}".encode()).digest()
-    made = list(items)
-    random.Random(int.from_bytes(digest, "big")).shuffle(made)
-    return made
+    order = list(items)
+    random.Random(int.from_bytes(digest, "big")).shuffle(order)
+    return order

@@ -12,7 +12,7 @@ from helpers.studies import PRINTERS, write_study
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.variance.registration import register
 from tacbench_cad.lab.analysis.variance.table import variance_table
-from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.protocol import PressGrid
@@ -34,8 +34,8 @@ def only_x(x: float, y: float) -> np.ndarray:
     return 10.0 * np.sin(2 * np.pi * x / 20.0 + np.arange(8.0))
 
 
-def sensor(field: Height, seated: bool, print_sd: float = 0.0) -> Callable[..., Reading]:
-    def read(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
+def sensor(field: Height, seated: bool, print_sd: float = 0.0) -> Callable[..., Frame]:
+    def read(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
         sx, sy = SEATS[printed.copy] if seated else (0.0, 0.0)
         own = np.random.default_rng([printed.copy, press.position])
         # A block that lies further along is met at a place of it that comes earlier.
@@ -45,7 +45,7 @@ def sensor(field: Height, seated: bool, print_sd: float = 0.0) -> Callable[..., 
     return read
 
 
-def study(folder: Path, image: Callable[..., Reading], **changes: object) -> Collection:
+def study(folder: Path, image: Callable[..., Frame], **changes: object) -> Collection:
     plan = {"textures": (1,), "prints": PRINTERS[:1], "copies": 3, "grid": TRUE_GRID, "shape": (8,), "units": "kPa"}
     write_study(folder, image=image, **{**plan, **changes})  # type: ignore[arg-type]
     return Collection.open([folder])

@@ -16,7 +16,7 @@ from tacbench_cad.lab.analysis.preprocess import Preprocess
 from tacbench_cad.lab.analysis.variance.moments import FRAMES, MAP_SIDE, moments, small_map, spread
 from tacbench_cad.lab.analysis.variance.streaming import Pass, levels_with_most_prints, stream
 from tacbench_cad.lab.parallel import workers
-from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.protocol import PressGrid
@@ -124,8 +124,8 @@ def test_progress_ends_with_all_readings(study: Collection) -> None:
     assert seen[-1] == (len(study) + 12 * 6, len(study) + 12 * 6)
 
 
-def taxels(value: Callable[[PrintedBlock, Press], float]) -> Callable[..., Reading]:
-    def read(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
+def taxels(value: Callable[[PrintedBlock, Press], float]) -> Callable[..., Frame]:
+    def read(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
         found = 1e-3 * rng.standard_normal((4, 4, 3))
         found[0, 0, 0] += value(printed, press)
         return found
@@ -177,7 +177,7 @@ def peak(collection: Collection) -> int:
 def test_memory_does_not_grow_with_the_number_of_images(tmp_path: Path) -> None:
     shape = (240, 320)
 
-    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
+    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
         return np.full(shape, press.number % 251, dtype=np.uint8)
 
     peaks = []

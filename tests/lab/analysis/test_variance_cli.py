@@ -15,7 +15,7 @@ from helpers.studies import PRINTERS, SHAPE, write_study
 from tacbench_cad.cli import main
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.variance.view import COLUMNS, VarianceView
-from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.util.errors import InputError
@@ -131,7 +131,7 @@ def test_a_damaged_image_is_named_the_rest_is_computed_and_the_exit_code_is_1(
 
 
 def test_any_sensor_is_taken_in_its_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
+    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
         return 1e-4 * rng.standard_normal((4, 4))
 
     write_study(tmp_path / "runs", image=image, shape=(4, 4), units="kPa", prints=(PAPERS,))
@@ -175,7 +175,7 @@ def test_registration_of_single_prints_is_refused(tmp_path: Path, capsys: pytest
 
 
 def test_figures_are_drawn_for_the_least_there_can_be(tmp_path: Path) -> None:
-    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
+    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
         return np.full(SHAPE, 9, dtype=np.uint8)
 
     write_study(tmp_path / "runs", image=image, textures=(1,), prints=PRINTERS[:1], copies=1, still=0)

@@ -13,7 +13,7 @@ from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, shown_levels
 from tacbench_cad.lab.analysis.variance.table import VarianceResult, holm, variance_table
-from tacbench_cad.lab.rig.sensor import Reading
+from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import Block
@@ -24,7 +24,7 @@ PRINT, APPROACH, NOISE = 4.0, 1.0, 0.25
 PIXELS = (5, 20, 20)
 
 
-def made(printed: PrintedBlock, press: Press | None, rng: np.random.Generator) -> Reading:
+def made(printed: PrintedBlock, press: Press | None, rng: np.random.Generator) -> Frame:
     own = np.random.default_rng(list(printed.name.encode()))
     found = 50.0 + np.sqrt(PRINT) * own.standard_normal(PIXELS)
     return found + np.sqrt(APPROACH) * rng.standard_normal(PIXELS) + np.sqrt(NOISE) * rng.standard_normal(PIXELS)
@@ -110,7 +110,7 @@ def test_ddof_1_divides_by_one_less(tmp_path: Path) -> None:
 
 
 def test_colour_keeps_what_grey_averages(tmp_path: Path) -> None:
-    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
+    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
         return rng.integers(100, 120, (*SHAPE, 3), dtype=np.uint8)
 
     grey = table(tmp_path, image=image, shape=(*SHAPE, 3))
@@ -137,7 +137,7 @@ def test_a_study_in_which_nothing_was_pressed_twice_is_refused(tmp_path: Path) -
 
 
 def test_constant_readings_have_no_variance_and_say_so(tmp_path: Path) -> None:
-    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
+    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
         return np.full(SHAPE, 7, dtype=np.uint8)
 
     found = table(tmp_path, image=image)
@@ -161,7 +161,7 @@ def test_levels_with_different_prints_are_not_pooled_into_an_interval(tmp_path: 
 
 
 def test_a_printer_that_varies_more_is_found_by_the_test(tmp_path: Path) -> None:
-    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
+    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
         spread = 8.0 if printed.printer == "ender-3" else 1.0
         own = np.random.default_rng(list(printed.name.encode()))
         return 50.0 + spread * own.standard_normal(PIXELS) + 0.1 * rng.standard_normal(PIXELS)
