@@ -9,7 +9,7 @@ import inspect
 import pkgutil
 import re
 from collections.abc import Iterator
-from functools import reduce
+from functools import cache, reduce
 from operator import or_
 from pathlib import Path
 from types import UnionType
@@ -20,6 +20,7 @@ from docutils import nodes
 from numpy.typing import ArrayLike, NDArray
 from sphinx import addnodes
 from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
 from sphinx.util import logging
 from sphinx.util.docutils import SphinxDirective
 from sphinx.util.inspect import signature, stringify_signature
@@ -29,6 +30,8 @@ import housing
 import tacbench_cad
 
 GENERATED = Path("api") / "generated"
+#: The packages whose public names are loaded lazily from other modules.
+PUBLIC = ("housing", "tacbench_cad", "tacbench_cad.lab")
 #: Longer values of constants are not shown.
 MOST_LETTERS = 300
 #: Names of other projects are no links: they have no pages here, and the build asks no network for theirs.
@@ -81,6 +84,19 @@ def import_for_annotations(name: str) -> None:
                     vars(module).setdefault(alias.asname or alias.name, getattr(source, alias.name))
 
 
+@cache
+def public_names(package: str) -> dict[str, str]:
+    """The public names of a package that loads them lazily, each with its full name where it is defined."""
+    stub = Path(importlib.import_module(package).__file__ or "").with_suffix(".pyi")
+    names = {}
+    for node in ast.parse(stub.read_text(encoding="utf-8")).body:
+        for alias in node.names if isinstance(node, ast.ImportFrom) and node.module else ():
+            value = getattr(importlib.import_module(package), alias.name)
+            module = getattr(value, "__module__", None) if inspect.isclass(value) or inspect.isfunction(value) else None
+            names[alias.name] = f"{module or f'{package}.{node.module}'}.{alias.name}"
+    return names
+
+
 def module_page(name: str, inside: list[str]) -> str:
     """The page of a module: its docstring, everything public in the order of the source, and the modules in it.
 
@@ -89,6 +105,11 @@ def module_page(name: str, inside: list[str]) -> str:
     above = [name[: at.start()] for at in re.finditer(r"\.", name)]
     way = " / ".join([":doc:`API </api/index>`", *(f":py:mod:`{one}`" for one in above[-1:])])
     lines = [":orphan:", "", name, "=" * len(name), "", way, "", f".. automodule:: {name}", ""]
+    if name in PUBLIC:
+        # Its names are documented where they are defined: two pages with one name would make links ambiguous.
+        lines[-1:] = ["   :no-members:", "", ".. rubric:: Public names", ""]
+        lines += [f"* :py:obj:`{word} <{target}>`" for word, target in sorted(public_names(name).items())]
+        lines += [""]
     if inside:
         lines += [".. rubric:: Modules", "", ".. modules::", "", *(f"   {one}" for one in inside), ""]
     return "\n".join(lines)
@@ -177,8 +198,21 @@ def tidy(app: Sphinx, doctree: nodes.document) -> None:
             link.replace_self(link.children)
 
 
+def link_public_name(
+    app: Sphinx, env: BuildEnvironment, node: addnodes.pending_xref, content: nodes.TextElement
+) -> nodes.Element | None:
+    """Link a public name, ``tacbench_cad.lab.Run``, to the page of the module that defines it."""
+    package, _, name = node["reftarget"].rpartition(".")
+    package = package or node.get("py:module")
+    target = public_names(package).get(name) if node["refdomain"] == "py" and package in PUBLIC else None
+    if target is None:
+        return None
+    return env.domains["py"].resolve_xref(env, node["refdoc"], app.builder, node["reftype"], target, node, content)
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Connect all of it."""
+    app.connect("missing-reference", link_public_name)
     app.add_directive("modules", Modules)
     app.connect("builder-inited", write_module_pages)
     app.connect("autodoc-process-signature", shorten)
