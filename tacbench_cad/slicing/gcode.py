@@ -10,14 +10,17 @@ from __future__ import annotations
 
 import math
 import re
+from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
 from tacbench_cad.slicing.dialects import Dialect, Role, dialect_of
+from tacbench_cad.util.door import read_bytes, require_within
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats
 
@@ -25,13 +28,17 @@ from tacbench_cad.util.types import Bools, Floats
 CHORD_MM = 0.005
 #: The filament that is assumed where neither the file nor the user names one, in mm.
 USUAL_FILAMENT_MM = 1.75
-#: Larger files are refused, in bytes.
-MOST_BYTES = 1 << 30
+#: Longer lines are refused, in characters; so are more beads, chords of arcs included.
+MAX_LINE, MAX_BEADS = 1_000_000, 10_000_000
+#: Coordinates and radii beyond this are refused, in mm, and more filament in one move, in mm or mm^3.
+MAX_MM, MAX_FILAMENT = 1e4, 1e6
+#: The heights that a layer or a bead may have, in mm.
+MIN_LAYER_MM, MAX_LAYER_MM = 0.009, 5.0
 
 _WORD = re.compile(r"([A-Za-z])\s*([-+]?(?:\d+\.?\d*|\.\d+))")
 _FILAMENT = re.compile(r"^;\s*filament_diameter\s*[=:]\s*([\d.]+)")
 _HEIGHT = re.compile(r"^;\s*(?:LAYER_)?HEIGHT\s*:\s*([\d.]+)\s*$")
-_COMMENT_OF_FEATURE = re.compile(r"^;(TYPE:| FEATURE: )(.+?)\s*$")
+_COMMENT_OF_FEATURE = re.compile(r"^;(TYPE:| FEATURE: )(.+)$")
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +122,11 @@ def read_gcode(path: Path, filament_mm: float | None = None) -> Sliced:
     if filament_mm is not None and not 0.5 <= filament_mm <= 5.0:
         raise InputError("filament", filament_mm, "must be from 0.5 to 5 mm")
     lines = _lines(path)
+    for number, line in enumerate(lines, start=1):
+        if len(line) > MAX_LINE:
+            raise InputError(
+                f"{path}: line {number}", None, f"has {len(line):,} characters, at most {MAX_LINE:,} are read"
+            )
     dialect = dialect_of({found[1] + found[2] for line in lines if (found := _COMMENT_OF_FEATURE.match(line))})
     if dialect is None:
         known = "PrusaSlicer, Cura, Bambu Studio and OrcaSlicer name their features in comments, this file has none"
@@ -123,7 +135,7 @@ def read_gcode(path: Path, filament_mm: float | None = None) -> Sliced:
     stated = None
     for number, line in enumerate(lines, start=1):
         if line.startswith(";"):
-            machine.comment(line)
+            machine.comment(line, number)
             diameter = _FILAMENT.match(line)
             if diameter is not None:
                 stated = _stated(path, number, diameter[1])
@@ -144,23 +156,14 @@ def _stated(path: Path, number: int, text: str) -> float:
 
 
 def _lines(path: Path) -> list[str]:
-    if path.is_dir():
-        raise InputError("file", str(path), "is a folder; name a G-code file")
-    if not path.exists():
-        raise InputError("file", str(path), "there is no such file")
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            raise InputError("file", str(path), f"is larger than {MOST_BYTES >> 20} MB")
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError("file", str(path), f"cannot be read: {error.strerror}") from None
+    content = read_bytes(path, kind="gcode")
     if not content.strip():
         raise InputError("file", str(path), "is empty; name a G-code file")
     if content.startswith(b"PK\x03\x04"):
         raise InputError("file", str(path), "is a ZIP archive; take the plain .gcode file out of it")
     if content.startswith(b"GCDE") or b"\x00" in content:
         raise InputError("file", str(path), "is binary; let the slicer write plain-text G-code")
-    return content.decode("utf-8", errors="replace").splitlines()
+    return [line.rstrip() for line in content.decode("utf-8", errors="replace").splitlines()]
 
 
 @dataclass
@@ -179,11 +182,13 @@ class _Machine:
     role: Role = "other"
     feature: str = "before the first feature"
     stated_height: float = 0.0
-    rows: list[tuple[float, ...]] = field(default_factory=list)
+    #: Nine numbers for each bead.
+    rows: array[float] = field(default_factory=lambda: array("d"))
+    chords: int = 0
     left_out: dict[str, int] = field(default_factory=dict)
     unknown: dict[str, None] = field(default_factory=dict)
 
-    def comment(self, line: str) -> None:
+    def comment(self, line: str, number: int) -> None:
         """Take note of a feature's or a layer height's comment."""
         found = _COMMENT_OF_FEATURE.match(line)
         if found is not None and found[1] == self.dialect.feature:
@@ -199,6 +204,9 @@ class _Machine:
                 self.stated_height = float(height[1])
             except ValueError:
                 self.stated_height = 0.0
+            if not (self.stated_height == 0.0 or MIN_LAYER_MM <= self.stated_height <= MAX_LAYER_MM):
+                allowed = f"a layer is from {MIN_LAYER_MM:g} to {MAX_LAYER_MM:g} mm high"
+                raise InputError(f"{self.path}: line {number}", line, allowed)
 
     def command(self, text: str, number: int) -> None:
         """Follow one line."""
@@ -214,10 +222,13 @@ class _Machine:
         if code in ("G0", "G1", "G2", "G3", "G92"):
             self._require_clean(text, number)
         values = dict(words[1:])
+        for letter, value in values.items():
+            if not abs(value) <= (MAX_FILAMENT if letter == "E" else MAX_MM) and letter in "XYZEIJR":
+                self._refuse_far(number, letter, value)
         if code in ("G0", "G1"):
-            self._move([self._target(values)], values)
+            self._move([self._target(values, number)], values, number)
         elif code in ("G2", "G3"):
-            self._move(list(self._arc(values, clockwise=code == "G2", number=number)), values)
+            self._move(list(self._arc(values, clockwise=code == "G2", number=number)), values, number)
         elif code == "G92":
             self._set(values)
         elif code in ("G90", "G91"):
@@ -235,11 +246,18 @@ class _Machine:
         if rest:
             raise InputError(f"{self.path}: line {number}", text, f"{rest!r} is no letter with a number")
 
-    def _target(self, values: dict[str, float]) -> tuple[float, float, float]:
+    def _refuse_far(self, number: int, letter: str, value: float) -> NoReturn:
+        limit = f"{MAX_FILAMENT:,.0f}" if letter == "E" else f"{MAX_MM:,.0f} mm"
+        raise InputError(f"{self.path}: line {number}", f"{letter}{value:.6g}", f"must be from -{limit} to {limit}")
+
+    def _target(self, values: dict[str, float], number: int) -> tuple[float, float, float]:
         x, y, z = (
             values.get(axis, self.place[axis] if self.absolute else 0.0) + (0.0 if self.absolute else self.place[axis])
             for axis in "XYZ"
         )
+        for axis, value in zip("XYZ", (x, y, z), strict=True):
+            if not abs(value) <= MAX_MM:
+                self._refuse_far(number, axis, value)
         return x, y, z
 
     def _set(self, values: dict[str, float]) -> None:
@@ -252,7 +270,7 @@ class _Machine:
     def _arc(self, values: dict[str, float], *, clockwise: bool, number: int) -> Iterator[tuple[float, float, float]]:
         """Points along an arc, its end included and its start not."""
         x0, y0, z0 = (self.place[axis] for axis in "XYZ")
-        x1, y1, z1 = self._target(values)
+        x1, y1, z1 = self._target(values, number)
         where = f"{self.path}: line {number}"
         if "R" in values:
             radius, chord = values["R"], math.hypot(x1 - x0, y1 - y0)
@@ -273,13 +291,18 @@ class _Machine:
             turn = turn - 2.0 * math.pi or -2.0 * math.pi
         step = 2.0 * math.acos(max(0.0, 1.0 - CHORD_MM / radius)) if radius > CHORD_MM else math.pi
         count = max(1, math.ceil(abs(turn) / step))
+        self.chords += count
+        self._require_few(number)
         for i in range(1, count):
             angle = begin + turn * i / count
             share = i / count
             yield centre[0] + radius * math.cos(angle), centre[1] + radius * math.sin(angle), z0 + share * (z1 - z0)
         yield x1, y1, z1
 
-    def _move(self, points: list[tuple[float, float, float]], values: dict[str, float]) -> None:
+    def _require_few(self, number: int) -> None:
+        require_within("file", self.chords + len(self.rows) // 9, MAX_BEADS, "beads", f"{self.path}: line {number}")
+
+    def _move(self, points: list[tuple[float, float, float]], values: dict[str, float], number: int) -> None:
         filament = 0.0
         if "E" in values:
             filament = values["E"] - self.place["E"] if self.absolute_e else values["E"]
@@ -305,19 +328,23 @@ class _Machine:
                 if abs(a[2] - b[2]) > 1e-3:
                     raise InputError("file", str(self.path), "climbs while it prints (spiral vase); it has no layers")
                 row = (a[0] + dx, a[1] + dy, b[0] + dx, b[1] + dy, b[2] + dz, self.stated_height, per_mm, wall, volume)
-                self.rows.append(row)
+                self.rows.extend(row)
+        self._require_few(number)
 
     def result(self, filament_mm: float, *, assumed: bool) -> Sliced:
         """The beads, once the whole file was followed."""
         if not self.rows:
             what = "extrudes only what is no part: " + ", ".join(self.left_out) if self.extruded else "extrudes nothing"
             raise InputError("file", str(self.path), f"{what}; slice a block and name its G-code")
-        table = np.array(self.rows)
+        table = np.array(self.rows).reshape(-1, 9)
         tops = np.unique(np.round(table[:, 4], 3))
         if tops[0] <= 0.0:
             raise InputError("file", str(self.path), f"prints at z = {tops[0]:g} mm, below or on the bed")
         steps = np.diff(tops, prepend=0.0)
         usual = float(np.median(steps[1:])) if len(steps) > 1 else float(steps[0])
+        if not MIN_LAYER_MM <= usual <= MAX_LAYER_MM:
+            allowed = f"layers are from {MIN_LAYER_MM:g} to {MAX_LAYER_MM:g} mm high"
+            raise InputError("file", str(self.path), f"prints layers of {usual:.3g} mm; {allowed}")
         stated = table[:, 5] > 0.0
         lowest = np.round(table[:, 4], 3) == tops[0]
         if (lowest & stated).any():

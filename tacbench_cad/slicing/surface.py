@@ -14,6 +14,7 @@ import numpy as np
 
 from tacbench_cad.slicing.gcode import Beads, Sliced
 from tacbench_cad.spec.block import Block
+from tacbench_cad.util.door import require_within
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats, Ints
 
@@ -23,6 +24,8 @@ OUTLINE_MM = 0.5
 PITCH_MM, MAX_POINTS = 0.05, 1_000_000
 #: Long beads are cut into pieces of this length, so that their boxes hold few points, in mm.
 _PIECE_MM = 1.0
+#: More pieces over the block than this are refused, and more points under them, counted as often as they are covered.
+MAX_PIECES, MAX_COVERED = 10_000_000, 2e9
 #: Points that are looked at in one go.
 _CHUNK = 1_500_000
 #: Layers below this fraction of the base tell where the block lies.
@@ -156,6 +159,11 @@ def _covered(beads: Beads, x: Floats, y: Floats) -> Iterator[tuple[Ints, Floats]
     """Points under beads, as indices into the flattened grid, and the height of the bead there, in chunks."""
     run = beads.end_mm - beads.start_mm
     pieces = np.maximum(1, np.ceil(np.hypot(run[:, 0], run[:, 1]) / _PIECE_MM)).astype(np.int64)
+    half = beads.width_mm[:, None] / 2.0
+    before = np.maximum(beads.start_mm, beads.end_mm) + half < [x[0], y[0]]
+    beyond = np.minimum(beads.start_mm, beads.end_mm) - half > [x[-1], y[-1]]
+    pieces[(before | beyond).any(axis=1)] = 0
+    require_within("file", float(pieces.sum()), MAX_PIECES, f"pieces of beads of {_PIECE_MM:g} mm over the block")
     of = np.repeat(np.arange(len(beads)), pieces)
     nth = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     step = run[of] / pieces[of, None]
@@ -172,6 +180,7 @@ def _covered(beads: Beads, x: Floats, y: Floats) -> Iterator[tuple[Ints, Floats]
     spans = np.maximum(high - low + 1, 0)
     counts = spans[:, 0] * spans[:, 1]
     bounds = np.concatenate([[0], np.cumsum(counts)])
+    require_within("file", float(bounds[-1]), MAX_COVERED, "points under its beads")
     first = 0
     while first < len(of):
         last = max(first + 1, int(np.searchsorted(bounds, bounds[first] + _CHUNK, side="right")) - 1)
@@ -184,10 +193,10 @@ def _covered(beads: Beads, x: Floats, y: Floats) -> Iterator[tuple[Ints, Floats]
         square = np.maximum((along**2).sum(axis=1), 1e-18)
         fraction = np.clip((away * along).sum(axis=1) / square, 0.0, 1.0)
         off = away - fraction[:, None] * along
-        beyond = np.maximum(np.hypot(off[:, 0], off[:, 1]) - flat[piece], 0.0)
+        outside = np.maximum(np.hypot(off[:, 0], off[:, 1]) - flat[piece], 0.0)
         radius = round_mm[piece]
-        under = beyond < radius
-        drop = radius[under] - np.sqrt(radius[under] ** 2 - beyond[under] ** 2)
+        under = outside < radius
+        drop = radius[under] - np.sqrt(radius[under] ** 2 - outside[under] ** 2)
         yield i[under] * len(y) + j[under], beads.top_mm[of[piece[under]]] - drop
         first = last
 

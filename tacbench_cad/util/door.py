@@ -29,7 +29,7 @@ MAX_MB: Mapping[str, float] = {
     "json": 64,
     "table": 128,
     "image": 256,
-    "array": 4096,
+    "array": 65_536,  # mapped into memory, not read
     "mesh": 512,
     "step": 512,
     "gcode": 512,

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tacbench_cad.slicing import gcode
 from tacbench_cad.slicing.gcode import CHORD_MM, Sliced, read_gcode
 from tacbench_cad.util.errors import InputError
 
@@ -185,9 +186,33 @@ def test_bad_files_are_refused(tmp_path: Path, content: bytes, needle: str) -> N
 
 
 def test_no_file_a_folder_and_an_impossible_filament(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match="No such file"):
         read_gcode(tmp_path / "none.gcode")
     with pytest.raises(InputError, match="is a folder"):
         read_gcode(tmp_path)
     with pytest.raises(InputError, match=r"filament = 0\.1"):
         sliced(tmp_path, _layers(0.2), 0.1)
+
+
+@pytest.mark.parametrize(
+    ("text", "needle"),
+    [
+        ("G1 X" + "9" * 400 + " E1\n", "line 6.*Xinf.*must be from -10,000 mm to 10,000 mm"),
+        ("G1 X10001 E1\n", "line 6"),
+        ("G91\n" + "G1 X9000 E1\n" * 2, "line 8"),
+        ("G1 X1 E" + "9" * 9 + "\n", "line 6"),
+        ("G2 X10 Y0 R1000000000000 E1\n", "line 6"),
+        ("G2 X10 Y0 I1000000000000 J0 E1\n", "line 6"),
+        ("G1 X1 E1" + " " * 2_000_000 + ";\n", "line 6.*characters"),
+        (";" + "x" * 2_000_000 + "\n", "line 6.*characters"),
+        (";HEIGHT:0.001\n", "line 6.*0.009 to 5 mm"),
+        ("".join(f"G1 Z{0.2 + i / 1000:.3f}\nG1 X{i % 2 * 10} E1\n" for i in range(50)), "prints layers of 0.001 mm"),
+        ("G2 X9000 Y0 R4500 E1\nG2 X0 Y0 R4500 E1\n" * 40, r"line \d+.*more than the 50,000"),
+    ],
+)
+def test_absurd_numbers_are_named_by_their_line(
+    tmp_path: Path, text: str, needle: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gcode, "MAX_BEADS", 50_000)
+    with pytest.raises(InputError, match=needle):
+        sliced(tmp_path, HEAD + WALL + text)

@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import CheckFailedError
 
+#: The most dimensions of an array that is read.
+MAX_DIMENSIONS = 8
+
 
 @dataclass(frozen=True, kw_only=True)
 class Header:
@@ -59,8 +62,13 @@ def _header(stream: BinaryIO) -> Header:
         raise CheckFailedError(f"is not a NumPy file, or its head is damaged: {str(error)[:80]}") from None
     if dtype.hasobject:
         raise CheckFailedError("holds pickled objects; such files can run anything when they are read")
-    if any(side < 0 for side in shape):
-        raise CheckFailedError(f"is not a NumPy file, or its head is damaged: shape {shape}")
+    # A flag counts as a whole number in Python, so a shape of flags passes NumPy's own reader.
+    if len(shape) > MAX_DIMENSIONS or any(type(side) is not int or not 0 <= side < 2**62 for side in shape):
+        raise CheckFailedError(f"is not a NumPy file, or its head is damaged: shape {str(shape)[:80]}")
+    if 0 in shape:
+        raise CheckFailedError(f"has shape {shape}, which is empty")
+    if dtype.subdtype is not None or dtype.kind not in "biuf" or dtype.itemsize > 8:
+        raise CheckFailedError(f"holds {str(dtype)[:80]}, not real numbers of up to 64 bits")
     header = Header(shape=shape, dtype=dtype, fortran=fortran, offset=stream.tell())
     need, size = header.offset + math.prod(shape) * dtype.itemsize, stream.seek(0, 2)
     if size != need:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import struct
@@ -12,12 +13,15 @@ import numpy as np
 
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs.npyfile import array_of
-from tacbench_cad.util.errors import CheckFailedError
+from tacbench_cad.util.door import require_within
+from tacbench_cad.util.errors import CheckFailedError, InputError
 
 #: Keyword of the PNG text that says what was simulated.
 SIMULATED_KEYWORD = "simulated"
 #: A PNG's signature and its first chunk, IHDR, take so many bytes; text chunks may follow.
 _HEAD_BYTES = 33
+#: An image with more pixels is refused before it is decoded, in millions.
+MAX_MEGAPIXELS = 60.0
 
 
 def encoded(frame: Frame, simulated: Sequence[str]) -> tuple[bytes, bool]:
@@ -56,7 +60,7 @@ def decoded(data: bytes, name: str) -> Frame:
         name: The file's name, whose ending says what it is.
 
     Raises:
-        CheckFailedError: They are no whole PNG, or no whole NumPy file.
+        CheckFailedError: They are no whole PNG of at most :data:`MAX_MEGAPIXELS`, or no whole NumPy file.
     """
     if not name.endswith(".png"):
         return array_of(data)
@@ -65,7 +69,15 @@ def decoded(data: bytes, name: str) -> Frame:
     # OpenCV decodes what it finds of a truncated file, and takes memory for whatever size a damaged head names.
     whole = data.startswith(b"\x89PNG\r\n\x1a\n") and data.endswith(b"IEND\xaeB`\x82") and len(data) > _HEAD_BYTES
     intact = whole and struct.pack(">I", zlib.crc32(data[12:29])) == data[29:_HEAD_BYTES]
-    image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED) if intact else None
+    image = None
+    if intact:
+        width, height = struct.unpack(">II", data[16:24])
+        try:
+            require_within("image", width * height / 1e6, MAX_MEGAPIXELS, "megapixels", name)
+        except InputError as error:
+            raise CheckFailedError(error.allowed) from None
+        with contextlib.suppress(cv2.error):
+            image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise CheckFailedError("is not a readable PNG image")
     return np.asarray(image)

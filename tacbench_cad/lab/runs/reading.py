@@ -177,8 +177,7 @@ class Run:
         Raises:
             InputError: It cannot be read, is too large, or is a link that leads out of the folder.
         """
-        kind = "image" if path.endswith(".png") else "array"
-        return door.read_bytes(self.folder / path, "frame", kind, within=self.folder)
+        return door.read_bytes(self.folder / path, "frame", "image", within=self.folder)
 
 
 def shape_fault(info: RunInfo, frame: Frame) -> str | None:
