@@ -71,7 +71,7 @@ class Ruler:
 
         Where a few points of each triangle already pass the limit, the rest is not looked at.
         """
-        corners = mesh.corners
+        corners = mesh.triangle_points
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         top = corners[normal[:, 2] > 1e-3 * np.linalg.norm(normal, axis=1)]
         # triangles of the underside look down and those of the walls sideways

@@ -119,7 +119,7 @@ def ours() -> list[Result]:
     def build() -> tuple[float, Any]:
         block = Block.of(4)
         start = time.perf_counter()
-        _, certificate = brep.solid_block(block, 0.001)
+        _, certificate = brep.solid_block(block)
         return time.perf_counter() - start, certificate
 
     first, certificate = build()

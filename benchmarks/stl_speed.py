@@ -66,7 +66,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for number in SIX:
-            corners = mesh_block(Block.of(number, sampling=Tolerance(mm=options.tolerance)))[0].corners
+            corners = mesh_block(Block.of(number, sampling=Tolerance(mm=options.tolerance)))[0].triangle_points
             runs = (partial(ours, number, options.tolerance, folder), partial(peer, corners, folder / "peer.stl"))
             times = np.array([least(run, options.repeats) for run in runs])
             totals += times

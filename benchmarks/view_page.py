@@ -21,8 +21,8 @@ from pathlib import Path
 from playwright.sync_api import sync_playwright
 
 from tacbench_cad.making.request import Request
+from tacbench_cad.making.showing import request_of, scene_of
 from tacbench_cad.render.viewing.page import write_page
-from tacbench_cad.render.viewing.scene import request_of, scene_of
 
 FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 SIZES = ((1200, 800), (390, 844))

@@ -1,5 +1,6 @@
 # The public names. lazy_loader reads this file at run time, type checkers and editors at any time.
 from . import bd as bd
+from .assembly import Assembly as Assembly
 from .coupon import Coupon as Coupon
 from .drawings import coupon_drawing as coupon_drawing
 from .drawings import fixture_drawing as fixture_drawing

@@ -31,14 +31,13 @@ from build123d import (
     Solid,
 )
 
+from housing.assembly import Assembly
 from housing.fixture import Fixture
 from housing.holder import Holder
 from housing.jig import Jig
 from tacbench_cad.bd import TextureBlock
-from tacbench_cad.geometry import brep
-from tacbench_cad.geometry.part import COLOURS
+from tacbench_cad.geometry.part import colour_of
 from tacbench_cad.spec.block import Block
-from tacbench_cad.util.errors import InputError
 
 
 class _FixturePart(BasePartObject):  # type: ignore[misc]  # build123d is not typed for mypy
@@ -58,7 +57,7 @@ class _FixturePart(BasePartObject):  # type: ignore[misc]  # build123d is not ty
         solid = solid.moved(Location())
         solid.label = fixture.name
         super().__init__(part=solid, rotation=rotation, align=align, mode=mode)
-        self.color = Color(COLOURS[fixture.kind])
+        self.color = Color(colour_of(fixture.kind))
         # Aligned, the solid's place is where the holder frame lies.
         frame = self.rotation * solid.location
         for label, place in joints.items():
@@ -122,7 +121,6 @@ def assembled(
     holder: Holder,
     blocks: Sequence[Block] | None = None,
     jig: Jig | None = None,
-    tolerance_mm: float = brep.TOLERANCE_MM,
 ) -> Compound:
     """Holder, blocks and jig put together by their joints, as one labelled compound in the holder frame.
 
@@ -130,26 +128,19 @@ def assembled(
         holder: The holder.
         blocks: A block for each slot, the first ones if there are fewer; None for the holder's own in every slot.
         jig: A jig made for this holder; None for none.
-        tolerance_mm: Greatest vertical distance of the blocks from their formula, in mm.
 
     Raises:
         InputError: There are more blocks than slots, a block has other sides, height or key than the holder is for,
             or the jig is for another holder.
     """
     chosen = [holder.block] * holder.slots if blocks is None else list(blocks)
-    if len(chosen) > holder.slots:
-        raise InputError("blocks", len(chosen), f"the holder has {holder.slots} slots")
-    for block in chosen:
-        if block.outline != holder.block.outline:
-            raise InputError("blocks", block.name, f"does not go into {holder.name}")
-    if jig is not None and jig.holder.name != holder.name:
-        raise InputError("jig", jig.name, f"is not made for {holder.name}")
+    together = Assembly(holder=holder, blocks=tuple(chosen), jig=jig)  # refuses what does not go together
     base = HolderPart(holder)
     parts = [base]
     for number, block in enumerate(chosen, 1):
-        parts.append(TextureBlock(block, tolerance_mm=tolerance_mm))
+        parts.append(TextureBlock(block))
         base.joints[f"slot {number}"].connect_to(parts[-1].joints["underside"])
     if jig is not None:
         parts.append(JigPart(jig))
         base.joints["jig"].connect_to(parts[-1].joints["holder"])
-    return Compound(label=f"assembly_{holder.stem}", children=parts)
+    return Compound(label=together.name, children=parts)

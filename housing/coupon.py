@@ -25,7 +25,7 @@ from housing.fixture import Fixture
 from housing.lettering import COUNTER_MM, HEIGHT_MM, width_mm, word
 from housing.marks import DEPTH_MM, Groove, merged
 from housing.shapes import Rectangle, box, one_solid, wrapped
-from tacbench_cad.geometry.part import Kind
+from tacbench_cad.spec.block import Block
 from tacbench_cad.util.text import mm, report
 
 if TYPE_CHECKING:
@@ -60,7 +60,17 @@ class Coupon(Fixture):
         InputError: A wall is too thin for the nozzle.
     """
 
+    kind = "coupon"
+    options = ("nozzle_mm",)
+    by_default = False
+    for_each_outline = False
+
     nozzle_mm: float = NOZZLE_MM
+
+    @classmethod
+    def requested(cls, block: Block, options: Mapping[str, Any]) -> Coupon:
+        """The one coupon."""
+        return cls(nozzle_mm=options.get("nozzle_mm", NOZZLE_MM))
 
     def __post_init__(self) -> None:
         require_nozzle(self.nozzle_mm)
@@ -140,11 +150,6 @@ class Coupon(Fixture):
     @property
     def name(self) -> str:
         """``coupon``: there is one."""
-        return "coupon"
-
-    @property
-    def kind(self) -> Kind:
-        """``coupon``."""
         return "coupon"
 
     @property

@@ -1,27 +1,54 @@
-"""What holder, jig and coupon have in common: how a Part is made of one."""
+"""What holder, jig and coupon have in common: how a Part is made of one, and how ``tacbench make`` asks for it."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.geometry.part import ExpectedGeometry, Kind, Part
+from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
+from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.solids import KERNEL_FRACTION, rounding_mm3, tessellate
+from tacbench_cad.spec.block import Block
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Solid
 
 #: Distance by which the chords of a fixture's mesh may miss its circles, in mm.
 CHORD_MM = 0.005
-#: Share of the volume that the kernel may differ by: rounding.
-KERNEL_SHARE = 1e-8
 #: Decimals of a mm that a manifest gets; what follows is rounding.
 DECIMALS = 9
 
 
 class Fixture(ABC):
-    """Something printed that holds, marks or gauges. Subclasses are frozen dataclasses."""
+    """Something printed that holds, marks or gauges. Subclasses are frozen dataclasses.
+
+    Attributes:
+        kind: What it is, which is also its word in ``--parts``.
+        options: Options of ``make`` that it takes, as fields of a :class:`~tacbench_cad.Request`.
+        asked_by: Options with which it is refused, and not left out, where the blocks cannot have it.
+        by_default: Whether it is made without ``--parts``.
+        for_each_outline: Whether there is one for each outline among the blocks, or one for all.
+    """
+
+    kind: ClassVar[str]
+    options: ClassVar[tuple[str, ...]] = ()
+    asked_by: ClassVar[tuple[str, ...]] = ()
+    by_default: ClassVar[bool] = True
+    for_each_outline: ClassVar[bool] = True
+
+    @classmethod
+    @abstractmethod
+    def requested(cls, block: Block, options: Mapping[str, Any]) -> Self:
+        """The one that belongs to a block.
+
+        Args:
+            block: The block; a fixture that fits all passes it over.
+            options: What was asked for; options of other fixtures are among them.
+
+        Raises:
+            InputError: This block cannot have it.
+        """
 
     @property
     @abstractmethod
@@ -32,11 +59,6 @@ class Fixture(ABC):
     @abstractmethod
     def title(self) -> str:
         """One line for people."""
-
-    @property
-    @abstractmethod
-    def kind(self) -> Kind:
-        """What it is."""
 
     @property
     @abstractmethod
@@ -91,16 +113,11 @@ class Fixture(ABC):
         )
 
     def _mesh(self) -> tuple[Mesh, ExpectedGeometry]:
-        from housing.tessellate import tessellate
-
-        x, y, z = self.size_mm
-        # Rounding to float32 moves a vertex by 2^-24 of its coordinate at most; faces inside add to the box's own.
-        rounding = 6.0 * (x * y + y * z + z * x) * max(x, y, z) * 2.0**-24
-        slack = self.chord_slack_mm3(CHORD_MM) + rounding
+        slack = self.chord_slack_mm3(CHORD_MM) + rounding_mm3(self.size_mm)
         return tessellate(self.solid(), CHORD_MM), ExpectedGeometry(volume_mm3=self.volume_mm3, volume_slack_mm3=slack)
 
     def _solid(self) -> tuple[TopoDS_Solid, ExpectedGeometry]:
-        expected = ExpectedGeometry(volume_mm3=self.volume_mm3, volume_slack_mm3=KERNEL_SHARE * self.volume_mm3)
+        expected = ExpectedGeometry(volume_mm3=self.volume_mm3, volume_slack_mm3=KERNEL_FRACTION * self.volume_mm3)
         return self.solid(), expected
 
 

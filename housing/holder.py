@@ -5,6 +5,7 @@ Holder frame: lower corner of the plate at the origin, z up, bed at 0; printed a
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -26,7 +27,6 @@ from housing.fixture import Fixture
 from housing.layout import RELEASED, SCREW_HOLE_MM, Layout, PushOut, fitted
 from housing.placement import Placement, block_stem, turned_size_mm
 from housing.shapes import Bore, Rectangle, box, one_solid, prism, wrapped
-from tacbench_cad.geometry.part import Kind
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError, nearest
 from tacbench_cad.util.text import decimal, mm, report
@@ -68,6 +68,22 @@ def least_key_mm(block: Block, fit: str | float = "slip") -> float:
     return (2.0 + math.sqrt(2.0)) * clearance_mm(fit)
 
 
+def require_key(block: Block, fit: str | float) -> None:
+    """Refuse a key so small that a block turned by half still goes into a pocket.
+
+    Raises:
+        InputError: The block's key is too small for the fit.
+    """
+    least = least_key_mm(block, fit)
+    if block.key_mm is not None and block.key_mm <= least:
+        raise InputError(
+            "key",
+            block.key_mm,
+            f"a block turned by half would go in at a clearance of {clearance_mm(fit):g} mm per side; it must be above "
+            f"{least:.4g} mm and at most {min(block.size_mm) / 3.0:.4g} mm",
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class Holder(Fixture):
     """A holder, or with more slots a tray, for blocks of one size.
@@ -89,6 +105,10 @@ class Holder(Fixture):
         InputError: A value is not allowed, a wall is too thin, or the key would let a wrong orientation in.
     """
 
+    kind = "holder"
+    options = ("fit", "rim_mm", "slots", "nozzle_mm")
+    asked_by = (*options, "key_mm")
+
     block: Block
     preset: str = "fitted"
     fit: str | float = "slip"
@@ -99,6 +119,15 @@ class Holder(Fixture):
     margin_mm: float = MARGIN_MM
     web_mm: float = WEB_MM
     nozzle_mm: float = NOZZLE_MM
+
+    @classmethod
+    def requested(cls, block: Block, options: Mapping[str, Any]) -> Holder:
+        """The holder for a block: in ``released`` the authors' own, where nothing asks for another."""
+        own = {name: value for name, value in options.items() if name in cls.options}
+        if block.preset == "released" and not set(own) - {"nozzle_mm"}:
+            with contextlib.suppress(InputError):
+                return cls(block=block, preset="released", **own)
+        return cls(block=block, **own)
 
     def __post_init__(self) -> None:
         if self.preset not in PRESETS:
@@ -138,16 +167,8 @@ class Holder(Fixture):
         ledge = {"ledge round the push-out hole": walls.pop("ledge round the push-out hole")}
         require_walls("size", mm(*self.block.size_mm), ledge, least)
         require_walls("margin", self.margin_mm, walls, least)
-        key = self.block.key_mm
-        if key is not None:
-            bound = least_key_mm(self.block, self.fit)
-            if key <= bound:
-                raise InputError(
-                    "key",
-                    key,
-                    f"a block turned by half would go in at a clearance of {clearance_mm(self.fit):g} mm per side; "
-                    f"it must be above {bound:.4g} mm",
-                )
+        if self.block.key_mm is not None:
+            require_key(self.block, self.fit)
 
     def _check_released(self) -> None:
         for field in fields(self):
@@ -170,6 +191,11 @@ class Holder(Fixture):
             raise InputError(
                 "height", self.block.height_mm, f"the authors' pocket is {RELEASED.pocket_mm[2]:g} mm deep"
             )
+
+    @property
+    def holder(self) -> Holder:
+        """Itself: the holder in whose frame it is used."""
+        return self
 
     @property
     def is_released(self) -> bool:
@@ -313,11 +339,6 @@ class Holder(Fixture):
     def name(self) -> str:
         """Stem of the file names: ``holder_paper_x1_slots6_fit0.2``."""
         return f"holder_{self.stem}"
-
-    @property
-    def kind(self) -> Kind:
-        """``holder``."""
-        return "holder"
 
     @property
     def title(self) -> str:

@@ -43,7 +43,7 @@ from housing.marks import (
 )
 from housing.seat import AIR_MM, LIP_MM, ROOF_MM, Seat
 from housing.shapes import Bore, box, one_solid, prism, wrapped
-from tacbench_cad.geometry.part import Kind
+from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PER_SIDE, PressGrid
 from tacbench_cad.util.errors import InputError, nearest
 from tacbench_cad.util.text import decimal, mm, report
@@ -96,11 +96,22 @@ class Jig(Fixture):
         InputError: A value is not allowed, the press grid leaves the block, or markers merge: with the numbers.
     """
 
+    kind = "jig"
+    options = ("jig", *Holder.options)
+    asked_by = ("jig",)
+
     holder: Holder
     press_grid: PressGrid | None = None
     marks: str = "default"
     fit: str | float | None = None
     nozzle_mm: float = NOZZLE_MM
+
+    @classmethod
+    def requested(cls, block: Block, options: Mapping[str, Any]) -> Jig:
+        """The jig for the block's holder."""
+        names = {"jig": "marks", "nozzle_mm": "nozzle_mm"}
+        own = {names[name]: value for name, value in options.items() if name in names}
+        return cls(holder=Holder.requested(block, options), **own)
 
     def __post_init__(self) -> None:
         if self.marks not in _MARKERS:
@@ -276,11 +287,6 @@ class Jig(Fixture):
         if self.nozzle_mm != NOZZLE_MM:
             parts.append(f"nozzle{decimal(self.nozzle_mm)}")
         return "_".join(parts)
-
-    @property
-    def kind(self) -> Kind:
-        """``jig``."""
-        return "jig"
 
     @property
     def title(self) -> str:

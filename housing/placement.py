@@ -50,6 +50,14 @@ class Placement:
         shifted = np.asarray(xy_mm, dtype=np.float64) - np.array(self.origin_mm[:2])
         return np.asarray(shifted @ _TURNS[self.quarter_turns])
 
+    @property
+    def matrix(self) -> Floats:
+        """The matrix (4, 4) from the block frame to the holder frame, in mm."""
+        matrix = np.eye(4)
+        matrix[:2, :2] = _TURNS[self.quarter_turns]
+        matrix[:3, 3] = self.origin_mm
+        return matrix
+
     def as_dict(self) -> dict[str, object]:
         """Plain values for a manifest."""
         return {"origin_mm": list(self.origin_mm), "quarter_turns_ccw": self.quarter_turns}

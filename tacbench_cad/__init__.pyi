@@ -12,12 +12,13 @@ from .formats.simulators.asset import TargetFiles as TargetFiles
 from .formats.simulators.folder import export_to_simulators as export_to_simulators
 from .geometry.block_part import as_part as as_part
 from .geometry.mesh import Certificate as Certificate
+from .geometry.mesh import ExpectedGeometry as ExpectedGeometry
 from .geometry.mesh import Mesh as Mesh
-from .geometry.part import ExpectedGeometry as ExpectedGeometry
 from .geometry.part import Part as Part
 from .making.printset import PrintSet as PrintSet
 from .making.printset import build as build
 from .making.request import Request as Request
+from .making.showing import write_view as write_view
 from .making.writing import export as export
 from .render.drawing import block_drawing as block_drawing
 from .render.drawing import save_drawing as save_drawing

@@ -33,8 +33,9 @@ from build123d import (
 )
 
 from tacbench_cad.geometry import brep
-from tacbench_cad.geometry.part import COLOURS
+from tacbench_cad.geometry.part import colour_of
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import InputError
 
@@ -47,7 +48,7 @@ class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not ty
 
     Args:
         texture: A texture, the number or name of one of the six, or a :class:`~tacbench_cad.spec.block.Block`; with
-            a block the arguments up to ``copy`` keep their defaults.
+            a block the arguments up to ``step_tolerance_mm`` keep their defaults.
         preset: ``paper`` or ``released``.
         scale: Multiplies sides, height and mm per unit.
         size_mm: Sides x, y in mm instead of the preset's.
@@ -56,7 +57,7 @@ class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not ty
         key_mm: Leg of the chamfered corner at (x, 0) in mm, or None.
         label: Engrave texture, preset and scale in the underside.
         copy: Copy number in the label, or None.
-        tolerance_mm: Greatest vertical distance from the formula, in mm.
+        step_tolerance_mm: Greatest vertical distance from the formula, in mm.
         rotation: Angles to rotate about the axes, in degrees.
         align: Align MIN, CENTER or MAX of the block's box along x, y and z; None leaves the lower corner of the
             underside at the origin.
@@ -79,7 +80,7 @@ class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not ty
         key_mm: float | None = None,
         label: bool = False,
         copy: int | None = None,
-        tolerance_mm: float = brep.TOLERANCE_MM,
+        step_tolerance_mm: float = STEP_TOLERANCE_MM,
         rotation: RotationLike = (0, 0, 0),
         align: Align | tuple[Align, Align, Align] | None = (Align.CENTER, Align.CENTER, Align.MIN),
         mode: Mode = Mode.ADD,
@@ -92,14 +93,25 @@ class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not ty
             "key_mm": key_mm,
             "label": label,
             "copy": copy,
+            "step_tolerance_mm": step_tolerance_mm,
         }
         if not isinstance(texture, Block):
             self.block = Block.of(texture, preset, **options)
-        elif (preset, scale, *list(options.values())[1:]) == ("paper", 1.0, None, None, None, None, False, None):
+        elif (preset, scale, *list(options.values())[1:]) == (
+            "paper",
+            1.0,
+            None,
+            None,
+            None,
+            None,
+            False,
+            None,
+            STEP_TOLERANCE_MM,
+        ):
             self.block = texture
         else:
             raise InputError("texture", texture.name, "is a whole block already; change the block instead")
-        made = Solid(brep.solid_block(self.block, tolerance_mm)[0], label=self.block.name)
+        made = Solid(brep.solid_block(self.block)[0], label=self.block.name)
         # The box is known: asking the kernel for it, as the base class would, takes a second for a rich texture.
         if align is not None:
             each = (align,) * 3 if isinstance(align, Align) else align
@@ -108,20 +120,19 @@ class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not ty
             made.move(Location(tuple(-shares[one] * side for one, side in zip(each, sides, strict=True))))
         frame = made.location
         super().__init__(part=made, rotation=rotation, align=None, mode=mode)
-        self.color = Color(COLOURS["block"])
+        self.color = Color(colour_of("block"))
         RigidJoint("underside", self, self.rotation * frame)
 
 
-def texture_face(block: Block, tolerance_mm: float = brep.TOLERANCE_MM) -> Face:
+def texture_face(block: Block) -> Face:
     """The textured surface alone, as one build123d face in the block frame.
 
     Do not rely on its ``.area``: :func:`tacbench_cad.geometry.brep.texture_face` says why, and how to measure it.
 
     Args:
         block: The block; its key is cut off.
-        tolerance_mm: Greatest vertical distance from the formula, in mm.
 
     Raises:
         InputError: There is no solid of this block; the message says why.
     """
-    return Face(brep.texture_face(block, tolerance_mm))
+    return Face(brep.texture_face(block))

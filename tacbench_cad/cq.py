@@ -20,41 +20,38 @@ from collections.abc import Callable
 import cadquery as cq
 
 from tacbench_cad.geometry import brep
-from tacbench_cad.geometry.part import COLOURS
+from tacbench_cad.geometry.part import rgb_of
 from tacbench_cad.spec.block import Block
 
 
-def solid(block: Block, tolerance_mm: float = brep.TOLERANCE_MM) -> cq.Solid:
+def solid(block: Block) -> cq.Solid:
     """The block as a CadQuery solid in the block frame: lower corner of the underside at the origin, z up, mm.
 
     Args:
         block: The block.
-        tolerance_mm: Greatest vertical distance from the formula, in mm.
 
     Raises:
         InputError: There is no solid of this block; the message says why.
     """
-    made = cq.Solid(brep.solid_block(block, tolerance_mm)[0])
+    made = cq.Solid(brep.solid_block(block)[0])
     made.label = block.name
     return made
 
 
-def assembly(block: Block, tolerance_mm: float = brep.TOLERANCE_MM) -> cq.Assembly:
+def assembly(block: Block) -> cq.Assembly:
     """The block with its name and colour, to be added to an assembly: CadQuery keeps colours there alone.
 
     Args:
         block: The block, in the block frame.
-        tolerance_mm: Greatest vertical distance from the formula, in mm.
 
     Raises:
         InputError: There is no solid of this block; the message says why.
     """
-    colour = (COLOURS["block"] >> shift & 0xFF for shift in (16, 8, 0))
-    return cq.Assembly(solid(block, tolerance_mm), name=block.name, color=cq.Color(*(one / 255.0 for one in colour)))
+    return cq.Assembly(solid(block), name=block.name, color=cq.Color(*rgb_of("block")))
 
 
 def texture_block(
-    block: Block, tolerance_mm: float = brep.TOLERANCE_MM
+    block: Block,
 ) -> Callable[[cq.Location | cq.Workplane], cq.Solid | cq.Workplane]:
     """What ``Workplane.eachpoint`` and ``Workplane.invoke`` take: the block at every point of the stack.
 
@@ -64,12 +61,11 @@ def texture_block(
 
     Args:
         block: The block.
-        tolerance_mm: Greatest vertical distance from the formula, in mm.
 
     Raises:
         InputError: There is no solid of this block; the message says why.
     """
-    made = solid(block, tolerance_mm)
+    made = solid(block)
 
     def place(at: cq.Location | cq.Workplane) -> cq.Solid | cq.Workplane:
         if isinstance(at, cq.Workplane):
@@ -79,23 +75,22 @@ def texture_block(
     return place
 
 
-def texture_face(block: Block, tolerance_mm: float = brep.TOLERANCE_MM) -> cq.Face:
+def texture_face(block: Block) -> cq.Face:
     """The textured surface alone, as one CadQuery face in the block frame.
 
     Do not rely on its ``Area()``: :func:`tacbench_cad.geometry.brep.texture_face` says why, and how to measure it.
 
     Args:
         block: The block; its key is cut off.
-        tolerance_mm: Greatest vertical distance from the formula, in mm.
 
     Raises:
         InputError: There is no solid of this block; the message says why.
     """
-    return cq.Face(brep.texture_face(block, tolerance_mm))
+    return cq.Face(brep.texture_face(block))
 
 
 def register() -> None:
-    """Add ``Workplane.textureBlock(block, combine=True, clean=True, tolerance_mm=0.001)`` to CadQuery.
+    """Add ``Workplane.textureBlock(block, combine=True, clean=True)`` to CadQuery.
 
     It puts the block at every point of the stack, in the workplane's own axes, and combines as ``Workplane.box`` does.
     """
@@ -105,9 +100,8 @@ def register() -> None:
         block: Block,
         combine: bool | str = True,
         clean: bool = True,
-        tolerance_mm: float = brep.TOLERANCE_MM,
     ) -> cq.Workplane:
         """A texture block at every point of the stack; its lower corner lies at the point."""
-        return self.eachpoint(solid(block, tolerance_mm).moved, True, combine, clean)
+        return self.eachpoint(solid(block).moved, True, combine, clean)
 
     cq.Workplane.textureBlock = texture_block_method

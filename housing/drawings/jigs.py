@@ -28,7 +28,7 @@ def jig_drawing(jig: Jig) -> Drawing:
     Raises:
         MissingToolError: The CAD kernel is not there.
     """
-    cuts = Cuts(jig.part().mesh[0].moved(jig.from_print))
+    cuts = Cuts(jig.part().mesh[0].transformed(jig.from_print))
     seat, grid, section_y = jig.seat, jig.grid, jig.bores[0].at_mm[1]
     ceiling, top = seat.roof_mm
     upper, lower, narrow = (cuts.level(z) for z in (top - BELOW_MM, ceiling - BELOW_MM, ceiling + BELOW_MM))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tacbench_cad.checks import relief
+from tacbench_cad.geometry import relief
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.label import LABEL_DEPTH_MM
 from tacbench_cad.util.types import Floats, Indices

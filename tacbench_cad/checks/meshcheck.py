@@ -91,7 +91,7 @@ def edges(mesh: Mesh) -> Edges:
 
 def degenerate(mesh: Mesh) -> Bools:
     """Which triangles have no area: two corners in one place, or all three on a line; shape (m,)."""
-    corners = mesh.corners
+    corners = mesh.triangle_points
     sides = corners - np.roll(corners, 1, axis=1)
     longest = np.einsum("ijk,ijk->ij", sides, sides).max(axis=1)
     normals = cross(sides[:, 1], sides[:, 2])
@@ -200,7 +200,7 @@ def degenerate_check(mesh: Mesh) -> Check:
     count = int(flat.sum())
     if count == 0:
         return Check(name="triangles", ok=True, detail=f"{len(flat)}, none degenerate")
-    x, y, z = mesh.corners[int(np.argmax(flat)), 0]
+    x, y, z = mesh.triangle_points[int(np.argmax(flat)), 0]
     return Check(
         name="triangles",
         ok=False,
@@ -262,7 +262,7 @@ def foreign_full_checks(mesh: Mesh) -> list[Check]:
 
 def overlapping_pairs(mesh: Mesh) -> float:
     """About how many pairs of triangles have overlapping boxes, counted for a sample of the triangles."""
-    points = mesh.corners
+    points = mesh.triangle_points
     low, high = points.min(axis=1), points.max(axis=1)
     count = len(points)
     sample = np.random.default_rng(0).choice(count, min(count, int(np.clip(2e7 // count, 16, 400))), replace=False)

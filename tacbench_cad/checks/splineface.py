@@ -15,7 +15,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.sparse import csr_array
 
-from tacbench_cad.checks.relief import WALL_SHARE
+from tacbench_cad.geometry.relief import WALL_SHARE
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:

@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tacbench_cad.checks import meshcheck, relief
+from tacbench_cad.checks import meshcheck
+from tacbench_cad.checks.assembly import verify_mesh_assembly, verify_solid_assembly
 from tacbench_cad.checks.match import GRID_MM, Facets
 from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.formats import format_of
-from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.geometry.part import ExpectedGeometry, Part
+from tacbench_cad.geometry import relief
+from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
+from tacbench_cad.geometry.part import Part
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Floats
@@ -52,8 +54,11 @@ def verify(part: Part, path: Path, full: bool = False) -> Report:
         InputError: There is no such file, or its format is not known.
         MissingToolError: A package that the format or the full check needs is not there.
     """
+    solid = format_of(path).shape == "solid"
     try:
-        if format_of(path).shape == "solid":
+        if part.placed:
+            return verify_solid_assembly(part, path) if solid else verify_mesh_assembly(part, path)
+        if solid:
             return _verify_solid(part, path, full)
         return _verify_mesh(part, path, meshcheck.read_mesh(path), full)
     except CheckFailedError as error:
@@ -71,7 +76,7 @@ def _verify_mesh(part: Part, path: Path, mesh: Mesh, full: bool) -> Report:
     ]
     if found.sound:
         checks += _manifold(mesh, part.genus)
-    checks.append(_mesh_box(part, mesh))
+    checks.append(_mesh_box(part, mesh, expected))
     deviation = None
     if expected.certificate is not None:
         found_relief, deviation = _mesh_relief(part, mesh, expected)
@@ -108,25 +113,37 @@ def _genus(found: int, wanted: int) -> Check:
     return Check(name="genus", ok=found == wanted, detail=detail)
 
 
-def _mesh_box(part: Part, mesh: Mesh) -> Check:
+def _mesh_box(part: Part, mesh: Mesh, expected: ExpectedGeometry) -> Check:
     """The box to a float32's rounding; the highest vertex of a block exactly at its height."""
     low, high = mesh.bounds_mm
-    check = _box(low, high, part.size_mm, 2.0 * _FLOAT32 * max(part.size_mm))
-    top, wanted = float(high[2]), float(np.float32(part.size_mm[2]))
-    if check.ok and part.kind == "block" and top != wanted:
-        return Check(name="box", ok=False, detail=f"the highest point is at {top!r} mm, not at exactly {wanted!r}")
+    check = _box(low, high, part.size_mm, 2.0 * _FLOAT32 * max(part.size_mm) + expected.size_slack_mm)
+    top, height = float(high[2]), float(np.float32(part.size_mm[2]))
+    if check.ok and part.block is not None and top != height:
+        return Check(name="box", ok=False, detail=f"the highest point is at {top!r} mm, not at exactly {height!r}")
     return check
 
 
-def _box(low: Floats, high: Floats, size_mm: tuple[float, float, float], allowed: float) -> Check:
+def _solid_box(part: Part, measured: Measured, expected: ExpectedGeometry) -> Check:
+    """The box; the highest point of a block as near to its height as the solid is to the formula."""
+    certificate = expected.certificate
+    upper_mm = SOLID_BOX_MM if certificate is None else max(SOLID_BOX_MM, certificate.vertical_mm)
+    return _box(measured.low_mm, measured.high_mm, part.size_mm, SOLID_BOX_MM, upper_mm)
+
+
+def _box(
+    low: Floats, high: Floats, size_mm: tuple[float, float, float], allowed: float, upper_mm: float | None = None
+) -> Check:
+    """The box against the size; the upper face may have an allowance of its own."""
     off = np.concatenate([low, high - np.array(size_mm)])
     found = " x ".join(f"{side:.6g}" for side in (high - low).tolist())
-    ok = bool(np.all(np.abs(off) <= allowed))
-    if ok:
+    limits = np.array([allowed] * 5 + [upper_mm or allowed])
+    if bool(np.all(np.abs(off) <= limits)):
         return Check(name="box", ok=True, detail=f"{found} mm, lower corner at the origin")
-    i = int(np.argmax(np.abs(off)))
+    i = int(np.argmax(np.abs(off) - limits))
     name = f"{'lower' if i < 3 else 'upper'} {'xyz'[i % 3]}"
-    return Check(name="box", ok=False, detail=f"{found} mm; {name} is off by {off[i]:+.4g} mm (allowed {allowed:.1e})")
+    return Check(
+        name="box", ok=False, detail=f"{found} mm; {name} is off by {off[i]:+.4g} mm (allowed {limits[i]:.1e})"
+    )
 
 
 def _mesh_relief(part: Part, mesh: Mesh, expected: ExpectedGeometry) -> tuple[list[Check], float | None]:
@@ -175,7 +192,7 @@ def _verify_solid(part: Part, path: Path, full: bool) -> Report:
         *solidcheck.solid_checks(shape),
         _genus(solidcheck.genus(shape), part.genus),
         _volume(measured.volume_mm3, expected.volume_mm3, share * expected.volume_mm3 + expected.volume_slack_mm3),
-        _box(measured.low_mm, measured.high_mm, part.size_mm, SOLID_BOX_MM),
+        _solid_box(part, measured, expected),
     ]
     deviation = None
     if expected.certificate is not None:
@@ -196,5 +213,5 @@ def _kernel_defaults(part: Part, expected: ExpectedGeometry, measured: Measured)
     """What a user of the kernel, CadQuery or build123d is told first; slow on blocks of many patches."""
     allowed = SOLID_VOLUME_SHARE * expected.volume_mm3 + expected.volume_slack_mm3
     volume = _volume(measured.volume_mm3, expected.volume_mm3, allowed)
-    box = _box(measured.low_mm, measured.high_mm, part.size_mm, SOLID_BOX_MM)
+    box = _solid_box(part, measured, expected)
     return [dataclasses.replace(volume, name="kernel volume"), dataclasses.replace(box, name="kernel box")]

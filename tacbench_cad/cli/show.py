@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from tacbench_cad.cli import options
 from tacbench_cad.cli.common import note
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.text import short_name
 
 if TYPE_CHECKING:
     from tacbench_cad.making.request import Request
@@ -64,7 +65,7 @@ def _write_pictures(textures: tuple[str, ...], preset: str, scale: float, press:
     if out is not None and out.suffix.lower() != ".png":
         raise InputError("out", str(out), "must end in .png")
     for block in blocks:
-        path = out or Path(f"{block.name}{'_press' if press else ''}.png")
+        path = out or Path(f"{short_name(block.name)}{'_press' if press else ''}.png")
         texture_picture(block, path, press=press)
         note(f"wrote {path}")
 
@@ -75,11 +76,11 @@ def _write_drawings(request: Request, press: bool, out: Path | None) -> None:
 
     if out is not None:
         require_drawing(out)
-    makers = [source.maker for source in plan(request).sources]
-    _require_single(out, len(makers))
-    for maker in makers:
-        drawing = _drawing(maker, press)
-        path = out or Path(f"{drawing.name}_drawing.pdf")
+    things = [source.thing for source in plan(request).sources]
+    _require_single(out, len(things))
+    for thing in things:
+        drawing = _drawing(thing, press)
+        path = out or Path(f"{short_name(drawing.name)}_drawing.pdf")
         save_drawing(drawing, path)
         note(f"wrote {path}")
 
@@ -89,12 +90,12 @@ def _require_single(out: Path | None, count: int) -> None:
         raise InputError("out", str(out), f"names one picture, and there are {count}; leave it out")
 
 
-def _drawing(maker: Any, press: bool) -> Drawing:
+def _drawing(thing: Any, press: bool) -> Drawing:
     from tacbench_cad.render.drawing import block_drawing
     from tacbench_cad.spec.block import Block
 
-    if isinstance(maker, Block):
-        return block_drawing(maker, press)
+    if isinstance(thing, Block):
+        return block_drawing(thing, press)
     from housing.drawings import fixture_drawing
 
-    return fixture_drawing(maker)
+    return fixture_drawing(thing)

@@ -32,14 +32,13 @@ def command(parts: tuple[tuple[str, ...], ...], out: Path, **request: Any) -> No
       tacbench view hex.toml --tolerance 0.05
     """
     from tacbench_cad.making.request import Request
-    from tacbench_cad.render.viewing.page import require_page, write_page
-    from tacbench_cad.render.viewing.scene import request_of, scene_of
+    from tacbench_cad.making.showing import request_of, write_view
+    from tacbench_cad.render.viewing.page import require_page
 
     words = [word for words in parts for word in words]
     meant = request_of(words, Request(**options.request_fields(request)))
     require_page(out)
-    scene = scene_of(meant, note)
-    write_page(scene, out)
-    for left in scene.left_out:
-        note(f"left out: {left.what}: {left.reason}")
+    scene = write_view(meant, out, note)
+    for what, reason in scene.left_out:
+        note(f"left out: {what}: {reason}")
     note(f"wrote {out} ({out.stat().st_size / 1e6:.1f} MB)")

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tacbench_cad import __version__
-from tacbench_cad.geometry.part import COLOURS, Part
+from tacbench_cad.geometry.part import Part, rgb_of
 from tacbench_cad.util.door import LIMITS_VARIABLE, limits_factor, open_input
 from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError
 from tacbench_cad.util.files import not_empty
@@ -109,8 +109,10 @@ def write_step(part: Part, path: Path) -> None:
         OSError: The file could not be written.
     """
     require_kernel()
-    solid, _ = part.solid
-    write_shape(solid, part.name, part.title, path)
+    if part.placed:
+        write_assembly(part.placed, part.name_in("solid"), part.title, path)
+    else:
+        write_shape(part.solid[0], part.name_in("solid"), part.title, path)
 
 
 def write_shape(shape: TopoDS_Shape, name: str, title: str, path: Path) -> None:
@@ -158,16 +160,14 @@ def write_assembly(placed: Sequence[tuple[Part, Floats]], name: str, title: str,
     labels: dict[str, Any] = {}
     for part, matrix in placed:
         own = part.solid[0].Location()
-        if part.name not in labels:
+        if part.name_in("solid") not in labels:
             # Without a place of its own: the kernel makes a nameless product of a shape that has one.
-            labels[part.name] = shapes.AddShape(part.solid[0].Located(TopLoc_Location()), False)
-            code = COLOURS[part.kind]
-            red, green, blue = ((code >> shift & 0xFF) / 255.0 for shift in (16, 8, 0))
-            _named(labels[part.name], part.name, (red, green, blue), colours)
+            labels[part.name_in("solid")] = shapes.AddShape(part.solid[0].Located(TopLoc_Location()), False)
+            _named(labels[part.name_in("solid")], part.name_in("solid"), rgb_of(part.kind), colours)
         place = gp_Trsf()
         place.SetValues(*matrix[:3].ravel().tolist())
-        used = shapes.AddComponent(whole, labels[part.name], TopLoc_Location(place) * own)
-        TDataStd_Name.Set_s(used, TCollection_ExtendedString(part.name))
+        used = shapes.AddComponent(whole, labels[part.name_in("solid")], TopLoc_Location(place) * own)
+        TDataStd_Name.Set_s(used, TCollection_ExtendedString(part.name_in("solid")))
     shapes.UpdateAssemblies()
     _write_document(document, name, title, path, assembly=True)
     path.write_bytes(_styles_in_order(path.read_bytes()))

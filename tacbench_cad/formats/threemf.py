@@ -16,6 +16,8 @@ import struct
 import uuid
 import zipfile
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +25,7 @@ import numpy as np
 
 from tacbench_cad import __version__
 from tacbench_cad.formats.stl import require_finite
-from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.util.door import open_input, require_within
 from tacbench_cad.util.errors import CheckFailedError, MissingToolError
@@ -91,7 +93,25 @@ def write_3mf(part: Part, path: Path) -> None:
         MissingToolError: lib3mf is not there.
         OSError: The file cannot be written.
     """
-    _write([(part, None)], part.title, metadata(part), path)
+    if part.placed:
+        return write_plate([(one, (0.0, 0.0)) for one in _in_place(part)], part.name, path, kind=part.kind)
+    return _write([(part, None)], part.title, metadata(part), path)
+
+
+def _in_place(assembly: Part) -> list[Part]:
+    """The parts of an assembly with their meshes where they are used; each use is a part of its own."""
+
+    def transformed(part: Part, matrix: Floats) -> tuple[Mesh, ExpectedGeometry]:
+        mesh, expected = part.mesh
+        return mesh.transformed(matrix), expected
+
+    names = [
+        f"{part.name} in slot {i}" if part.kind == "block" else part.name for i, (part, _) in enumerate(assembly.placed)
+    ]
+    return [
+        replace(part, name=name, make_mesh=partial(transformed, part, matrix))
+        for name, (part, matrix) in zip(names, assembly.placed, strict=True)
+    ]
 
 
 def write_plate(placed: Sequence[tuple[Part, tuple[float, float]]], name: str, path: Path, kind: str = "plate") -> None:

@@ -24,7 +24,7 @@ def mesh_block(block: Block) -> tuple[Mesh, Certificate]:
         The mesh, whose highest vertex is at exactly the float32 of the block's height, and the certificate.
 
     Raises:
-        InputError: The mesh would pass :data:`~tacbench_cad.geometry.mesh.MOST_TRIANGLES` or the tolerance is too
+        InputError: The mesh would pass :data:`~tacbench_cad.geometry.mesh.MAX_TRIANGLES` or the tolerance is too
             fine for single precision.
     """
     top = textured_top(block)

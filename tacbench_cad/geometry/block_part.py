@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from tacbench_cad.geometry.block_mesh import mesh_of_top
-from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
 from tacbench_cad.geometry.meshing.top import textured_top
 from tacbench_cad.geometry.meshing.top_volume import piecewise_volume_mm3, volume_slack_mm3
-from tacbench_cad.geometry.part import ExpectedGeometry, Part
+from tacbench_cad.geometry.part import Part
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.spec.sampling import Tolerance
@@ -18,13 +18,8 @@ if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
 
 
-def block_part(block: Block, *, step_tolerance_mm: float = 0.001) -> Part:
-    """Wrap a block as a part; nothing is built before it is asked for.
-
-    Args:
-        block: The block.
-        step_tolerance_mm: Distance that the solid keeps from the formula.
-    """
+def block_part(block: Block) -> Part:
+    """Wrap a block as a part; nothing is built before it is asked for."""
     from tacbench_cad.geometry.brep import solid_refusal
 
     def make_mesh() -> tuple[Mesh, ExpectedGeometry]:
@@ -40,7 +35,7 @@ def block_part(block: Block, *, step_tolerance_mm: float = 0.001) -> Part:
     def make_solid() -> tuple[TopoDS_Shape, ExpectedGeometry]:
         from tacbench_cad.geometry.brep import solid_block
 
-        shape, certificate = solid_block(block, step_tolerance_mm)
+        shape, certificate = solid_block(block)
         expected = ExpectedGeometry(
             volume_mm3=block.volume_mm3(block.solid_datum_mm),
             volume_slack_mm3=block.footprint_mm2 * certificate.vertical_mm,
@@ -53,6 +48,7 @@ def block_part(block: Block, *, step_tolerance_mm: float = 0.001) -> Part:
     x, y = block.size_mm
     return Part(
         name=block.name,
+        solid_name="" if block.solid_name == block.name else block.solid_name,
         kind="block",
         title=block.title,
         size_mm=(x, y, block.height_mm),
@@ -80,7 +76,9 @@ def as_part(thing: Any) -> Part:
         return block_part(thing)
     if callable(make := getattr(thing, "part", None)) and isinstance(part := make(), Part):
         return part
-    raise InputError("part", thing, "must be a Block, a Holder, a Jig, a Coupon, a Part, or have a method part()")
+    raise InputError(
+        "part", thing, "must be a Block, a Holder, a Jig, a Coupon, a Part, or have a method part() that returns one"
+    )
 
 
 def block_spec(block: Block) -> dict[str, Any]:

@@ -20,9 +20,6 @@ from tacbench_cad.util.errors import InputError
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
 
-#: Default distance between solid and formula, in mm.
-TOLERANCE_MM = 0.001
-
 
 def solid_refusal(block: Block) -> str | None:
     """Why there is no solid of a block, or None where there is one."""
@@ -36,15 +33,14 @@ def solid_refusal(block: Block) -> str | None:
     )
 
 
-def solid_block(block: Block, tolerance_mm: float = TOLERANCE_MM) -> tuple[TopoDS_Solid, Certificate]:
-    """The block as a solid within a tolerance of the formula, proved.
+def solid_block(block: Block) -> tuple[TopoDS_Solid, Certificate]:
+    """The block as a solid within its ``step_tolerance_mm`` of the formula, proved.
 
     The solid lies in the block frame, its formula's zero at :attr:`~tacbench_cad.spec.block.Block.solid_datum_mm`. The
     last few are kept: asking again gives new topology over the same geometry, which may be moved and meshed freely.
 
     Args:
         block: The block.
-        tolerance_mm: Greatest vertical distance from the formula, in mm.
 
     Returns:
         The solid and what is proved of its top.
@@ -57,12 +53,12 @@ def solid_block(block: Block, tolerance_mm: float = TOLERANCE_MM) -> tuple[TopoD
     from OCP.TopoDS import TopoDS
 
     _require_solid(block)
-    kept, certificate = _solid(block, tolerance_mm)
+    kept, certificate = _solid(block)
     # Topology of its own: the kernel keeps a mesh in the faces, and takes it into later bounding boxes.
     return TopoDS.Solid_s(BRepBuilderAPI_Copy(kept, False, False).Shape()), certificate
 
 
-def texture_face(block: Block, tolerance_mm: float = TOLERANCE_MM) -> TopoDS_Face:
+def texture_face(block: Block) -> TopoDS_Face:
     """The textured surface alone, as one face with parameters x and y in mm.
 
     A single face is what projecting, thickening and splitting want. It is not what measuring wants: the kernel's
@@ -72,7 +68,6 @@ def texture_face(block: Block, tolerance_mm: float = TOLERANCE_MM) -> TopoDS_Fac
 
     Args:
         block: The block; its key is cut off, its label does not matter.
-        tolerance_mm: Greatest vertical distance from the formula, in mm.
 
     Raises:
         InputError: As for :func:`solid_block`.
@@ -81,7 +76,7 @@ def texture_face(block: Block, tolerance_mm: float = TOLERANCE_MM) -> TopoDS_Fac
     from tacbench_cad.geometry.splines.patches import patches
 
     _require_solid(block)
-    return SolidBuilder(block, patches(block, tolerance_mm)).face()
+    return SolidBuilder(block, patches(block, block.step_tolerance_mm)).face()
 
 
 def _require_solid(block: Block) -> None:
@@ -91,9 +86,9 @@ def _require_solid(block: Block) -> None:
 
 
 @lru_cache(maxsize=8)
-def _solid(block: Block, tolerance_mm: float) -> tuple[TopoDS_Solid, Certificate]:
+def _solid(block: Block) -> tuple[TopoDS_Solid, Certificate]:
     from tacbench_cad.geometry.splines.build import SolidBuilder
     from tacbench_cad.geometry.splines.patches import patches
 
-    relief = patches(block, tolerance_mm)
+    relief = patches(block, block.step_tolerance_mm)
     return SolidBuilder(block, relief).solid(), relief.certificate

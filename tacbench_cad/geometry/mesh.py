@@ -1,4 +1,4 @@
-"""Triangle meshes of printable parts, and what is proved of a block's top."""
+"""Triangle meshes of printable parts, and what is expected and proved of them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from tacbench_cad.util.types import Floats, Indices
 
 #: A mesh that would need more triangles than this is refused.
-MOST_TRIANGLES = 20_000_000
+MAX_TRIANGLES = 20_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class Mesh:
         triangles = [mesh.triangles + np.int32(end) for mesh, end in zip(meshes, ends, strict=True)]
         return cls(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(triangles))
 
-    def moved(self, matrix: Floats) -> Mesh:
+    def transformed(self, matrix: Floats) -> Mesh:
         """The mesh at another place. Its coordinates need not be float32 values any more.
 
         Args:
@@ -43,14 +43,14 @@ class Mesh:
         return Mesh(self.vertices @ matrix[:3, :3].T + matrix[:3, 3], self.triangles)
 
     @property
-    def corners(self) -> Floats:
+    def triangle_points(self) -> Floats:
         """Corner coordinates of every triangle, shape (m, 3, 3)."""
         return self.vertices[self.triangles]
 
     @property
     def doubled_normals(self) -> Floats:
         """Normals of the triangles, twice their area long; shape (m, 3), in mm^2."""
-        a, b, c = np.moveaxis(self.corners, 1, 0)
+        a, b, c = np.moveaxis(self.triangle_points, 1, 0)
         return cross(b - a, c - a)
 
     @property
@@ -62,7 +62,7 @@ class Mesh:
     def volume_mm3(self) -> float:
         """Enclosed volume in mm^3, by the divergence theorem about the box's centre; negative when inside out."""
         low, high = self.bounds_mm
-        a, b, c = np.moveaxis(self.corners - (low + high) / 2.0, 1, 0)
+        a, b, c = np.moveaxis(self.triangle_points - (low + high) / 2.0, 1, 0)
         return float(np.einsum("ij,ij->", a, cross(b, c)) / 6.0)
 
     def as_manifold(self) -> Any:
@@ -101,3 +101,22 @@ class Certificate:
 
     distance_mm: float
     vertical_mm: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExpectedGeometry:
+    """What a file must hold that holds a part's mesh, or its solid.
+
+    Args:
+        volume_mm3: Volume in closed form.
+        volume_slack_mm3: How far the true volume of this mesh or solid may lie from it.
+        size_slack_mm: How far its box may lie within the part's: chords cut round sides short.
+        certificate: What is proved of a block's top against its formula; None for other parts.
+        datum_mm: z of the formula's zero; None for other parts.
+    """
+
+    volume_mm3: float
+    volume_slack_mm3: float
+    size_slack_mm: float = 0.0
+    certificate: Certificate | None = None
+    datum_mm: float | None = None

@@ -6,18 +6,17 @@ import contextlib
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, as_completed
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 from tacbench_cad import __version__
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.making import manifest
-from tacbench_cad.making.assembly import make_assembly
-from tacbench_cad.making.plan import LeftOut, Plan
-from tacbench_cad.making.request import Request, plan
-from tacbench_cad.making.sources import Source
-from tacbench_cad.making.writing import Failure, Made, file_name, make_files, make_in_child
-from tacbench_cad.spec.block import Block
+from tacbench_cad.making.plan import LeftOut, Plan, Source
+from tacbench_cad.making.request import Request, asks_for_cad, plan
+from tacbench_cad.making.writing import Failure, Made, make_files, make_in_child
+from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError, MissingToolError, TacbenchError
 from tacbench_cad.util.files import TEMPORARY_PREFIX, locked
 from tacbench_cad.util.packages import require, why_missing
@@ -31,9 +30,6 @@ PREVIEW_NAME = "preview.png"
 
 #: From this many triangles on, over all files, meshes are shared out among processes: a second's work.
 SHARED_FROM = 500_000
-
-#: Which formats of a source a job makes.
-Formats = Callable[[Source], tuple[str, ...]]
 
 #: Called with what was just done, how many steps are done, and how many there are.
 Progress = Callable[[str, int, int], None]
@@ -79,8 +75,8 @@ class PrintSet:
             "version": __version__,
             "ok": self.ok,
             "files": self.rows,
-            "failed": [one.as_dict() for one in self.failures],
-            "left_out": [one.as_dict() for one in self.left_out],
+            "failed": to_plain(self.failures),
+            "left_out": to_plain(self.left_out),
             "preview": PREVIEW_NAME if self.preview else None,
         }
 
@@ -112,7 +108,7 @@ def build(request: Request, progress: Progress = lambda message, done, total: No
         if not wanted.sources:
             raise InputError("parts", None, "nothing can be made: " + "; ".join(one.reason for one in wanted.left_out))
         for source in wanted.sources:
-            if isinstance(source.maker, Block):
+            if source.part.block is not None:
                 _ = source.part.mesh  # refuses a tolerance that is too fine before anything is written
         with locked(request.out):
             return _Making(request, wanted, workers, progress).run()
@@ -125,19 +121,13 @@ def _with_kernel(request: Request, wanted: Plan, workers: Workers) -> Plan:
         return wanted
     first = workers.submit(why_not_importable, modules, first_child=True)
     # The other children load the kernel at the same time; nobody waits for them here.
-    for _ in range(min(cpu_count() - 1, sum(1 for source in wanted.sources if "step" in source.formats))):
+    for _ in range(min(cpu_count() - 1, sum("step" in source.slow_formats for source in wanted.sources))):
         workers.submit(why_not_importable, modules[:1])
     reason = first.result()
     if reason is None:
         return wanted
     message = f"the CAD kernel does not load ({reason}); tacbench doctor shows the repair"
-    asked = (
-        "step" in (request.formats or ())
-        or set(request.parts or ()) - {"blocks"}
-        or request.jig is not None
-        or request.assembly
-    )
-    if asked:
+    if asks_for_cad(request):
         raise MissingToolError(message)
     return wanted.without_kernel(message)
 
@@ -166,20 +156,17 @@ class _Making:
         """Make the files, the picture sheet and the manifest."""
         try:
             slow, shared = self._start_slow(), self._share_light()
-            together = [
-                self._workers.submit(make_assembly, one, self._out, first_child=True) for one in self._wanted.assemblies
-            ]
+            together = {self._submit([one], _all_formats, first_child=True): [one] for one in self._wanted.assemblies}
             for source in self._wanted.sources:
-                if not source.part.mesh_needs_cad and (source not in shared or shared[source].cancel()):
-                    self._take(make_files(source.part, source.mesh_formats, self._out, self._full))
+                if source.own_formats and (source not in shared or shared[source].cancel()):
+                    self._take(make_files(source.part, source.own_formats, self._out, self._full))
                     shared.pop(source, None)
-            self._finish({job: [source] for source, job in shared.items()}, _mesh_formats)
-            with_meshes = {job: sources for job, sources in slow.items() if sources[0].part.mesh_needs_cad}
+            self._finish({job: [source] for source, job in shared.items()}, _own_formats)
+            with_meshes = {job: sources for job, sources in slow.items() if sources[0].in_child}
             self._finish(with_meshes, _slow_formats)
             self._preview()  # while the children are still at the solids
             self._finish({job: sources for job, sources in slow.items() if job not in with_meshes}, _slow_formats)
-            for job in together:
-                self._take(job.result())
+            self._finish(together, _all_formats)
             if self._result.failures:
                 self._preview()
         finally:
@@ -193,24 +180,24 @@ class _Making:
     def _start_slow(self) -> dict[Future[Any], list[Source]]:
         """Hand what needs the kernel to the children: the fixtures to the first, and the longest solids first."""
         jobs: dict[Future[Any], list[Source]] = {}
-        fixtures = [source for source in self._wanted.sources if source.part.mesh_needs_cad]
+        fixtures = [source for source in self._wanted.sources if source.in_child]
         if fixtures:
             jobs[self._submit(fixtures, _slow_formats, first_child=True)] = fixtures
-        solids = [one for one in self._wanted.sources if not one.part.mesh_needs_cad and "step" in one.formats]
-        for source in sorted(solids, key=lambda one: -one.effort):
+        solids = [source for source in self._wanted.sources if source.slow_formats and not source.in_child]
+        for source in sorted(solids, key=lambda source: -source.effort):
             jobs[self._submit([source], _slow_formats)] = [source]
         return jobs
 
     def _share_light(self) -> dict[Source, Future[Any]]:
         """Offer large meshes to the children as well: they take from the end what this process has not begun."""
-        light = [source for source in self._wanted.sources if not source.part.mesh_needs_cad and source.mesh_formats]
-        triangles = sum(len(source.part.mesh[0].triangles) * len(source.mesh_formats) for source in light)
+        light = [source for source in self._wanted.sources if source.own_formats and not source.foreign]
+        triangles = sum(len(source.part.mesh[0].triangles) * len(source.own_formats) for source in light)
         if triangles < SHARED_FROM or len(light) < 2:
             return {}
-        return {source: self._submit([source], _mesh_formats) for source in reversed(light)}
+        return {source: self._submit([source], _own_formats) for source in reversed(light)}
 
     def _submit(self, sources: Sequence[Source], formats_of: Formats, first_child: bool = False) -> Future[Any]:
-        orders = tuple((one.maker, one.step_tolerance_mm, formats_of(one)) for one in sources)
+        orders = tuple((source.thing, formats_of(source)) for source in sources)
         return self._workers.submit(make_in_child, orders, self._out, self._full, first_child=first_child)
 
     def _finish(self, jobs: dict[Future[Any], list[Source]], formats_of: Formats) -> None:
@@ -222,12 +209,12 @@ class _Making:
             except TacbenchError as error:
                 if error.exit_code != 1:
                     raise
-                lost = [file_name(source.part, name) for source in sources for name in formats_of(source)]
+                lost = [source.files[name] for source in sources for name in formats_of(source)]
                 self._take([Failure(file=name, faults=(str(error),)) for name in lost])
                 continue
             for source, (made, mesh) in zip(sources, results, strict=True):
                 if mesh is not None:
-                    self._fixture_meshes[source.name] = mesh
+                    self._fixture_meshes[source.part.name] = mesh
                 self._take(made)
 
     def _take(self, made: Sequence[Made]) -> None:
@@ -246,10 +233,10 @@ class _Making:
         items = []
         for source in self._wanted.sources:
             part = source.part
-            mesh = self._fixture_meshes.get(part.name) if part.mesh_needs_cad else part.mesh[0]
-            if mesh is not None and any(file_name(part, name) not in failed for name in source.formats):
+            mesh = self._fixture_meshes.get(part.name) if source.in_child else part.mesh[0]
+            if mesh is not None and set(source.files.values()) - failed:
                 size = " x ".join(f"{side:.4g}" for side in part.size_mm)
-                items.append((f"{part.name}\n{size} mm", mesh))
+                items.append((f"{part.stem('mesh')}\n{size} mm", mesh))
         reason = why_missing("matplotlib")
         if reason and not any(one.what == PREVIEW_NAME for one in self._result.left_out):
             self._result.left_out.append(LeftOut(what=PREVIEW_NAME, reason=reason))
@@ -270,11 +257,8 @@ class _Making:
         self._result.rows.sort(key=lambda row: str(row["file"]))
 
 
-def _slow_formats(source: Source) -> tuple[str, ...]:
-    """Those formats of a source that need the kernel."""
-    return source.formats if source.part.mesh_needs_cad else tuple(name for name in source.formats if name == "step")
-
-
-def _mesh_formats(source: Source) -> tuple[str, ...]:
-    """Those formats of a block that do not."""
-    return source.mesh_formats
+#: Which formats of a source a job makes.
+Formats = Callable[[Source], tuple[str, ...]]
+_slow_formats: Formats = attrgetter("slow_formats")
+_own_formats: Formats = attrgetter("own_formats")
+_all_formats: Formats = attrgetter("formats")

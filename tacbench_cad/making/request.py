@@ -2,34 +2,26 @@
 
 from __future__ import annotations
 
-import contextlib
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
+from housing.assembly import ASSEMBLY_FORMATS, assemblies_of
+from housing.fixture import Fixture
+from housing.holder import require_key
+from housing.kinds import FIXTURES
 from tacbench_cad.formats import FORMATS
 from tacbench_cad.making.choice import textures_of
-from tacbench_cad.making.plan import LeftOut, Plan
-from tacbench_cad.making.sources import FIXTURE_MODULES, Source
+from tacbench_cad.making.plan import FIXTURE_MODULES, LeftOut, Plan, Source
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.sampling import SampleGrid, Tolerance
+from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, SampleGrid, Tolerance
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import InputError, MissingToolError, nearest
 from tacbench_cad.util.packages import require, why_missing
-from tacbench_cad.util.text import counted
-
-if TYPE_CHECKING:
-    from housing.coupon import Coupon
-    from housing.holder import Holder
-    from housing.jig import Jig
-    from tacbench_cad.making.assembly import Assembly
 
 #: What ``--parts`` may name.
-PARTS = ("blocks", "holder", "jig", "coupon")
-#: What is made when ``--parts`` is not given: the print set itself. The coupon is made once, before it, on demand.
-DEFAULT_PARTS = ("blocks", "holder", "jig")
+PARTS = ("blocks", *FIXTURES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,9 +35,10 @@ class Request:
         size_mm: Sides x, y.
         height_mm: Height of the highest point.
         mm_per_unit: Mapping of u, v and height.
-        sampling: How the meshes follow the formula; ``"grid"`` for the preset's own grid.
+        sampling: How the meshes, and so STL and 3MF files, follow the formula; ``"grid"`` for the preset's own grid.
         formats: Names of :data:`tacbench_cad.formats.FORMATS`; None for all that the install can write.
-        parts: Some of blocks, holder, jig, coupon; None for the first three as far as they can be made.
+        parts: Some of blocks, holder, jig, coupon, and parts of your own (anything that
+            :func:`tacbench_cad.export` takes); None for the first three as far as they can be made.
         copies: Number of copies of each block, each with its number in the label.
         label: Engrave the undersides.
         key_mm: Leg of the key.
@@ -56,7 +49,7 @@ class Request:
         slots: Pockets of the holder.
         nozzle_mm: Nozzle width that the fixtures must be printable with.
         jig: ``"default"``, or ``"all"`` for a jig with 25 holes.
-        step_tolerance_mm: How close the solids stay to the formula.
+        step_tolerance_mm: Greatest vertical distance of the solids, and so of STEP files, from the formula.
         assembly: Also write holder, blocks and jig put together.
     """
 
@@ -68,7 +61,7 @@ class Request:
     mm_per_unit: tuple[float, float, float] | None = None
     sampling: Tolerance | SampleGrid | Literal["grid"] | None = None
     formats: tuple[str, ...] | None = None
-    parts: tuple[str, ...] | None = None
+    parts: tuple[Any, ...] | None = None
     copies: int | None = None
     label: bool = False
     key_mm: float | None = None
@@ -91,69 +84,41 @@ def plan(request: Request) -> Plan:
         MissingToolError: Something asked for by name needs a package that is not installed.
     """
     left_out: list[LeftOut] = []
-    step = request.step_tolerance_mm
-    if step is not None and not (math.isfinite(step) and 0.0 < step <= 1.0):
-        raise InputError("step tolerance", step, "must be above 0 and at most 1 mm")
     formats = _formats(request, left_out)
-    parts = _parts(request, left_out)
+    kinds = _kinds(request, left_out)
     blocks = blocks_of(request)
     sources: list[Source] = []
-    if "blocks" in parts:
+    if "blocks" in kinds:
         sources += _block_sources(request, blocks, formats, left_out)
-    for maker in _fixtures(request, parts, blocks, left_out):
-        sources.append(Source(maker, None, formats))
+    sources += [Source(thing=fixture, formats=formats) for fixture in _fixtures(request, kinds, blocks, left_out)]
+    own = [part for part in request.parts or () if not isinstance(part, str)]
+    sources += [_without_missing(Source(thing=part, formats=formats, foreign=True), left_out) for part in own]
     _require_distinct(sources)
-    assemblies = _assemblies(request, formats, sources, left_out) if request.assembly else ()
+    assemblies = _assemblies(formats, sources, left_out) if request.assembly else ()
     return Plan(sources=tuple(sources), left_out=tuple(left_out), assemblies=assemblies)
 
 
-def _assemblies(
-    request: Request, formats: Sequence[str], sources: Sequence[Source], left_out: list[LeftOut]
-) -> tuple[Assembly, ...]:
-    """A holder each, with blocks of its geometry in its slots and its jig on it.
-
-    The blocks go in from the first slot on, in the order of the textures, the first copy of each before any second.
-    The rest is left out, and said to be.
-    """
-    from tacbench_cad.making.assembly import ASSEMBLY_FORMATS, Assembly
-
+def _assemblies(formats: Sequence[str], sources: Sequence[Source], left_out: list[LeftOut]) -> tuple[Source, ...]:
+    """A holder each, with blocks in its slots and its jig on it."""
     require("assembly:", *FIXTURE_MODULES)
     wanted = tuple(name for name in formats if name in ASSEMBLY_FORMATS)
     if not wanted:
         raise InputError("formats", ",".join(formats), f"--assembly needs one of {', '.join(ASSEMBLY_FORMATS)}")
-    from housing.holder import Holder
-    from housing.jig import Jig
-
-    makers = [one.maker for one in sources]
-    made: list[Assembly] = []
-    for holder in (one for one in makers if isinstance(one, Holder)):
-        fitting = [one for one in makers if isinstance(one, Block) and one.outline == holder.block.outline]
-        fitting.sort(key=lambda block: block.copy or 1)
-        blocks, over = fitting[: holder.slots], fitting[holder.slots :]
-        one = Assembly(
-            holder=holder,
-            blocks=tuple(blocks),
-            jig=next((one for one in makers if isinstance(one, Jig) and one.holder == holder), None),
-            step_tolerance_mm=request.step_tolerance_mm,
-            formats=wanted,
-        )
-        if over:
-            inside = ", ".join(block.texture.name for block in blocks)
-            left_out.append(
-                LeftOut(
-                    what=f"{len(over)} of {len(fitting)} blocks in {one.name}",
-                    reason=f"the holder has {counted(holder.slots, 'slot')}, for {inside}; --slots asks for more",
-                )
-            )
-        without = [block.texture.name for block in one.blocks if block.grid_aliases]
-        if without and "step" in wanted:
-            left_out.append(LeftOut(what=f"{one.name}.step", reason=f"there is no solid of {', '.join(without)}"))
-            one = replace(one, formats=tuple(name for name in wanted if name != "step"))
-        if one.blocks and one.formats:
-            made.append(one)
+    assemblies, over = assemblies_of([source.thing for source in sources])
+    left_out += [LeftOut(what=what, reason=reason) for what, reason in over]
+    made = [_without_missing(Source(thing=one, formats=wanted), left_out) for one in assemblies]
+    made = [source for source in made if source.formats]
     if not made:
         raise InputError("assembly", None, "needs a holder and a block that goes into it among the parts made")
     return tuple(made)
+
+
+def _without_missing(source: Source, left_out: list[LeftOut]) -> Source:
+    """The source without STEP where its part has no solid."""
+    if "step" not in source.formats or source.part.make_solid is not None:
+        return source
+    left_out.append(LeftOut(what=source.files["step"], reason=source.part.no_solid or "this part has no solid"))
+    return source.without_step()
 
 
 def _chosen(option: str, given: Sequence[str], allowed: Iterable[str]) -> tuple[str, ...]:
@@ -168,53 +133,64 @@ def _chosen(option: str, given: Sequence[str], allowed: Iterable[str]) -> tuple[
 
 
 def _formats(request: Request, left_out: list[LeftOut]) -> tuple[str, ...]:
-    if request.formats is not None:
-        formats = _chosen("formats", request.formats, FORMATS)
-        for name in formats:
-            reason = FORMATS[name].why_missing()
-            if reason:
-                raise MissingToolError(f"formats = {name!r}: {reason}")
-        return formats
-    for name, one in FORMATS.items():
-        reason = one.why_missing()
-        if reason:
-            left_out.append(LeftOut(what=name, reason=reason))
-    return tuple(name for name, one in FORMATS.items() if not one.why_missing())
+    missing = {name: reason for name, row in FORMATS.items() if (reason := row.why_missing())}
+    if request.formats is None:
+        left_out += [LeftOut(what=name, reason=reason) for name, reason in missing.items()]
+        return tuple(name for name in FORMATS if name not in missing)
+    formats = _chosen("formats", request.formats, FORMATS)
+    for name in formats:
+        if name in missing:
+            raise MissingToolError(f"formats = {name!r}: {missing[name]}")
+    return formats
 
 
-def _parts(request: Request, left_out: list[LeftOut]) -> tuple[str, ...]:
+def _kinds(request: Request, left_out: list[LeftOut]) -> tuple[str, ...]:
+    """Which of :data:`PARTS` are to be made."""
     reason = why_missing(*FIXTURE_MODULES)
     if request.parts is None:
+        kinds = [kind for kind, fixture in FIXTURES.items() if fixture.by_default]
         if reason is None:
-            return DEFAULT_PARTS
-        if request.jig is not None:
-            raise MissingToolError(f"jig = {request.jig!r}: {reason}")
-        left_out.append(LeftOut(what="holder, jig", reason=reason))
+            return ("blocks", *kinds)
+        for option, users in _users().items():
+            if len(users) == 1 and getattr(request, option) is not None:
+                raise MissingToolError(f"{option} = {getattr(request, option)!r}: {reason}")
+        left_out.append(LeftOut(what=", ".join(kinds), reason=reason))
         return ("blocks",)
-    parts = _chosen("parts", request.parts, PARTS)
-    fixtures = [part for part in parts if part != "blocks"]
+    words = [part for part in request.parts if isinstance(part, str)]
+    parts = _chosen("parts", words, PARTS) if words or not request.parts else ()
+    fixtures = [part for part in parts if part in FIXTURES]
     if fixtures and reason:
         raise MissingToolError(f"parts = {', '.join(fixtures)!r}: {reason}")
-    for option, value, users in (
-        ("jig", request.jig, ("jig",)),
-        ("fit", request.fit, ("holder", "jig")),
-        ("rim", request.rim_mm, ("holder", "jig")),
-        ("slots", request.slots, ("holder", "jig")),
-        ("nozzle", request.nozzle_mm, ("holder", "jig", "coupon")),
-    ):
+    for option, users in _users().items():
+        value = getattr(request, option)
         if value is not None and not set(users) & set(fixtures):
-            raise InputError(option, value, f"belongs to {', '.join(users)}, not among the parts asked for")
+            name = option.removesuffix("_mm")
+            raise InputError(name, value, f"belongs to {', '.join(users)}, not among the parts asked for")
     return parts
+
+
+def _users() -> dict[str, list[str]]:
+    """Which fixtures take each option of theirs."""
+    options = dict.fromkeys(option for fixture in FIXTURES.values() for option in fixture.options)
+    return {option: [kind for kind, one in FIXTURES.items() if option in one.options] for option in options}
+
+
+def asks_for_cad(request: Request) -> bool:
+    """Whether something that needs the CAD kernel was asked for by name, so that it cannot be left out."""
+    words = {part for part in request.parts or () if isinstance(part, str)}
+    alone = any(len(users) == 1 and getattr(request, option) is not None for option, users in _users().items())
+    return bool("step" in (request.formats or ()) or words - {"blocks"} or alone or request.assembly)
 
 
 def blocks_of(request: Request) -> list[Block]:
     """The blocks without their copies; every refusal of a block happens here."""
     if request.copies is not None and not 1 <= request.copies <= 999:
         raise InputError("copies", request.copies, "must be from 1 to 999")
-    found = textures_of(request.textures, request.preset)
+    textures = textures_of(request.textures, request.preset)
+    step_tolerance = STEP_TOLERANCE_MM if request.step_tolerance_mm is None else request.step_tolerance_mm
     blocks: dict[str, Block] = {}
     # The highest reliefs first: a height that is refused is then refused with one that would do for all.
-    for texture, table in sorted(found, key=lambda one: -one[0].waves.amplitude_sum):
+    for texture, table in sorted(textures, key=lambda pair: -pair[0].waves.amplitude_sum):
         blocks[texture.name] = Block.of(
             texture,
             request.preset,
@@ -225,15 +201,10 @@ def blocks_of(request: Request) -> list[Block]:
             sampling=request.sampling,
             key_mm=request.key_mm,
             label=request.label or request.copies is not None,
+            step_tolerance_mm=step_tolerance,
             table=table,
         )
-    return [blocks[texture.name] for texture, _ in found]
-
-
-def _copies(request: Request, block: Block) -> list[Block]:
-    if request.copies is None:
-        return [block]
-    return [replace(block, copy=number) for number in range(1, request.copies + 1)]
+    return [blocks[texture.name] for texture, _ in textures]
 
 
 def _block_sources(
@@ -241,103 +212,48 @@ def _block_sources(
 ) -> list[Source]:
     sources = []
     for block in blocks:
-        for one in _copies(request, block):
-            _ = one.engraving  # refuses a label that does not fit
-            source = Source(one, request.step_tolerance_mm, formats)
-            reason = source.part.no_solid
-            if "step" in formats and source.part.make_solid is None and reason:
-                if formats == ("step",) and "all" not in request.textures:
-                    raise InputError("formats", "step", f"{block.texture.name}: {reason}")
-                left_out.append(LeftOut(what=f"{source.name}.step", reason=reason))
-                source = Source(one, request.step_tolerance_mm, tuple(f for f in formats if f != "step"))
+        copies = [block] if request.copies is None else [replace(block, copy=i + 1) for i in range(request.copies)]
+        for copy in copies:
+            _ = copy.engraving  # refuses a label that does not fit
+            source = Source(thing=copy, formats=formats)
+            if formats == ("step",) and source.part.no_solid and "all" not in request.textures:
+                raise InputError("formats", "step", f"{block.texture.name}: {source.part.no_solid}")
+            source = _without_missing(source, left_out)
             if source.formats:
                 sources.append(source)
     return sources
 
 
 def _fixtures(
-    request: Request, parts: Sequence[str], blocks: Sequence[Block], left_out: list[LeftOut]
-) -> list[Holder | Jig | Coupon]:
-    """The fixtures asked for: a holder and a jig for every geometry among the blocks, and one coupon.
+    request: Request, kinds: Sequence[str], blocks: Sequence[Block], left_out: list[LeftOut]
+) -> list[Fixture]:
+    """The fixtures asked for, each for every outline among the blocks, or once where it fits all.
 
-    By default (without --parts and options of their own) a holder or jig that these blocks cannot have is left out
-    with the numbers. Asked for, it is refused.
+    By default (without --parts and options of their own) a fixture that these blocks cannot have is left out with the
+    numbers. Asked for, it is refused.
     """
-    fixtures: list[Holder | Jig | Coupon] = []
-    for block in _geometries(blocks):
+    chosen = [fixture for kind, fixture in FIXTURES.items() if kind in kinds]
+    options = {name: value for name in _users() if (value := getattr(request, name)) is not None}
+    fixtures: list[Fixture] = []
+    for block in _distinct(blocks):
         if block.key_mm is not None:
-            _require_key(block, request)
-        if not {"holder", "jig"} & set(parts):
-            continue
-        try:
-            holder = _holder(request, block)
-        except InputError as error:
-            own = (request.fit, request.rim_mm, request.slots, request.nozzle_mm, request.key_mm, request.jig)
-            if request.parts is not None or any(one is not None for one in own):
-                raise
-            left_out.append(LeftOut(what="holder, jig", reason=str(error)))
-            continue
-        if "holder" in parts:
-            fixtures.append(holder)
-        if "jig" in parts:
+            require_key(block, "slip" if request.fit is None else request.fit)
+        refused: dict[str, list[str]] = {}
+        for kind in (fixture for fixture in chosen if fixture.for_each_outline):
             try:
-                fixtures.append(_jig(request, holder))
+                fixtures.append(kind.requested(block, options))
             except InputError as error:
-                if request.jig is not None or request.parts is not None:
+                insists = any(getattr(request, option) is not None for option in kind.asked_by)
+                if request.parts is not None or insists:
                     raise
-                left_out.append(LeftOut(what="jig", reason=str(error)))
-    if "coupon" in parts:
-        fixtures.append(_coupon(request))
-    return sorted(fixtures, key=lambda one: ("holder", "jig", "coupon").index(one.kind))
+                refused.setdefault(str(error), []).append(kind.kind)
+        left_out += [LeftOut(what=", ".join(names), reason=reason) for reason, names in refused.items()]
+    fixtures += [kind.requested(blocks[0], options) for kind in chosen if not kind.for_each_outline]
+    return sorted(fixtures, key=lambda fixture: list(FIXTURES).index(fixture.kind))
 
 
-def _require_key(block: Block, request: Request) -> None:
-    """Refuse a key so small that a block turned by half still goes into a pocket with the chosen fit."""
-    from housing.fits import clearance_mm
-    from housing.holder import least_key_mm
-
-    fit = "slip" if request.fit is None else request.fit
-    least = least_key_mm(block, fit)
-    if block.key_mm is not None and block.key_mm <= least:
-        raise InputError(
-            "key",
-            block.key_mm,
-            f"a block turned by half would go in at a clearance of {clearance_mm(fit):g} mm per side; it must be above "
-            f"{least:.4g} mm and at most {min(block.size_mm) / 3.0:.4g} mm",
-        )
-
-
-def _holder(request: Request, block: Block) -> Holder:
-    """The holder for a block: in ``released`` the one that the authors printed, where nothing asks for another."""
-    from housing.holder import Holder
-
-    options = _given(fit=request.fit, rim_mm=request.rim_mm, slots=request.slots)
-    nozzle = _given(nozzle_mm=request.nozzle_mm)
-    if request.preset == "released" and not options:
-        with contextlib.suppress(InputError):
-            return Holder(block=block, preset="released", **nozzle)
-    return Holder(block=block, **options, **nozzle)
-
-
-def _jig(request: Request, holder: Holder) -> Jig:
-    from housing.jig import Jig
-
-    return Jig(holder=holder, **_given(marks=request.jig, nozzle_mm=request.nozzle_mm))
-
-
-def _coupon(request: Request) -> Coupon:
-    from housing.coupon import Coupon
-
-    return Coupon(**_given(nozzle_mm=request.nozzle_mm))
-
-
-def _given(**options: Any) -> dict[str, Any]:
-    """The options that were given; the rest keep their own defaults."""
-    return {name: value for name, value in options.items() if value is not None}
-
-
-def _geometries(blocks: Sequence[Block]) -> list[Block]:
-    """The first block of each distinct outline: to a fixture, textures of one size are the same."""
+def _distinct(blocks: Sequence[Block]) -> list[Block]:
+    """The first block of each outline: to a fixture, textures of one size are the same."""
     distinct: dict[object, Block] = {}
     for block in blocks:
         distinct.setdefault(block.outline, block)
@@ -345,7 +261,7 @@ def _geometries(blocks: Sequence[Block]) -> list[Block]:
 
 
 def _require_distinct(sources: Sequence[Source]) -> None:
-    names = [source.name for source in sources]
+    names = [source.part.name for source in sources]
     for name in names:
         if names.count(name) > 1:
             raise InputError("parts", name, "two parts of this call would share this name; make them in two calls")

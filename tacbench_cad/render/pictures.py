@@ -10,20 +10,20 @@ import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from tacbench_cad.geometry.block_mesh import fine_mesh
+from tacbench_cad.geometry.block_part import as_part
 from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.geometry.part import COLOURS, Part
+from tacbench_cad.geometry.part import rgb_of
 from tacbench_cad.render.raster import BELOW, render
 from tacbench_cad.render.texture_figures import cuts_figure, formula, heading, press_figure
 from tacbench_cad.util.plotting import INK, new_figure, save_figure, styled
 from tacbench_cad.util.types import Bytes
 
 if TYPE_CHECKING:
-    from tacbench_cad.making.assembly import Assembly
     from tacbench_cad.spec.block import Block
 
 
@@ -60,27 +60,28 @@ def preview_sheet(items: Sequence[tuple[str, Mesh]], path: Path) -> None:
         _draw_sheet([(caption, partial(_both_sides, mesh)) for caption, mesh in items], path, tile)
 
 
-def part_picture(part: Part, path: Path) -> None:
+def part_picture(part: Any, path: Path) -> None:
     """Draw one part, large, with its title and its size; where its underside is engraved, that side as well.
 
     Args:
-        part: The part.
+        part: A block, a fixture, or any other part.
         path: The PNG file.
 
     Raises:
         MissingToolError: matplotlib is not installed, or a fixture's CAD kernel.
         InputError: The file cannot be written.
     """
+    part = as_part(part)
     mesh = part.mesh[0] if part.block is None else fine_mesh(part.block)
     with styled():
         _draw_sheet([(f"{part.title}\n{part.name}", partial(_both_sides, mesh))], path, _LARGE)
 
 
-def assembly_picture(assembly: Assembly, path: Path, apart_mm: float = 0.0) -> None:
+def assembly_picture(assembly: Any, path: Path, apart_mm: float = 0.0) -> None:
     """Draw holder, blocks and jig where they are used, each kind of part in its own colour.
 
     Args:
-        assembly: What goes together.
+        assembly: A :class:`housing.Assembly`, or a part that is made of placed parts.
         path: The PNG file.
         apart_mm: How far the blocks are lifted off the holder, and the jig off the blocks, in mm.
 
@@ -88,21 +89,21 @@ def assembly_picture(assembly: Assembly, path: Path, apart_mm: float = 0.0) -> N
         MissingToolError: matplotlib or the CAD kernel is not installed.
         InputError: The file cannot be written.
     """
-    meshes, colours = [], []
-    for part, matrix in assembly.placed():
+    meshes, colours, whole_part = [], [], as_part(assembly)
+    kinds = list(dict.fromkeys(part.kind for part, _ in whole_part.placed))
+    for part, matrix in whole_part.placed:
         mesh = part.mesh[0] if part.block is None else fine_mesh(part.block)
         lift = np.eye(4)
-        lift[2, 3] = apart_mm * ("holder", "block", "jig").index(part.kind)
-        meshes.append(mesh.moved(lift @ matrix))
-        colour = np.array([COLOURS[part.kind] >> shift & 0xFF for shift in (16, 8, 0)])
-        colours.append(np.tile((colour / 255.0) ** 2.2, (len(mesh.triangles), 1)))
+        lift[2, 3] = apart_mm * kinds.index(part.kind)
+        meshes.append(mesh.transformed(lift @ matrix))
+        colours.append(np.tile(np.array(rgb_of(part.kind)) ** 2.2, (len(mesh.triangles), 1)))
     whole = Mesh.joined(meshes)
 
     def draw(width: int, height: int) -> Bytes:
         return render(whole, width, height, materials=np.concatenate(colours))
 
     with styled():
-        _draw_sheet([(f"{assembly.title}\n{assembly.name}", draw)], path, _LARGE)
+        _draw_sheet([(f"{whole_part.title}\n{whole_part.name}", draw)], path, _LARGE)
 
 
 def _draw_sheet(items: Sequence[tuple[str, Callable[[int, int], Bytes]]], path: Path, tile: _Tile) -> None:
@@ -171,7 +172,7 @@ def _columns(count: int) -> int:
 
 def _both_sides(mesh: Mesh, width: int, height: int) -> Bytes:
     """The part from above; where its underside is engraved, that side as well, to the right."""
-    corners = mesh.corners
+    corners = mesh.triangle_points
     normal = mesh.doubled_normals
     depth = corners[:, :, 2].min(axis=1) - mesh.vertices[:, 2].min()
     downward = normal[:, 2] < -0.7 * np.linalg.norm(normal, axis=1)

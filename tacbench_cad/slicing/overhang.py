@@ -45,7 +45,7 @@ def overhangs(mesh: Mesh) -> Overhangs:
     Args:
         mesh: A closed mesh.
     """
-    corners = mesh.corners
+    corners = mesh.triangle_points
     normal = mesh.doubled_normals
     size = np.linalg.norm(normal, axis=1)
     down = -normal[:, 2] / np.maximum(size, 1e-300)
@@ -66,7 +66,7 @@ def _widest_mm(mesh: Mesh, ceiling: Bools) -> float:
     """Diameter of the largest circle in the ceilings: their outlines are moved inwards until nothing is left."""
     from manifold3d import CrossSection, FillRule, JoinType
 
-    flat = mesh.corners[ceiling][:, ::-1, :2]
+    flat = mesh.triangle_points[ceiling][:, ::-1, :2]
     if len(flat) == 0:
         return 0.0
     outline = CrossSection(list(flat), FillRule.NonZero)

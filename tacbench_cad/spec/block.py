@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from tacbench_cad.spec.extremes import Extremes, HalfPlane
 from tacbench_cad.spec.label import LABEL_DEPTH_MM, Engraving, engrave
 from tacbench_cad.spec.presets import PRESETS, VALUES, grid_of_same_step, with_table
-from tacbench_cad.spec.sampling import SampleGrid, Tolerance, highest_sample
+from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, SampleGrid, Tolerance, highest_sample
 from tacbench_cad.spec.textures import BlockTable, Texture
 from tacbench_cad.spec.textures import texture as find_texture
 from tacbench_cad.spec.waves import WaveSum
@@ -26,7 +25,7 @@ from tacbench_cad.util.text import decimal, mm, report
 from tacbench_cad.util.types import Floats
 
 #: Thickness that must be left below the lowest valley (and above the label's pockets), in mm.
-LEAST_BASE_MM = 0.8
+MIN_BASE_MM = 0.8
 #: Sides and heights outside of this range are taken for mistakes, in mm.
 SIZE_RANGE_MM = (0.5, 2000.0)
 #: The key's default leg, in mm.
@@ -49,6 +48,7 @@ class Block:
         key_mm: Leg of the chamfered corner at (x, 0), or None.
         label: Whether texture, preset, scale and copy are engraved in the underside.
         copy: Number of this copy, or None.
+        step_tolerance_mm: Greatest vertical distance of the solid, and so of a STEP file, from the formula.
 
     Raises:
         InputError: A field is not allowed; the message has the field, its value and what is.
@@ -65,6 +65,7 @@ class Block:
     key_mm: float | None = None
     label: bool = False
     copy: int | None = None
+    step_tolerance_mm: float = STEP_TOLERANCE_MM
 
     @classmethod
     def of(
@@ -80,6 +81,7 @@ class Block:
         key_mm: float | None = None,
         label: bool = False,
         copy: int | None = None,
+        step_tolerance_mm: float = STEP_TOLERANCE_MM,
         table: BlockTable | None = None,
     ) -> Block:
         """A block from a preset and changes to it, taken in the order preset, mm per unit, size, height, scale.
@@ -96,6 +98,7 @@ class Block:
             key_mm: Leg of the key, or None for no key.
             label: Engrave the underside.
             copy: Copy number, which implies the label.
+            step_tolerance_mm: Greatest vertical distance of the solid, and so of a STEP file, from the formula.
             table: What the texture's own file says of its block: it comes in place of the preset's values.
 
         Raises:
@@ -129,6 +132,7 @@ class Block:
             key_mm=key_mm,
             label=label or copy is not None,
             copy=copy,
+            step_tolerance_mm=step_tolerance_mm,
         )
 
     def __post_init__(self) -> None:
@@ -144,6 +148,8 @@ class Block:
                 raise InputError(f"mm per unit {name}", value, "must be a positive number of mm")
         if self.copy is not None and not 1 <= self.copy <= 999:
             raise InputError("copy", self.copy, "must be from 1 to 999")
+        if not (math.isfinite(self.step_tolerance_mm) and 0.0 < self.step_tolerance_mm <= 1.0):
+            raise InputError("step tolerance", self.step_tolerance_mm, "must be above 0 and at most 1 mm")
         if self.key_mm is not None:
             self._check_key(self.key_mm)
         self._check_base()
@@ -154,7 +160,7 @@ class Block:
             raise InputError("key", key, f"must be above 0 and at most {most:.4g} mm, a third of the shorter side")
 
     def _check_base(self) -> None:
-        least = LEAST_BASE_MM + (LABEL_DEPTH_MM if self.label else 0.0)
+        least = MIN_BASE_MM + (LABEL_DEPTH_MM if self.label else 0.0)
         if self.base_mm < least - 1e-9:
             missing = least - self.base_mm
             need = math.ceil((self.height_mm + missing) / self.scale * 100.0 - 1e-6) / 100.0
@@ -225,14 +231,24 @@ class Block:
     @cached_property
     def datum_mm(self) -> float:
         """Height z of the formula's zero in the mesh, in mm: on a sample grid its highest vertex is at the height."""
-        if isinstance(self.sampling, Tolerance):
-            return self.formula_datum_mm
-        return self.height_mm - highest_sample(self.surface, self.samples_mm, self.keep)
+        return self.formula_datum_mm if isinstance(self.sampling, Tolerance) else self._grid_datum_mm(self.sampling)
 
-    @property
+    @cached_property
     def solid_datum_mm(self) -> float:
-        """Height z of the formula's zero in the solid, in mm: the grid's for ``released``, else the formula's."""
-        return self.datum_mm if self.preset == "released" else self.formula_datum_mm
+        """Height z of the formula's zero in the solid, in mm: the grid's for ``released``, else the formula's.
+
+        The tolerance of the mesh does not change the solid: with one, ``released`` keeps the preset's own grid here,
+        where that grid draws the formula's shape.
+        """
+        if self.preset != "released":
+            return self.formula_datum_mm
+        if isinstance(self.sampling, SampleGrid):
+            return self.datum_mm
+        own = grid_of_same_step(VALUES[self.preset], self.nominal_size_mm, self.nominal_mm_per_unit)
+        return self.formula_datum_mm if self._aliases(own) else self._grid_datum_mm(own)
+
+    def _grid_datum_mm(self, grid: SampleGrid) -> float:
+        return self.height_mm - highest_sample(self.surface, grid.lines(self.size_mm), self.keep)
 
     @property
     def samples_mm(self) -> tuple[Floats, Floats]:
@@ -243,9 +259,7 @@ class Block:
         """
         if not isinstance(self.sampling, SampleGrid):
             raise InputError("sampling", None, "this block follows the formula within a tolerance, it has no grid")
-        x, y = self.size_mm
-        nx, ny = self.sampling.nx, self.sampling.ny
-        return x * np.arange(nx) / (nx - 1), y * np.arange(ny) / (ny - 1)
+        return self.sampling.lines(self.size_mm)
 
     @property
     def relief_mm(self) -> float:
@@ -260,11 +274,11 @@ class Block:
     @property
     def grid_aliases(self) -> bool:
         """Whether the sample grid has fewer than two samples for the finest wave: it then draws another shape."""
-        if not isinstance(self.sampling, SampleGrid):
-            return False
-        x, y = self.size_mm
-        f, g = self.surface.highest_frequency
-        return f * x / (self.sampling.nx - 1) > math.pi or g * y / (self.sampling.ny - 1) > math.pi
+        return isinstance(self.sampling, SampleGrid) and self._aliases(self.sampling)
+
+    def _aliases(self, grid: SampleGrid) -> bool:
+        (x, y), (f, g) = self.size_mm, self.surface.highest_frequency
+        return f * x / (grid.nx - 1) > math.pi or g * y / (grid.ny - 1) > math.pi
 
     def height_at(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """The formula's height above the underside, with the mesh's datum.
@@ -318,22 +332,31 @@ class Block:
 
     @property
     def name(self) -> str:
-        """Stem of the file names: texture, preset, scale, then only what is not the preset's default."""
-        values = VALUES[self.preset]
+        """Texture, preset, scale, then only what is not the preset's default; the file names of STL and 3MF."""
+        own = self.sampling
+        return self._name(own.mm if isinstance(own, Tolerance) and own != VALUES[self.preset].sampling else None)
+
+    @property
+    def solid_name(self) -> str:
+        """The same for the STEP file, which has a tolerance of its own."""
+        own = self.step_tolerance_mm
+        return self._name(own if own != STEP_TOLERANCE_MM else None)
+
+    def _name(self, tolerance_mm: float | None) -> str:
+        values, sampling = VALUES[self.preset], self.sampling
         parts = [self.texture.name, self.preset, f"x{decimal(self.scale)}"]
         if (*self.nominal_size_mm, self.nominal_height_mm) != (*values.size_mm, values.height_mm):
             parts.append("x".join(decimal(side) for side in (*self.nominal_size_mm, self.nominal_height_mm)))
         if self.nominal_mm_per_unit != values.mm_per_unit:
-            parts.append("mm" + "x".join(decimal(one) for one in self.nominal_mm_per_unit))
+            parts.append("mm" + "x".join(decimal(factor) for factor in self.nominal_mm_per_unit))
         if self.origin_uv != (0.0, 0.0):
-            parts.append("from" + "x".join(decimal(one) for one in self.origin_uv))
+            parts.append("from" + "x".join(decimal(shift) for shift in self.origin_uv))
         if self.key_mm is not None:
             parts.append(f"key{decimal(self.key_mm)}")
-        if self.sampling != values.sampling:
-            if isinstance(self.sampling, SampleGrid):
-                parts.append(f"grid{self.sampling.nx}x{self.sampling.ny}")
-            else:
-                parts.append(f"tol{decimal(self.sampling.mm)}")
+        if isinstance(sampling, SampleGrid) and sampling != values.sampling:
+            parts.append(f"grid{sampling.nx}x{sampling.ny}")
+        if tolerance_mm is not None:
+            parts.append(f"tol{decimal(tolerance_mm)}")
         if self.label and self.copy is None:
             parts.append("label")
         if self.copy is not None:

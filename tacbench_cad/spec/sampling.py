@@ -15,6 +15,8 @@ from tacbench_cad.util.types import Floats
 
 #: Default tolerance of a mesh, in mm.
 TOLERANCE_MM = 0.01
+#: Default tolerance of a solid, in mm.
+STEP_TOLERANCE_MM = 0.001
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +51,11 @@ class SampleGrid:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or not 2 <= value <= 100_000:
                 raise InputError(f"grid {name}", value, "must be a whole number from 2 to 100000")
+
+    def lines(self, size_mm: tuple[float, float]) -> tuple[Floats, Floats]:
+        """The lines x (nx,) and y (ny,) over a block's sides, in mm."""
+        x, y = size_mm
+        return x * np.arange(self.nx) / (self.nx - 1), y * np.arange(self.ny) / (self.ny - 1)
 
 
 def highest_sample(surface: WaveSum, samples: tuple[Floats, Floats], keep: HalfPlane | None) -> float:

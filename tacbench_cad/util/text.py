@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+import re
 from collections.abc import Mapping, Sequence
 
 
@@ -11,6 +13,20 @@ def decimal(value: float) -> str:
     import numpy as np  # here: a command that counts must not wait for it
 
     return np.format_float_positional(value, trim="-")
+
+
+def short_name(name: str) -> str:
+    """A name for a file: decimals with more than six digits are rounded to four, and a hash keeps the name unique.
+
+    ``hex_paper_x1_mm3.7083101740411615x1.5x1`` becomes ``hex_paper_x1_mm3.708x1.5x1_`` and six hexadecimal digits.
+    """
+
+    def rounded(match: re.Match[str]) -> str:
+        text = match[0]
+        return decimal(float(f"{float(text):.4g}")) if len(text.replace(".", "").lstrip("0")) > 6 else text
+
+    short = re.sub(r"\d+\.\d+", rounded, name)
+    return name if short == name else f"{short}_{hashlib.sha256(name.encode()).hexdigest()[:6]}"
 
 
 def counted(number: int, what: str) -> str:

@@ -32,7 +32,7 @@ READERS: dict[str, Callable[[Path], object]] = {"stl": read_stl, "3mf": read_3mf
 
 
 def _stl_bytes() -> bytes:
-    corners = box_mesh().corners.astype("<f4")
+    corners = box_mesh().triangle_points.astype("<f4")
     facets = np.zeros(12, dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
     facets["v"] = corners
     return b"x".ljust(80, b"\0") + np.uint32(12).tobytes() + facets.tobytes()
@@ -351,7 +351,7 @@ def test_sha256_is_the_standard_one(tmp_path: Path) -> None:
 
 def test_infinite_coordinates_end_quickly(tmp_path: Path) -> None:
     """manifold3d hangs on them, so they must be found before."""
-    corners = box_mesh().corners.copy()
+    corners = box_mesh().triangle_points.copy()
     corners[0, 0, 0] = np.inf
     begun = time.monotonic()
     report = examine(write_soup(tmp_path / "a.stl", corners))

@@ -33,7 +33,7 @@ def _part(number: int = 2, preset: str = "paper", **more: Any) -> Part:
 
 def _anonymous(mesh: Mesh, path: Path) -> Path:
     """The mesh in a file that does not say what it is."""
-    return write_soup(path, mesh.corners)
+    return write_soup(path, mesh.triangle_points)
 
 
 def _line(report: Report, name: str) -> Check:
@@ -263,7 +263,7 @@ def test_a_part_without_relief_is_said_to_have_none(tmp_path: Path) -> None:
 
 
 def test_several_bodies_are_named(tmp_path: Path) -> None:
-    both = np.concatenate([box_mesh().corners, box_mesh(at=(10.0, 0.0, 0.0)).corners])
+    both = np.concatenate([box_mesh().triangle_points, box_mesh(at=(10.0, 0.0, 0.0)).triangle_points])
     report = examine(write_soup(tmp_path / "a.stl", both), full=False)
     assert "2 separate bodies" in _line(report, "bodies").detail
     assert not report.ok

@@ -17,7 +17,7 @@ from tacbench_cad.util.errors import CheckFailedError
 
 def _sorted_corners(mesh: Mesh) -> np.ndarray:
     """Triangles as sorted rows, each begun at its least corner: equal for equal meshes however they are numbered."""
-    corners = mesh.corners
+    corners = mesh.triangle_points
     least = np.lexsort(np.moveaxis(corners, 2, 0)[::-1], axis=1)[:, 0]
     turned = np.stack([np.take_along_axis(corners, (least[:, None, None] + i) % 3, axis=1)[:, 0] for i in range(3)], 1)
     rows = turned.reshape(-1, 9)
@@ -60,7 +60,7 @@ def test_normals_point_outwards_and_have_length_one(tmp_path: Path) -> None:
 def test_reads_ascii(tmp_path: Path) -> None:
     mesh = box_mesh(at=(1.5, -2.0, 1e-3))
     lines = ["solid some box"]
-    for corners in mesh.corners:
+    for corners in mesh.triangle_points:
         lines += ["facet normal 0 0 0", " outer loop", *(f"  vertex {x!r} {y!r} {z!r}" for x, y, z in corners.tolist())]
         lines += [" endloop", "endfacet"]
     (tmp_path / "a.stl").write_text("\n".join([*lines, "endsolid some box"]))

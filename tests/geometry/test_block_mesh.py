@@ -174,7 +174,7 @@ def test_the_label_is_engraved(key: float | None, sampling: Tolerance | str) -> 
     assert engraving is not None
     ceiling = mesh.vertices[mesh.vertices[:, 2] == np.float32(0.4)]
     assert len(ceiling) == sum(len(one) for one in engraving.contours)
-    corners = mesh.corners
+    corners = mesh.triangle_points
     flat = corners[np.all(corners[:, :, 2] == np.float32(0.4), axis=1)]
     assert np.all(normals(flat)[:, 2] < 0.0)
     assert -normals(flat)[:, 2].sum() / 2.0 == pytest.approx(engraving.area_mm2, rel=1e-9)

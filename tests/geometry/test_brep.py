@@ -195,7 +195,7 @@ def test_solids_of_random_textures(count: int) -> None:
     rng = np.random.default_rng(5)
     for number in range(count):
         block = random_block(rng, oblique=number % 2 == 0)
-        solid, certificate = solid_block(block, 0.001)
+        solid, certificate = solid_block(block)
         require_closed(solid)
         x, y, z = points_of_top(solid, 4).T
         assert np.abs(z - block.solid_datum_mm - block.surface(x, y)).max() <= certificate.vertical_mm
@@ -242,8 +242,8 @@ def test_released_6_has_one_within_a_tolerance() -> None:
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, 1e-7, float("nan"), float("inf")])
 def test_tolerances_that_are_refused(tolerance: float) -> None:
-    with pytest.raises(InputError, match="step-tolerance"):
-        solid_block(Block.of(1), tolerance)
+    with pytest.raises(InputError, match=r"step.tolerance"):
+        solid_block(Block.of(1, step_tolerance_mm=tolerance))
 
 
 def test_too_many_poles_names_the_tolerance_that_would_do() -> None:

@@ -46,7 +46,7 @@ def require_sound(part: Part) -> None:
     # Chords lie inside of a hole's circle, so a mesh never has less than the true volume, but for rounding.
     assert -0.01 < excess <= body.volume_slack_mm3
     assert np.array_equal(mesh.vertices, mesh.vertices.astype(np.float32))
-    a, b, c = np.moveaxis(mesh.corners, 1, 0)
+    a, b, c = np.moveaxis(mesh.triangle_points, 1, 0)
     assert np.linalg.norm(np.cross(b - a, c - a), axis=1).min() > 0.0
 
     from build123d import Solid
@@ -62,7 +62,7 @@ def require_sound(part: Part) -> None:
 
 def overhang_heights(mesh: Mesh) -> set[float]:
     """Heights above the bed of faces that hang more than 45 degrees, rounded to a micrometre."""
-    a, b, c = np.moveaxis(mesh.corners, 1, 0)
+    a, b, c = np.moveaxis(mesh.triangle_points, 1, 0)
     normal = np.cross(b - a, c - a)
     steep = normal[:, 2] / np.linalg.norm(normal, axis=1) < STEEPEST_OVERHANG
     return {round(float(z), 3) for z in a[steep][:, 2] if z > 0.0}

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.geometry.part import ExpectedGeometry, Part
+from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
+from tacbench_cad.geometry.part import Part
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.types import Floats
 

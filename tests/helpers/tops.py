@@ -41,7 +41,7 @@ def faults(mesh: Mesh) -> list[str]:
 
 def areas(mesh: Mesh) -> Floats:
     """Area of each triangle, from its float32 coordinates."""
-    return np.asarray(np.linalg.norm(normals(mesh.corners), axis=1) / 2.0)
+    return np.asarray(np.linalg.norm(normals(mesh.triangle_points), axis=1) / 2.0)
 
 
 def normals(corners: Floats) -> Floats:
@@ -54,7 +54,7 @@ def top_triangles(mesh: Mesh, block: Block) -> Floats:
 
     The wall along the key's cut leans by the rounding of its vertices and is told from the top by lying on the cut.
     """
-    corners = mesh.corners
+    corners = mesh.triangle_points
     up = normals(corners)[:, 2] > 0.0
     if block.key_mm is not None:
         excess = corners[:, :, 0] - corners[:, :, 1] - (block.size_mm[0] - block.key_mm)

@@ -10,8 +10,8 @@ from helpers.fixture_measure import block_prism, cylinders, manifold, require_so
 from housing.holder import Holder
 from housing.jig import Jig
 from housing.placement import Placement
-from housing.tessellate import tessellate
 from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.geometry.solids import tessellate
 from tacbench_cad.spec.block import Block
 
 #: Volume that rounding to float32 may leave where faces touch: far below 0.001 mm times the plate's sides, in mm^3.
@@ -122,7 +122,9 @@ def test_printed_and_seated_are_the_same_part() -> None:
     turned = jig.to_print(seated.vertices)
     order, other = np.lexsort(turned.round(3).T), np.lexsort(printed.vertices.round(3).T)
     assert turned[order] == pytest.approx(printed.vertices[other], abs=2e-5)
-    assert Mesh(turned, seated.triangles).moved(jig.from_print).vertices == pytest.approx(seated.vertices, abs=1e-9)
+    assert Mesh(turned, seated.triangles).transformed(jig.from_print).vertices == pytest.approx(
+        seated.vertices, abs=1e-9
+    )
 
 
 def test_a_real_block_of_the_formula_fits() -> None:

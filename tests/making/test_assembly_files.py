@@ -15,6 +15,7 @@ pytest.importorskip("lib3mf")
 
 import build123d as bd
 
+from housing import Assembly
 from housing.bd import assembled
 from housing.holder import Holder
 from housing.jig import Jig
@@ -22,27 +23,24 @@ from tacbench_cad.checks.identify import examine
 from tacbench_cad.cli import main
 from tacbench_cad.formats import step, threemf
 from tacbench_cad.geometry.part import COLOURS
-from tacbench_cad.making.assembly import Assembly, make_assembly
 from tacbench_cad.making.printset import Request, plan
-from tacbench_cad.making.writing import Failure
+from tacbench_cad.making.writing import Failure, make_files
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 
 HOLDER = Holder(block=Block.of(1, key_mm=3.0), slots=2, quarter_turns=1)
 BLOCKS = (Block.of(1, key_mm=3.0), Block.of(5, key_mm=3.0))
 JIG = Jig(holder=HOLDER)
-SET = Assembly(holder=HOLDER, blocks=BLOCKS, jig=JIG, step_tolerance_mm=None, formats=("3mf", "step"))
+SET = Assembly(holder=HOLDER, blocks=BLOCKS, jig=JIG)
 #: The least that has several colours.
-SMALL = Assembly(
-    holder=Holder(block=Block.of(1)), blocks=(Block.of(1),), jig=None, step_tolerance_mm=None, formats=("3mf", "step")
-)
+SMALL = Assembly(holder=Holder(block=Block.of(1)), blocks=(Block.of(1),), jig=None)
 NAMES = [HOLDER.name, *(block.name for block in BLOCKS), JIG.name]
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("assembly")
-    rows = make_assembly(SET, out)
+    rows = make_files(SET.part(), ("3mf", "step"), out, False)
     assert not any(isinstance(row, Failure) for row in rows), rows
     (out / "rows.json").write_text(json.dumps(rows))
     return out
@@ -78,7 +76,7 @@ def test_the_3mf_has_each_part_where_the_joints_put_it(folder: Path) -> None:
     mesh, entries = threemf.read_3mf(folder / f"{SET.name}.3mf")
     assert entries["kind"] == "assembly" and entries["name"] == SET.name
     first = 0
-    for (part, _), box in zip(SET.placed(), boxes(), strict=True):
+    for (part, _), box in zip(SET.part().placed, boxes(), strict=True):
         points = mesh.vertices[first : first + len(part.mesh[0].vertices)]
         assert (*points.min(axis=0), *points.max(axis=0)) == pytest.approx(box, abs=2e-3)
         first += len(points)
@@ -102,7 +100,7 @@ def test_check_examines_each_part_by_its_own_specification(folder: Path, ending:
 
 
 def test_check_names_the_body_that_is_not_what_its_name_says(tmp_path: Path) -> None:
-    placed = [(replace(part, name=NAMES[1]) if part.kind == "block" else part, m) for part, m in SMALL.placed()]
+    placed = [(replace(part, name=NAMES[1]) if part.kind == "block" else part, m) for part, m in SMALL.part().placed]
     step.write_assembly(placed, "assembly", "A wrong block", tmp_path / "a.step")
     faults = {check.name for check in examine(tmp_path / "a.step").faults}
     assert faults == {f"{NAMES[1]}: key"}
@@ -113,7 +111,7 @@ def test_the_same_assembly_gives_the_same_bytes(tmp_path: Path) -> None:
     files = []
     for name in ("first", "second"):
         (tmp_path / name).mkdir()
-        make_assembly(SMALL, tmp_path / name)
+        make_files(SMALL.part(), ("3mf", "step"), tmp_path / name, False)
         files.append([path.read_bytes() for path in sorted((tmp_path / name).iterdir())])
     assert len(files[0]) == 2 and files[0] == files[1]
 
@@ -125,7 +123,7 @@ def test_a_part_in_the_wrong_place_is_found(tmp_path: Path, monkeypatch: pytest.
 
     write = step.write_assembly
     monkeypatch.setattr(step, "write_assembly", shifted)
-    (made,) = make_assembly(replace(SMALL, formats=("step",)), tmp_path)
+    (made,) = make_files(SMALL.part(), ("step",), tmp_path, False)
     assert isinstance(made, Failure)
     assert any(fault.startswith(f"{SMALL.blocks[0].name}: place: 1.0e-02 mm") for fault in made.faults)
     assert list(tmp_path.iterdir()) == []
@@ -133,18 +131,18 @@ def test_a_part_in_the_wrong_place_is_found(tmp_path: Path, monkeypatch: pytest.
 
 def test_what_the_option_means() -> None:
     (one,) = plan(Request(assembly=True, slots=2)).assemblies
-    assert [block.texture.number for block in one.blocks] == [1, 2]
-    assert one.jig is not None and one.formats == ("3mf", "step")
+    assert [block.texture.number for block in one.thing.blocks] == [1, 2]
+    assert one.thing.jig is not None and one.formats == ("3mf", "step")
     (left,) = plan(Request(assembly=True, slots=2)).left_out
-    assert left.what == f"4 of 6 blocks in {one.name}"
+    assert left.what == f"4 of 6 blocks in {one.thing.name}"
     assert left.reason == "the holder has 2 slots, for texture-1, texture-2; --slots asks for more"
     (copied,) = plan(Request(textures=("3", "2"), copies=2, assembly=True, slots=3)).assemblies
-    assert [(block.texture.number, block.copy) for block in copied.blocks] == [(3, 1), (2, 1), (3, 2)]
+    assert [(block.texture.number, block.copy) for block in copied.thing.blocks] == [(3, 1), (2, 1), (3, 2)]
     assert plan(Request()).assemblies == ()
     counted = plan(Request(textures=("1",), assembly=True))
     assert counted.file_count == 3 * 3 + 2
     (alone,) = plan(Request(textures=("1",), parts=("blocks", "holder"), assembly=True)).assemblies
-    assert alone.jig is None
+    assert alone.thing.jig is None
 
 
 def test_a_block_without_a_solid_leaves_the_3mf() -> None:

@@ -27,7 +27,7 @@ LIGHT = Request(formats=("stl",), parts=("blocks",))
 
 
 def names(wanted: Request) -> list[str]:
-    return [source.name for source in plan(wanted).sources]
+    return [source.part.name for source in plan(wanted).sources]
 
 
 def needs_cad() -> None:
@@ -42,7 +42,7 @@ def test_by_default_six_blocks_holder_and_jig_in_all_formats() -> None:
     pytest.importorskip("lib3mf")
     wanted = plan(Request())
     blocks = [f"texture-{i}_paper_x1" for i in range(1, 7)]
-    assert [source.name for source in wanted.sources] == [*blocks, "holder_paper_x1", "jig_paper_x1"]
+    assert [source.part.name for source in wanted.sources] == [*blocks, "holder_paper_x1", "jig_paper_x1"]
     assert {source.formats for source in wanted.sources} == {("stl", "3mf", "step")}
     assert wanted.left_out == ()
     assert wanted.file_count == 24
@@ -67,7 +67,7 @@ def test_names_say_what_is_not_the_default(changes: dict[str, Any], name: str) -
 
 def test_copies_are_parts_of_their_own_and_bear_a_label() -> None:
     wanted = plan(replace(LIGHT, textures=("2", "5"), copies=2))
-    assert [source.name for source in wanted.sources] == [
+    assert [source.part.name for source in wanted.sources] == [
         *("texture-2_paper_x1_copy01", "texture-2_paper_x1_copy02"),
         *("texture-5_paper_x1_copy01", "texture-5_paper_x1_copy02"),
     ]
@@ -97,7 +97,7 @@ def test_the_preset_released_brings_the_holder_that_the_authors_printed() -> Non
     (holder,) = plan(wanted).sources
     assert holder.part.size_mm == pytest.approx((45.39, 65.01, 7.47))
     (fitted,) = plan(replace(wanted, fit="press")).sources
-    assert fitted.part.size_mm != holder.part.size_mm and fitted.name != holder.name
+    assert fitted.part.size_mm != holder.part.size_mm and fitted.part.name != holder.part.name
 
 
 def test_two_files_with_one_name_are_refused(tmp_path: Path) -> None:
@@ -121,7 +121,7 @@ def test_released_square_waves_get_no_solid_but_everything_else(number: int) -> 
 def test_of_all_released_textures_those_with_a_solid_are_made() -> None:
     pytest.importorskip("OCP")
     wanted = plan(Request(preset="released", formats=("step",), parts=("blocks",)))
-    assert [source.name.split("_")[0] for source in wanted.sources] == [f"texture-{i}" for i in (1, 2, 3, 5)]
+    assert [source.part.name.split("_")[0] for source in wanted.sources] == [f"texture-{i}" for i in (1, 2, 3, 5)]
     assert len(wanted.left_out) == 2
 
 

@@ -18,8 +18,9 @@ pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: 
 from PIL import Image
 
 from tacbench_cad.making.request import Request
+from tacbench_cad.making.showing import request_of, scene_of
 from tacbench_cad.render.viewing.page import write_page
-from tacbench_cad.render.viewing.scene import Scene, Thing, request_of, scene_of
+from tacbench_cad.render.viewing.scene import Scene, Thing
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.util.packages import why_missing
 from tacbench_cad.util.types import Bytes, Floats
@@ -169,7 +170,7 @@ def scale_ends(one: Opened) -> tuple[float, float]:
 
 def tops(thing: Thing, at: tuple[float, float], reach: float) -> Floats:
     """Points (n, 3) of the mesh's top near a place, in the block frame; none on slopes over 70 degrees."""
-    corners = thing.mesh.corners
+    corners = thing.mesh.triangle_points
     up = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lying = (up[:, 2] > 0.35 * np.linalg.norm(up, axis=1)) & (corners[:, :, 2].min(axis=1) > 1.0)
     a, b, c = np.moveaxis(corners[lying], 1, 0)

@@ -33,7 +33,7 @@ def test_reads_strictly_and_without_warning(written: Written, name: str) -> None
     assert thing.GetName() == part.name
     vertices = np.array([list(v.Coordinates) for v in thing.GetVertices()], dtype=np.float64)
     triangles = np.array([list(t.Indices) for t in thing.GetTriangleIndices()])
-    assert np.array_equal(vertices[triangles], mesh.corners)
+    assert np.array_equal(vertices[triangles], mesh.triangle_points)
     assert model.GetBuildItems().Count() == 1
 
     group = model.GetMetaDataGroup()

@@ -162,9 +162,9 @@ def test_a_part_is_drawn_large_with_its_underside_where_that_is_engraved(tmp_pat
 def test_an_assembly_has_its_parts_in_their_colours(tmp_path: Path) -> None:
     """Put together the jig covers the block; taken apart each of the three colours is seen."""
     pytest.importorskip("build123d", reason="fixtures need the extra cad")
+    from housing import Assembly
     from housing.holder import Holder
     from housing.jig import Jig
-    from tacbench_cad.making.assembly import Assembly
 
     block = Block.of(1)
     holder = Holder(block=block)

@@ -16,8 +16,9 @@ pytest.importorskip("k3d", reason="the 3D page needs the extra view")
 
 from tacbench_cad.cli import main
 from tacbench_cad.making.request import Request
+from tacbench_cad.making.showing import request_of, scene_of
 from tacbench_cad.render.viewing import page, scene
-from tacbench_cad.render.viewing.scene import Scene, Thing, request_of, scene_of
+from tacbench_cad.render.viewing.scene import Scene, Thing
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.util import packages as tools

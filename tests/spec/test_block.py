@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.geometry.block_part import block_part
-from tacbench_cad.spec.block import LEAST_BASE_MM, Block
+from tacbench_cad.spec.block import MIN_BASE_MM, Block
 from tacbench_cad.spec.label import LABEL_DEPTH_MM
 from tacbench_cad.spec.presets import PRESETS
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
@@ -90,10 +90,10 @@ def test_height_changes_the_base_only() -> None:
 def test_too_little_base_says_what_would_do() -> None:
     with pytest.raises(InputError, match=r"1\.518 mm less than the 0\.8 mm.*a height of 5\.52 mm would do"):
         Block.of(4, height_mm=4.0)
-    assert Block.of(4, height_mm=5.52).base_mm >= LEAST_BASE_MM
+    assert Block.of(4, height_mm=5.52).base_mm >= MIN_BASE_MM
     with pytest.raises(InputError, match="below the label"):
         Block.of(4, height_mm=5.52, label=True)
-    assert Block.of(4, height_mm=5.92, label=True).base_mm >= LEAST_BASE_MM + LABEL_DEPTH_MM
+    assert Block.of(4, height_mm=5.92, label=True).base_mm >= MIN_BASE_MM + LABEL_DEPTH_MM
 
 
 def test_released_with_other_sides_needs_a_sampling() -> None:

@@ -8,7 +8,7 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from tacbench_cad.geometry.mesh import MOST_TRIANGLES, Certificate
+from tacbench_cad.geometry.mesh import MAX_TRIANGLES, Certificate
 from tacbench_cad.geometry.meshing.axis import Axis
 from tacbench_cad.geometry.meshing.certify import Allowance, AxisProof, paired, prove_axis, vertical, within
 from tacbench_cad.geometry.meshing.certify_cells import CellProof, Cells, grid_derivative
@@ -64,7 +64,7 @@ def triangles_of(n: int, m: int) -> int:
 
 
 def refuse_too_many(field: str, value: object, needed: float, advice: str) -> None:
-    """Refuse a mesh above :data:`tacbench_cad.geometry.mesh.MOST_TRIANGLES`.
+    """Refuse a mesh above :data:`tacbench_cad.geometry.mesh.MAX_TRIANGLES`.
 
     Args:
         field: What asks for so many.
@@ -75,9 +75,9 @@ def refuse_too_many(field: str, value: object, needed: float, advice: str) -> No
     Raises:
         InputError: Says how many it would need.
     """
-    if needed > MOST_TRIANGLES:
+    if needed > MAX_TRIANGLES:
         raise InputError(
-            field, value, f"the mesh would need {needed:.4g} triangles, {MOST_TRIANGLES:,} at most; {advice}"
+            field, value, f"the mesh would need {needed:.4g} triangles, {MAX_TRIANGLES:,} at most; {advice}"
         )
 
 
@@ -225,8 +225,8 @@ def _fit(axis: Axis, tolerance: float, share: float) -> tuple[Floats, Floats, Ax
 def _refuse_fine(tolerance: float, n: float, m: float) -> None:
     """Refuse before the fit what its estimate puts well above the limit."""
     needed = triangles_of(math.ceil(n), math.ceil(m))
-    if needed > 1.1 * MOST_TRIANGLES:
-        ratio = needed / MOST_TRIANGLES
+    if needed > 1.1 * MAX_TRIANGLES:
+        ratio = needed / MAX_TRIANGLES
         coarser = tolerance * (ratio if min(n, m) > 2.0 else ratio**2)
         refuse_too_many("tolerance", tolerance, needed, f"about {coarser:.2g} mm would do")
 
@@ -266,7 +266,7 @@ def _tensor_lines(block: Block, tolerance: float, finer: float) -> tuple[Floats,
     floor = 1e-4 * max(along_x.max(), along_y.max())
     per_x, per_y = (finer * np.sqrt((bend + floor) / (6.0 * tolerance)) for bend in (along_x, along_y))
     needed = triangles_of(math.ceil(float(np.trapezoid(per_x, t))), math.ceil(float(np.trapezoid(per_y, s))))
-    coarser = tolerance * needed / MOST_TRIANGLES
+    coarser = tolerance * needed / MAX_TRIANGLES
     refuse_too_many("tolerance", tolerance, needed, f"about {coarser:.2g} mm would do")
     at = block.extremes.at_high
     return _lines(t, per_x, at[0]), _lines(s, per_y, at[1])

@@ -365,8 +365,7 @@
     change({ view, colour: texture ? "height" : state.colour === "height" ? "part" : state.colour }, texture ? "top" : "corner");
   }
   function fillPanel() {
-    const has = (kind) => things.some((one) => one.kind === kind);
-    const views = [["texture", has("block")], ["block", has("block")], ["holder", has("holder")], ["jig", has("jig")], ["coupon", has("coupon")]].filter((one) => one[1]).map((one) => one[0]);
+    const views = [...(blocks.length ? ["texture"] : []), ...new Set(things.map((one) => one.kind))];
     if (new Set(things.filter((one) => one.set !== null).map((one) => one.kind)).size > 1) views.push("assembly");
     for (const view of views) {
       const button = element("button", view[0].toUpperCase() + view.slice(1), byId("views"));

@@ -20,7 +20,7 @@ import numpy as np
 
 from tacbench_cad import __version__
 from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.geometry.part import COLOURS
+from tacbench_cad.geometry.part import colour_of
 from tacbench_cad.render.viewing.scene import Formula, Scene, Thing
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import replacing
@@ -131,7 +131,7 @@ def _description(scene: Scene) -> dict[str, Any]:
     return {
         "version": __version__,
         "things": [_plain(number, thing) for number, thing in enumerate(scene.things)],
-        "left_out": [one.as_dict() for one in scene.left_out],
+        "left_out": [{"what": what, "reason": reason} for what, reason in scene.left_out],
     }
 
 
@@ -143,7 +143,7 @@ def _plain(number: int, thing: Thing) -> dict[str, Any]:
         "name": thing.name,
         "kind": thing.kind,
         "title": thing.title,
-        "colour": f"#{COLOURS[thing.kind]:06x}",
+        "colour": f"#{colour_of(thing.kind):06x}",
         "set": thing.set_number,
         "slot": thing.slot,
         "counts": [len(thing.mesh.vertices), len(thing.mesh.triangles)],
@@ -207,7 +207,7 @@ def _objects(scene: Scene) -> bytes:
         mesh = k3d.mesh(
             np.zeros((3, 3), np.float32),
             np.array([[0, 1, 2]], np.uint32),
-            color=COLOURS[thing.kind],
+            color=colour_of(thing.kind),
             flat_shading=True,
             side="double",
             roughness=0.75,

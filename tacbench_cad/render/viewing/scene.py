@@ -6,31 +6,19 @@ its formula can be drawn on it without a second mapping.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
-from tacbench_cad.checks import relief
+from tacbench_cad.geometry import relief
 from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.geometry.part import Kind
-from tacbench_cad.making.plan import LeftOut
-from tacbench_cad.making.request import PARTS, Request, plan
-from tacbench_cad.making.sources import Source
+from tacbench_cad.geometry.part import Part
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import FORCES_N, PressGrid, contact_radius_mm
 from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.spec.textures import catalogue
-from tacbench_cad.util.errors import InputError, MissingToolError, nearest
-from tacbench_cad.util.processes import why_not_importable
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import decimal
 from tacbench_cad.util.types import Floats
-
-if TYPE_CHECKING:
-    from housing.holder import Holder
-    from housing.jig import Jig
 
 Facts = tuple[tuple[str, str], ...]
 
@@ -88,7 +76,7 @@ class Thing:
     """
 
     name: str
-    kind: Kind
+    kind: str
     title: str
     mesh: Mesh
     to_world: Floats
@@ -105,99 +93,26 @@ class Scene:
 
     Args:
         things: The parts.
-        left_out: What could not be built here.
+        left_out: What could not be built here, and why.
     """
 
     things: tuple[Thing, ...]
-    left_out: tuple[LeftOut, ...] = ()
+    left_out: Facts = ()
 
 
-def request_of(words: Sequence[str], options: Request) -> Request:
-    """What the words after ``tacbench view`` mean.
-
-    Args:
-        words: Numbers or names of textures, TOML files, ``blocks``, ``holder``, ``jig``, ``coupon``; none for the
-            whole set.
-        options: Everything else.
-
-    Raises:
-        InputError: A word means nothing.
-    """
-    textures, parts = [], []
-    known = {word for one in catalogue(options.preset) for word in (str(one.number), one.name)} | {"all"}
-    for word in words:
-        if word in PARTS:
-            parts.append(word)
-        elif word.lower() in known or word.lower().endswith(".toml") or "/" in word or Path(word).exists():
-            textures.append(word)
-        else:
-            names = [*PARTS, *(one.name for one in catalogue(options.preset))]
-            raise InputError("parts", word, f"{nearest(word, names)}; 1 to 6 and TOML files are allowed too")
-    if not words:
-        return replace(options, textures=("all",), parts=None)
-    if textures:
-        parts.append("blocks")
-    return replace(options, textures=tuple(textures) or ("all",), parts=tuple(parts))
-
-
-def scene_of(request: Request, progress: Callable[[str], None] = lambda message: None) -> Scene:
-    """Build the meshes of a request's parts and put them where they belong.
+def block_thing(part: Part, to_world: Floats, set_number: int | None, slot: int) -> Thing:
+    """A block on the page, in its own frame, with its formula and its press positions.
 
     Args:
-        request: The options; formats are of no account.
-        progress: Told what is being built.
-
-    Raises:
-        InputError: An option is not allowed.
-        MissingToolError: A fixture was asked for by name and the CAD packages are not there or do not load.
+        part: The block's part.
+        to_world: Homogeneous matrix from the block frame to the world, shape (4, 4).
+        set_number: Which assembly it belongs to; None for none.
+        slot: Its pocket in its holder, from 0.
     """
-    wanted = plan(replace(request, formats=("stl",)))
-    if any(source.part.mesh_needs_cad for source in wanted.sources):
-        progress("loading the CAD kernel")
-        reason = why_not_importable(wanted.needs_kernel)
-        if reason is not None:
-            message = f"the CAD kernel does not load ({reason}); tacbench doctor shows the repair"
-            if request.parts is not None:
-                raise MissingToolError(message)
-            wanted = wanted.without_kernel(message)
-    sets = _sets_of(wanted.sources)
-    things = []
-    for i, source in enumerate(wanted.sources):
-        progress(source.name)
-        things.append(
-            _block_thing(source, i, sets) if isinstance(source.maker, Block) else _fixture_thing(source, sets)
-        )
-    if not things:
-        raise InputError("parts", None, "nothing can be shown: " + "; ".join(one.reason for one in wanted.left_out))
-    return Scene(things=tuple(things), left_out=wanted.left_out)
-
-
-def _sets_of(sources: Sequence[Source]) -> list[Holder]:
-    """The holders of the assemblies: those shown, and those on which a shown jig sits."""
-    holders: list[Holder] = []
-    for source in sources:
-        holder = source.maker if source.part.kind == "holder" else getattr(source.maker, "holder", None)
-        if holder is not None and holder not in holders:
-            holders.append(holder)  # type: ignore[arg-type]
-    return holders
-
-
-def _block_thing(source: Source, number: int, sets: Sequence[Holder]) -> Thing:
-    """A block in its own frame, placed in the holder that takes it."""
-    block = source.maker
-    assert isinstance(block, Block)
-    mesh, body = source.part.mesh
-    assert body.certificate is not None
-    held = next((i for i, holder in enumerate(sets) if holder.block.outline == block.outline), None)
-    to_world, slot = np.eye(4), 0
-    if held is not None:
-        places = sets[held].block_placements()
-        slot = number % len(places)
-        place = places[slot]
-        to_world[:2, :2] = place.to_holder(np.eye(2)).T - np.array(place.origin_mm[:2])[:, None]
-        to_world[:3, 3] = place.origin_mm
+    block, (mesh, expected) = part.block, part.mesh
+    assert block is not None and expected.certificate is not None
     low, high = block.extremes.low + block.datum_mm, block.extremes.high + block.datum_mm
-    bound, sampling = body.certificate.distance_mm, block.sampling
+    bound, sampling = expected.certificate.distance_mm, block.sampling
     formula = Formula(
         equation=block.texture.equation,
         datum_mm=block.datum_mm,
@@ -224,12 +139,12 @@ def _block_thing(source: Source, number: int, sets: Sequence[Holder]) -> Thing:
     if formula.scale_mm < bound:
         facts += (("found", f"{1000.0 * formula.scale_mm:.4g} µm at most, at the triangles' centres and sides"),)
     return Thing(
-        name=source.name,
+        name=part.name,
         kind="block",
-        title=source.part.title,
+        title=part.title,
         mesh=mesh,
         to_world=to_world,
-        set_number=held,
+        set_number=set_number,
         slot=slot,
         facts=facts,
         formula=formula,
@@ -255,24 +170,23 @@ def _press(block: Block) -> Press | None:
     return Press(positions_mm=np.column_stack([x, y, block.height_at(x, y)]), contacts=contacts)
 
 
-def _fixture_thing(source: Source, sets: Sequence[Holder]) -> Thing:
-    """A fixture in the holder's frame; its dimension report says its sizes."""
-    maker, mesh = source.maker, source.part.mesh[0]
-    number = None
-    if source.part.kind == "holder":
-        number = sets.index(maker)
-    elif source.part.kind == "jig":
-        jig: Jig = maker  # type: ignore[assignment]
-        number, mesh = sets.index(jig.holder), mesh.moved(jig.from_print)
-    rows = [line.strip().partition("  ") for line in str(maker).splitlines()[1:]]
+def fixture_thing(part: Part, mesh: Mesh, facts: Facts, set_number: int | None) -> Thing:
+    """Any other part on the page.
+
+    Args:
+        part: The part.
+        mesh: Its mesh in the world, as it is used.
+        facts: What is said of it.
+        set_number: Which assembly it belongs to; None for none.
+    """
     return Thing(
-        name=source.name,
-        kind=source.part.kind,
-        title=source.part.title,
+        name=part.name,
+        kind=part.kind,
+        title=part.title,
         mesh=mesh,
         to_world=np.eye(4),
-        set_number=number,
-        facts=tuple((name, value.strip()) for name, _, value in rows if name != "name"),
+        set_number=set_number,
+        facts=facts,
     )
 
 

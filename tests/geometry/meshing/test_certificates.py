@@ -7,7 +7,7 @@ import pytest
 from helpers.tops import deviations, faults, random_texture
 
 from tacbench_cad.geometry.block_mesh import mesh_block
-from tacbench_cad.geometry.mesh import MOST_TRIANGLES
+from tacbench_cad.geometry.mesh import MAX_TRIANGLES
 from tacbench_cad.geometry.meshing.certify import derivatives, prove_axis
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
@@ -93,4 +93,4 @@ def test_derivatives_at_once_are_those_one_by_one() -> None:
 
 
 def test_the_limit_is_the_one_that_is_documented() -> None:
-    assert MOST_TRIANGLES == 20_000_000
+    assert MAX_TRIANGLES == 20_000_000

@@ -12,7 +12,7 @@ from helpers.fixture_measure import manifold
 
 from housing.holder import Holder
 from housing.jig import Jig
-from housing.tessellate import tessellate
+from tacbench_cad.geometry.solids import tessellate
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 
@@ -39,7 +39,7 @@ def test_closed_and_welded() -> None:
 @pytest.mark.parametrize("deflection", [0.1, 0.01, 0.001])
 def test_chords_stay_within_the_deflection(deflection: float) -> None:
     mesh = tessellate(bored_plate(), deflection)
-    a, b, c = np.moveaxis(mesh.corners, 1, 0)
+    a, b, c = np.moveaxis(mesh.triangle_points, 1, 0)
     middles = np.concatenate([a + b, b + c, c + a]) / 2.0
     # Edges of the hole's wall below the cone: both ends at radius 2, so the middle is where the chord is furthest off.
     below = middles[middles[:, 2] < 0.0]

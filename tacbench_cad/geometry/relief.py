@@ -48,7 +48,7 @@ def upward(mesh: Mesh, normals: Floats) -> Bools:
     from above is then smaller than that rounding can make it.
     """
     length = np.sqrt(np.einsum("ij,ij->i", normals, normals))
-    rounded = 4.0 * _FLOAT32 * np.abs(mesh.vertices).max(initial=0.0) * np.ptp(mesh.corners, axis=1).max(axis=1)
+    rounded = 4.0 * _FLOAT32 * np.abs(mesh.vertices).max(initial=0.0) * np.ptp(mesh.triangle_points, axis=1).max(axis=1)
     return np.asarray(normals[:, 2] > WALL_SHARE * length + rounded)
 
 
