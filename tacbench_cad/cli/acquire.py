@@ -19,11 +19,11 @@ _VIRTUAL = "With --virtual"
 
 @options.command("acquire")
 @options.argument("study", options.file("FILE.toml"), "Blocks, protocol and rig.", required=False)
-@options.option("--init", kind=options.file("FILE.toml"), help="Write such a file, every key explained, and stop.")
-@options.flag("--virtual", help="One block on a rig that is simulated throughout; needs no file.")
-@options.option("--texture", kind=options.text("T"), panel=_VIRTUAL, help="The texture. Default: 1.")
-@options.option("--driver", kind=options.text("D"), panel=_VIRTUAL, help="virtual-grbl (default) or virtual-marlin.")
-@options.option("--speed", kind=options.NUMBER, panel=_VIRTUAL, help="Times faster than real time. Default: 50.")
+@options.option("--init", options.file("FILE.toml"), "Write such a file, every key explained, and stop.")
+@options.flag("--virtual", "One block on a rig that is simulated throughout; needs no file.")
+@options.option("--texture", options.text("T"), "The texture. Default: 1.", panel=_VIRTUAL)
+@options.option("--driver", options.text("D"), "virtual-grbl (default) or virtual-marlin.", panel=_VIRTUAL)
+@options.option("--speed", options.NUMBER, "Times faster than real time. Default: 50.", panel=_VIRTUAL)
 @options.out("DIR", "Folder of the run folders. Default: the file's own.")
 def command(
     study: Path | None,

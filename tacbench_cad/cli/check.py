@@ -18,11 +18,9 @@ if TYPE_CHECKING:
 
 @options.command("check")
 @options.argument("files", options.file("FILE"), "STL, 3MF or STEP files.", many=True)
-@options.option(
-    "--texture", kind=options.text("T"), help="What it should be: 1 to 6 or a TOML file. Default: the nearest."
-)
-@options.option("--preset", kind=options.PRESET, help="Compare with this preset. Default: the nearest.")
-@options.option("--scale", kind=options.SCALE, help="Its scale. Default: from the file's name or from its sides.")
+@options.option("--texture", options.text("T"), "What it should be: 1 to 6 or a TOML file. Default: the nearest.")
+@options.option("--preset", options.PRESET, "Compare with this preset. Default: the nearest.")
+@options.option("--scale", options.SCALE, "Its scale. Default: from the file's name or from its sides.")
 @options.json
 def command(files: tuple[Path, ...], texture: str | None, preset: str | None, scale: float | None, json: bool) -> None:
     """Examine STL, 3MF or STEP files: closed, wound alike, size, and distance of the relief from its formula.

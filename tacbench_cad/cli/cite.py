@@ -8,9 +8,7 @@ from tacbench_cad.cli import options
 
 
 @options.command("cite")
-@options.option(
-    "--format", "form", kind=options.choice("text", "bibtex"), default="text", help="Lines of text, or BibTeX."
-)
+@options.option("--format", options.choice("text", "bibtex"), "Lines of text, or BibTeX.", dest="form", default="text")
 def command(form: str) -> None:
     """What to cite: the paper whose textures these are, and this version of the program.
 

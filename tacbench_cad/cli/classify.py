@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 )
 @options.option(
     "--estimator",
-    "estimators",
+    dest="estimators",
     kind=options.NAMES,
     help="forest, network, or your own scikit-learn estimator or pipeline as module:name. Default: forest; of the "
     "paper's protocol forest,network.",

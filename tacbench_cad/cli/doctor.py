@@ -9,7 +9,7 @@ from tacbench_cad.cli.common import note, print_json, print_lines, print_table
 
 
 @options.command("doctor")
-@options.flag("--repair", help="Run the repairs that pip can do.")
+@options.flag("--repair", "Run the repairs that pip can do.")
 @options.json
 def command(repair: bool, json: bool) -> None:
     """Say what is installed, whether it works, and the command that repairs what does not.

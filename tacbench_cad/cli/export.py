@@ -11,10 +11,7 @@ from tacbench_cad.util.text import counted
 
 @options.command("export")
 @options.option(
-    "--to",
-    kind=options.words("mjcf|urdf|sdf|usd|glb|obj|npy|png16|taxim"),
-    required=True,
-    help="What for; several with commas.",
+    "--to", options.words("mjcf|urdf|sdf|usd|glb|obj|npy|png16|taxim"), "What for; several with commas.", required=True
 )
 @options.textures
 @options.preset

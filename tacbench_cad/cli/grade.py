@@ -11,10 +11,8 @@ from tacbench_cad.cli.common import print_json, print_lines, show_table
 
 @options.command("grade")
 @options.runs
-@options.option(
-    "--force-level", kind=options.LEVEL, default="all", help="Force level to compare; all: the mean over the levels."
-)
-@options.option("--jobs", kind=options.JOBS, default="1", panel=options.WORK, help="Processes at once.")
+@options.option("--force-level", options.LEVEL, "Force level to compare; all: the mean over the levels.", default="all")
+@options.option("--jobs", options.JOBS, "Processes at once.", default="1", panel=options.WORK)
 @options.json
 def command(runs: tuple[Path, ...], force_level: int | Literal["all"], jobs: int, json: bool) -> None:
     """Is my print good enough to compare with the published ones? The printer beside the paper's variance table.

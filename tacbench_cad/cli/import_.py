@@ -28,23 +28,19 @@ def _levels_of(option: str, text: str) -> dict[str, int]:
 @options.argument("files", options.file("FILES"), "The authors' NumPy files.", many=True)
 @options.option(
     "--force-levels",
-    kind=options.Value("P30=1,...", _levels_of),
+    options.Value("P30=1,...", _levels_of),
+    "What the names call the paper's three forces.",
     default="P30=1,P40=2,P50=3",
-    help="What the names call the paper's three forces.",
 )
 @options.option(
     "--first-axis",
-    kind=options.choice("x", "y"),
+    options.choice("x", "y"),
+    "Axis that the first index of the 5 x 5 positions runs along.",
     default="y",
-    help="Axis that the first index of the 5 x 5 positions runs along.",
 )
-@options.option(
-    "--unnumbered-copy", kind=options.COUNT, default="1", help="The copy that a name without a copy number is."
-)
-@options.option("--preset", kind=options.PRESET, default="released", help="Geometry of the blocks that were pressed.")
-@options.option(
-    "--spacing", kind=options.choice("even", "1mm"), default="even", help="Reading of the press grid along y."
-)
+@options.option("--unnumbered-copy", options.COUNT, "The copy that a name without a copy number is.", default="1")
+@options.option("--preset", options.PRESET, "Geometry of the blocks that were pressed.", default="released")
+@options.option("--spacing", options.choice("even", "1mm"), "Reading of the press grid along y.", default="even")
 @options.out("DIR", "The folder for the run folders.", required=True)
 def command(files: tuple[Path, ...], out: Path, **how: Any) -> None:
     """Turn the authors' data into run folders, one a printed block; its force levels become one run.

@@ -19,32 +19,25 @@ if TYPE_CHECKING:
 @options.textures
 @options.part
 @options.option(
-    "--parts",
-    kind=options.words("LIST"),
-    panel=options.WHAT,
-    help="Of blocks, holder, jig, coupon. Default: blocks,holder,jig.",
+    "--parts", options.words("LIST"), "Of blocks, holder, jig, coupon. Default: blocks,holder,jig.", panel=options.WHAT
 )
-@options.option(
-    "--formats", kind=options.words("LIST"), panel=options.WHAT, help="Of stl, 3mf, step. Default: all of them."
-)
-@options.option(
-    "--copies", kind=options.COUNT, panel=options.WHAT, help="N files of each block, numbered in the label."
-)
-@options.flag("--assembly", panel=options.WHAT, help="Also holder, a block in each slot and jig as one 3MF and STEP.")
+@options.option("--formats", options.words("LIST"), "Of stl, 3mf, step. Default: all of them.", panel=options.WHAT)
+@options.option("--copies", options.COUNT, "N files of each block, numbered in the label.", panel=options.WHAT)
+@options.flag("--assembly", "Also holder, a block in each slot and jig as one 3MF and STEP.", panel=options.WHAT)
 @options.option(
     "--step-tolerance",
-    "step_tolerance_mm",
-    kind=options.MM,
+    options.MM,
+    "Distance of solids from the formula. Default: 0.001.",
+    dest="step_tolerance_mm",
     panel=options.MESH,
-    help="Distance of solids from the formula. Default: 0.001.",
 )
 @options.option(
     "--verify",
-    kind=options.choice("default", "full"),
+    options.choice("default", "full"),
+    "full adds pymeshlab's slow checks.",
     default="default",
     show_default=False,
     panel=options.MESH,
-    help="full adds pymeshlab's slow checks.",
 )
 @options.out("FOLDER", "Output folder.", default="stl_out")
 @options.json

@@ -170,10 +170,12 @@ JOBS = Value("N", _jobs_of)
 
 
 def option(
-    *names: str,
+    name: str,
     kind: Value,
     help: str,
-    panel: str | None = None,
+    *,
+    dest: str | None = None,
+    short: str | None = None,
     alone: str | None = None,
     show_default: bool | str = True,
     **attributes: Any,
@@ -181,22 +183,24 @@ def option(
     """An option with a value.
 
     Args:
-        names: As of :func:`click.option`.
+        name: How it is typed.
         kind: Type of the value.
         help: What it does.
-        panel: Group of options that it belongs to.
+        dest: The argument of the command that takes the value; None for the name's own.
+        short: Another name, of one letter.
         alone: The text that it stands for where no value follows; None if one must.
         show_default: See :func:`click.option`.
         attributes: Likewise.
     """
+    names = (name, *(word for word in (short, dest) if word is not None))
     if alone is not None:
         attributes |= {"is_flag": False, "flag_value": alone}
-    return click.option(*names, type=kind, help=help, panel=panel, show_default=show_default, **attributes)
+    return click.option(*names, type=kind, help=help, show_default=show_default, **attributes)
 
 
-def flag(*names: str, help: str, panel: str | None = None) -> Decorator:
+def flag(name: str, help: str, panel: str | None = None) -> Decorator:
     """An option without a value."""
-    return click.option(*names, is_flag=True, help=help, panel=panel)
+    return click.option(name, is_flag=True, help=help, panel=panel)
 
 
 def argument(name: str, kind: Value, help: str, *, many: bool = False, required: bool = True) -> Decorator:
@@ -245,55 +249,59 @@ def help_of(docstring: str | None) -> str:
     return inspect.cleandoc(docstring or "").replace("\n\nExamples:\n", "\n\n\b\nExamples:\n")
 
 
-json = flag("--json", help="Print one JSON document.", panel=OUTPUT)
-preset = option("--preset", kind=PRESET, default="paper", panel=WHAT, help="Geometry to begin from.")
-scale = option("--scale", kind=SCALE, default="1", panel=SIZE, help="Multiply sides, height, mm per unit, press grid.")
+json = flag("--json", "Print one JSON document.", panel=OUTPUT)
+preset = option("--preset", PRESET, "Geometry to begin from.", default="paper", panel=WHAT)
+scale = option("--scale", SCALE, "Multiply sides, height, mm per unit, press grid.", default="1", panel=SIZE)
 textures = option(
     "--texture",
-    "textures",
-    kind=words("1,4|FILE.toml|all"),
+    words("1,4|FILE.toml|all"),
+    "Textures, with commas between them.",
+    dest="textures",
     default="all",
     panel=WHAT,
-    help="Textures, with commas between them.",
 )
 key = option(
-    "--key", "key_mm", kind=Value("[MM]", _key_of), alone="default", panel=WHAT,
-    help="Cut the corner at (X, 0), 3 mm if no number follows.",
-)  # fmt: skip
-jobs = option(
-    "--jobs", kind=JOBS, default=_every_processor, show_default="one for each processor", panel=WORK, help="Processes."
+    "--key",
+    Value("[MM]", _key_of),
+    "Cut the corner at (X, 0), 3 mm if no number follows.",
+    dest="key_mm",
+    alone="default",
+    panel=WHAT,
 )
-dask = option("--dask", kind=text("ADDRESS"), panel=WORK, help="Use a Dask cluster that is there: tcp://10.0.0.5:8786.")
+jobs = option("--jobs", JOBS, "Processes.", default=_every_processor, show_default="one for each processor", panel=WORK)
+dask = option("--dask", text("ADDRESS"), "Use a Dask cluster that is there: tcp://10.0.0.5:8786.", panel=WORK)
 runs = argument("runs", file("RUNS"), "Run folders, or folders that hold some.", many=True)
 
 #: The options that describe a block and its fixtures, by the names of the fields of a ``Request``.
 part = together(
     preset,
-    flag("--label", help="Engrave texture, preset and scale in the underside.", panel=WHAT),
+    flag("--label", "Engrave texture, preset and scale in the underside.", panel=WHAT),
     key,
     scale,
-    option("--size", "size_mm", kind=coordinates("X,Y"), panel=SIZE, help="Sides in mm: more or fewer periods."),
-    option("--height", "height_mm", kind=MM, panel=SIZE, help="Height of the highest point: another base."),
-    option("--mm-per-unit", kind=coordinates("X,Y,Z"), panel=SIZE, help="Mapping of the formula to mm."),
+    option("--size", coordinates("X,Y"), "Sides in mm: more or fewer periods.", dest="size_mm", panel=SIZE),
+    option("--height", MM, "Height of the highest point: another base.", dest="height_mm", panel=SIZE),
+    option("--mm-per-unit", coordinates("X,Y,Z"), "Mapping of the formula to mm.", panel=SIZE),
     option(
-        "--tolerance", kind=Value("MM", _tolerance_of), panel=MESH,
-        help="Distance of meshes from the formula. Default: 0.01.",
+        "--tolerance", Value("MM", _tolerance_of), "Distance of meshes from the formula. Default: 0.01.", panel=MESH
     ),
     option(
-        "--grid", kind=Value("[NXxNY]", _grid_of), alone="default", panel=MESH,
-        help="Join samples instead, the preset's if no size follows.",
+        "--grid",
+        Value("[NXxNY]", _grid_of),
+        "Join samples instead, the preset's if no size follows.",
+        alone="default",
+        panel=MESH,
     ),
-    option("--fit", kind=text("press|slip|loose|MM"), panel=FIXTURES, help="Clearance of pockets, per side."),
-    option("--rim", "rim_mm", kind=MM, panel=FIXTURES, help="Holder's rim below the block's top."),
-    option("--slots", kind=COUNT, panel=FIXTURES, help="Pockets of the holder."),
-    option("--nozzle", "nozzle_mm", kind=MM, panel=FIXTURES, help="Nozzle that fixtures are for. Default: 0.4."),
-    option("--jig", kind=choice("default", "all"), panel=FIXTURES, help="all: 25 holes, for a resin printer."),
-)  # fmt: skip
+    option("--fit", text("press|slip|loose|MM"), "Clearance of pockets, per side.", panel=FIXTURES),
+    option("--rim", MM, "Holder's rim below the block's top.", dest="rim_mm", panel=FIXTURES),
+    option("--slots", COUNT, "Pockets of the holder.", panel=FIXTURES),
+    option("--nozzle", MM, "Nozzle that fixtures are for. Default: 0.4.", dest="nozzle_mm", panel=FIXTURES),
+    option("--jig", choice("default", "all"), "all: 25 holes, for a resin printer.", panel=FIXTURES),
+)
 
 
 def out(metavar: str, help: str, **attributes: Any) -> Decorator:
     """Where the result goes."""
-    return option("--out", "-o", kind=file(metavar), help=help, panel=OUTPUT, **attributes)
+    return option("--out", file(metavar), help, short="-o", panel=OUTPUT, **attributes)
 
 
 def request_fields(values: Mapping[str, Any]) -> dict[str, Any]:

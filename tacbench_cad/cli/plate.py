@@ -16,19 +16,16 @@ if TYPE_CHECKING:
 
 @options.command("plate")
 @options.option(
-    "--printer",
-    kind=options.text("NAME"),
-    required=True,
-    help="ender-3, ender-3-v3-se, bambu-p1p, form-3 or your own.",
+    "--printer", options.text("NAME"), "ender-3, ender-3-v3-se, bambu-p1p, form-3 or your own.", required=True
 )
 @options.textures
-@options.option("--copies", kind=options.COUNT, default="1", help="Copies of each.")
+@options.option("--copies", options.COUNT, "Copies of each.", default="1")
 @options.preset
 @options.scale
 @options.key
-@options.option("--filament", kind=options.text("NAME"), help="What it is printed of. Default: the printer's first.")
-@options.option("--spacing", kind=options.MM, default="5", help="What stays free between two blocks.")
-@options.option("--printers", kind=options.file("FILE.toml"), help="Printers of your own, beside the known ones.")
+@options.option("--filament", options.text("NAME"), "What it is printed of. Default: the printer's first.")
+@options.option("--spacing", options.MM, "What stays free between two blocks.", default="5")
+@options.option("--printers", options.file("FILE.toml"), "Printers of your own, beside the known ones.")
 @options.out("DIR", "Where the files go.", default="plates")
 @options.json
 def command(

@@ -33,9 +33,9 @@ def command() -> None:
 @options.command("probe", command)
 @options.option(
     "--ask",
-    kind=options.text("PORT"),
+    options.text("PORT"),
+    "Ask what is at this port; may be given more than once. Restarts boards.",
     multiple=True,
-    help="Ask what is at this port; may be given more than once. Restarts boards.",
 )
 @options.json
 def probe(ask: tuple[str, ...], json: bool) -> None:
@@ -90,7 +90,7 @@ def probe(ask: tuple[str, ...], json: bool) -> None:
 
 @options.command("align", command)
 @options.argument("file", options.file("FILE.toml"), "The study, with its rig.")
-@options.option("--tolerance-mm", kind=options.MM, help="How far a marker may lie from the fitted frame. Default: 0.3.")
+@options.option("--tolerance-mm", options.MM, "How far a marker may lie from the fitted frame. Default: 0.3.")
 def align(file: Path, tolerance_mm: float | None) -> None:
     """Teach the stage where the block lies, with the printed jig; the file's origin and quarter turns are replaced.
 
@@ -159,16 +159,14 @@ def _column_of(option: str, text: str) -> tuple[int, int]:
 @options.command("calibrate-force", command)
 @options.option(
     "--masses",
-    kind=options.Value("G,G,...", options.numbers_of),
+    options.Value("G,G,...", options.numbers_of),
+    "Known masses in grams, 0 for none; three or more.",
     required=True,
-    help="Known masses in grams, 0 for none; three or more.",
 )
-@options.option("--port", kind=options.text("P"), help="The load cell's port. Default: the only one there is.")
-@options.option("--baud", kind=options.COUNT, help="Symbols per second. Default: 115200.")
-@options.option(
-    "--column", kind=options.Value("I/N", _column_of), default="1/1", help="Which of the N numbers on a line."
-)
-@options.flag("--falling", help="The counts are meant to fall under load.")
+@options.option("--port", options.text("P"), "The load cell's port. Default: the only one there is.")
+@options.option("--baud", options.COUNT, "Symbols per second. Default: 115200.")
+@options.option("--column", options.Value("I/N", _column_of), "Which of the N numbers on a line.", default="1/1")
+@options.flag("--falling", "The counts are meant to fall under load.")
 @options.out("FILE.json", "Where the calibration goes.", required=True)
 def calibrate_force(
     masses: tuple[float, ...], port: str | None, baud: int | None, column: tuple[int, int], falling: bool, out: Path

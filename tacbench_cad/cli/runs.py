@@ -44,7 +44,7 @@ def _whole_numbers(separator: str, count: int, allowed: str) -> options.Value:
 
 @options.command("check", command)
 @_folders
-@options.flag("--repair", help="Cut off a torn last row. Nothing else is changed.")
+@options.flag("--repair", "Cut off a torn last row. Nothing else is changed.")
 @options.json
 def check(folders: tuple[Path, ...], repair: bool, json: bool) -> None:
     """Examine run folders and every reading in them.
@@ -93,19 +93,16 @@ def check(folders: tuple[Path, ...], repair: bool, json: bool) -> None:
 
 @options.command("export", command)
 @_folders
-@options.option("--to", kind=options.choice("tactile-data"), required=True, help="What it is for.")
+@options.option("--to", options.choice("tactile-data"), "What it is for.", required=True)
 @options.option(
     "--bbox",
-    kind=_whole_numbers(",", 4, "X0,Y0,X1,Y1, whole numbers with commas between them"),
-    help="Pixels to keep. Default: the largest centred square.",
+    _whole_numbers(",", 4, "X0,Y0,X1,Y1, whole numbers with commas between them"),
+    "Pixels to keep. Default: the largest centred square.",
 )
 @options.option(
-    "--size",
-    kind=_whole_numbers("x", 2, "WxH, as 128x128"),
-    default="128x128",
-    help="Size of the images afterwards.",
+    "--size", _whole_numbers("x", 2, "WxH, as 128x128"), "Size of the images afterwards.", default="128x128"
 )
-@options.flag("--colour", help="Keep the colours. Default: grey (BT.601).")
+@options.flag("--colour", "Keep the colours. Default: grey (BT.601).")
 @options.out("DIR", "A folder for one folder a run. Default: into the run folders themselves.")
 def export(
     folders: tuple[Path, ...],

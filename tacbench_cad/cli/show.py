@@ -20,13 +20,13 @@ _DRAWN = {"block": "blocks", "holder": "holder", "jig": "jig", "coupon": "coupon
 
 @options.command("show")
 @options.argument("textures", options.words("1,4|FILE.toml|all"), "Textures, with commas between them.")
-@options.flag("--press", help="Show the block's outline, the 25 press positions and the contact circles.")
+@options.flag("--press", "Show the block's outline, the 25 press positions and the contact circles.")
 @options.option(
     "--drawing",
-    kind=options.choice(*_DRAWN),
+    options.choice(*_DRAWN),
+    "A dimension drawing on A4 instead, of the block if no part follows. The options of the part belong to it.",
     metavar=f"[{'|'.join(_DRAWN)}]",
     alone="block",
-    help="A dimension drawing on A4 instead, of the block if no part follows. The options of the part belong to it.",
 )
 @options.part
 @options.out("FILE", "A .png; a drawing also .pdf or .svg. Default: the part's name in this folder.")

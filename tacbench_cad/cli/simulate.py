@@ -32,13 +32,10 @@ SHARES = {
 
 @options.command("simulate")
 @options.option(
-    "--study",
-    kind=options.text("paper|quick|FILE.toml"),
-    default="quick",
-    help="The study; a file as tacbench acquire takes it.",
+    "--study", options.text("paper|quick|FILE.toml"), "The study; a file as tacbench acquire takes it.", default="quick"
 )
-@options.flag("--colour", help="Images in colour; they take three times the room.")
-@options.option("--seed", kind=options.COUNT, default="0", help="Another number gives other prints and other noise.")
+@options.flag("--colour", "Images in colour; they take three times the room.")
+@options.option("--seed", options.COUNT, "Another number gives other prints and other noise.", default="0")
 @options.jobs
 @options.dask
 @options.out("DIR", "Folder of the runs. Default: what FILE.toml says.")

@@ -33,19 +33,19 @@ def _frame_of(option: str, text: str) -> Frame:
 
 @options.command("slice-check")
 @options.argument("files", options.file("FILE.gcode"), "G-code of one block each.", many=True)
-@options.option("--texture", kind=options.text("T"), required=True, help="What the block is: 1 to 6 or a TOML file.")
+@options.option("--texture", options.text("T"), "What the block is: 1 to 6 or a TOML file.", required=True)
 @options.preset
 @options.scale
 @options.key
 @options.option(
     "--frame",
-    kind=options.Value("X,Y[,DEG]", _frame_of),
-    help="Lower left corner of the block on the bed in mm, and its turn by 90, 180 or 270 degrees. "
+    options.Value("X,Y[,DEG]", _frame_of),
+    "Lower left corner of the block on the bed in mm, and its turn by 90, 180 or 270 degrees. "
     "Default: from the outer walls of the low layers.",
 )
-@options.option("--filament", kind=options.MM, help="Diameter of the filament. Default: the file's, or 1.75.")
+@options.option("--filament", options.MM, "Diameter of the filament. Default: the file's, or 1.75.")
 @options.out("FILE.png", "Picture. Default: FILE_as-sliced.png in this folder.")
-@options.flag("--no-picture", panel=options.OUTPUT, help="Draw nothing.")
+@options.flag("--no-picture", "Draw nothing.", panel=options.OUTPUT)
 @options.json
 def command(
     files: tuple[Path, ...],

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 @options.textures
 @options.preset
 @options.scale
-@options.option("--nozzle", kind=options.MM, default="0.4", help="Nozzle width to compare the finest detail with.")
+@options.option("--nozzle", options.MM, "Nozzle width to compare the finest detail with.", default="0.4")
 @options.json
 def command(textures: tuple[str, ...], preset: str, scale: float, nozzle: float, json: bool) -> None:
     """List the textures: equation, extremes, relief, base, and what a nozzle can print of their detail.

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import shlex
 import tempfile
 import traceback
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 
+from tacbench_cad import __version__
 from tacbench_cad.cli.common import note, one_line
 from tacbench_cad.util.errors import InputError
 
@@ -28,7 +30,8 @@ def report_unexpected(error: Exception, words: Sequence[str]) -> int:
     """
     path = _file_being_read(error, words)
     blamed = "" if path is None else f"{path}: "
-    text = "".join(traceback.format_exception(error))
+    command = shlex.join(["tacbench", *words])
+    text = "".join([f"tacbench {__version__}: {command}\n", *traceback.format_exception(error)])
     try:
         where = f"the traceback is in {_logged(text)}"
     except OSError as failure:

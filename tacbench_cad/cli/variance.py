@@ -21,17 +21,14 @@ if TYPE_CHECKING:
 
 @options.command("variance")
 @options.runs
-@options.flag("--colour", help="Keep the colours; else BT.601 grey.")
+@options.flag("--colour", "Keep the colours; else BT.601 grey.")
 @options.option(
-    "--ddof",
-    kind=options.Value("0|1", options.whole_of),
-    default="0",
-    help="Divide by n (0, as the paper's NumPy) or n - 1.",
+    "--ddof", options.Value("0|1", options.whole_of), "Divide by n (0, as the paper's NumPy) or n - 1.", default="0"
 )
 @options.flag(
-    "--register", help="Separate differences in placement from differences in printing; reads every image three times."
+    "--register", "Separate differences in placement from differences in printing; reads every image three times."
 )
-@options.option("--seed", kind=options.COUNT, default="0", help="Seed of intervals and permutation tests.")
+@options.option("--seed", options.COUNT, "Seed of intervals and permutation tests.", default="0")
 @options.jobs
 @options.dask
 @options.out("DIR", "Folder for tables (CSV) and figures (PNG, PDF).")

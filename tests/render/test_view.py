@@ -202,6 +202,14 @@ def test_the_command_writes_the_page(tmp_path: Path, capsys: Capture) -> None:
     assert thing["name"] == "texture-1_paper_x2_key3"
 
 
+def test_the_page_takes_every_option_of_a_part(tmp_path: Path) -> None:
+    pytest.importorskip("build123d", reason="fixtures need the extra cad")
+    path = tmp_path / "holder.html"
+    assert main(["view", "holder", "--fit", "loose", "--rim", "2.5", "-o", str(path)]) == 0
+    (thing,) = told(path.read_text(encoding="utf-8"))["things"]  # type: ignore[misc]
+    assert thing["name"] == "holder_paper_x1_fit0.3_rim2.5"
+
+
 @pytest.mark.parametrize(
     ("argv", "needle"),
     [

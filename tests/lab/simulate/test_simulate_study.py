@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -265,6 +266,7 @@ def test_the_command_makes_a_study_from_a_file(tmp_path: Path, capsys: pytest.Ca
     assert document["images"] == document["images_made"] == 4 * (12 + 5)
     assert {run["name"] for run in document["runs"]} == {path.name for path in (tmp_path / "runs").iterdir()}
     assert "4 blocks, 48 images of presses" in err and "GB" in err
+    assert not re.search(r"\d s\b|minutes", err), "a time that was not measured"
     assert main(["simulate", "--study", str(tmp_path / "study.toml")]) == 0
     out, err = capsys.readouterr()
     assert "68 are there; 0 images to make" in err

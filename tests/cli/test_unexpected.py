@@ -1,0 +1,92 @@
+"""The last line of defence: an exception that nobody expected is one line, and its traceback is in a log file."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from tacbench_cad import __version__
+from tacbench_cad.cli import main
+from tacbench_cad.cli.unexpected import LOG_VARIABLE
+
+Capture = pytest.CaptureFixture[str]
+Patch = pytest.MonkeyPatch
+
+
+def broken(path: Path, *_: object, **__: object) -> object:
+    return [][len(path.name)]
+
+
+@pytest.fixture
+def log(tmp_path: Path, monkeypatch: Patch) -> Path:
+    path = tmp_path / "tacbench.log"
+    monkeypatch.setenv(LOG_VARIABLE, str(path))
+    return path
+
+
+def test_a_file_that_a_reader_fails_on_is_named(tmp_path: Path, log: Path, monkeypatch: Patch, capsys: Capture) -> None:
+    monkeypatch.setattr("tacbench_cad.checks.identify.examine", broken)
+    good, bad = tmp_path / "good.stl", tmp_path / "bad.stl"
+    bad.write_text("solid")
+    assert main(["check", str(bad), str(good)]) == 2
+    error = capsys.readouterr().err
+    assert error == f"error: {bad}: unexpected IndexError: list index out of range; the traceback is in {log}\n"
+    assert "Traceback" in log.read_text() and "in broken" in log.read_text()
+    assert log.read_text().startswith(f"tacbench {__version__}: tacbench check {bad} {good}\n")
+
+
+def test_a_file_in_a_folder_of_the_command_is_named(
+    tmp_path: Path, log: Path, monkeypatch: Patch, capsys: Capture
+) -> None:
+    (tmp_path / "runs" / "a").mkdir(parents=True)
+    inner = tmp_path / "runs" / "a" / "run.json"
+    inner.write_text("{}")
+    monkeypatch.setattr("tacbench_cad.lab.analysis.collection.Collection.open", lambda _: broken(inner))
+    assert main(["split", str(tmp_path / "runs"), "-o", str(tmp_path / "out")]) == 2
+    assert f"error: {inner}: unexpected IndexError" in capsys.readouterr().err
+
+
+def test_an_error_beside_all_input_is_not_blamed_on_it(
+    tmp_path: Path, log: Path, monkeypatch: Patch, capsys: Capture
+) -> None:
+    out = tmp_path / "out.html"
+    out.write_text("an earlier page")
+    monkeypatch.setattr("tacbench_cad.render.viewing.page.require_page", broken)
+    assert main(["view", "4", "-o", str(out)]) == 1
+    assert capsys.readouterr().err.startswith("error: unexpected IndexError: ")
+
+
+def test_without_a_place_of_its_own_the_log_is_a_new_temporary_file(
+    tmp_path: Path, monkeypatch: Patch, capsys: Capture
+) -> None:
+    monkeypatch.delenv(LOG_VARIABLE, raising=False)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr("tacbench_cad.util.doctor.diagnose", lambda: broken(tmp_path))
+    assert main(["doctor"]) == 1
+    (log,) = tmp_path.glob("tacbench-*.log")
+    assert str(log) in capsys.readouterr().err and "Traceback" in log.read_text()
+
+
+def test_a_log_that_cannot_be_written_is_no_second_failure(tmp_path: Path, monkeypatch: Patch, capsys: Capture) -> None:
+    monkeypatch.setenv(LOG_VARIABLE, str(tmp_path / "missing" / "log"))
+    monkeypatch.setattr("tacbench_cad.util.doctor.diagnose", lambda: broken(tmp_path))
+    assert main(["doctor"]) == 1
+    error = capsys.readouterr().err
+    assert "the log file cannot be written" in error and error.count("\n") == 1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes of POSIX")
+def test_a_reader_that_leaves_ends_the_command_without_a_word() -> None:
+    code = "import sys; from tacbench_cad.cli import main; sys.exit(main(['textures', '--json']))"
+    read, write = os.pipe()
+    os.close(read)
+    try:
+        done = subprocess.run([sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE, text=True, timeout=60)
+    finally:
+        os.close(write)
+    assert (done.returncode, done.stderr) == (1, "")
