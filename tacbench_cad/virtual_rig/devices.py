@@ -12,7 +12,7 @@ from tacbench_cad.lab.simulate.devices import SimulatedGauge, SimulatedSensor
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, RigSettings, WorkFrame
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.virtual_rig.launch import launch
+from tacbench_cad.virtual_rig.process import launch
 
 #: How many times faster than real time a virtual rig runs, if ``[stage] options.speed`` does not say.
 DEFAULT_SPEED = 1.0

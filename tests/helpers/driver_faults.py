@@ -11,7 +11,7 @@ from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.stage import Stage
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.virtual_rig.faults import Fault
-from tacbench_cad.virtual_rig.launch import launch
+from tacbench_cad.virtual_rig.process import launch
 
 SPEED = 50.0
 #: Faults that the firmware's own counting of steps cannot see are for the force gauge, not for the drivers.

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from tacbench_cad.virtual_rig.faults import Fault
-from tacbench_cad.virtual_rig.launch import VirtualRig, launch
+from tacbench_cad.virtual_rig.process import VirtualRig, launch
 
 pytestmark = [
     pytest.mark.real,

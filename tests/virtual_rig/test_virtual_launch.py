@@ -16,7 +16,7 @@ import pytest
 from tacbench_cad.lab.rig.errors import DeviceLostError
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.virtual_rig.faults import Fault
-from tacbench_cad.virtual_rig.launch import VirtualRig, launch
+from tacbench_cad.virtual_rig.process import VirtualRig, launch
 
 serial = pytest.importorskip("serial")
 needs_pty = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
@@ -230,7 +230,7 @@ def test_a_closed_rig_is_gone(tcp: bool) -> None:
 @needs_pty
 def test_it_dies_with_its_parent() -> None:
     code = (
-        "import sys, time; from tacbench_cad.virtual_rig.launch import launch\n"
+        "import sys, time; from tacbench_cad.virtual_rig.process import launch\n"
         "rig = launch('grbl'); print(rig.process_id, rig.port, flush=True); time.sleep(600)"
     )
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
@@ -314,7 +314,7 @@ def test_a_launched_process_answers_nonsense_with_an_error() -> None:
 def test_files_of_the_working_folder_are_not_imported(tmp_path: Path) -> None:
     for name in ("tacbench_cad", "json", "argparse", "signal"):
         (tmp_path / f"{name}.py").write_text("raise SystemExit('a file of the working folder was imported')\n")
-    code = "from tacbench_cad.virtual_rig.launch import launch\nwith launch('grbl') as rig: print(rig.now_s() >= 0.0)"
+    code = "from tacbench_cad.virtual_rig.process import launch\nwith launch('grbl') as rig: print(rig.now_s() >= 0.0)"
     command = [sys.executable, "-P", "-c", code]
     result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert result.stdout == "True\n", result.stderr

@@ -22,7 +22,7 @@ from tacbench_cad.lab.study.spec import Study
 from tacbench_cad.virtual_rig import devices
 from tacbench_cad.virtual_rig.devices import open_rig
 from tacbench_cad.virtual_rig.faults import Fault
-from tacbench_cad.virtual_rig.launch import VirtualRig
+from tacbench_cad.virtual_rig.process import VirtualRig
 
 pytestmark = pytest.mark.skipif(
     sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows"

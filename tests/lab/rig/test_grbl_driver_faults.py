@@ -19,7 +19,7 @@ from tacbench_cad.lab.rig.errors import NotThereError, OutOfRangeError, Position
 from tacbench_cad.lab.rig.grbl import GrblStage
 from tacbench_cad.lab.study.spec import Point, StageSettings
 from tacbench_cad.virtual_rig.faults import Fault
-from tacbench_cad.virtual_rig.launch import launch
+from tacbench_cad.virtual_rig.process import launch
 
 LIMITS = ((0.0, 200.0), (0.0, 200.0), (-100.0, 0.0))
 CENTER: Point = (50.0, 60.0, -30.0)

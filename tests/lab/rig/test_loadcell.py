@@ -382,7 +382,7 @@ def test_the_virtual_load_cell(tmp_path: Path, newtons: bool) -> None:
 @pty_only
 def test_the_virtual_rigs_faults_end_in_named_errors_and_the_gauge_goes_on() -> None:
     from tacbench_cad.virtual_rig.faults import Fault
-    from tacbench_cad.virtual_rig.launch import launch
+    from tacbench_cad.virtual_rig.process import launch
 
     spring = {"flat_z_mm": 10.0, "n_per_mm": 0.2}
     with launch("grbl", speed=50.0, seed=3, gauge={"newtons": True}, stimulus=spring) as rig:

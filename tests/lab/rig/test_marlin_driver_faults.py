@@ -18,7 +18,7 @@ from tacbench_cad.lab.rig.drivers import open_stage
 from tacbench_cad.lab.rig.errors import NotThereError
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.study.spec import Point, StageSettings
-from tacbench_cad.virtual_rig.launch import launch
+from tacbench_cad.virtual_rig.process import launch
 
 LIMITS = ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0))
 CENTER: Point = (50.0, 60.0, 70.0)

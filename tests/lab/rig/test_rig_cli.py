@@ -383,7 +383,7 @@ def test_align_refuses_odd_tolerances_and_studies_without_a_rig(tmp_path: Path) 
 @pytest.mark.skipif(sys.platform == "win32", reason="WINDOWS HAS NO PSEUDO-TERMINALS: not tested here")
 @pytest.mark.parametrize("kind", [pytest.param("grbl", marks=pytest.mark.long), "marlin"])
 def test_firmware_and_gauge_are_identified(kind: str) -> None:
-    from tacbench_cad.virtual_rig.launch import launch
+    from tacbench_cad.virtual_rig.process import launch
 
     with launch(kind, speed=20.0) as virtual:
         assert probing.identify(virtual.port).startswith(f"{kind}: ")
