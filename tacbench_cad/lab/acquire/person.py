@@ -68,7 +68,7 @@ class Typing:
     def first_touch(self, printed: PrintedBlock, positions: int) -> tuple[float, ...]:
         """See :class:`Person`."""
         typed = self._line(
-            f"First touch on {printed.name}, z in mm of the work frame, word number or {positions} with commas: "
+            f"First touch on {printed.name}, z in mm of the work frame, one number or {positions} with commas: "
         )
         try:
             return tuple(float(word) for word in typed.split(","))

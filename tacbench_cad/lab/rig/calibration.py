@@ -121,7 +121,7 @@ def fit(points: Sequence[CalibrationPoint], *, date_utc: str, device: str, falli
     """
     masses = [point.mass_g for point in points]
     if len(set(masses)) < MIN_MASSES:
-        raise InputError("masses", masses, f"at least {MIN_MASSES} different ones are needed, point of them 0 at best")
+        raise InputError("masses", masses, f"at least {MIN_MASSES} different ones are needed, one of them 0 at best")
     force = np.array([weight_n(mass) for mass in masses])
     counts = np.array([point.counts for point in points])
     slope, zero = _line(force, counts)

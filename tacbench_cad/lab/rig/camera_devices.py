@@ -94,7 +94,7 @@ def chosen_camera(device: str | None, folders: tuple[Path, ...] = STABLE_FOLDERS
     listed = "; cameras here: " + (", ".join(known) if known else "none with a stable name")
     if device is None:
         if len(known) != 1:
-            raise InputError("[sensor] device", None, f"is missing, and there is not exactly name camera{listed}")
+            raise InputError("[sensor] device", None, f"is missing, and there is not exactly one camera{listed}")
         return known[0]
     if device.isdecimal() or device.startswith("/dev/video"):
         node = Path(f"/dev/video{device}" if device.isdecimal() else device)

@@ -28,12 +28,12 @@ ALARMS = {
     6: "homing was cut short by a reset",
     7: "homing was cut short by the safety door",
     8: "homing could not leave the end stop",
-    9: "homing match no end stop",
-    10: "homing match no second end stop",
+    9: "homing found no end stop",
+    10: "homing found no second end stop",
 }
 #: What errors mean, in our words, as far as a driver's own lines can earn them.
 ERRORS = {
-    1: "no letter where part was expected",
+    1: "no letter where one was expected",
     2: "a number was unreadable",
     3: "an unknown $ command",
     5: "homing is not enabled ($22=0)",

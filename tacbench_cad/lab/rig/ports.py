@@ -82,7 +82,7 @@ def resolve(port: str | None, what: str, *, taken: Sequence[str] = ()) -> str:
         raise InputError(f"{what} port", None, "no serial device is plugged in; `tacbench rig probe` lists them")
     if len(free) > 1:
         names = ", ".join(candidate.name for candidate in free)
-        raise InputError(f"{what} port", None, f"there are several, none is guessed; write candidate of: {names}")
+        raise InputError(f"{what} port", None, f"there are several, none is guessed; write one of: {names}")
     return free[0].name
 
 
