@@ -49,14 +49,14 @@ class Collection:
         """
         runs = tuple(Run.open(folder) for folder in find_runs(folders))
         _require_mixable(runs)
-        empty = next((one for one in runs if not one.rows), None)
+        empty = next((run for run in runs if not run.rows), None)
         if empty is not None:
             raise InputError("run", str(empty.folder), "has no press yet; finish it or leave it out")
-        numbers = [sorted(row.number for row in one.rows) for one in runs]
+        numbers = [sorted(row.number for row in run.rows) for run in runs]
         return cls(
             runs=runs,
-            run=np.repeat(np.arange(len(runs)), [len(one) for one in numbers]),
-            number=np.concatenate([np.array(one, dtype=np.int64) for one in numbers]),
+            run=np.repeat(np.arange(len(runs)), [len(presses) for presses in numbers]),
+            number=np.concatenate([np.array(presses, dtype=np.int64) for presses in numbers]),
         )
 
     def __len__(self) -> int:
@@ -93,27 +93,27 @@ class Collection:
     @cached_property
     def texture(self) -> Strings:
         """Name of the texture, (n,)."""
-        return self._of_run([one.info.printed.texture for one in self.runs])
+        return self._of_run([run.info.printed.texture for run in self.runs])
 
     @cached_property
     def printer(self) -> Strings:
         """Printer, (n,)."""
-        return self._of_run([one.info.printed.printer for one in self.runs])
+        return self._of_run([run.info.printed.printer for run in self.runs])
 
     @cached_property
     def filament(self) -> Strings:
         """Filament, (n,)."""
-        return self._of_run([one.info.printed.filament for one in self.runs])
+        return self._of_run([run.info.printed.filament for run in self.runs])
 
     @cached_property
     def combination(self) -> Strings:
         """Printer and filament: ``bambu-p1p_pla-minus``, (n,)."""
-        return self._of_run([one.info.printed.combination for one in self.runs])
+        return self._of_run([run.info.printed.combination for run in self.runs])
 
     @cached_property
     def copy(self) -> Ints:
         """Number of the print's copy, (n,)."""
-        return self._of_run([one.info.printed.copy for one in self.runs])
+        return self._of_run([run.info.printed.copy for run in self.runs])
 
     @cached_property
     def level(self) -> Ints:
@@ -133,18 +133,18 @@ class Collection:
     @property
     def textures(self) -> tuple[str, ...]:
         """The textures there are, sorted."""
-        return tuple(str(one) for one in np.unique(self.texture))
+        return tuple(str(value) for value in np.unique(self.texture))
 
     @property
     def combinations(self) -> tuple[str, ...]:
         """The printer-filament combinations there are: the paper's in its order, then others by name."""
         order = {f"{printer}_{filament}": i for i, (printer, filament) in enumerate(COMBINATIONS)}
-        return tuple(sorted((str(one) for one in np.unique(self.combination)), key=lambda c: (order.get(c, 99), c)))
+        return tuple(sorted((str(value) for value in np.unique(self.combination)), key=lambda c: (order.get(c, 99), c)))
 
     @property
     def levels(self) -> tuple[int, ...]:
         """The force levels there are."""
-        return tuple(int(one) for one in np.unique(self.level))
+        return tuple(int(value) for value in np.unique(self.level))
 
     def frame(self, index: int) -> Frame:
         """The reading of a press, as it was recorded.
@@ -181,9 +181,11 @@ def _require_mixable(runs: Sequence[Run]) -> None:
     seen: dict[str, Run] = {}
     for run in runs:
         for what, value in _common(run.info).items():
-            wanted = _common(first.info)[what]
-            if value != wanted:
-                raise InputError(what, value, f"in {run.folder}, but {wanted!r} in {first.folder}; analyse them apart")
+            expected = _common(first.info)[what]
+            if value != expected:
+                raise InputError(
+                    what, value, f"in {run.folder}, but {expected!r} in {first.folder}; analyse them apart"
+                )
         name = run.info.printed.name
         if name in seen:
             raise InputError("run", str(run.folder), f"is of the same print as {seen[name].folder}: {name}")
@@ -193,14 +195,14 @@ def _require_mixable(runs: Sequence[Run]) -> None:
 def _common(info: RunInfo) -> dict[str, object]:
     """What must be equal for presses to be comparable."""
     block, protocol = info.printed.block, info.protocol
-    grid = [[round(one, 9) for one in line] for line in (protocol.grid.x_mm, protocol.grid.y_mm)]
+    grid = [[round(place, 9) for place in line] for line in (protocol.grid.x_mm, protocol.grid.y_mm)]
     return {
         "contact": protocol.contact,
         "forces_n" if protocol.contact == "force" else "depths_mm": list(
             protocol.forces_n if protocol.contact == "force" else protocol.depths_mm
         ),
         "grid": grid,
-        "block size": [round(one, 9) for one in block.size_mm],
+        "block size": [round(side, 9) for side in block.size_mm],
         "preset": block.preset,
         "scale": block.scale,
         "sensor": info.sensor.get("name"),

@@ -223,19 +223,19 @@ def read_side(folder: Path, name: str, estimator: str | None = None) -> tuple[Si
     settings = read_settings(folder / SETTINGS_FILE)
     if settings.get("analysis") != "classification" or settings.get("protocol") != "sound":
         raise InputError("classification", str(folder), "must be of tacbench classify --protocol sound")
-    known = [str(one) for one in settings.get("estimators", ())]
-    wanted = estimator or (known[0] if known else "")
-    if wanted not in known:
-        raise InputError("estimator", wanted, f"{folder} has {', '.join(known) or 'none'}")
+    known = [str(known) for known in settings.get("estimators", ())]
+    chosen = estimator or (known[0] if known else "")
+    if chosen not in known:
+        raise InputError("estimator", chosen, f"{folder} has {', '.join(known) or 'none'}")
     right: dict[tuple[str, str, str], list[bool]] = defaultdict(list)
     presses: dict[tuple[str, str, str], set[str]] = defaultdict(set)
     for row in Table.read(folder / "predictions.csv", _PREDICTIONS).rows:
-        if row["estimator"] == wanted:
+        if row["estimator"] == chosen:
             key = (row["rung"], row["texture"], row["run"])
             right[key].append(row["texture"] == row["predicted"])
             presses[key].add(row["press"])
     if not right:
-        raise InputError("predictions", str(folder / "predictions.csv"), f"has no row of the estimator {wanted}")
+        raise InputError("predictions", str(folder / "predictions.csv"), f"has no row of the estimator {chosen}")
     accuracies: dict[tuple[str, str], dict[str, PrintAccuracy]] = defaultdict(dict)
     for (rung, texture, run), answers in right.items():
         count = len(presses[rung, texture, run])
@@ -251,7 +251,7 @@ def read_side(folder: Path, name: str, estimator: str | None = None) -> tuple[Si
         )
     except (KeyError, TypeError) as error:
         raise InputError("settings", str(folder / SETTINGS_FILE), f"lacks a value: {error}") from None
-    return side, wanted
+    return side, chosen
 
 
 def compare(a: Side, b: Side, estimator: str, *, same_prints: bool = True) -> Comparison:
@@ -281,7 +281,9 @@ def compare(a: Side, b: Side, estimator: str, *, same_prints: bool = True) -> Co
     rows = []
     for rung in rungs:
         of_a, of_b = ({t: side.accuracies.get((rung, t), {}) for t in a.textures} for side in (a, b))
-        every_a, every_b = ({run: one for of in side.values() for run, one in of.items()} for side in (of_a, of_b))
+        every_a, every_b = (
+            {run: accuracy for of in side.values() for run, accuracy in of.items()} for side in (of_a, of_b)
+        )
         rows.append(_difference(rung, ALL_TEXTURES, every_a, every_b, same_prints))
         rows += [_difference(rung, t, of_a[t], of_b[t], same_prints) for t in a.textures if of_a[t] and of_b[t]]
     return Comparison(a=a, b=b, estimator=estimator, rows=tuple(rows), notes=tuple(_notes(a, b, rows)))
@@ -291,7 +293,7 @@ def _difference(
     rung: str, texture: str, a: Mapping[str, PrintAccuracy], b: Mapping[str, PrintAccuracy], same_prints: bool
 ) -> Difference:
     paired = same_prints and a.keys() == b.keys()
-    x, y = np.array([one.value for one in a.values()]), np.array([one.value for one in b.values()])
+    x, y = np.array([accuracy.value for accuracy in a.values()]), np.array([accuracy.value for accuracy in b.values()])
     if paired:
         y = np.array([b[run].value for run in a])
         least = (_least(a) + _least(b)) / len(a)
@@ -333,19 +335,19 @@ def _welch(x: Floats, y: Floats) -> tuple[float, float]:
     """The same of two independent samples; no degrees of freedom where one has a single print."""
     if len(x) < 2 or len(y) < 2:
         return 0.0, 0.0
-    parts = [float(one.var(ddof=1)) / len(one) for one in (x, y)]
+    parts = [float(values.var(ddof=1)) / len(values) for values in (x, y)]
     total = sum(parts)
     if total == 0.0:
         return 0.0, float(min(len(x), len(y)) - 1)
-    return total, total**2 / sum(part**2 / (len(one) - 1) for part, one in zip(parts, (x, y), strict=True))
+    return total, total**2 / sum(part**2 / (len(values) - 1) for part, values in zip(parts, (x, y), strict=True))
 
 
 def _least(prints: Mapping[str, PrintAccuracy]) -> float:
     """Mean over prints of the least variance that a print's share can have with its number of presses."""
     values = []
-    for one in prints.values():
-        p = (one.value * one.presses + 1.0) / (one.presses + 2.0)
-        values.append(p * (1.0 - p) / one.presses)
+    for accuracy in prints.values():
+        p = (accuracy.value * accuracy.presses + 1.0) / (accuracy.presses + 2.0)
+        values.append(p * (1.0 - p) / accuracy.presses)
     return float(np.mean(values))
 
 
@@ -364,7 +366,7 @@ def _notes(a: Side, b: Side, rows: Sequence[Difference]) -> list[str]:
     for key in ("resolution", "components", "augmentation", "folds", "trials", "copies", "seed"):
         if a.settings.get(key) != b.settings.get(key):
             notes.append(f"{key}: {a.settings.get(key)} for A, {b.settings.get(key)} for B")
-    if any(one.smallest_difference is None for one in rows):
+    if any(row.smallest_difference is None for row in rows):
         notes.append("where a sensor has a single print of a texture on a rung, no difference can be shown")
     notes.append(
         f"{len(rows)} differences are looked at: about one in twenty of those that are not there is shown by chance"
@@ -394,14 +396,14 @@ def _figure(comparison: Comparison) -> Figure:
     """Ladder on the left, differences of recall by texture on the right."""
     from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure
 
-    rungs = list(dict.fromkeys(one.rung for one in comparison.rows))
+    rungs = list(dict.fromkeys(row.rung for row in comparison.rows))
     textures = comparison.a.textures
     figure = new_figure(PAGE_IN, 0.9 + max(2.4, 0.42 * len(rungs) * max(1, len(textures) // 3)))
     ladder, recall = figure.subplots(1, 2, width_ratios=(1.0, 1.35))
-    whole = {one.rung: one for one in comparison.rows if one.texture == ALL_TEXTURES}
+    whole = {row.rung: row for row in comparison.rows if row.texture == ALL_TEXTURES}
     for i, rung in enumerate(rungs):
-        for j, share in enumerate((whole[rung].accuracy_a, whole[rung].accuracy_b)):
-            ladder.plot(i + 0.16 * (j - 0.5), 100.0 * share, "os"[j], color=COLOURS[j], markersize=5.0)
+        for j, accuracy in enumerate((whole[rung].accuracy_a, whole[rung].accuracy_b)):
+            ladder.plot(i + 0.16 * (j - 0.5), 100.0 * accuracy, "os"[j], color=COLOURS[j], markersize=5.0)
     ladder.axhline(100.0 / len(textures), color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
     ladder.annotate("chance", (-0.48, 100.0 / len(textures)), ha="left", va="bottom", fontsize=7.0)
     ladder.set(xlim=(-0.5, len(rungs) - 0.5), ylim=(0.0, 104.0), ylabel="accuracy (%)", xticks=range(len(rungs)))
@@ -410,12 +412,12 @@ def _figure(comparison: Comparison) -> Figure:
     step = 0.8 / len(rungs)
     labels = [ALL_TEXTURES, *textures]
     for i, rung in enumerate(rungs):
-        for one in (row for row in comparison.rows if row.rung == rung):
-            y = labels.index(one.texture) + (i - (len(rungs) - 1) / 2.0) * step
+        for line in (row for row in comparison.rows if row.rung == rung):
+            y = labels.index(line.texture) + (i - (len(rungs) - 1) / 2.0) * step
             colour = COLOURS[(i + 2) % (len(COLOURS) - 1)]
-            if one.low is not None and one.high is not None:
-                recall.plot([100.0 * one.low, 100.0 * one.high], [y, y], color=colour, linewidth=1.0)
-            recall.plot(100.0 * one.difference, y, "o", color=colour, markersize=3.5)
+            if line.low is not None and line.high is not None:
+                recall.plot([100.0 * line.low, 100.0 * line.high], [y, y], color=colour, linewidth=1.0)
+            recall.plot(100.0 * line.difference, y, "o", color=colour, markersize=3.5)
         recall.plot([], [], "o-", color=COLOURS[(i + 2) % (len(COLOURS) - 1)], markersize=3.5, label=rung)
     recall.axvline(0.0, color=INK, linewidth=0.8)
     recall.set(yticks=range(len(labels)), xlabel="recall, B less A (percentage points)")

@@ -27,12 +27,12 @@ def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, An
     Raises:
         InputError: The file cannot be written, or a row has other keys.
     """
-    wanted = set(columns)
+    expected = set(columns)
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(columns)
         for row in rows:
-            if set(row) != wanted:
-                raise InputError(path.name, sorted(wanted ^ set(row)), "are columns that the row or the table lacks")
+            if set(row) != expected:
+                raise InputError(path.name, sorted(expected ^ set(row)), "are columns that the row or the table lacks")
             writer.writerow([cell(row[name]) for name in columns])
     return path

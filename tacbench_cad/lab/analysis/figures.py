@@ -94,7 +94,7 @@ def save(figure: Figure, stem: Path, simulated: Sequence[str]) -> tuple[Path, Pa
     """
     from matplotlib.transforms import Bbox
 
-    width, height = (float(one) for one in figure.get_size_inches())
+    width, height = (float(size) for size in figure.get_size_inches())
     lines = _mark(simulated, max(20, int(width * _CHARACTERS_PER_IN)))
     band = _LINE_IN * len(lines) + 0.06 if simulated else 0.0
     box = Bbox.from_extents(0.0, -band, width, height)
@@ -116,7 +116,7 @@ def save(figure: Figure, stem: Path, simulated: Sequence[str]) -> tuple[Path, Pa
 
 def _mark(simulated: Sequence[str], width: int) -> list[str]:
     """What was simulated, each part once, as many whole parts as there is room for."""
-    parts = list(dict.fromkeys(part for one in simulated for part in one.split("; ")))
+    parts = list(dict.fromkeys(part for text in simulated for part in text.split("; ")))
     for count in range(len(parts), 0, -1):
         rest = "" if count == len(parts) else f"; and {len(parts) - count} more (see run.json)"
         lines = textwrap.wrap("simulated: " + "; ".join(parts[:count]) + rest, width)

@@ -122,7 +122,7 @@ class Table:
             InputError: The file is missing, lacks a column or holds a wrong value.
         """
         kept = tuple(columns)
-        stored = [one for one in kept if one.derived is None]
+        stored = [column for column in kept if column.derived is None]
         heads, lines = read_table(path, "table")
         lacking = [column.name for column in stored if column.name not in heads]
         if lacking:
@@ -145,19 +145,19 @@ class Table:
         """
         with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
             writer = csv.writer(stream, lineterminator="\n")
-            writer.writerow([one.name for one in self.columns if one.derived is None])
+            writer.writerow([column.name for column in self.columns if column.derived is None])
             writer.writerows([[schema.cell(value) for value in record.values()] for record in self.records()])
         return path
 
     def records(self) -> list[dict[str, Any]]:
         """The rows with what is stored of them, as JSON has it."""
-        names = [one.name for one in self.columns if one.derived is None]
+        names = [column.name for column in self.columns if column.derived is None]
         return [{name: row[name] for name in names} for row in self.rows]
 
     def select(self, *columns: str | Column, title: str | None = None) -> Table:
         """The table with some of its columns, or with others made from these, in this order."""
-        known = {one.name: one for one in self.columns}
-        kept = tuple(known[one] if isinstance(one, str) else one for one in columns)
+        known = {column.name: column for column in self.columns}
+        kept = tuple(known[column] if isinstance(column, str) else column for column in columns)
         return replace(self, columns=kept, title=self.title if title is None else title)
 
     def where(self, chosen: Callable[[Row], bool]) -> Table:
@@ -167,16 +167,16 @@ class Table:
     @property
     def heads(self) -> list[str]:
         """The heads of the columns, for people."""
-        return [one.name.replace("_", " ") if one.head is None else one.head for one in self.columns]
+        return [column.name.replace("_", " ") if column.head is None else column.head for column in self.columns]
 
     @property
     def right(self) -> list[bool]:
         """Which columns are set flush right: those of numbers."""
         return [
-            all(isinstance(value, int | float | None) for value in map(one.value, self.rows))
-            if one.right is None
-            else one.right
-            for one in self.columns
+            all(isinstance(value, int | float | None) for value in map(column.value, self.rows))
+            if column.right is None
+            else column.right
+            for column in self.columns
         ]
 
     def texts(self, empty: str = "") -> Iterator[list[str]]:
@@ -186,8 +186,8 @@ class Table:
             empty: What stands for None.
         """
         for row in self.rows:
-            values = [(one, one.value(row)) for one in self.columns]
-            yield [empty if value in (None, "") else one.text(value) for one, value in values]
+            values = [(column, column.value(row)) for column in self.columns]
+            yield [empty if value in (None, "") else column.text(value) for column, value in values]
 
 
 def _parsed(column: Column, text: str) -> Any:

@@ -13,7 +13,7 @@ from helpers.studies import PRINTERS, SHAPE, write_study
 
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
-from tacbench_cad.lab.analysis.variance.moments import FRAMES, MAP_SIDE, moments, small_map, spread
+from tacbench_cad.lab.analysis.variance.moments import FRAMES, MAP_SIDE, moments, running_moments, small_map
 from tacbench_cad.lab.analysis.variance.streaming import Pass, levels_with_most_prints, stream
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.lab.rig.sensor import Frame
@@ -201,7 +201,7 @@ def test_moments_are_those_of_all_readings_at_once() -> None:
 @pytest.mark.parametrize("count", [0, 1, FRAMES, 2 * FRAMES + 3])
 def test_frames_are_taken_in_parts(count: int) -> None:
     frames = 1e6 + np.random.default_rng(count).standard_normal((count, 30))
-    found = spread(iter(frames))
+    found = running_moments(iter(frames))
     assert found.count == count
     if count:
         assert found.squares == pytest.approx(count * frames.var(axis=0).mean(), rel=1e-7, abs=1e-12)

@@ -85,7 +85,7 @@ def citations(form: str = "text") -> str:
     """
     one_of("format", form, FORMATS)
     both = (PAPER, PROGRAM)
-    return "\n".join(one.bibtex for one in both) if form == "bibtex" else "".join(f"{one.text}\n" for one in both)
+    return "\n".join(work.bibtex for work in both) if form == "bibtex" else "".join(f"{work.text}\n" for work in both)
 
 
 def _initials(given: str) -> str:

@@ -109,28 +109,30 @@ def refusal_of(error: InputError | CheckFailedError) -> str:
     return str(error)
 
 
-def section(study: Study, found: Sequence[Classification]) -> Iterator[Piece]:
+def section(study: Study, classifications: Sequence[Classification]) -> Iterator[Piece]:
     """Accuracies, recall, confusion matrices, of one or several classifications."""
-    for one in found:
-        protocol, name = str(one.settings["protocol"]), one.folder.name
-        if len(found) > 1:
+    for classification in classifications:
+        protocol, name = str(classification.settings["protocol"]), classification.folder.name
+        if len(classifications) > 1:
             yield Piece("heading", f"Protocol {protocol}")
-        notes = [str(note) for note in one.settings.get("notes", ())]
+        notes = [str(note) for note in classification.settings.get("notes", ())]
         if notes:
             yield Piece("list", items=notes)
-        textures = [str(texture) for texture in one.settings["textures"]]
+        textures = [str(texture) for texture in classification.settings["textures"]]
         chance = f"chance is {100.0 / len(textures):.1f} %"
         title = f"Accuracy in per cent with 95 % intervals, protocol {protocol}; {chance}"
-        yield study.table(Table.read(one.folder / "classification.csv", COLUMNS, title), f"{name}/classification.csv")
-        yield study.table(_recall(one, textures), f"{name}/confusion.csv")
+        yield study.table(
+            Table.read(classification.folder / "classification.csv", COLUMNS, title), f"{name}/classification.csv"
+        )
+        yield study.table(_recall(classification, textures), f"{name}/confusion.csv")
         for stem, caption in CAPTIONS.items():
-            for path in sorted(one.folder.glob(f"{stem}*.png")):
+            for path in sorted(classification.folder.glob(f"{stem}*.png")):
                 yield study.figure(f"{name}/{path.stem}", caption)
 
 
-def _recall(one: Classification, textures: Sequence[str]) -> Table:
+def _recall(classification: Classification, textures: Sequence[str]) -> Table:
     recalls: dict[tuple[str, ...], dict[str, Any]] = {}
-    for row in Table.read(one.folder / "confusion.csv", _CONFUSION).rows:
+    for row in Table.read(classification.folder / "confusion.csv", _CONFUSION).rows:
         if row["texture"] == row["predicted"] and row["tested_on"] in (*WHOLE, row["train_on"]):
             key = {name: row[name] for name in ("estimator", "rung", "train_on")}
             recalls.setdefault(tuple(key.values()), key)[row["texture"]] = row["share"]
@@ -141,16 +143,16 @@ def _recall(one: Classification, textures: Sequence[str]) -> Table:
     return Table(columns=tuple(columns), rows=tuple({**empty, **row} for row in recalls.values()), title=title)
 
 
-def methods_text(one: Classification) -> str:
+def methods_text(classification: Classification) -> str:
     """How a classification was computed: a paragraph.
 
     Raises:
         InputError: the settings' file lacks something.
     """
     try:
-        return _methods(one.settings)
+        return _methods(classification.settings)
     except (KeyError, TypeError, ValueError) as error:
-        path = one.folder / SETTINGS_FILE
+        path = classification.folder / SETTINGS_FILE
         raise InputError("settings", str(path), f"holds a wrong or missing value: {error}") from None
 
 

@@ -144,7 +144,7 @@ def counts_rows(collection: Collection) -> list[dict[str, object]]:
     cells: dict[tuple[str, str], dict[int, int]] = defaultdict(lambda: defaultdict(int))
     copies: dict[tuple[str, str], set[int]] = defaultdict(set)
     columns = (collection.combination, collection.texture, collection.copy, collection.level)
-    for combination, texture, copy, level in zip(*(one.tolist() for one in columns), strict=True):
+    for combination, texture, copy, level in zip(*(column.tolist() for column in columns), strict=True):
         cells[combination, texture][level] += 1
         copies[combination, texture].add(copy)
     rows: list[dict[str, object]] = []
@@ -189,8 +189,8 @@ def _forces_text(collection: Collection) -> str:
     forces = ", ".join(f"{protocol.forces_n[n - 1]:.6g} ± {protocol.bands_n[n - 1]:.3g}" for n in collection.levels)
     measured = [_measured(collection, level) for level in collection.levels]
     text = f"Target forces were {forces} N"
-    if all(one is not None for one in measured):
-        shown = ", ".join(f"{mean:.4f} (SD {spread:.2g})" for mean, spread in (one for one in measured if one))
+    if all(force is not None for force in measured):
+        shown = ", ".join(f"{mean:.4f} (SD {sd:.2g})" for mean, sd in (force for force in measured if force))
         text += f"; measured just before the reading: {shown} N"
     return text + "."
 
@@ -209,5 +209,7 @@ def _measured(collection: Collection, level: int) -> tuple[float, float] | None:
 def _devices(collection: Collection, what: str) -> str:
     """The stages, or gauges, of all runs in words."""
     devices = [run.info.stage if what == "stage" else run.info.gauge for run in collection.runs]
-    words = ["simulated" if one.get("simulated") else str(one.get("identity") or "not recorded") for one in devices]
+    words = [
+        "simulated" if device.get("simulated") else str(device.get("identity") or "not recorded") for device in devices
+    ]
     return ", ".join(dict.fromkeys(words))

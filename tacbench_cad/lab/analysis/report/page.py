@@ -69,16 +69,16 @@ def write_report(
             analysis is not of these runs.
         MissingToolError: What it needs is not installed; nothing is written then.
     """
-    wanted = options or Options()
+    chosen = options or Options()
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError("out", str(out), "must end in .html")
-    classified_here = wanted.classify and not wanted.classifications
+    classified_here = chosen.classify and not chosen.classifications
     require("the report", "jinja2", *(name for name in MODULES if classified_here or name != "sklearn"))
     collection = Collection.open(runs)
     # Folders that are not of these runs are refused before anything is computed.
-    if wanted.variance is not None:
-        _require_same("variance", wanted.variance / VARIANCE_SETTINGS, collection)
-    for folder in wanted.classifications:
+    if chosen.variance is not None:
+        _require_same("variance", chosen.variance / VARIANCE_SETTINGS, collection)
+    for folder in chosen.classifications:
         _require_same("classify", folder / CLASSIFY_SETTINGS, collection)
     files = out.with_name(f"{out.stem}_files")
     study = Study(collection=collection, files=files)
@@ -88,7 +88,7 @@ def write_report(
             _section("design", "What was pressed on what", sections.design_section(study)),
             _section("prints", "The prints, and what is missing in their records", sections.records_section(study)),
             _section("quality", "Data quality", sections.quality_section(study, reports)),
-            *_analyses(study, wanted, progress),
+            *_analyses(study, chosen, progress),
         ]
         progress("writing the page", 0, 0)
         title = f"{counted(len(collection), 'press')} on {counted(len(collection.runs), 'print')}"
@@ -131,10 +131,10 @@ def _analyses(study: Study, options: Options, progress: Progress) -> Iterator[Se
     else:
         yield _section("variance", "How well it printed", _refused("variance table", refusal))
     if options.classify:
-        found, reason = _classifications(study, options, progress)
-        body = classification.section(study, found) if found else _refused("classification", reason)
+        classified, reason = _classifications(study, options, progress)
+        body = classification.section(study, classified) if classified else _refused("classification", reason)
         yield _section("classification", "What the sensor can tell apart", body)
-        paragraphs += [classification.methods_text(one) for one in found]
+        paragraphs += [classification.methods_text(done) for done in classified]
     points = methods.open_points(study.collection, colour, ddof)
     yield _section("methods", "Methods and citations", sections.methods_section(study, paragraphs, points))
 
@@ -169,14 +169,14 @@ def _classifications(
     study: Study, options: Options, progress: Progress
 ) -> tuple[list[classification.Classification], str]:
     """Have the files of classifications; none, and the reason, where these data have none."""
-    found = []
+    classified = []
     for i, source in enumerate(options.classifications, start=1):
         name = "classification" if len(options.classifications) == 1 else f"classification_{i}"
         copy_files(source, study.files / name)
         settings = read_settings(study.files / name / CLASSIFY_SETTINGS)
-        found.append(classification.Classification(folder=study.files / name, settings=settings))
-    if found:
-        return found, ""
+        classified.append(classification.Classification(folder=study.files / name, settings=settings))
+    if classified:
+        return classified, ""
     clear(study.files / "classification")
     try:
         return [classification.computed(study, options.jobs, options.dask, progress)], ""

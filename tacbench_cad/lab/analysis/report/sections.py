@@ -43,10 +43,10 @@ def records_section(study: Study) -> Iterator[Piece]:
             records.append((run.info.printed.name, run.print_record))
         except InputError as error:
             damaged.append(str(error))
-    rows = [{"run": name, **{field: _plain(one.values.get(field)) for field in FIELDS}} for name, one in records]
+    rows = [{"run": name, **{field: _plain(record.values.get(field)) for field in FIELDS}} for name, record in records]
     file = "print_records.csv"
     Table.of(_columns("run", *FIELDS), rows).write(study.files / file)
-    empty = Counter(field for _, one in records for field in one.empty)
+    empty = Counter(field for _, record in records for field in record.empty)
     total = len(records)
     if empty:
         yield Piece(
@@ -59,7 +59,7 @@ def records_section(study: Study) -> Iterator[Piece]:
         yield study.table(_table("Empty fields of the print records", heads, counts), file)
     elif total:
         yield Piece("paragraph", f"All fields of all {total} print records are filled in.")
-    filled = [field for field in FIELDS if any(one.values.get(field) for _, one in records)]
+    filled = [field for field in FIELDS if any(record.values.get(field) for _, record in records)]
     if filled and total:
         alike = Counter(tuple(row[field] for field in filled) for row in rows)
         counts = [(*values, count) for values, count in alike.items()]
@@ -75,13 +75,13 @@ def quality_section(study: Study, reports: Sequence[RunReport]) -> Iterator[Piec
     """Data quality: every run examined as `tacbench runs check` does."""
     counts = ("planned", "presses", "out_of_band", "references", "stationary")
     columns = [Column("run", source="name"), *_columns(*counts)]
-    columns.append(Column("findings", source=lambda one: len(one.findings)))
+    columns.append(Column("findings", source=lambda report: len(report.findings)))
     Table.of(columns, reports).write(study.files / "data_quality.csv")
-    findings = [{"run": one.name, **to_plain(finding)} for one in reports for finding in one.findings]
+    findings = [{"run": report.name, **to_plain(finding)} for report in reports for finding in report.findings]
     table = Table.of(_columns("run", "kind", "where", "text"), findings)
     table.write(study.files / "findings.csv")
-    planned, there, outside = (sum(getattr(one, name) for one in reports) for name in counts[:3])
-    whole = sum(not one.findings for one in reports)
+    planned, there, outside = (sum(getattr(report, name) for report in reports) for name in counts[:3])
+    whole = sum(not report.findings for report in reports)
     yield Piece(
         "paragraph",
         f"{there:,} of {planned:,} planned presses are there; in {outside:,} of them the force lay outside of its band "
@@ -122,11 +122,11 @@ def variance_section(study: Study, view: VarianceView) -> Iterator[Piece]:
         grades = grade(view.cells, Context.of(collection, view.cells))
     except InputError:
         return  # none of the paper's textures: there is nothing to stand beside
-    for one in grades:
-        yield Piece("heading", f"{one.printer} {one.filament} beside the published table")
-        yield Piece("list", items=[verdict.text for verdict in one.verdicts])
+    for graded in grades:
+        yield Piece("heading", f"{graded.printer} {graded.filament} beside the published table")
+        yield Piece("list", items=[verdict.text for verdict in graded.verdicts])
         yield Piece("paragraph", "What limits this:")
-        yield Piece("list", items=one.limits or ("nothing more than what is said above",))
+        yield Piece("list", items=graded.limits or ("nothing more than what is said above",))
 
 
 def maps_section(study: Study) -> Iterator[Piece]:

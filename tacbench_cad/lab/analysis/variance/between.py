@@ -110,11 +110,11 @@ def _squares(cell: CellSums) -> float:
 
 def _pooled(of_levels: Sequence[TextureMatrix]) -> TextureMatrix:
     """The mean over levels, where every level has an entry."""
-    counts = np.array([one.presses for one in of_levels])
+    counts = np.array([matrix.presses for matrix in of_levels])
     return TextureMatrix(
         combination=of_levels[0].combination,
         force_level=ALL_LEVELS,
         textures=of_levels[0].textures,
-        variance=np.mean([one.variance for one in of_levels], axis=0),
+        variance=np.mean([matrix.variance for matrix in of_levels], axis=0),
         presses=np.where(np.any(counts == 0, axis=0), 0, np.sum(counts, axis=0)),
     )

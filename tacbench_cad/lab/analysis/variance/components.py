@@ -76,7 +76,7 @@ class NestedSums:
             raise InputError("squares", sums.tolist(), "must be four finite numbers from 0")
         members = _members(names)
         totals = np.array([[_share(members[level], members[within]) for level in range(1, 5)] for within in range(5)])
-        counts = np.array([len(np.unique(one)) for one in members])
+        counts = np.array([len(np.unique(member)) for member in members])
         return cls(
             squares=sums,
             coefficients=np.triu(np.diff(totals, axis=0)),
@@ -149,23 +149,23 @@ def components(sums: NestedSums) -> tuple[Component, ...]:
         sums: Pooled sums of squares.
     """
     active = [i for i in range(4) if sums.dof[i] > 0]
-    found = dict(zip(active, _solved(sums, active), strict=True)) if active else {}
+    solved = dict(zip(active, _solved(sums, active), strict=True)) if active else {}
     result = []
     for i, name in enumerate(LEVELS):
         includes: tuple[str, ...] = ()
-        if i in found:
+        if i in solved:
             nearest = next((j for j in active if j > i), 4)
             includes = LEVELS[i + 1 : nearest]
-        note = "" if i in found else _reason(i, active)
-        if i in found and found[i] < 0.0:
+        note = "" if i in solved else _reason(i, active)
+        if i in solved and solved[i] < 0.0:
             note = "negative: not distinguishable from 0"
-        result.append(Component(name=name, variance=found.get(i), dof=int(sums.dof[i]), includes=includes, note=note))
+        result.append(Component(name=name, variance=solved.get(i), dof=int(sums.dof[i]), includes=includes, note=note))
     return tuple(result)
 
 
 def _solved(sums: NestedSums, active: Sequence[int]) -> list[float]:
     matrix = sums.coefficients[np.ix_(active, active)]
-    return [float(one) for one in np.linalg.solve(matrix, sums.squares[active])]
+    return [float(value) for value in np.linalg.solve(matrix, sums.squares[active])]
 
 
 def _reason(level: int, active: Sequence[int]) -> str:
@@ -174,102 +174,76 @@ def _reason(level: int, active: Sequence[int]) -> str:
     return f"{alone}; it is in the component of the {coarser[-1]}" if coarser else f"{alone}; no estimate"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Precision:
-    """ISO 5725's standard deviations, in the reading's unit; None where the design cannot tell one.
-
-    The item is the texture's design and the "laboratory" a printer: what is printed and pressed again elsewhere.
-
-    Args:
-        repeatability: Same print pressed again.
-        intermediate: Another print from the same printer and filament.
-        reproducibility: Another print from another printer or filament.
-    """
-
-    repeatability: float | None
-    intermediate: float | None
-    reproducibility: float | None
-
-    @property
-    def limits(self) -> Mapping[str, float | None]:
-        """Two single readings differ by less than this in 95 of 100 cases: 2.8 standard deviations (ISO 5725-6)."""
-        named = {
-            "repeatability": self.repeatability,
-            "intermediate": self.intermediate,
-            "reproducibility": self.reproducibility,
-        }
-        return {name: None if sd is None else LIMIT_FACTOR * sd for name, sd in named.items()}
+#: ISO 5725's standard deviations and the components in each: the same print pressed again; another print from the same
+#: printer and filament; another printer or filament. The item is the texture's design and the "laboratory" a printer.
+PRECISION: Mapping[str, tuple[str, ...]] = {
+    "repeatability": ("repeat",),
+    "intermediate": ("print", "repeat"),
+    "reproducibility": ("printer", "print", "repeat"),
+}
 
 
-def precision(found: Sequence[Component]) -> Precision:
-    """Repeatability and reproducibility from components; a negative one counts as 0 (ISO 5725-2, 7.4.5.4).
+def precision(estimates: Sequence[Component]) -> dict[str, float | None]:
+    """The standard deviations of :data:`PRECISION`, in the reading's unit; None where the design cannot tell one.
 
-    A sum needs each of its levels, alone or within a coarser one that is itself in the sum.
+    A negative component counts as 0 (ISO 5725-2, 7.4.5.4). A sum needs each of its components, alone or within a
+    coarser one that is itself in the sum. Two single readings differ by less than :data:`LIMIT_FACTOR` standard
+    deviations in 95 of 100 cases.
 
     Args:
-        found: The four of :func:`components`.
+        estimates: The four of :func:`components`.
     """
-    by_name = {one.name: one for one in found}
-
-    def deviation(*levels: str) -> float | None:
-        parts = [by_name[name] for name in levels]
-        covered = {name for one in parts if one.variance is not None for name in (one.name, *one.includes)}
-        if covered != set(levels):
-            return None
-        return math.sqrt(sum(one.truncated or 0.0 for one in parts))
-
-    return Precision(
-        repeatability=deviation("repeat"),
-        intermediate=deviation("print", "repeat"),
-        reproducibility=deviation("printer", "print", "repeat"),
-    )
+    by_name = {component.name: component for component in estimates}
+    deviations: dict[str, float | None] = {}
+    for name, levels in PRECISION.items():
+        parts = [by_name[level] for level in levels]
+        covered = {level for part in parts if part.variance is not None for level in (part.name, *part.includes)}
+        whole = covered == set(levels)
+        deviations[name] = math.sqrt(sum(part.truncated or 0.0 for part in parts)) if whole else None
+    return deviations
 
 
 def component_rows(
     force_level: int | str,
-    found: Sequence[Component],
+    estimates: Sequence[Component],
     intervals: Mapping[str, tuple[float, float]] | None = None,
 ) -> list[dict[str, Any]]:
     """Rows of ``components.csv``: the components, then ISO 5725's variances as sums of truncated components.
 
     Args:
         force_level: Level from 1, or ``all``.
-        found: The four of :func:`components`.
+        estimates: The four of :func:`components`.
         intervals: Low and high by component, where there are some (print and repeat; printers and textures are chosen
             and few, so that an interval of their component would say nothing).
     """
     ends = intervals or {}
     rows: list[dict[str, Any]] = []
-    for one in found:
-        low, high = ends.get(one.name, (None, None))
+    for component in estimates:
+        low, high = ends.get(component.name, (None, None))
         rows.append(
             {
                 "force_level": force_level,
-                "component": one.name,
-                "variance": one.variance,
-                "truncated": one.truncated,
+                "component": component.name,
+                "variance": component.variance,
+                "truncated": component.truncated,
                 "low": low,
                 "high": high,
-                "degrees_of_freedom": one.dof,
-                "includes": " ".join(one.includes),
-                "note": one.note,
+                "degrees_of_freedom": component.dof,
+                "includes": " ".join(component.includes),
+                "note": component.note,
             }
         )
-    spread = precision(found)
-    for name in ("repeatability", "intermediate", "reproducibility"):
-        sd = getattr(spread, name)
-        limit = spread.limits[name]
+    for name, sd in precision(estimates).items():
+        variance = None if sd is None else sd**2
         rows.append(
             {
+                **dict.fromkeys(("low", "high", "degrees_of_freedom")),
                 "force_level": force_level,
                 "component": name,
-                "variance": None if sd is None else sd**2,
-                "truncated": None if sd is None else sd**2,
-                "low": None,
-                "high": None,
-                "degrees_of_freedom": None,
+                "variance": variance,
+                "truncated": variance,
                 "includes": "",
-                "note": "" if limit is None else f"standard deviation {sd:.6g}, limit {limit:.6g} (ISO 5725)",
+                "note": "" if sd is None else f"standard deviation {sd:.6g}, limit {LIMIT_FACTOR * sd:.6g} (ISO 5725)",
             }
         )
     return rows

@@ -81,7 +81,7 @@ def compared_levels(result: VarianceResult) -> tuple[Level, ...]:
     """The levels that figures compare prints at: those with two prints of something, and the mean if all have."""
     singles = sorted({level for level, _ in result.sums})
     with_prints = [
-        level for level in singles if any(one.prints > 1 for one in result.cells if one.force_level == level)
+        level for level in singles if any(cell.prints > 1 for cell in result.cells if cell.force_level == level)
     ]
     if not with_prints or len(with_prints) == len(singles):
         return shown_levels(result.cells)
@@ -94,15 +94,15 @@ def compared(result: VarianceResult) -> list[str]:
     One print shows how the sensor repeats, and nothing of how prints differ.
     """
     prints: dict[str, int] = {}
-    for one in result.cells:
-        prints[one.combination] = max(prints.get(one.combination, 0), one.prints)
+    for cell in result.cells:
+        prints[cell.combination] = max(prints.get(cell.combination, 0), cell.prints)
     most = max(prints.values())
-    return [one for one in result.collection.combinations if prints.get(one, 0) > (most > 1)]
+    return [combination for combination in result.collection.combinations if prints.get(combination, 0) > (most > 1)]
 
 
 def _left_out(result: VarianceResult) -> str:
     """What a figure does not show, in words."""
-    count = len({one.combination for one in result.cells}) - len(compared(result))
+    count = len({cell.combination for cell in result.cells}) - len(compared(result))
     return f"{counted(count, 'printer-filament')} with one print not shown" if count else ""
 
 
@@ -113,7 +113,7 @@ def table_figure(result: VarianceResult) -> Figure:
     rows = math.ceil(len(levels) / columns)
     figure = new_figure(PAGE_IN, 0.55 + 2.35 * rows)
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    top = _CUT * max(one.variance for one in result.cells if one.force_level in levels)
+    top = _CUT * max(cell.variance for cell in result.cells if cell.force_level in levels)
     for axes, level in zip(panels, levels, strict=False):
         _table_panel(axes, result, level, combinations, top)
         axes.set_title(_titled(level_name(result.collection.info.protocol, level), _left_out(result)), loc="left")
@@ -132,7 +132,7 @@ def _titled(title: str, left_out: str) -> str:
 def _table_panel(axes: Axes, result: VarianceResult, level: Level, combinations: Sequence[str], top: float) -> None:
     textures = result.collection.textures
     step = 0.8 / len(combinations)
-    least = math.inf
+    lowest = math.inf
     for i, combination in enumerate(combinations):
         colour, marker = _look(i)
         for j, texture in enumerate(textures):
@@ -141,7 +141,7 @@ def _table_panel(axes: Axes, result: VarianceResult, level: Level, combinations:
                 continue
             x = j + (i - (len(combinations) - 1) / 2.0) * step
             noise = cell.noise_alone
-            least = min([least, *(one for one in (cell.variance, noise) if one)])
+            lowest = min([lowest, *(value for value in (cell.variance, noise) if value)])
             _point(axes, cell, noise, x, step, colour, marker, top)
         printer, filament = combination.split("_", 1)
         for j, texture in enumerate(textures):
@@ -151,9 +151,9 @@ def _table_panel(axes: Axes, result: VarianceResult, level: Level, combinations:
                 axes.plot(x, paper, marker, markersize=4.0, color=colour, markerfacecolor="none")
     axes.set_yscale("log")
     axes.set(xlim=(-0.5, len(textures) - 0.5), xticks=range(len(textures)))
-    axes.set_xticklabels([short_texture(one) for one in textures])
-    if math.isfinite(least):
-        axes.set_ylim(0.7 * least, top)
+    axes.set_xticklabels([short_texture(texture) for texture in textures])
+    if math.isfinite(lowest):
+        axes.set_ylim(0.7 * lowest, top)
     axes.yaxis.set_major_formatter(_plain_numbers)
     axes.yaxis.set_minor_formatter(_plain_minor)
     axes.grid(axis="y", color="#dddddd", linewidth=0.4)
@@ -193,9 +193,9 @@ def _table_legend(result: VarianceResult, combinations: Sequence[str]) -> list[A
     for i, combination in enumerate(combinations):
         colour, marker = _look(i)
         handles.append(Line2D([], [], color=colour, marker=marker, markersize=4.5, label=name_of(combination)))
-    if any(one.floor for one in result.cells):
+    if any(cell.floor for cell in result.cells):
         handles.append(Line2D([], [], color=INK, linewidth=1.0, label="what noise alone gives"))
-    if _is_paper(result) and any(tuple(one.split("_", 1)) in VARIANCE for one in combinations):
+    if _is_paper(result) and any(tuple(combination.split("_", 1)) in VARIANCE for combination in combinations):
         hollow: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 4.0, "markerfacecolor": "none"}
         handles.append(Line2D([], [], color=INK, label="hollow: the paper's table", **hollow))
     return handles
@@ -213,7 +213,7 @@ def _plain_minor(value: float, _: float) -> str:
 
 def pixel_figure(result: VarianceResult) -> Figure:
     """Which pixels vary: a map for each combination and texture, mean over positions and forces."""
-    pictures = _cropped({key: one for key, one in result.maps.items() if key[0] in compared(result)})
+    pictures = _cropped({key: picture for key, picture in result.maps.items() if key[0] in compared(result)})
     what = f"variance of a pixel ({squared_unit(result)})"
     return _mosaic(result, pictures, what, ratio=_ratio(pictures), outline=False)
 
@@ -228,7 +228,7 @@ def _cropped(pictures: dict[tuple[str, str], Floats]) -> dict[tuple[str, str], F
         margin = max(1, len(inside) // 40)
         ends = (max(0, inside[0] - margin), inside[-1] + margin + 1) if len(inside) else (0, most.shape[axis])
         ranges.append(slice(*ends))
-    return {key: one[ranges[0], ranges[1]] for key, one in pictures.items()}
+    return {key: picture[ranges[0], ranges[1]] for key, picture in pictures.items()}
 
 
 def position_figure(result: VarianceResult) -> Figure:
@@ -236,8 +236,8 @@ def position_figure(result: VarianceResult) -> Figure:
     grid = result.collection.info.protocol.grid
     shape = (len(grid.y_mm), len(grid.x_mm))
     pictures: dict[tuple[str, str], Floats] = {}
-    drawn = levels_with_most_prints({key: one.design.tolist() for key, one in result.sums.items()})
-    for key in (one for one in result.maps if one[0] in compared(result)):
+    drawn = levels_with_most_prints({key: cell.design.tolist() for key, cell in result.sums.items()})
+    for key in (cell for cell in result.maps if cell[0] in compared(result)):
         levels = [result.positions[level, key] for level in drawn[key]]
         if levels:
             # Rows run from low y: upwards in the figure, as on the block.
@@ -269,7 +269,7 @@ def _mosaic(
     width = min(1.05, (PAGE_IN - 1.6) / columns)
     figure = new_figure(max(4.0, 1.9 + width * columns), max(1.8, 0.3 + rows * (width * ratio + 0.05)))
     panels = figure.subplots(rows, columns, squeeze=False)
-    everything = np.concatenate([one[np.isfinite(one)].ravel() for one in pictures.values()])
+    everything = np.concatenate([picture[np.isfinite(picture)].ravel() for picture in pictures.values()])
     high = float(np.percentile(everything, _SPAN)) if everything.size else 1.0
     low = float(everything.min()) if outline and everything.size else 0.0
     drawn = None
@@ -311,28 +311,28 @@ def _broken(name: str) -> str:
 def texture_figure(result: VarianceResult) -> Figure:
     """The matrices between textures, one for each combination, with one colour scale; mean over the forces."""
     level, shown = compared_levels(result)[-1], compared(result)
-    matrices = [one for one in result.matrices if one.force_level == level and one.combination in shown]
+    matrices = [matrix for matrix in result.matrices if matrix.force_level == level and matrix.combination in shown]
     columns = min(3, len(matrices))
     rows = math.ceil(len(matrices) / columns)
     side = min(2.6, (PAGE_IN - 0.8) / columns)
     figure = new_figure(0.9 + side * columns, 0.5 + side * 1.1 * rows)
     figure.set_layout_engine("constrained", h_pad=0.08)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    values = np.concatenate([one.variance[np.isfinite(one.variance)] for one in matrices])
+    values = np.concatenate([matrix.variance[np.isfinite(matrix.variance)] for matrix in matrices])
     high = float(values.max()) if values.size and values.max() > 0.0 else 1.0
-    names = [short_texture(one) for one in result.collection.textures]
+    names = [short_texture(texture) for texture in result.collection.textures]
     drawn = None
-    for axes, one in zip(panels, matrices, strict=False):
-        drawn = axes.imshow(one.variance, vmin=0.0, vmax=high)
+    for axes, matrix in zip(panels, matrices, strict=False):
+        drawn = axes.imshow(matrix.variance, vmin=0.0, vmax=high)
         axes.set(xticks=range(len(names)), yticks=range(len(names)))
         axes.set_xticklabels(names)
         axes.set_yticklabels(names)
         axes.tick_params(length=0.0)
-        axes.set_title(name_of(one.combination), loc="left")
+        axes.set_title(name_of(matrix.combination), loc="left")
         for spine in axes.spines.values():
             spine.set_visible(False)
         if len(names) <= 10:
-            _numbers(axes, one.variance, high)
+            _numbers(axes, matrix.variance, high)
     for axes in panels[len(matrices) :]:
         axes.set_visible(False)
     figure.supxlabel("texture", fontsize=8.0)
@@ -361,11 +361,11 @@ def component_figure(result: VarianceResult) -> Figure:
 
     levels = shown_levels(result.cells)
     names = LEVELS
-    rows = {(one["force_level"], one["component"]): one for one in result.components}
+    rows = {(component["force_level"], component["component"]): component for component in result.components}
     figure = new_figure(PAGE_IN, 2.5)
     axes = figure.add_subplot()
-    floor = float(np.mean([one.floor for one in result.cells if one.floor is not None] or [np.nan]))
-    shown = [one["truncated"] for key, one in rows.items() if key[1] in names and one["truncated"]]
+    floor = float(np.mean([cell.floor for cell in result.cells if cell.floor is not None] or [np.nan]))
+    shown = [row["truncated"] for key, row in rows.items() if key[1] in names and row["truncated"]]
     if not shown:
         axes.text(0.5, 0.5, "the design tells no component apart", ha="center", transform=axes.transAxes)
         axes.set_axis_off()

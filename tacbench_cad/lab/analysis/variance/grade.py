@@ -141,12 +141,12 @@ class Grade:
         names = list(published.ROW_NAMES.values())
         rows: list[Row] = [
             {
-                **vars(one),
-                "interval": interval(one.low, one.high),
-                "floor": "none" if one.floor is None else short(one.floor),
-                **{n: f"{of.variance:.2f} {of.ours_is or '-'}" for n, of in zip(names, one.published, strict=True)},
+                **vars(texture),
+                "interval": interval(texture.low, texture.high),
+                "floor": "none" if texture.floor is None else short(texture.floor),
+                **{n: f"{of.variance:.2f} {of.ours_is or '-'}" for n, of in zip(names, texture.published, strict=True)},
             }
-            for one in self.textures
+            for texture in self.textures
         ]
         columns = (
             Column("texture"),
@@ -185,7 +185,7 @@ def grade(cells: Sequence[Cell], context: Context, force_level: Level = ALL_LEVE
     for printer, filament in dict.fromkeys((cell.printer, cell.filament) for cell in chosen):
         mine = [cell for cell in chosen if (cell.printer, cell.filament) == (printer, filament)]
         textures = [_texture(cell, number, context) for cell in mine if (number := texture_number(cell.texture))]
-        textures.sort(key=lambda one: one.texture)
+        textures.sort(key=lambda texture: texture.texture)
         grades.append(
             Grade(
                 printer=printer,
@@ -217,20 +217,21 @@ def _texture(cell: Cell, number: int, context: Context) -> Texture:
 def _judged(row: int, textures: Sequence[Texture], context: Context) -> Judgement:
     """What the textures say of one of the published rows."""
     by: dict[Difference, list[tuple[Texture, tuple[float, float]]]] = {"less": [], "more": [], "unclear": []}
-    for one in textures:
-        of = one.published[row]
+    for texture in textures:
+        of = texture.published[row]
         if of.ours_is and of.ratio:
-            by[of.ours_is].append((one, of.ratio))
+            by[of.ours_is].append((texture, of.ratio))
     # What of the lower end the noise floor cannot explain.
     beyond = [
-        one.floor is not None and ratio[0] - one.floor / one.published[row].variance > 1.0 for one, ratio in by["more"]
+        texture.floor is not None and ratio[0] - texture.floor / texture.published[row].variance > 1.0
+        for texture, ratio in by["more"]
     ]
     verdict: Verdict
     if not context.comparable:
         verdict = "another unit"
     elif any(beyond):
         verdict = "less consistent"
-    elif any(one.floor is None for one, _ in by["more"]):
+    elif any(texture.floor is None for texture, _ in by["more"]):
         verdict = "varies more, but without a noise floor the reason is unknown"
     elif by["more"]:
         verdict = "varies more, but the sensor's noise may explain it"
@@ -238,7 +239,7 @@ def _judged(row: int, textures: Sequence[Texture], context: Context) -> Judgemen
         verdict = "not enough data"
     else:
         verdict = "as consistent, or more" if by["less"] else "no interval"
-    less, more, unclear = (tuple(one.texture for one, _ in members) for members in by.values())
+    less, more, unclear = (tuple(texture.texture for texture, _ in members) for members in by.values())
     printer, filament = list(published.VARIANCE)[row]
     return Judgement(
         printer=printer,

@@ -76,7 +76,7 @@ class Context:
             contact=protocol.contact,
             forces_n=protocol.forces_n if protocol.contact == "force" else (),
             repeats=protocol.repeats,
-            same_grid=any(own.shape == one.shape and bool(np.allclose(own, one, atol=1e-6)) for one in grids),
+            same_grid=any(own.shape == grid.shape and bool(np.allclose(own, grid, atol=1e-6)) for grid in grids),
             preset=block.preset,
             scale=block.scale,
             floor_source="repeats" if REPEATS in sources else "stationary" if FRAMES in sources else "none",
@@ -97,8 +97,8 @@ class Context:
 
 def texture_number(texture: str) -> int | None:
     """The number of one of the paper's textures, None for another."""
-    found = re.fullmatch(r"texture-([1-6])", texture)
-    return int(found[1]) if found else None
+    match = re.fullmatch(r"texture-([1-6])", texture)
+    return int(match[1]) if match else None
 
 
 def factors(prints: int, repeats: int) -> tuple[float, float]:

@@ -126,19 +126,19 @@ class CellSums:
             raise InputError("gram", None, "holds NaN or infinity")
         order = np.argsort(copies, kind="stable")
         copies, products = copies[order], products[np.ix_(order, order)]
-        wanted = copies if design is None else np.sort(np.asarray(design, dtype=np.int64))
-        if len(np.setdiff1d(copies, wanted)):
-            raise InputError("prints", np.setdiff1d(copies, wanted).tolist(), "are not in the design")
+        expected = copies if design is None else np.sort(np.asarray(design, dtype=np.int64))
+        if len(np.setdiff1d(copies, expected)):
+            raise InputError("prints", np.setdiff1d(copies, expected).tolist(), "are not in the design")
         sizes = np.unique(copies, return_counts=True)[1].astype(np.float64)
         k = len(sizes)
         total = float(np.trace(products))
         between = float(np.trace(_between(products, copies)))
         kappa = n - float((sizes**2).sum()) / n
-        whole = np.array_equal(copies, wanted)
+        whole = np.array_equal(copies, expected)
         divisors = np.array([n, n - 1.0 if n > 1 else np.nan])
         return cls(
-            design=wanted,
-            gram=products if whole else np.zeros((len(wanted), len(wanted))),
+            design=expected,
+            gram=products if whole else np.zeros((len(expected), len(expected))),
             positions=1,
             whole=int(whole),
             presses=n,
@@ -263,19 +263,19 @@ def component_interval(cells: Sequence[CellSums], component: str, *, seed: int =
     """
     if component not in ("print", "repeat"):
         raise InputError("component", component, "allowed: print, repeat")
-    if not sum(one.dof[1] for one in cells):
+    if not sum(cell.dof[1] for cell in cells):
         raise InputError("repeats", 1, "prints and repeats cannot be told apart; press each place at least twice")
     return _interval(cells, float(component == "print"), float(component == "repeat"), 0.0, seed)
 
 
 def _interval(cells: Sequence[CellSums], of_print: float, of_repeat: float, floor: float, seed: int) -> Interval:
     """Interval of ``of_print sigma_P^2 + of_repeat sigma_e^2 - floor``, pooled over cells; see the module's text."""
-    prints = max((one.prints for one in cells), default=0)
+    prints = max((cell.prints for cell in cells), default=0)
     if prints < 2:
         raise InputError("prints", prints, "an interval needs at least 2 prints: one print says nothing about others")
     random = np.random.default_rng(seed)
-    between, within, kappa = (sum(getattr(one, name) for one in cells) for name in ("between", "within", "kappa"))
-    dof_between, dof_within = (sum(one.dof[i] for one in cells) for i in range(2))
+    between, within, kappa = (sum(getattr(cell, name) for cell in cells) for name in ("between", "within", "kappa"))
+    dof_between, dof_within = (sum(cell.dof[i] for cell in cells) for i in range(2))
     of_prints, of_repeats = (sum(traces, _NOTHING) for traces in zip(*map(_traces, cells), strict=True))
     nu_print, nu_repeat = of_prints.draw_parts(random), of_repeats.draw_parts(random)
     n_print, n_repeat = max(1, of_prints.contrasts), max(1, of_repeats.contrasts)
@@ -286,7 +286,7 @@ def _interval(cells: Sequence[CellSums], of_print: float, of_repeat: float, floo
         between_repeats = dof_between * repeat * _chi2_ratio(n_print * nu_repeat, random)
     ratio = _chi2_ratio(n_print * nu_print, random)
     draws = of_print * np.maximum(0.0, (between - between_repeats) / ratio) / kappa + of_repeat * repeat - floor
-    low, high = (max(0.0, float(one)) for one in np.quantile(draws, TAILS))
+    low, high = (max(0.0, float(end)) for end in np.quantile(draws, TAILS))
     mean_repeat = within / dof_within if dof_within else 0.0
     estimate = of_print * (between - dof_between * mean_repeat) / kappa + of_repeat * mean_repeat - floor
     return Interval(estimate=estimate, low=low, high=high, parts=float(np.median(nu_print)))

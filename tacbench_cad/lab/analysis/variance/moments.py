@@ -71,15 +71,15 @@ class Moments:
 
 def _pieces(readings: Sequence[NDArray[Any]]) -> Iterator[tuple[slice, Floats, Floats]]:
     """Some pixels of all readings at a time: which, their mean (p,) and the deviations from it (n, p)."""
-    flat = [one.reshape(-1) for one in readings]
+    flat = [reading.reshape(-1) for reading in readings]
     pixels = flat[0].size
     width = min(max(1, CHUNK // len(flat)), pixels)
     buffer = np.empty((len(flat), width))
     for begin in range(0, pixels, width):
         which = slice(begin, min(begin + width, pixels))
         piece = buffer[:, : which.stop - begin]
-        for row, one in zip(piece, flat, strict=True):
-            row[:] = one[which]
+        for row, reading in zip(piece, flat, strict=True):
+            row[:] = reading[which]
         mean = piece.mean(axis=0)
         piece -= mean
         yield which, mean, piece
@@ -100,7 +100,7 @@ def moments(readings: Sequence[NDArray[Any]]) -> Moments:
     return Moments(mean=mean, squares=squares, gram=gram / pixels)
 
 
-def spread(readings: Iterable[NDArray[Any]]) -> Running:
+def running_moments(readings: Iterable[NDArray[Any]]) -> Running:
     """Count, mean and squares of any number of readings, of which :data:`FRAMES` are in memory at a time."""
     running, held = Running(), list[NDArray[Any]]()
 
@@ -112,8 +112,8 @@ def spread(readings: Iterable[NDArray[Any]]) -> Running:
         running.add(len(held), mean, squares / len(mean))
         held.clear()
 
-    for one in readings:
-        held.append(one)
+    for reading in readings:
+        held.append(reading)
         if len(held) == FRAMES:
             add()
     if held:
@@ -138,9 +138,9 @@ def _averaged(picture: Floats) -> Floats:
     """Means of as many neighbouring rows as leave at most :data:`MAP_SIDE`; the last one may be of fewer."""
     rows = len(picture)
     step = -(-rows // MAP_SIDE)
-    found = picture[::step].copy()
+    means = picture[::step].copy()
     for i in range(1, step):
         part = picture[i::step]
-        found[: len(part)] += part
-    found /= np.diff(np.append(np.arange(0, rows, step), rows))[:, None]
-    return found
+        means[: len(part)] += part
+    means /= np.diff(np.append(np.arange(0, rows, step), rows))[:, None]
+    return means

@@ -77,14 +77,14 @@ def dispersion_test(
     prints = np.zeros(2, dtype=np.int64)
     for pair in zip(first, second, strict=True):
         both = [_contrasts(_checked(gram)) for gram in pair]
-        n, m = (len(one) for one in both)
-        observed += float(_balance(np.concatenate([np.diag(one) for one in both])[None, :], n)[0])
-        units = np.concatenate([_squares(one, draws, random) for one in both], axis=1)
+        n, m = (len(gram) for gram in both)
+        observed += float(_balance(np.concatenate([np.diag(gram) for gram in both])[None, :], n)[0])
+        units = np.concatenate([_squares(gram, draws, random) for gram in both], axis=1)
         drawn += _balance(random.permuted(units, axis=1), n)
         arrangements *= math.comb(n + m, n)
         mirrored = mirrored and n == m
         prints += (n + 1, m + 1)
-        a, b = (float(np.trace(one)) / len(one) for one in both)
+        a, b = (float(np.trace(gram)) / len(gram) for gram in both)
         logs.append(math.log(a / b) if a > 0.0 and b > 0.0 else math.nan)
     ratio = math.exp(float(np.mean(logs)))
     # With as many prints on both sides, changing all of them over turns the sign and is as extreme.

@@ -121,13 +121,13 @@ def register(
             "register", None, "no printer-filament has two prints of one texture that could lie differently"
         )
     work = partial(_seating, grid=grid, preprocess=preprocess or Preprocess(), ddof=ddof)
-    with workers(jobs, dask, [one.folder for one in collection.runs]) as team:
-        return tuple(one for one in team.map(work, tasks) if one is not None)
+    with workers(jobs, dask, [run.folder for run in collection.runs]) as team:
+        return tuple(seating for seating in team.map(work, tasks) if seating is not None)
 
 
 def _tasks(collection: Collection) -> Iterator[_Task]:
     # Whole paths: the workers of a cluster stand in other folders.
-    runs = tuple(Run(folder=one.folder.absolute(), info=one.info) for one in collection.runs)
+    runs = tuple(Run(folder=run.folder.absolute(), info=run.info) for run in collection.runs)
     for level in collection.levels:
         for combination in collection.combinations:
             for texture in collection.textures:
@@ -183,7 +183,7 @@ def _seating(task: _Task, *, grid: PressGrid, preprocess: Preprocess, ddof: int)
 
 def _readings(task: _Task, preprocess: Preprocess) -> Iterator[tuple[int, int, Floats32]]:
     """Copy, position and numbers of each reading, position by position; those that cannot be used are left out."""
-    for run, path, copy, position in sorted(task.presses, key=lambda one: (one[3], one[2])):
+    for run, path, copy, position in sorted(task.presses, key=lambda press: (press[3], press[2])):
         try:
             yield copy, position, read_usable(task.runs[run], path, preprocess).reshape(-1).astype(np.float32)
         except CheckFailedError:
@@ -220,13 +220,13 @@ def _fit(
     offsets: list[tuple[float | None, float | None]] = []
     explained = 0.0
     for i in range(k):
-        found: list[float | None] = [None, None]
+        offset: list[float | None] = [None, None]
         if axes:
             shift = np.linalg.lstsq(normal[i][np.ix_(axes, axes)], right[i][axes], rcond=None)[0]
             explained += float(shift @ right[i][axes])
-            for axis, one in zip(axes, shift, strict=True):
-                found[axis] = -float(one)  # a block that lies further along is pressed at a place before
-        offsets.append((found[0], found[1]))
+            for axis, value in zip(axes, shift, strict=True):
+                offset[axis] = -float(value)  # a block that lies further along is pressed at a place before
+        offsets.append((offset[0], offset[1]))
     return _Fit(offsets, max(0.0, explained))
 
 
@@ -234,12 +234,12 @@ def _slopes(means: Floats32, grid: PressGrid, position: int) -> Floats32:
     """Change of the mean reading along x and y at a position, per mm, shape (2, pixels)."""
     columns = len(grid.x_mm)
     row, column = divmod(position, columns)
-    found = np.zeros((2, means.shape[1]), dtype=np.float32)
+    slopes = np.zeros((2, means.shape[1]), dtype=np.float32)
     for axis, at, places in ((0, column, grid.x_mm), (1, row, grid.y_mm)):
         low, high = max(0, at - 1), min(len(places) - 1, at + 1)
         if low == high:
             continue
         step = 1 if axis == 0 else columns
         difference = means[position + (high - at) * step] - means[position - (at - low) * step]
-        found[axis] = difference / (places[high] - places[low])
-    return found
+        slopes[axis] = difference / (places[high] - places[low])
+    return slopes

@@ -31,7 +31,7 @@ from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
 from tacbench_cad.lab.analysis.variance.components import NestedSums
 from tacbench_cad.lab.analysis.variance.intervals import CellSums
-from tacbench_cad.lab.analysis.variance.moments import Running, moments, small_map, spread
+from tacbench_cad.lab.analysis.variance.moments import Running, moments, running_moments, small_map
 from tacbench_cad.lab.parallel import Team
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.reading import Run
@@ -179,9 +179,9 @@ def stream(
         if progress is not None:
             progress(readings + len(left_out), total)
     return Pass(
-        places=tuple(sorted(places, key=lambda one: (one.level, one.position))),
+        places=tuple(sorted(places, key=lambda place: (place.level, place.position))),
         maps=maps,
-        floors=tuple(sorted(floors, key=lambda one: one.run)),
+        floors=tuple(sorted(floors, key=lambda floor: floor.run)),
         left_out=tuple(left_out),
         readings=readings,
         seconds=seconds,
@@ -202,11 +202,11 @@ def read_usable(run: Run, path: str, preprocess: Preprocess) -> Frame:
 
 def designs_of(collection: Collection) -> dict[tuple[int, CellKey], tuple[int, ...]]:
     """Copy numbers of the presses that a place of each cell has at each level, if none is missing."""
-    found: dict[tuple[int, CellKey], set[tuple[int, int]]] = {}
+    presses_of: dict[tuple[int, CellKey], set[tuple[int, int]]] = {}
     columns = (collection.level, collection.combination, collection.texture, collection.copy, collection.repeat)
-    for level, combination, texture, copy, repeat in zip(*(one.tolist() for one in columns), strict=True):
-        found.setdefault((level, (combination, texture)), set()).add((copy, repeat))
-    return {key: tuple(copy for copy, _ in sorted(presses)) for key, presses in found.items()}
+    for level, combination, texture, copy, repeat in zip(*(column.tolist() for column in columns), strict=True):
+        presses_of.setdefault((level, (combination, texture)), set()).add((copy, repeat))
+    return {key: tuple(copy for copy, _ in sorted(presses)) for key, presses in presses_of.items()}
 
 
 def levels_with_most_prints(designs: Mapping[tuple[int, CellKey], Sequence[int]]) -> dict[CellKey, tuple[int, ...]]:
@@ -216,13 +216,13 @@ def levels_with_most_prints(designs: Mapping[tuple[int, CellKey], Sequence[int]]
     for (_, cell), count in prints.items():
         most[cell] = max(most.get(cell, 0), count)
     return {
-        cell: tuple(sorted(level for (level, one), n in prints.items() if one == cell and n == count))
+        cell: tuple(sorted(level for (level, of), n in prints.items() if of == cell and n == count))
         for cell, count in most.items()
     }
 
 
 def _still_frames(run: Run) -> int:
-    return sum(1 for one in run.stationary_frames if one.in_contact)
+    return sum(1 for stationary_frame in run.stationary_frames if stationary_frame.in_contact)
 
 
 def _tasks(collection: Collection, preprocess: Preprocess, jobs: int) -> list[_Task]:
@@ -253,7 +253,7 @@ def _tasks(collection: Collection, preprocess: Preprocess, jobs: int) -> list[_T
     count = 1 if jobs == 1 else min(TASKS_PER_JOB * jobs, len(every))
     # Runs anew: what was read of them in this process is not sent along.
     # Whole paths: the workers of a cluster stand in other folders.
-    runs = tuple(Run(folder=one.folder.absolute(), info=one.info) for one in collection.runs)
+    runs = tuple(Run(folder=run.folder.absolute(), info=run.info) for run in collection.runs)
     designs = designs_of(collection)
     return [
         _Task(
@@ -297,35 +297,39 @@ class _Worker:
         textures: dict[str, Running] = {}
         distances: dict[str, tuple[tuple[str, ...], Floats]] = {}
         labels: list[tuple[int, int, int]] = []
-        groups = _grouped(place.presses, lambda one: one.combination)
+        groups = _grouped(place.presses, lambda press: press.combination)
         for number, (combination, presses) in enumerate(groups):
             means: dict[str, Floats] = {}
-            for (_, texture), of_cell in _grouped(presses, lambda one: one.cell):
-                used = [(one.copy, values) for one in of_cell if (values := self.frame(one.run, one.path)) is not None]
+            for (_, texture), of_cell in _grouped(presses, lambda press: press.cell):
+                used = [
+                    (press.copy, values)
+                    for press in of_cell
+                    if (values := self.frame(press.run, press.path)) is not None
+                ]
                 if not used:
                     continue
                 key = (combination, texture)
                 copies = [copy for copy, _ in used]
                 shape = used[0][1].shape
-                found = moments([values for _, values in used])
-                cells[key] = CellSums.of(found.gram, copies, self.task.designs[place.level, key])
+                summed = moments([values for _, values in used])
+                cells[key] = CellSums.of(summed.gram, copies, self.task.designs[place.level, key])
                 labels += [(names[texture], number, copy) for copy in copies]
-                textures.setdefault(texture, Running()).add(len(used), found.mean, 0.0)
-                means[texture] = found.mean
+                textures.setdefault(texture, Running()).add(len(used), summed.mean, 0.0)
+                means[texture] = summed.mean
                 if len(used) > 1 and place.level in self.task.drawn[key]:
-                    self.draw(key, small_map(found.squares, shape) / len(used))
+                    self.draw(key, small_map(summed.squares, shape) / len(used))
             if means:
                 distances[combination] = (tuple(means), _distances(list(means.values())))
         if not cells:
             return None
         grand = Running()
-        for one in textures.values():
-            grand.add(one.count, one.mean, 0.0)
+        for running in textures.values():
+            grand.add(running.count, running.mean, 0.0)
         squares = (
             grand.merged,
-            sum(one.merged for one in textures.values()),
-            sum(one.between for one in cells.values()),
-            sum(one.within for one in cells.values()),
+            sum(texture.merged for texture in textures.values()),
+            sum(cell.between for cell in cells.values()),
+            sum(cell.within for cell in cells.values()),
         )
         return PlaceSums(
             level=place.level,
@@ -345,8 +349,12 @@ class _Worker:
         run = self.task.runs[number]
         squares, dof = 0.0, 0
         for when in ("start", "end"):
-            paths = [one.path for one in run.stationary_frames if one.in_contact and one.when == when]
-            frames = spread(one for path in paths if (one := self.frame(number, path)) is not None)
+            paths = [
+                stationary_frame.path
+                for stationary_frame in run.stationary_frames
+                if stationary_frame.in_contact and stationary_frame.when == when
+            ]
+            frames = running_moments(frame for path in paths if (frame := self.frame(number, path)) is not None)
             squares, dof = squares + frames.squares, dof + max(0, frames.count - 1)
         return Floor(run=number, squares=squares, dof=dof) if dof else None
 
@@ -355,8 +363,8 @@ def _work(task: _Task) -> Pass:
     """Do one task."""
     worker = _Worker(task)
     began = time.perf_counter()
-    places = [found for found in map(worker.place, task.places) if found is not None]
-    floors = [found for found in map(worker.floor, task.still) if found is not None]
+    places = [sums for sums in map(worker.place, task.places) if sums is not None]
+    floors = [floor for floor in map(worker.floor, task.still) if floor is not None]
     return Pass(
         places=tuple(places),
         maps=worker.maps,

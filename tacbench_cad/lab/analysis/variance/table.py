@@ -174,14 +174,14 @@ def _summed(places: Sequence[PlaceSums]) -> dict[tuple[int, CellKey], CellSums]:
     """Each cell's sums over positions. A place with one press says nothing of variance and is left out."""
     parts: dict[tuple[int, CellKey], list[CellSums]] = {}
     for place in places:
-        for key, one in place.cells.items():
-            if one.presses > 1:
-                parts.setdefault((place.level, key), []).append(one)
+        for key, cell in place.cells.items():
+            if cell.presses > 1:
+                parts.setdefault((place.level, key), []).append(cell)
     return {key: reduce(operator.add, members) for key, members in parts.items()}
 
 
 def _levels_of(sums: Mapping[tuple[int, CellKey], CellSums], key: CellKey) -> list[int]:
-    return sorted(level for level, one in sums if one == key)
+    return sorted(level for level, of in sums if of == key)
 
 
 def _keys(collection: Collection, sums: Mapping[tuple[int, CellKey], CellSums]) -> list[CellKey]:
@@ -230,19 +230,19 @@ def _cell(key: CellKey, level: Level, sums: Mapping[int, CellSums], floors: _Cel
         interval = variance_interval(whole, ddof=ddof, seed=seed)
         removed = None if floor is None else variance_interval(whole, ddof=1, floor=floor, seed=seed)
     # ``weights`` holds the fraction of a repeat's variance in the figure, summed over positions: 1 for ddof 1.
-    of_noise = 1.0 if ddof else float(np.mean([one.weights[0, 1] / one.positions for one in levels]))
-    unbiased = float(np.mean([one.variance(1) for one in levels]))
+    of_noise = 1.0 if ddof else float(np.mean([level.weights[0, 1] / level.positions for level in levels]))
+    unbiased = float(np.mean([level.variance(1) for level in levels]))
     return Cell(
         printer=printer,
         filament=filament,
         texture=texture,
         force_level=level,
-        variance=float(np.mean([one.variance(ddof) for one in levels])),
+        variance=float(np.mean([level.variance(ddof) for level in levels])),
         floor=floor,
         low=interval.low if interval else None,
         high=interval.high if interval else None,
-        prints=max(one.prints for one in levels),
-        presses=sum(one.presses for one in levels),
+        prints=max(level.prints for level in levels),
+        presses=sum(level.presses for level in levels),
         noise_alone=None if floor is None else floor * of_noise,
         floor_from="" if floor is None else floors[1],
         unbiased=unbiased,
@@ -254,7 +254,7 @@ def _cell(key: CellKey, level: Level, sums: Mapping[int, CellSums], floors: _Cel
 
 def pooled(levels: Sequence[CellSums]) -> CellSums | None:
     """The sums of several force levels added up, or None where the levels have different prints or repeats."""
-    if any(not np.array_equal(one.design, levels[0].design) for one in levels):
+    if any(not np.array_equal(level.design, levels[0].design) for level in levels):
         return None
     return reduce(operator.add, levels)
 
@@ -268,30 +268,30 @@ def _components(
     places: Sequence[PlaceSums], sums: Mapping[tuple[int, CellKey], CellSums], seed: int
 ) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
-    for level, wanted in _pools({place.level for place in places}):
-        nested = reduce(operator.add, [place.nested for place in places if place.level in wanted])
-        keys = dict.fromkeys(key for at, key in sums if at in wanted)
-        cells = [pooled([sums[at, key] for at in _levels_of(sums, key) if at in wanted]) for key in keys]
+    for level, members in _pools({place.level for place in places}):
+        nested = reduce(operator.add, [place.nested for place in places if place.level in members])
+        keys = dict.fromkeys(key for at, key in sums if at in members)
+        cells = [pooled([sums[at, key] for at in _levels_of(sums, key) if at in members]) for key in keys]
         rows += component_rows(level, components(nested), _component_intervals(cells, seed))
     return rows
 
 
 def _component_intervals(cells: Sequence[CellSums | None], seed: int) -> dict[str, tuple[float, float]]:
     """Intervals of the components of prints and of repeats, where the design has some."""
-    usable = [one for one in cells if one is not None and one.prints > 1]
-    if any(one is None for one in cells) or not sum(one.dof[1] for one in usable):
+    usable = [cell for cell in cells if cell is not None and cell.prints > 1]
+    if any(cell is None for cell in cells) or not sum(cell.dof[1] for cell in usable):
         return {}
-    found = {name: component_interval(usable, name, seed=seed) for name in ("print", "repeat")}
-    return {name: (one.low, one.high) for name, one in found.items()}
+    intervals = {name: component_interval(usable, name, seed=seed) for name in ("print", "repeat")}
+    return {name: (interval.low, interval.high) for name, interval in intervals.items()}
 
 
 def _tests(collection: Collection, sums: Mapping[tuple[int, CellKey], CellSums], seed: int) -> list[PrinterTest]:
-    found: list[PrinterTest] = []
-    for level, wanted in _pools({level for level, _ in sums}):
+    tests: list[PrinterTest] = []
+    for level, members in _pools({level for level, _ in sums}):
         grams: dict[CellKey, Floats] = {}
         for key in _keys(collection, sums):
-            there = [sums[at, key] for at in wanted if (at, key) in sums]
-            whole = pooled(there) if len(there) == len(wanted) else None
+            there = [sums[at, key] for at in members if (at, key) in sums]
+            whole = pooled(there) if len(there) == len(members) else None
             if whole is not None and whole.prints > 1 and whole.whole:
                 grams[key] = whole.print_gram()
         of_level: list[tuple[str, str, PermutationTest]] = []
@@ -304,11 +304,11 @@ def _tests(collection: Collection, sums: Mapping[tuple[int, CellKey], CellSums],
                     )
                     of_level.append((first, second, test))
         adjusted = holm([test.p for *_, test in of_level])
-        found += [
+        tests += [
             PrinterTest(force_level=level, first=first, second=second, outcome=test, p_holm=p)
             for (first, second, test), p in zip(of_level, adjusted, strict=True)
         ]
-    return found
+    return tests
 
 
 def holm(values: Sequence[float]) -> list[float]:
@@ -322,13 +322,13 @@ def holm(values: Sequence[float]) -> list[float]:
 
 def _positions(collection: Collection, places: Sequence[PlaceSums], ddof: int) -> dict[tuple[int, CellKey], Floats]:
     count = len(collection.info.protocol.grid.positions_mm)
-    found: dict[tuple[int, CellKey], Floats] = {}
+    positions: dict[tuple[int, CellKey], Floats] = {}
     for place in places:
-        for key, one in place.cells.items():
-            if one.presses > 1:
-                row = found.setdefault((place.level, key), np.full(count, np.nan))
-                row[place.position - 1] = one.variance(ddof)
-    return found
+        for key, cell in place.cells.items():
+            if cell.presses > 1:
+                row = positions.setdefault((place.level, key), np.full(count, np.nan))
+                row[place.position - 1] = cell.variance(ddof)
+    return positions
 
 
 def _map(passed: Pass, key: CellKey, sums: Mapping[tuple[int, CellKey], CellSums], ddof: int) -> Floats:
@@ -337,5 +337,5 @@ def _map(passed: Pass, key: CellKey, sums: Mapping[tuple[int, CellKey], CellSums
     ratio = 1.0
     if ddof:
         members = [sums[level, key] for level in _levels_of(sums, key)]
-        ratio = sum(one.variances[1] for one in members) / sum(one.variances[0] for one in members)
+        ratio = sum(member.variances[1] for member in members) / sum(member.variances[0] for member in members)
     return picture / count * ratio

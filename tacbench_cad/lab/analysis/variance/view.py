@@ -187,14 +187,14 @@ class VarianceView:
         try:
             cells = tuple(
                 Cell(
-                    **one,
-                    floor_from=two["floor_from"] or "",
-                    unbiased=two["variance"],
-                    floor_removed=two["floor_removed"],
-                    floor_removed_low=two["low"],
-                    floor_removed_high=two["high"],
+                    **cell,
+                    floor_from=removed["floor_from"] or "",
+                    unbiased=removed["variance"],
+                    floor_removed=removed["floor_removed"],
+                    floor_removed_low=removed["low"],
+                    floor_removed_high=removed["high"],
                 )
-                for one, two in zip(tables["variance"].rows, tables["floor_removed"].rows, strict=True)
+                for cell, removed in zip(tables["variance"].rows, tables["floor_removed"].rows, strict=True)
             )
         except (InputError, TypeError, ValueError) as error:
             raise InputError("table", str(folder / "variance.csv"), f"holds a wrong value: {error}") from None
@@ -259,7 +259,9 @@ class VarianceView:
             FRAMES: "stationary frames in contact, at the middle force",
             REPEATS: "repeats on one print, an upper bound",
         }
-        sources = "; or ".join(words[one] for one in sorted({cell.floor_from for cell in self.cells} & words.keys()))
+        sources = "; or ".join(
+            words[source] for source in sorted({cell.floor_from for cell in self.cells} & words.keys())
+        )
         notes = [
             "Noise alone: what the table would show if a cell's readings differed by the sensor's noise only"
             f"{f' ({sources})' if sources else ''}. Interval: prints are its unit. Floor removed: variance with ddof 1 "
