@@ -19,7 +19,7 @@ def command(runs: tuple[Path, ...], force_level: int | Literal["all"], jobs: int
 
     For each texture: the variance between readings of different prints, the noise floor in the same unit, its interval
     with prints as the unit, and whether that is less or more than each published figure or cannot be told apart from
-    it. Then in plain sentences what the data support and what they cannot.
+    it. Then a verdict for each published printer, and the reasons that limit it.
 
     Examples:
       tacbench grade runs/
