@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from tacbench_cad.util.door import parse_json, read_bytes
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import replacing, sha256
 
@@ -28,11 +29,10 @@ def read_rows(folder: Path) -> list[Row]:
     if not path.exists():
         return []
     wrong = "is not a manifest of a print set; move it away or choose another output folder"
+    data = read_bytes(path, "manifest", "json")
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError("manifest", str(path), f"cannot be read: {error.strerror}") from None
-    except ValueError:
+        document = parse_json(data, "manifest", str(path))
+    except InputError:
         raise InputError("manifest", str(path), wrong) from None
     rows = document.get("files") if isinstance(document, dict) else None
     if not isinstance(rows, list) or not all(isinstance(row, dict) and _named(row) for row in rows):

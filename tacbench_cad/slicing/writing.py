@@ -14,6 +14,7 @@ from tacbench_cad.geometry.part import Part
 from tacbench_cad.slicing.plates import Plate, write_layout
 from tacbench_cad.spec.printrecord import form
 from tacbench_cad.spec.textures import read_texture
+from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError
 from tacbench_cad.util.files import locked, replacing
 
@@ -81,7 +82,7 @@ def write_plates(
     with locked(out):
         _require_no_others(all_files, f"{plates[0].printer.name}_{filament}_plate", out)
         for path in texture_files:
-            content = path.read_bytes()
+            content = read_bytes(path, "texture", "toml")
             with replacing(out / path.name) as temporary:
                 temporary.write_bytes(content)
         for plate, files in zip(plates, all_files, strict=True):

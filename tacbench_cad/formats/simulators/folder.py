@@ -16,6 +16,7 @@ from tacbench_cad.formats.simulators.asset import SimulatorAsset
 from tacbench_cad.formats.simulators.readme import readme
 from tacbench_cad.geometry.block_part import block_spec
 from tacbench_cad.spec.block import Block
+from tacbench_cad.util.door import parse_json, read_bytes
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.files import TEMPORARY_PREFIX, locked, refusing, sha256
 
@@ -109,13 +110,13 @@ def _record_of(folder: Path, asset: SimulatorAsset) -> dict[str, Any]:
             raise InputError("out", str(folder), f"holds files but no {RECORD}; empty it or choose another --out")
         return {}
     try:
-        document = json.loads(record.read_text(encoding="utf-8"))
+        document = parse_json(read_bytes(record, "out", "json"), "out", str(record))
         block, targets = document["block"], document["targets"]
         what = f"{block['texture']}, preset {block['preset']}, scale {block['scale']:g}"
         known = {name: targets[name] for name in SIMULATOR_TARGETS if name in targets}
         for target in known.values():
             _ = [*target["files"]], target["note"] + ""
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (InputError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             "out", str(record), f"cannot be read as a record of ours ({error}); remove the folder"
         ) from None

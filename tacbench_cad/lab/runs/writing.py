@@ -30,6 +30,7 @@ from tacbench_cad.lab.runs.table import GrowingTable, sync_folder
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.spec.printrecord import form
+from tacbench_cad.util import door
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, refusing, replacing
 from tacbench_cad.util.packages import version
@@ -308,7 +309,7 @@ def _begin(folder: Path, info: RunInfo) -> None:
 def _record_session(folder: Path, info: RunInfo) -> None:
     """Note in ``run.json`` when, and with which software and devices, the run was resumed."""
     path = folder / schema.RUN_FILE
-    document = json.loads(path.read_text(encoding="utf-8"))
+    document = door.parse_json(door.read_bytes(path, "run", "json", within=folder), "run", str(path))
     sessions = document["sittings"]
     devices = {"stage": info.stage, "gauge": info.gauge, "sensor": info.sensor}
     session = {
