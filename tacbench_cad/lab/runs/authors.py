@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.runs.info import RunInfo
-from tacbench_cad.lab.runs.npyfile import mapped, read_header
+from tacbench_cad.lab.runs.npyfile import mapped
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.schema import RUN_FILE
 from tacbench_cad.lab.runs.writing import RunWriter
@@ -140,18 +140,18 @@ class AuthorsFile:
         except InputError as error:
             raise InputError(f"{path}: {error.field}", error.value, error.allowed) from None
         try:
-            header = read_header(path)
+            array = mapped(path)
         except CheckFailedError as error:
             raise refusal(error) from None
-        if header.dtype != np.uint8:
-            raise refusal(f"holds {header.dtype}; the authors' images are uint8")
-        shape = header.shape
+        if array.dtype != np.uint8:
+            raise refusal(f"holds {array.dtype}; the authors' images are uint8")
+        shape = array.shape
         repeats = 0
         if len(shape) == 7 and shape[0] == 1 and shape[2:4] == (PER_SIDE, PER_SIDE):
             repeats = shape[1]
         elif len(shape) == 4 and shape[0] % POSITIONS == 0:
             repeats = shape[0] // POSITIONS
-        if repeats < 1 or header.fortran or shape[-1] != 3 or min(shape[-3:-1]) < 8:
+        if repeats < 1 or not array.flags.c_contiguous or shape[-1] != 3 or min(shape[-3:-1]) < 8:
             raise refusal(
                 f"has shape {shape}; (1, 2, 5, 5, 480, 640, 3) and (50, 480, 640, 3) are the authors'",
             )

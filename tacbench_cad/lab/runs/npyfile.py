@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -19,35 +18,12 @@ from tacbench_cad.util.errors import CheckFailedError
 MAX_DIMENSIONS = 8
 
 
-@dataclass(frozen=True, kw_only=True)
-class Header:
-    """What a NumPy file says of itself.
-
-    Args:
-        shape: Its shape.
-        dtype: Its type, never one of Python objects.
-        fortran: Whether the first index runs fastest in the file.
-        offset: Byte at which the numbers begin.
-    """
-
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-    fortran: bool
-    offset: int
-
-
-def read_header(path: Path) -> Header:
-    """Read a file's header and compare it with the file's size.
+def _require_real_numbers(stream: BinaryIO) -> None:
+    """Compare the header of a NumPy file with its size, and go back to its beginning.
 
     Raises:
-        CheckFailedError: It is no NumPy file, is truncated, or holds pickled objects; the message begins with what.
-        InputError: It cannot be opened.
+        CheckFailedError: It is no NumPy file, is truncated, or holds something else; the message begins with what.
     """
-    with door.open_input(path, kind="array") as stream:
-        return _header(stream)
-
-
-def _header(stream: BinaryIO) -> Header:
     if stream.read(1) == b"\x80":
         raise CheckFailedError("is pickled; such files can run anything when they are read, so it is not opened")
     stream.seek(0)
@@ -56,7 +32,7 @@ def _header(stream: BinaryIO) -> Header:
         read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
         if read is None:
             raise ValueError(f"version {version}")
-        shape, fortran, dtype = read(stream)
+        shape, _, dtype = read(stream)
     # NumPy reads the head with Python's own parser, which can end in almost any error on damaged text.
     except Exception as error:
         raise CheckFailedError(f"is not a NumPy file, or its head is damaged: {str(error)[:80]}") from None
@@ -69,32 +45,33 @@ def _header(stream: BinaryIO) -> Header:
         raise CheckFailedError(f"has shape {shape}, which is empty")
     if dtype.subdtype is not None or dtype.kind not in "biuf" or dtype.itemsize > 8:
         raise CheckFailedError(f"holds {str(dtype)[:80]}, not real numbers of up to 64 bits")
-    header = Header(shape=shape, dtype=dtype, fortran=fortran, offset=stream.tell())
-    need, size = header.offset + math.prod(shape) * dtype.itemsize, stream.seek(0, 2)
+    need, size = stream.tell() + math.prod(shape) * dtype.itemsize, stream.seek(0, 2)
     if size != need:
-        what = "is truncated" if size < need else "is longer than it says"
-        raise CheckFailedError(f"{what}: {size} bytes where its header asks for {need}")
-    return header
+        fault = "is truncated" if size < need else "is longer than it says"
+        raise CheckFailedError(f"{fault}: {size} bytes where its header asks for {need}")
+    stream.seek(0)
 
 
 def array_of(data: bytes) -> NDArray[Any]:
     """The array in the bytes of a file.
 
     Raises:
-        CheckFailedError: As :func:`read_header`.
+        CheckFailedError: It is no whole NumPy file of real numbers.
     """
-    header = _header(io.BytesIO(data))
-    numbers = np.frombuffer(data, dtype=header.dtype, offset=header.offset).copy()
-    return numbers.reshape(header.shape, order="F" if header.fortran else "C")
+    stream = io.BytesIO(data)
+    _require_real_numbers(stream)
+    array: NDArray[Any] = npy.read_array(stream, allow_pickle=False)
+    return array
 
 
 def mapped(path: Path) -> NDArray[Any]:
     """Map a whole file into memory, read-only: only what is looked at is read.
 
     Raises:
-        CheckFailedError: As :func:`read_header`.
+        CheckFailedError: As :func:`array_of`.
         InputError: It cannot be opened.
     """
-    read_header(path)
+    with door.open_input(path, kind="array") as stream:
+        _require_real_numbers(stream)
     array: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
     return array
