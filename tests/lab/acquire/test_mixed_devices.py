@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from helpers.rigs import LIMITS, printed, small_protocol, study_of
 
+from tacbench_cad.cli import main
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study
@@ -81,3 +83,88 @@ def test_a_gauge_that_is_not_there_is_named() -> None:
         open_rig(settings, printed(), WorkFrame(origin_mm=ORIGIN)),
     ):
         pass
+
+
+OWN = """
+import numpy as np
+from pathlib import Path
+from tacbench_cad.lab import Force
+
+class Stage:
+    identity, simulated = "own stage", "stage"
+    at = (0.0, 0.0, 20.0)
+    def home(self): self.at = (0.0, 0.0, 20.0)
+    def move(self, target_mm, speed_mm_s):
+        self.at = tuple(target_mm)
+        Path("at.txt").write_text(str(self.at[2]))
+        return self.at
+    def position(self): return self.at
+    def stop(self): pass
+    def close(self): pass
+
+class Gauge:
+    identity, simulated, calibration, count = "own gauge", "gauge", {}, 0
+    def read(self, window_s):
+        self.count += 1
+        return Force(mean_n=0.0, spread_n=0.001, samples=3)
+    def tare(self): pass
+    def close(self): pass
+
+class LostGauge(Gauge):
+    def read(self, window_s):
+        if self.count == 60:
+            raise OSError(19, "No such device")
+        return super().read(window_s)
+
+class Sensor:
+    name, units, shape, simulated, settings = "own sensor", "counts", (4,), "sensor", {}
+    def read(self): return np.random.default_rng().normal(size=4)
+    def close(self): pass
+
+class LostSensor(Sensor):
+    def read(self): raise ZeroDivisionError("a driver's own mistake")
+"""
+OWN_STUDY = """
+out = "runs"
+[block]
+texture = 1
+printer = "bambu-p1p"
+filament = "pla-minus"
+[protocol]
+clearance_mm = 5.0
+settle_s = 0.0
+stationary_frames = 0
+[stage]
+driver = "own_rig:Stage"
+origin_mm = [0, 0, 0]
+limits_mm = [[-50, 50], [-50, 50], [-20, 20]]
+[gauge]
+driver = "own_rig:{gauge}"
+[sensor]
+driver = "own_rig:{sensor}"
+"""
+
+
+@pytest.mark.parametrize(
+    ("gauge", "sensor", "message"),
+    [
+        ("LostGauge", "Sensor", "[gauge] driver own_rig:LostGauge: read() failed: OSError: [Errno 19] No such device"),
+        ("Gauge", "LostSensor", "read() failed: ZeroDivisionError: a driver's own mistake"),
+    ],
+)
+def test_an_exception_of_ones_own_driver_lifts_the_sensor_and_is_one_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    gauge: str,
+    sensor: str,
+    message: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "own_rig", raising=False)
+    Path("own_rig.py").write_text(OWN)
+    Path("study.toml").write_text(OWN_STUDY.format(gauge=gauge, sensor=sensor))
+    assert main(["acquire", "study.toml"]) == 3
+    (line,) = (line for line in capsys.readouterr().err.splitlines() if line.startswith("error"))
+    assert message in line and f"({tmp_path / 'own_rig.py'}, line " in line
+    assert float(Path("at.txt").read_text()) >= 5.0
