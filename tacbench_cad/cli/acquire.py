@@ -9,7 +9,7 @@ import rich_click as click
 
 from tacbench_cad.cli import options
 from tacbench_cad.cli.common import ask_line, note
-from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.errors import CheckFailedError, InputError, located
 from tacbench_cad.util.text import counted
 
 #: How many times faster than real time the rig of ``--virtual`` runs.
@@ -85,14 +85,15 @@ def command(
     folder = out or chosen.out
     if folder is None:
         raise InputError("out", None, "name the folder of the run folders")
-    results = acquire_study(
-        chosen.study,
-        chosen.required_rig,
-        folder,
-        person=Typing(partial(ask_line, err=True), note),
-        progress=ProgressLines(folder),
-        opener=open_rig,
-    )
+    with located("" if study is None else f"{study}: ", fields="["):
+        results = acquire_study(
+            chosen.study,
+            chosen.required_rig,
+            folder,
+            person=Typing(partial(ask_line, err=True), note),
+            progress=ProgressLines(folder),
+            opener=open_rig,
+        )
     for result in results:
         missed = f", {result.missed} of them out of their band" if result.missed else ""
         note(f"{result.folder}: {counted(result.presses, 'press')}{missed}")

@@ -9,7 +9,7 @@ import rich_click as click
 
 from tacbench_cad.cli import options
 from tacbench_cad.cli.common import ask_line, note, print_json, print_lines, print_table
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.errors import InputError, located
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ def align(file: Path, tolerance_mm: float | None) -> None:
     settings = replace(study.required_rig, sensor=SensorSettings(driver="simulated"))
     stage, protocol = settings.stage, study.study.protocol
     printed = block_order(study.study)[0].printed
-    with open_rig(settings, printed, stage.frame) as opened:
+    with located(f"{file}: ", fields="["), open_rig(settings, printed, stage.frame) as opened:
         gauge = opened.gauge
         if gauge is not None:
             gauge.tare()

@@ -47,15 +47,18 @@ def _shown(value: object) -> str:
 
 
 @contextlib.contextmanager
-def located(where: str) -> Iterator[None]:
+def located(where: str, *, fields: str = "") -> Iterator[None]:
     """Put a file or a table in front of the field of every :class:`InputError` that comes out of the body.
 
     Args:
         where: ``"rig.toml: "`` or ``"[protocol] "``.
+        fields: Only in front of fields that begin so: ``"["`` for those of a file's tables.
     """
     try:
         yield
     except InputError as error:
+        if not error.field.startswith(fields):
+            raise
         raise InputError(f"{where}{error.field}", error.value, error.allowed) from None
 
 

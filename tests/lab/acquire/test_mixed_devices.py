@@ -168,3 +168,17 @@ def test_an_exception_of_ones_own_driver_lifts_the_sensor_and_is_one_line(
     (line,) = (line for line in capsys.readouterr().err.splitlines() if line.startswith("error"))
     assert message in line and f"({tmp_path / 'own_rig.py'}, line " in line
     assert float(Path("at.txt").read_text()) >= 5.0
+
+
+@pytest.mark.parametrize("command", [["acquire"], ["rig", "align"]])
+def test_a_driver_that_is_not_there_is_named_with_both_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], command: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "own_rig", raising=False)
+    Path("own_rig.py").write_text(OWN)
+    Path("study.toml").write_text(OWN_STUDY.format(gauge="Gauges", sensor="Sensor"))
+    assert main([*command, "study.toml"]) == 2
+    own = tmp_path / "own_rig.py"
+    expected = f"study.toml: [gauge] driver = 'own_rig:Gauges': {own} has no Gauges; did you mean \"Gauge\"?"
+    assert expected in capsys.readouterr().err
