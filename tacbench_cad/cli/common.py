@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.errors import InputError, MissingToolError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -110,6 +111,27 @@ def show_table(table: ResultTable) -> None:
     """Print a table of results."""
     heads = [f">{head}" if right else head for head, right in zip(table.heads, table.right, strict=True)]
     print_table(table.title, heads, table.texts())
+
+
+def write_picture(path: Path, draw: Callable[[Path], object], *, required: bool = False) -> bool:
+    """Write a picture, or say that it cannot be drawn here.
+
+    Args:
+        path: Where it goes.
+        draw: Writes it.
+        required: Refuse the command where it cannot be drawn.
+
+    Returns:
+        Whether it is written.
+    """
+    try:
+        draw(path)
+    except MissingToolError as error:
+        if required:
+            raise
+        note(f"no picture: {error}")
+        return False
+    return True
 
 
 def lengths(values: Sequence[float]) -> str:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note, print_json, print_table
-from tacbench_cad.util.errors import MissingToolError
+from tacbench_cad.cli.common import note, print_json, print_table, write_picture
 
 if TYPE_CHECKING:
     from tacbench_cad.slicing.plates import Plate
@@ -61,6 +61,7 @@ def command(
     """
     from tacbench_cad.lab.study.names import own_name
     from tacbench_cad.making.choice import textures_of
+    from tacbench_cad.slicing.pictures import plate_picture
     from tacbench_cad.slicing.plates import arrange_plates
     from tacbench_cad.slicing.printers import printer_named
     from tacbench_cad.slicing.printers import printers as known_printers
@@ -79,7 +80,10 @@ def command(
         note("warning: some blocks are too small for an engraved label; mark them by hand when they come off the bed")
     files = [Path(word) for word in textures if word.lower().endswith(".toml")]
     written = write_plates(plates, material, out, files)
-    pictures = [_draw(plate, paths, material) for plate, paths in zip(plates, written, strict=True)]
+    pictures = [
+        write_picture(paths.picture, partial(plate_picture, plate, material))
+        for plate, paths in zip(plates, written, strict=True)
+    ]
     for paths, drawn in zip(written, pictures, strict=True):
         for path in (*paths.paths, *([paths.picture] if drawn else [])):
             note(f"wrote {path}")
@@ -89,17 +93,6 @@ def command(
     else:
         heads = (">plate", ">blocks", ">copies off the middle (mm)", "labels")
         print_table(f"{machine.name}, {material}", heads, map(_cells, plates))
-
-
-def _draw(plate: Plate, files: PlateFiles, filament: str) -> bool:
-    from tacbench_cad.slicing.pictures import plate_picture
-
-    try:
-        plate_picture(plate, filament, files.picture)
-    except MissingToolError as error:
-        note(f"no picture: {error}")
-        return False
-    return True
 
 
 def _row(plate: Plate, files: PlateFiles, drawn: bool) -> dict[str, object]:

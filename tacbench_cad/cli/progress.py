@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from datetime import timedelta
 from typing import TYPE_CHECKING
 
 from tacbench_cad.cli.common import note
@@ -25,6 +26,7 @@ class ProgressLine:
     def __init__(self, every_s: float = PLAIN_EVERY_S) -> None:
         self._every_s = every_s
         self._written = time.monotonic()
+        self._first: tuple[float, int] | None = None
         self._bar: Progress | None = None
 
     def __enter__(self) -> ProgressLine:
@@ -33,10 +35,8 @@ class ProgressLine:
             from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
             columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-            screen = Console(stderr=True, markup=False, emoji=False)
-            self._bar = Progress(
-                *columns, TextColumn("{task.description}", markup=False), console=screen, transient=True
-            )
+            text = TextColumn("{task.description}", markup=False)
+            self._bar = Progress(*columns, text, console=Console(stderr=True, emoji=False), transient=True)
             self._task = self._bar.add_task("", total=None)
             self._bar.start()
         return self
@@ -47,8 +47,19 @@ class ProgressLine:
 
     def show(self, what: str, done: int = 0, total: int = 0) -> None:
         """So much of it is done; a total of 0 if nobody knows how much there is."""
+        now = time.monotonic()
+        if self._first is None or done < self._first[1]:
+            self._first = (now, done)
+        left = self._left(now, done, total)
         if self._bar is not None:
-            self._bar.update(self._task, description=what, completed=done, total=total or None)
-        elif time.monotonic() - self._written >= self._every_s:
-            self._written = time.monotonic()
-            note(f"[{done:,}/{total:,}] {what}" if total else what)
+            self._bar.update(self._task, description=what + left, completed=done, total=total or None)
+        elif now - self._written >= self._every_s:
+            self._written = now
+            note(f"[{done:,}/{total:,}] {what}{left}" if total else what)
+
+    def _left(self, now: float, done: int, total: int) -> str:
+        """The time that is left at the pace so far, once there is a pace."""
+        began, before = self._first or (now, done)
+        if done <= before or now - began < PLAIN_EVERY_S:
+            return ""
+        return f", {timedelta(seconds=round((now - began) / (done - before) * (total - done)))} left"

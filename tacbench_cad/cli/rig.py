@@ -51,6 +51,7 @@ def probe(ask: tuple[str, ...], json: bool) -> None:
     """
     from tacbench_cad.lab.rig.ports import candidates
     from tacbench_cad.lab.rig.probing import found_cameras, identify
+    from tacbench_cad.util.convert import to_plain
 
     ports = candidates()
     answers = {}
@@ -59,18 +60,8 @@ def probe(ask: tuple[str, ...], json: bool) -> None:
         answers[port] = identify(port)
     cameras = found_cameras()
     if json:
-        print_json(
-            {
-                "ports": [
-                    {"name": one.name, "device": one.device, "description": one.description, "stable": one.stable}
-                    for one in ports
-                ],
-                "asked": answers,
-                "cameras": [
-                    {"name": one.name, "size_px": None if one.size_px is None else list(one.size_px)} for one in cameras
-                ],
-            }
-        )
+        listed = [{name: value for name, value in to_plain(one).items() if name != "hardware"} for one in ports]
+        print_json({"ports": listed, "asked": answers, "cameras": to_plain(cameras)})
         return
     if ports:
         rows = [(one.name, one.device, one.description) for one in ports]
@@ -78,11 +69,9 @@ def probe(ask: tuple[str, ...], json: bool) -> None:
     else:
         print_lines("No serial device is plugged in.")
     if cameras:
-        sizes = [
-            (one.name, "does not open" if one.size_px is None else f"{one.size_px[0]} x {one.size_px[1]}")
-            for one in cameras
-        ]
-        print_table("Cameras", ("name", "size"), sizes)
+        sizes = ["does not open" if one.size_px is None else "{} x {}".format(*one.size_px) for one in cameras]
+        names = [one.name for one in cameras]
+        print_table("Cameras", ("name", "size"), zip(names, sizes, strict=True))
     else:
         print_lines("No camera with a stable name is plugged in.")
     print_lines(*(f"{port}: {answer}" for port, answer in answers.items()))

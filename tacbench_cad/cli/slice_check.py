@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note, print_json, print_table
-from tacbench_cad.util.errors import InputError, MissingToolError
+from tacbench_cad.cli.common import note, print_json, print_table, write_picture
+from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
     from tacbench_cad.slicing.compare import AsSliced, Extrema
@@ -75,6 +76,7 @@ def command(
       tacbench slice-check turned.gcode --texture hex.toml --frame 20,30,90 --json
     """
     from tacbench_cad.slicing.compare import slice_check
+    from tacbench_cad.slicing.pictures import as_sliced_picture
 
     block = _block(texture, preset, scale, key_mm)
     pictures = _pictures(files, out, no_picture)
@@ -89,7 +91,8 @@ def command(
         for warning in result.warnings:
             note(f"warning: {result.sliced.path.name}: {warning}")
     for result, path in zip(results, pictures, strict=False):
-        _draw(result, path, asked=out is not None)
+        if write_picture(path, partial(as_sliced_picture, result), required=out is not None):
+            note(f"wrote {path}")
 
 
 def _block(texture: str, preset: str, scale: float, key_mm: float | None) -> Block:
@@ -120,19 +123,6 @@ def _pictures(files: Sequence[Path], out: Path | None, no_picture: bool) -> list
         if paths.count(path) > 1:
             raise InputError("out", str(path), "two files have one name and would share this picture; --no-picture?")
     return paths
-
-
-def _draw(found: AsSliced, path: Path, *, asked: bool) -> None:
-    from tacbench_cad.slicing.pictures import as_sliced_picture
-
-    try:
-        as_sliced_picture(found, path)
-    except MissingToolError as error:
-        if asked:
-            raise
-        note(f"no picture: {error}")
-    else:
-        note(f"wrote {path}")
 
 
 def _um(mm: float | None) -> str:

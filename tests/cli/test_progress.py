@@ -1,0 +1,27 @@
+"""Progress on a stream that is no terminal: a line now and then, with the time left once there is a pace."""
+
+from __future__ import annotations
+
+import pytest
+
+from tacbench_cad.cli import progress
+from tacbench_cad.cli.progress import ProgressLine
+
+
+def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    clock = iter([0.0, 0.0, 4.0, 12.0, 14.0, 30.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    with ProgressLine() as line:
+        for done in (1_000, 1_100, 1_200, 1_250, 1_500):
+            line.show("images", done, 2_000)
+    assert capsys.readouterr().err.splitlines() == [
+        "[1,200/2,000] images, 0:00:48 left",
+        "[1,500/2,000] images, 0:00:30 left",
+    ]
+
+
+def test_what_has_no_total_is_only_named(capsys: pytest.CaptureFixture[str]) -> None:
+    with ProgressLine(every_s=0.0) as line:
+        line.show("registering")
+        line.show("texture-1.stl", 1, 2)
+    assert capsys.readouterr().err.splitlines() == ["registering", "[1/2] texture-1.stl"]
