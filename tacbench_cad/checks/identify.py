@@ -319,7 +319,9 @@ def _size(look: Look, match: Match) -> list[Check]:
     sides = (*block.size_mm, block.height_mm)
     off = [one - want for one, want in zip(found, sides, strict=True)]
     text = " x ".join(f"{one:.6g}" for one in found)
-    if max(map(abs, off)) <= SIDE_MM:
+    # The highest point of a solid is as near to the height as the solid is to the formula.
+    height_mm = max(SIDE_MM, _allowed(match.candidate)) if match.candidate.as_solid and look.is_solid else SIDE_MM
+    if max(map(abs, off[:2])) <= SIDE_MM and abs(off[2]) <= height_mm:
         return [Check(name="size", ok=True, detail=f"{text} mm")]
     shares = stretch_of(block, look, match.placement)
     if max(shares) - min(shares) <= 1e-4:

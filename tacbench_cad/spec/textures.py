@@ -46,6 +46,12 @@ class Texture:
             raise InputError("texture name", self.name, "use 1 to 32 of a-z, 0-9 and inner hyphens")
         if self.number is None and (self.name in RESERVED or re.fullmatch(r"(texture-?)?\d+", self.name)):
             raise InputError("texture name", self.name, "this name is taken by a part of the print set")
+        if not isinstance(self.waves, WaveSum):
+            raise InputError(
+                f"texture {self.name} waves",
+                type(self.waves).__name__,
+                "must be a sum of waves: plane_waves((amplitude, f, g), ...), series(...), equation1(...) or a WaveSum",
+            )
         if all(w.amplitude == 0.0 or (w.f, w.g) == (0.0, 0.0) for w in self.waves.waves):
             raise InputError("texture", self.name, "is flat; at least one wave needs an amplitude and a frequency")
         if not self.equation:

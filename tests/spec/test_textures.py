@@ -161,3 +161,8 @@ def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
 def test_a_flat_texture_is_refused() -> None:
     with pytest.raises(InputError, match="flat"):
         Texture(name="flat", equation="0", waves=WaveSum(()))
+
+
+def test_a_function_is_no_sum_of_waves() -> None:
+    with pytest.raises(InputError, match=r"texture bumps waves = 'function': must be a sum of waves: plane_waves"):
+        Texture(name="bumps", waves=lambda u, v: u * v)  # type: ignore[arg-type]
