@@ -31,7 +31,7 @@ import tacbench_cad
 
 GENERATED = Path("api") / "generated"
 #: The packages whose public names are loaded lazily from other modules.
-PUBLIC = ("housing", "tacbench_cad", "tacbench_cad.lab")
+PUBLIC = ("housing", "tacbench_cad", "tacbench_cad.lab", "tacbench_cad.virtual_rig")
 #: Longer values of constants are not shown.
 MOST_LETTERS = 300
 #: Names of other projects are no links: they have no pages here, and the build asks no network for theirs.

@@ -18,9 +18,9 @@ from .analysis.compare import compare as compare
 from .analysis.compare import read_side as read_side
 from .analysis.compare import write_comparison as write_comparison
 from .analysis.preprocess import Preprocess as Preprocess
-from .analysis.published import FLOOR_READINGS as FLOOR_READINGS
-from .analysis.published import ROW_NAMES as ROW_NAMES
-from .analysis.published import VARIANCE as VARIANCE
+from .analysis.published import PAPER_FLOORS as PAPER_FLOORS
+from .analysis.published import PAPER_ROW_NAMES as PAPER_ROW_NAMES
+from .analysis.published import PAPER_VARIANCE as PAPER_VARIANCE
 from .analysis.report.page import write_report as write_report
 from .analysis.variance.grade import Grade as Grade
 from .analysis.variance.grade import grade as grade

@@ -13,7 +13,7 @@ Combination = tuple[str, str]
 
 #: Variance, mean over pixels and positions, counts^2, textures 1 to 6. PAPER.md, "The tables to reproduce", first
 #: table. The text says neither grey nor colour, nor which force, nor ddof.
-VARIANCE: Mapping[Combination, tuple[float, ...]] = {
+PAPER_VARIANCE: Mapping[Combination, tuple[float, ...]] = {
     ("ender-3-v3-se", "pla-plus"): (2.60, 10.36, 12.12, 10.75, 7.026, 8.28),  # "| Ender-3 V3 SE, PLA+ | ..."
     ("bambu-p1p", "pla-minus"): (2.80, 2.64, 3.61, 3.67, 3.63, 3.51),  # "| Bambu, PLA- | ..."
     ("form-3", "grey-v4"): (2.31, 2.11, 2.8, 3.06, 3.32, 3.14),  # "| Resin | ..."
@@ -23,21 +23,21 @@ VARIANCE: Mapping[Combination, tuple[float, ...]] = {
 def variance_of(printer: str, filament: str, texture: str) -> float | None:
     """The paper's variance of a texture of ours on one of its printers, None where it has none."""
     number = texture.removeprefix("texture-")
-    figures = VARIANCE.get((printer, filament), ())
+    figures = PAPER_VARIANCE.get((printer, filament), ())
     return figures[int(number) - 1] if number.isdecimal() and 1 <= int(number) <= len(figures) else None
 
 
 #: How the paper's rows are called in tables and sentences.
-ROW_NAMES: Mapping[Combination, str] = {
+PAPER_ROW_NAMES: Mapping[Combination, str] = {
     ("ender-3-v3-se", "pla-plus"): "Ender-3 V3 SE PLA+",
     ("bambu-p1p", "pla-minus"): "Bambu P1P PLA-",
     ("form-3", "grey-v4"): "Form 3 resin",
 }
-#: Prints and readings of each press place behind a figure of :data:`VARIANCE`: "ddof 0 over the 6 x 2 readings".
+#: Prints and readings of each press place behind a figure of :data:`PAPER_VARIANCE`: "ddof 0 over the 6 x 2 readings".
 PRINTS = 6
 #: Readings of each press place.
 REPEATS = 2
-#: Positions behind a figure of :data:`VARIANCE`: the 5 x 5 grid.
+#: Positions behind a figure of :data:`PAPER_VARIANCE`: the 5 x 5 grid.
 POSITIONS = 25
 
 #: "Stationary sensor: 'average pixel variation' 2.6". PAPER.md, above the first table and weakness 2.
@@ -45,7 +45,7 @@ FLOOR = 2.6
 #: The unit of :data:`FLOOR`, which the text does not give.
 FLOOR_UNIT: str | None = None
 #: What :data:`FLOOR` is in counts^2 if it is a variance, and if it is a standard deviation.
-FLOOR_READINGS: Mapping[str, float] = {"variance": FLOOR, "standard deviation": FLOOR**2}
+PAPER_FLOORS: Mapping[str, float] = {"variance": FLOOR, "standard deviation": FLOOR**2}
 
 
 @dataclass(frozen=True, kw_only=True)

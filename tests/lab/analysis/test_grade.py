@@ -18,7 +18,7 @@ from tacbench_cad.lab.analysis.variance.grade_limits import Context, factors
 from tacbench_cad.lab.study.names import SELECTED
 from tacbench_cad.util.errors import InputError
 
-ENDER, BAMBU, RESIN = published.VARIANCE
+ENDER, BAMBU, RESIN = published.PAPER_VARIANCE
 
 
 def cell(texture: int | str, low: float | None, high: float | None, **changes: Any) -> Cell:
@@ -48,15 +48,15 @@ def graded(cells: list[Cell], context: Context | None = None) -> Grade:
 
 
 def test_the_published_figures_are_the_papers() -> None:
-    assert list(published.VARIANCE) == list(SELECTED) == list(published.ROW_NAMES)
-    assert published.VARIANCE[ENDER] == (2.60, 10.36, 12.12, 10.75, 7.026, 8.28)
-    assert published.VARIANCE[BAMBU] == (2.80, 2.64, 3.61, 3.67, 3.63, 3.51)
-    assert published.VARIANCE[RESIN] == (2.31, 2.11, 2.8, 3.06, 3.32, 3.14)
+    assert list(published.PAPER_VARIANCE) == list(SELECTED) == list(published.PAPER_ROW_NAMES)
+    assert published.PAPER_VARIANCE[ENDER] == (2.60, 10.36, 12.12, 10.75, 7.026, 8.28)
+    assert published.PAPER_VARIANCE[BAMBU] == (2.80, 2.64, 3.61, 3.67, 3.63, 3.51)
+    assert published.PAPER_VARIANCE[RESIN] == (2.31, 2.11, 2.8, 3.06, 3.32, 3.14)
     unseen = {(one.model, one.train_on): one.unseen for one in published.CLASSIFICATION}
     assert list(unseen.values()) == [31.4, 33.21, 63.98, 53.73, 70.66, 61.41]
     assert {one.train_on for one in published.CLASSIFICATION} == set(SELECTED)
     assert published.FLOOR == 2.6 and published.FLOOR_UNIT is None
-    assert published.FLOOR_READINGS["standard deviation"] == pytest.approx(6.76)
+    assert published.PAPER_FLOORS["standard deviation"] == pytest.approx(6.76)
 
 
 def differences(found: Grade) -> list[list[str | None]]:
@@ -65,7 +65,7 @@ def differences(found: Grade) -> list[list[str | None]]:
 
 
 def test_an_interval_below_all_figures_is_as_consistent() -> None:
-    found = graded(like(published.VARIANCE[RESIN], 0.3, 0.9))
+    found = graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.9))
     assert differences(found) == [["less"] * 3] * 6
     resin = found.verdicts[2]
     assert (resin.printer, resin.filament, resin.verdict) == (*RESIN, "as consistent, or more")
@@ -74,7 +74,7 @@ def test_an_interval_below_all_figures_is_as_consistent() -> None:
 
 
 def test_an_interval_above_a_figure_is_less_consistent() -> None:
-    ender, bambu, _ = graded(like(published.VARIANCE[ENDER], 0.5, 0.8)).verdicts
+    ender, bambu, _ = graded(like(published.PAPER_VARIANCE[ENDER], 0.5, 0.8)).verdicts
     assert ender.verdict == "as consistent, or more"
     assert bambu.verdict == "less consistent"
     assert (bambu.less, bambu.more, bambu.unclear) == ((1,), (2, 3, 4, 6), (5,))
@@ -100,7 +100,7 @@ def test_noise_is_not_held_against_the_prints(floor: float | None, verdict: str)
 
 
 def test_an_interval_around_a_figure_shows_nothing() -> None:
-    bambu = graded(like(published.VARIANCE[BAMBU], 0.5, 4.0)).verdicts[1]
+    bambu = graded(like(published.PAPER_VARIANCE[BAMBU], 0.5, 4.0)).verdicts[1]
     assert bambu.verdict == "not enough data" and bambu.unclear == (1, 2, 3, 4, 5, 6)
     assert bambu.at_most == pytest.approx(4.0) and bambu.at_least is None
 
@@ -110,7 +110,7 @@ def test_fewer_prints_are_brought_to_six_before_they_are_compared() -> None:
     assert factors(3, 2) == pytest.approx((1.1, 1.25))
     assert factors(2, 2) == pytest.approx((11 / 9, 5 / 3))
     assert factors(12, 2) == pytest.approx((10 / 11, 22 / 23))
-    six, three = (graded(like(published.VARIANCE[RESIN], 0.3, 0.85, prints=prints)) for prints in (6, 3))
+    six, three = (graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.85, prints=prints)) for prints in (6, 3))
     assert six.textures[0].published[2].ours_is == "less"
     assert three.textures[0].published[2].ours_is == "unclear"
     assert any("3 prints where the paper has 6" in one and "20 % too low" in one for one in three.limits)
@@ -139,26 +139,26 @@ def test_one_print_has_no_verdict_and_says_why() -> None:
     ],
 )
 def test_what_differs_from_the_paper_is_said(changes: dict[str, Any], sentence: str) -> None:
-    cells = like(published.VARIANCE[RESIN], 0.5, 0.9)
+    cells = like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9)
     assert not any(sentence in one for one in graded(cells).limits)
     assert any(sentence in one for one in graded(cells, replace(Context(), **changes)).limits)
 
 
 def test_a_study_like_the_papers_still_cannot_take_off_the_papers_floor() -> None:
-    limits = graded(like(published.VARIANCE[RESIN], 0.5, 0.9)).limits
+    limits = graded(like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9)).limits
     assert len(limits) == 2
     assert "2.6 counts^2 if a variance or 6.8 counts^2 if a standard deviation" in limits[0]
 
 
 def test_another_sensors_unit_is_not_compared() -> None:
-    found = graded(like(published.VARIANCE[RESIN], 0.3, 0.9), Context(units="kPa", shape=(16,)))
+    found = graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.9), Context(units="kPa", shape=(16,)))
     assert differences(found) == [[None] * 3] * 6 and found.units == "kPa^2"
     assert {one.verdict for one in found.verdicts} == {"another unit"}
     assert not any("published" in one for one in found.limits)
 
 
 def test_noise_that_makes_up_the_figure_is_said() -> None:
-    cells = like(published.VARIANCE[RESIN], 0.5, 0.9)
+    cells = like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9)
     cells[1] = replace(cells[1], floor=0.8 * cells[1].variance)
     assert any("Up to 80 % of the figure is noise (texture 2)" in one for one in graded(cells).limits)
 
@@ -254,5 +254,5 @@ def test_the_commands_options_are_refused_by_name(
 
 def test_readings_that_were_left_out_are_said() -> None:
     context = Context(left_out=("run/a.png: is damaged", "run/b.png: is damaged"))
-    limits = graded(like(published.VARIANCE[RESIN], 0.5, 0.9), context).limits
+    limits = graded(like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9), context).limits
     assert limits[0] == "2 readings could not be used, the first: run/a.png: is damaged."

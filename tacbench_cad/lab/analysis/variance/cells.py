@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from tacbench_cad.lab.analysis.published import ROW_NAMES
+from tacbench_cad.lab.analysis.published import PAPER_ROW_NAMES
 from tacbench_cad.lab.study.spec import Protocol
 from tacbench_cad.util.errors import InputError
 
@@ -86,7 +86,7 @@ class Cell:
 def name_of(combination: str) -> str:
     """A printer-filament as figures and tables call it: as the paper does, where it is one of the paper's."""
     printer, filament = combination.split("_", 1)
-    return ROW_NAMES.get((printer, filament), f"{printer} {filament}")
+    return PAPER_ROW_NAMES.get((printer, filament), f"{printer} {filament}")
 
 
 def short_texture(texture: str) -> str:

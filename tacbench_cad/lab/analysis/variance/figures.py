@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure, save, styled
-from tacbench_cad.lab.analysis.published import VARIANCE, variance_of
+from tacbench_cad.lab.analysis.published import PAPER_VARIANCE, variance_of
 from tacbench_cad.lab.analysis.variance.cells import (
     Cell,
     Level,
@@ -195,7 +195,7 @@ def _table_legend(result: VarianceResult, combinations: Sequence[str]) -> list[A
         handles.append(Line2D([], [], color=colour, marker=marker, markersize=4.5, label=name_of(combination)))
     if any(cell.floor for cell in result.cells):
         handles.append(Line2D([], [], color=INK, linewidth=1.0, label="what noise alone gives"))
-    if _is_paper(result) and any(tuple(combination.split("_", 1)) in VARIANCE for combination in combinations):
+    if _is_paper(result) and any(tuple(combination.split("_", 1)) in PAPER_VARIANCE for combination in combinations):
         hollow: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 4.0, "markerfacecolor": "none"}
         handles.append(Line2D([], [], color=INK, label="hollow: the paper's table", **hollow))
     return handles

@@ -109,7 +109,7 @@ class Judgement:
             )
             if numbers
         ]
-        name = published.ROW_NAMES[self.printer, self.filament]
+        name = published.PAPER_ROW_NAMES[self.printer, self.filament]
         return f"{name}: {self.verdict}" + (f" ({'; '.join(parts)})" if parts else "")
 
 
@@ -138,7 +138,7 @@ class Grade:
     @property
     def table(self) -> Table:
         """The textures with the published figures beside them."""
-        names = list(published.ROW_NAMES.values())
+        names = list(published.PAPER_ROW_NAMES.values())
         rows: list[Row] = [
             {
                 **vars(texture),
@@ -193,7 +193,7 @@ def grade(cells: Sequence[Cell], context: Context, force_level: Level = ALL_LEVE
                 force_level=force_level,
                 units=context.unit,
                 textures=tuple(textures),
-                verdicts=tuple(_judged(i, textures, context) for i in range(len(published.VARIANCE))),
+                verdicts=tuple(_judged(i, textures, context) for i in range(len(published.PAPER_VARIANCE))),
                 limits=limits(mine, context, force_level),
             )
         )
@@ -202,7 +202,7 @@ def grade(cells: Sequence[Cell], context: Context, force_level: Level = ALL_LEVE
 
 def _texture(cell: Cell, number: int, context: Context) -> Texture:
     compared = []
-    for (printer, filament), values in published.VARIANCE.items():
+    for (printer, filament), values in published.PAPER_VARIANCE.items():
         value, ratio = values[number - 1], None
         ours_is: Difference | None = None
         if cell.low is not None and cell.high is not None and context.comparable:
@@ -240,7 +240,7 @@ def _judged(row: int, textures: Sequence[Texture], context: Context) -> Judgemen
     else:
         verdict = "as consistent, or more" if by["less"] else "no interval"
     less, more, unclear = (tuple(texture.texture for texture, _ in members) for members in by.values())
-    printer, filament = list(published.VARIANCE)[row]
+    printer, filament = list(published.PAPER_VARIANCE)[row]
     return Judgement(
         printer=printer,
         filament=filament,

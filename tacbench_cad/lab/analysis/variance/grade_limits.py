@@ -177,7 +177,7 @@ def _of_noise(cells: Sequence[Cell], context: Context) -> Iterator[_Reason]:
             noise = max(min(1.0, (cell.floor or 0.0) / cell.variance) if cell.variance else 1.0 for cell in large)
             yield f"Up to {100.0 * noise:.0f} % of the figure is noise ({_names(large)})."
     if context.comparable:
-        readings = " or ".join(f"{value:.2g} {UNITS}^2 if a {kind}" for kind, value in published.FLOOR_READINGS.items())
+        readings = " or ".join(f"{value:.2g} {UNITS}^2 if a {kind}" for kind, value in published.PAPER_FLOORS.items())
         yield f"The paper's own noise floor, {published.FLOOR}, has no unit ({readings})."
 
 

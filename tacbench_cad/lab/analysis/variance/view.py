@@ -17,7 +17,7 @@ import numpy as np
 
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.published import FLOOR, FLOOR_READINGS, variance_of
+from tacbench_cad.lab.analysis.published import FLOOR, PAPER_FLOORS, variance_of
 from tacbench_cad.lab.analysis.tables import Column, Row, Table, short
 from tacbench_cad.lab.analysis.variance.cells import (
     ALL_LEVELS,
@@ -268,7 +268,7 @@ class VarianceView:
             "less the floor."
         ]
         if self.collection.units == "counts":
-            readings = ", ".join(f"{value:.3g} counts^2 if it is a {what}" for what, value in FLOOR_READINGS.items())
+            readings = ", ".join(f"{value:.3g} counts^2 if it is a {what}" for what, value in PAPER_FLOORS.items())
             notes.append(
                 f"The paper gives the average pixel variation of a stationary sensor as {FLOOR:g}, without a unit: "
                 f"{readings}. It does not say whether the images are grey, at which force, nor which ddof."
