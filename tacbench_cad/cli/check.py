@@ -5,10 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from click.exceptions import Exit
-
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import lengths, note, one_line, print_json, print_lines, print_table
+from tacbench_cad.cli.common import end_check, lengths, one_line, print_json, print_lines, print_table
 from tacbench_cad.util.errors import InputError, TacbenchError
 from tacbench_cad.util.text import counted
 
@@ -63,12 +61,7 @@ def command(files: tuple[Path, ...], texture: str | None, preset: str | None, sc
     else:
         for report in reports:
             _print(report)
-    for _, refusal in refusals:
-        note(f"error: {one_line(refusal)}")
-    if any(not report.ok for report in reports):
-        raise Exit(1)
-    if refusals:
-        raise Exit(max(refusal.exit_code for _, refusal in refusals))
+    end_check(reports, [refusal for _, refusal in refusals])
 
 
 def _print(report: Report) -> None:

@@ -9,13 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import rich_click as click
+from click.exceptions import Exit
 
-from tacbench_cad.util.errors import InputError, MissingToolError
+from tacbench_cad.util.errors import InputError, MissingToolError, TacbenchError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from tacbench_cad.checks.report import Report
     from tacbench_cad.lab.analysis.tables import Table as ResultTable
+    from tacbench_cad.lab.runs.checking import RunReport
 
 #: Width of a table that is not printed on a terminal.
 PLAIN_WIDTH = 160
@@ -132,6 +135,20 @@ def write_picture(path: Path, draw: Callable[[Path], object], *, required: bool 
         note(f"no picture: {error}")
         return False
     return True
+
+
+def end_check(reports: Iterable[Report | RunReport], refusals: Sequence[TacbenchError]) -> None:
+    """End a command that examined several things: say which were refused.
+
+    Raises:
+        Exit: One of them has a fault (exit code 1), or was refused.
+    """
+    for refusal in refusals:
+        note(f"error: {one_line(refusal)}")
+    if any(not report.ok for report in reports):
+        raise Exit(1)
+    if refusals:
+        raise Exit(max(refusal.exit_code for refusal in refusals))
 
 
 def lengths(values: Sequence[float]) -> str:

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import rich_click as click
-from click.exceptions import Exit
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note, one_line, print_json, print_lines, print_table, simulated_devices
+from tacbench_cad.cli.common import end_check, note, one_line, print_json, print_lines, print_table, simulated_devices
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
@@ -83,12 +82,7 @@ def check(folders: tuple[Path, ...], repair: bool, json: bool) -> None:
         )
     else:
         _print(reports)
-    for _, refusal in refusals:
-        note(f"error: {one_line(refusal)}")
-    if any(not report.ok for report in reports):
-        raise Exit(1)
-    if refusals:
-        raise Exit(InputError.exit_code)
+    end_check(reports, [refusal for _, refusal in refusals])
 
 
 @options.command("export", command)

@@ -96,7 +96,7 @@ def test_files_that_are_not_what_they_say(kind: str, suffix: str, block: Path, t
 @pytest.mark.parametrize(
     ("argv", "needle"),
     [
-        (["nothing.stl"], "no such file"),
+        (["nothing.stl"], "No such file"),
         (["."], "is a folder"),
         (["picture.png"], "ending"),
     ],
