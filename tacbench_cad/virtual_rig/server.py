@@ -64,7 +64,7 @@ class Server:
     def close(self) -> None:
         """Leave nothing behind."""
         for port in (self.stage, self.gauge):
-            port.close()
+            port.unplug()
         for end in self._wake:
             end.close()
         shutil.rmtree(self._folder, ignore_errors=True)

@@ -9,8 +9,8 @@ import select
 import socket
 import struct
 import sys
+from abc import ABC, abstractmethod
 from pathlib import Path
-from typing import Protocol
 
 from tacbench_cad.util.errors import MissingToolError
 
@@ -18,7 +18,7 @@ from tacbench_cad.util.errors import MissingToolError
 _TCGETS2 = 0x802C542A
 
 
-class Endpoint(Protocol):
+class Endpoint(ABC):
     """One port of the virtual rig.
 
     Attributes:
@@ -29,32 +29,36 @@ class Endpoint(Protocol):
     name: str
     opened: bool
 
+    @abstractmethod
     def watched(self) -> socket.socket | int | None:
         """What to select on; None where nothing can be waited for and :meth:`look` must be called now and then."""
 
+    @abstractmethod
     def look(self) -> bool:
         """Notice hosts that come and go; whether one has come since the last look."""
 
+    @abstractmethod
     def read(self, most: int) -> bytes:
         """At most so many bytes that the host wrote; nothing if there are none."""
 
+    @abstractmethod
     def write(self, data: bytes) -> None:
         """Send; what a host does not fetch is lost."""
 
     def host_baud(self) -> int | None:
         """The speed that the host set, if it can be known."""
+        return None
 
+    @abstractmethod
     def unplug(self) -> None:
-        """The cable is pulled: the host's port dies."""
+        """The cable is pulled: the host's port dies, and nothing is left behind."""
 
+    @abstractmethod
     def plug(self) -> None:
         """The cable is put back: the same name can be opened again."""
 
-    def close(self) -> None:
-        """Leave nothing behind."""
 
-
-class Pty:
+class Pty(Endpoint):
     """A pseudo-terminal. A link of a stable name leads to it, as ``/dev/serial/by-id`` does.
 
     Args:
@@ -143,12 +147,8 @@ class Pty:
         self._link.unlink(missing_ok=True)
         self._link.symlink_to(device)
 
-    def close(self) -> None:
-        """See :class:`Endpoint`."""
-        self.unplug()
 
-
-class Tcp:
+class Tcp(Endpoint):
     """A TCP port on this machine that serves one host at a time.
 
     Args:
@@ -200,10 +200,6 @@ class Tcp:
             with contextlib.suppress(OSError):
                 self._host.send(data)
 
-    def host_baud(self) -> int | None:
-        """See :class:`Endpoint`."""
-        return None
-
     def unplug(self) -> None:
         """See :class:`Endpoint`."""
         self._hang_up()
@@ -216,10 +212,6 @@ class Tcp:
         self._listener = socket.create_server(("127.0.0.1", self._port))
         self._listener.setblocking(False)
         self._port = self._listener.getsockname()[1]
-
-    def close(self) -> None:
-        """See :class:`Endpoint`."""
-        self.unplug()
 
     def _hang_up(self) -> None:
         if self._host is not None:

@@ -39,19 +39,15 @@ _PACE_FRAMES = 12
 _CLOSE = 0.01
 
 # OpenCV's numbers of the properties (cv2.CAP_PROP_*); cv2 itself is only imported when a camera is opened.
-_TIME_MS = 0
-_WIDTH = 3
-_HEIGHT = 4
-_FPS = 5
-_GAIN = 14
-_EXPOSURE = 15
-_AUTO_EXPOSURE = 21
-_FOCUS = 28
-_AUTOFOCUS = 39
-_AUTO_WHITE_BALANCE = 44
-_WHITE_BALANCE = 45
-#: What the property of automatic exposure reads when it is off: Video4Linux has a menu, Windows a fraction.
-_MANUAL_EXPOSURE = 1.0 if sys.platform.startswith("linux") else 0.25
+_TIME_MS, _FPS, _AUTOFOCUS = 0, 5, 39
+_PROPERTIES = {"width": 3, "height": 4, "fps": _FPS, "focus": 28, "gain": 14, "white_balance": 45, "exposure": 15}
+#: Property that switches an automatism, the value that means off, and the setting that it would override. Automatic
+#: exposure is off at another value on Windows: Video4Linux has a menu, Windows a fraction.
+_AUTOMATISMS = (
+    (_AUTOFOCUS, 0.0, "focus"),
+    (44, 0.0, "white_balance"),
+    (21, 1.0 if sys.platform.startswith("linux") else 0.25, "exposure"),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,23 +88,6 @@ class CameraOptions:
     def requested(self) -> dict[str, float]:
         """The settings that the device must obey."""
         return {name: getattr(self, name) for name in _PROPERTIES if getattr(self, name) is not None}
-
-
-#: Property that switches an automatism, the value that means off, and the setting that it would override.
-_AUTOMATISMS = (
-    (_AUTOFOCUS, 0.0, "focus"),
-    (_AUTO_WHITE_BALANCE, 0.0, "white_balance"),
-    (_AUTO_EXPOSURE, _MANUAL_EXPOSURE, "exposure"),
-)
-_PROPERTIES = {
-    "width": _WIDTH,
-    "height": _HEIGHT,
-    "fps": _FPS,
-    "focus": _FOCUS,
-    "gain": _GAIN,
-    "white_balance": _WHITE_BALANCE,
-    "exposure": _EXPOSURE,
-}
 
 
 class CameraSensor(Closing):

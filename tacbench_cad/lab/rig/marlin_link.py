@@ -39,6 +39,10 @@ RENUMBERINGS = 5
 NUMBERS = 1000
 
 
+#: Whether a line is of some kind.
+Test = Callable[[str], bool] | None
+
+
 class _OutOfStepError(Exception):
     """The firmware counts its lines otherwise: this is the one that it expects."""
 
@@ -150,7 +154,7 @@ class MarlinLink(Link):
         *,
         within_s: float = 0.0,
         limit_s: float | None = None,
-        expecting: Callable[[str], bool] | None = None,
+        expecting: Test = None,
     ) -> list[str]:
         """Send a command and wait for its ``ok``.
 
@@ -172,17 +176,12 @@ class MarlinLink(Link):
             NoAnswerError, ProtocolError, PositionLostError, AlarmError, DeviceLostError: As their names say.
         """
         try:
-            return self._exchange(text, within_s=within_s, limit_s=limit_s, expecting=expecting)
+            return self._exchange(text, within_s, limit_s, expecting)
         except _OutOfStepError as mismatch:
             raise self.reset_noticed(f"counts its lines from {mismatch.number} instead of {self._number}") from None
 
     def _exchange(
-        self,
-        text: str,
-        *,
-        within_s: float = 0.0,
-        limit_s: float | None = None,
-        expecting: Callable[[str], bool] | None = None,
+        self, text: str, within_s: float = 0.0, limit_s: float | None = None, expecting: Test = None
     ) -> list[str]:
         """See :meth:`command`.
 
