@@ -8,7 +8,6 @@ from housing.coupon import CLEARANCES_MM, FLOOR_MM, GAP_MM, STUB_MM, TAB_MM, Cou
 from housing.drawings.shared import BELOW_MM
 from housing.fits import FITS
 from housing.lettering import HEIGHT_MM
-from housing.marks import DEPTH_MM
 from tacbench_cad.render.drawing.cuts import Cuts
 from tacbench_cad.render.drawing.sheet import Callout, Dimension, Drawing, View, length
 
@@ -61,17 +60,13 @@ def coupon_drawing(coupon: Coupon) -> Drawing:
         Dimension("gap", (0.0, y), (0.0, stub.low[1]), "right"),
     ]
     return Drawing(
-        name=coupon.name,
-        title="Fit coupon",
-        facts={
-            "pockets": ", ".join(f"{clearance:.2f}" for clearance in CLEARANCES_MM) + " mm clearance per side",
-            "named fits": ", ".join(f"{name} {length(clearance)}" for name, clearance in FITS.items()),
-            "numerals": f"clearance per side in 0.01 mm, {length(DEPTH_MM)} deep",
-        },
+        report=str(coupon),
+        facts=("size", "stub", "tab", "numerals", "least wall"),
         plan=plan,
         front=View(cuts.front(section_y), front),
         side=View(cuts.right(section_x), side),
         notes=[
+            "Fits: " + ", ".join(f"{name} {length(clearance)}" for name, clearance in FITS.items()) + " mm per side.",
             "Pockets, x by y: " + ", ".join(" x ".join(map(length, pocket.size_mm)) for pocket in pockets) + ".",
             "Snap the stub off at its tab and try it in each pocket, lower end first, its long side along the row.",
             f"Print as drawn. No supports: the tab bridges {length(GAP_MM)} mm.",

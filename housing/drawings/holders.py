@@ -9,7 +9,6 @@ from housing.holder import Holder
 from tacbench_cad.render.drawing.blocks import BLOCK_ACCEPTED_MM
 from tacbench_cad.render.drawing.cuts import Cuts
 from tacbench_cad.render.drawing.sheet import Callout, Circle, Dimension, Drawing, Point, Side, View, length, sides
-from tacbench_cad.util.text import decimal, mm
 
 #: Least radius of the detail, in mm, and what it shows beyond the rim.
 _DETAIL_MM, _BEYOND_MM = 3.0, 1.5
@@ -41,21 +40,9 @@ def holder_drawing(holder: Holder) -> Drawing:
         Dimension("pocket depth", (row[-1].high[0], floor), (row[-1].high[0], top), "right", BLOCK_ACCEPTED_MM),
     ]
     axes = [np.array([(x, -1.5), (x, floor + 1.5)]) for x in holes]
-    what = "Holder" if holder.slots == 1 else f"Tray for {holder.slots} blocks"
-    what = "The authors' holder" if holder.is_released else what
-    block, (cx, cy) = holder.block, holder.clearance_mm
-    clearance = f"{cx:.4g}" if abs(cx - cy) < 1e-9 else f"{cx:.4g} (x), {cy:.4g} (y)"
-    fit = f"{holder.fit}, " if isinstance(holder.fit, str) and not holder.is_released else ""
-    key = "no key" if block.key_mm is None else f"key {block.key_mm:g}"
     return Drawing(
-        name=holder.name,
-        title=f"{what}, {mm(*holder.size_mm)}",
-        facts={
-            "for blocks": f"{mm(*block.size_mm, block.height_mm)}, {key}; {block.preset}, scale {decimal(block.scale)}",
-            "fit": f"{fit}{clearance} mm clearance per side",
-            "slots": str(holder.slots),
-            "a block goes in": " or ".join(f"{angle}°" for angle in holder.admits_deg),
-        },
+        report=str(holder),
+        facts=("plate", "pocket", "clearance", "goes in at", "least wall"),
         plan=_plan(holder, cuts, section_y),
         front=View({**section, "axis": axes}, front, circle=circle),
         side=View(section, *_detail(holder, circle), within=circle),

@@ -12,7 +12,6 @@ from housing.seat import AIR_MM
 from housing.shapes import Rectangle
 from tacbench_cad.render.drawing.cuts import Cuts
 from tacbench_cad.render.drawing.sheet import Callout, Circle, Dimension, Drawing, Point, Side, View, length, sides
-from tacbench_cad.util.text import mm
 from tacbench_cad.util.types import Floats
 
 #: Accepted deviation of the press grid's sides, in mm.
@@ -51,15 +50,8 @@ def jig_drawing(jig: Jig) -> Drawing:
         "hidden": [*(loop for loop in lower if not _is_outline(loop, jig)), *lips],
     }
     return Drawing(
-        name=jig.name,
-        title=f"Grid-marker jig, {mm(*jig.size_mm)}",
-        facts={
-            "sits on": jig.holder.name,
-            "columns x": ", ".join(f"{x:g}" for x in grid.x_mm),
-            "rows y": ", ".join(f"{y:g}" for y in grid.y_mm),
-            "fit": " x ".join(f"{side:.4g}" for side in jig.clearance_mm) + " mm clearance per side on the holder",
-            "marks": f"{len(jig.holes_mm)} holes, {len(jig.cross_hairs_mm)} cross hairs a block",
-        },
+        report=str(jig),
+        facts=("size", "columns x", "rows y", "clearance", "cross hairs"),
         plan=View(outlines, dimensions, cuts=(section_y, None), circle=circle),
         front=_front(jig, cuts, section_y),
         side=View({"fine": markers}, *_detail(jig), within=circle),

@@ -73,6 +73,12 @@ def report(title: str, lines: Mapping[str, str] | Sequence[tuple[str, str]]) -> 
     return "\n".join([title, *(f"  {name:<{width}}  {value}" for name, value in pairs)])
 
 
+def report_rows(text: str) -> dict[str, str]:
+    """The values of a dimension report by their names: what :func:`report` was given."""
+    rows = (line.strip().partition("  ") for line in text.splitlines()[1:])
+    return {name: value.strip() for name, _, value in rows}
+
+
 def mm(*values: float) -> str:
     """Lengths for people: ``45.6 x 52.3 x 7.47 mm``."""
     return " x ".join(f"{value:.6g}" for value in values) + " mm"

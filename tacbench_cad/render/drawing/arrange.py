@@ -6,9 +6,12 @@ import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from tacbench_cad.render.drawing.sheet import Callout, Dimension, Drawing, Side, View
+from tacbench_cad.util.types import Floats
 
 #: The sheet, A4 across, its margin and the height of the title strip, in mm.
 SHEET_MM, MARGIN_MM, STRIP_MM = (297.0, 210.0), 5.0, 24.5
@@ -28,12 +31,12 @@ _GAP_MM, _NOTES_MM = 7.0, (84.0, 38.0)
 
 
 @cache
-def text_width_mm(text: str, points: float = TEXT_PT, weight: str = "normal") -> float:
+def text_width_mm(text: str, points: float = TEXT_PT) -> float:
     """Width of a line of text on paper, in mm."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath
 
-    font = FontProperties(family="DejaVu Sans", weight=weight)
+    font = FontProperties(family="DejaVu Sans")
     return float(TextPath((0.0, 0.0), text, size=points, prop=font).get_extents().width) * 25.4 / 72.0
 
 
@@ -115,22 +118,27 @@ class Frame:
 
     def __init__(self, view: View, scale: float) -> None:
         self.view, self.scale = view, scale
+        #: The paper point of the box's lower left corner, in mm.
+        self.at = (0.0, 0.0)
         self.low = view.box[0]
         self.width, self.height = (float(side) * scale for side in view.box[1] - view.box[0])
         self.sides = {side: self._stack(side) for side in SIDES}
         #: What the view takes up beyond its box on each side, in mm.
         self.room = {side: self._depth(side) for side in SIDES}
         for place in (place for stack in self.sides.values() for place in stack):
-            low, high = (SIDES[:2], SIDES[2:])[place.dimension.axis]
+            (low, high), size = ((SIDES[:2], self.width), (SIDES[2:], self.height))[place.dimension.axis]
             self.room[low] = max(self.room[low], 1.0 - place.line[0])
-            self.room[high] = max(
-                self.room[high], 1.0 + place.line[1] - (self.width, self.height)[place.dimension.axis]
-            )
+            self.room[high] = max(self.room[high], 1.0 + place.line[1] - size)
         #: From the box to the callouts' texts.
         self.column_mm = self.room["right"] + 5.0
         if view.callouts:
             lines = [line for callout in view.callouts for line in callout.text.split("\n")]
             self.room["right"] = self.column_mm + 3.0 + max(map(text_width_mm, lines))
+
+    def paper(self, points: Any) -> Floats:
+        """Paper mm of points of the view."""
+        place: Floats = (np.asarray(points, dtype=np.float64) - self.low) * self.scale + self.at
+        return place
 
     def _stack(self, side: Side) -> list[Placed]:
         """The lines of a side, the shorter ones nearer to the view, in the order in which the fewest cross."""
@@ -170,12 +178,12 @@ class Sheet(NamedTuple):
     """Where everything lies on the paper, in mm.
 
     Args:
-        frames: Each view with the paper point of its box's lower left corner.
+        frames: Each view.
         notes_at: The notes' upper left corner.
         notes_width: Their width.
     """
 
-    frames: Sequence[tuple[Frame, tuple[float, float]]]
+    frames: Sequence[Frame]
     notes_at: tuple[float, float]
     notes_width: float
 
@@ -203,7 +211,7 @@ def _arranged(drawing: Drawing, scale: float) -> Sheet | None:
     upper = SHEET_MM[1] - MARGIN_MM - 1.5 - spare_y / 3.0 - top
     front_y = upper - plan.height - gap - spare_y / 3.0 - front.height
     column_x = x + plan.width + right + _GAP_MM + spare_x / 3.0
-    side_at = (column_x + side.room["left"] + (column - beside) / 2.0, upper - side.height)
-    notes_y = min(side_at[1] - below, front_y + front.height + 14.0)
-    frames = [(plan, (x, upper - plan.height)), (front, (x, front_y)), (side, side_at)]
-    return Sheet(frames, (column_x, notes_y), column)
+    plan.at, front.at = (x, upper - plan.height), (x, front_y)
+    side.at = (column_x + side.room["left"] + (column - beside) / 2.0, upper - side.height)
+    notes_y = min(side.at[1] - below, front_y + front.height + 14.0)
+    return Sheet((plan, front, side), (column_x, notes_y), column)

@@ -13,7 +13,6 @@ from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.label import LABEL_DEPTH_MM, STROKE_MM
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.util.text import decimal, mm
 from tacbench_cad.util.types import Bytes, Floats
 
 _Point = tuple[float, float, float]
@@ -54,15 +53,8 @@ def block_drawing(block: Block, press: bool = False) -> Drawing:
     if block.label:
         notes.append("Dashed: the label, seen through the block; it is read from below.")
     return Drawing(
-        name=block.name,
-        title=f"Block {block.texture.name}, {mm(x, y, top)}",
-        facts={
-            "texture": block.texture.name,
-            "z": block.texture.equation,
-            "preset": f"{block.preset}, scale {decimal(block.scale)}",
-            "mm per unit": ", ".join(f"{factor:.6g}" for factor in block.mm_per_unit),
-            "surface": block.sampling_in_words,
-        },
+        report=str(block),
+        facts=("z", "mm per unit", "relief", "finest wave", "mesh"),
         plan=_plan(block, mesh, cuts, high, low, press),
         front=View(front, [Dimension("height", (0.0, 0.0), (peak, top), "left", BLOCK_ACCEPTED_MM)]),
         side=View(

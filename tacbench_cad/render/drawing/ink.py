@@ -26,7 +26,6 @@ from tacbench_cad.render.drawing.arrange import (
 from tacbench_cad.render.drawing.sheet import ACCEPTED_MM, Drawing, Outlines, Point, Side, length
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.plotting import SUFFIXES, new_figure, only_style, save_figure
-from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,8 +40,8 @@ _CAPTION_PT, _NOTES_PT, _SMALL_PT = 10.5, 8.7, 8.0
 _ARROW_MM, _ARROW_HALF_MM = 2.4, 0.42
 #: From the lowest dimension line of a view to its caption's base, in mm.
 _CAPTION_MM = 4.8
-#: Mean width of a character of the notes, in mm: a line of them is broken by their number.
-_CHARACTER_MM = 1.55
+#: Lines are broken by their number of characters: mean width of one of the notes in mm, and characters of a title.
+_CHARACTER_MM, _TITLE_WIDTH = 1.55, 42
 _CHAIN = (0, (12.0, 2.0, 1.5, 2.0))
 _WHITE = {"facecolor": "white", "edgecolor": "none"}
 #: How each kind of outline is drawn: colour, width in points, dashes and order.
@@ -100,23 +99,28 @@ def drawn(drawing: Drawing) -> Figure:
     pen, sheet = _Pen(axes), arrange(drawing)
     detail = drawing.side.within
     captions = ("", "A–A", "B–B" if detail is None else f"{_DETAIL} ({length(detail.scale)}:1)")
-    for (frame, at), caption in zip(sheet.frames, captions, strict=True):
-        _View(pen, frame, at).draw(caption)
+    for frame, caption in zip(sheet.frames, captions, strict=True):
+        _View(pen, frame).draw(caption)
     _notes(pen, drawing, sheet)
-    _strip(pen, drawing, sheet.frames[0][0].scale)
+    _strip(pen, drawing, sheet.frames[0].scale)
     axes.set(xlim=(0.0, SHEET_MM[0]), ylim=(0.0, SHEET_MM[1]))
     return figure
 
 
 class _Pen:
-    """What is drawn on the paper, in paper mm."""
+    """What is drawn on the paper, in paper mm.
 
-    def __init__(self, axes: Axes) -> None:
-        self.axes = axes
+    Args:
+        axes: The paper.
+        axis: 1 where points are given with y before x, so that what runs up is drawn as what runs across.
+    """
+
+    def __init__(self, axes: Axes, axis: int = 0) -> None:
+        self.axes, self.order = axes, (1, -1)[axis]
 
     def line(self, points: Iterable[Point], width: float = 0.45, **style: Any) -> None:
         """A line through points; ``width`` in points."""
-        x, y = zip(*points, strict=True)
+        x, y = tuple(zip(*points, strict=True))[:: self.order]
         self.axes.plot(x, y, linewidth=width, **{"color": THIN, "solid_capstyle": "butt", "zorder": 3.0, **style})
 
     def shape(self, loops: Outlines, clip: Any = None, **style: Any) -> Any:
@@ -140,25 +144,21 @@ class _Pen:
 
     def text(self, at: Point, words: str, size: float = TEXT_PT, **style: Any) -> None:
         style = {"ha": "center", "va": "bottom", "color": INK, "zorder": 6.0, "linespacing": 1.25, **style}
-        self.axes.text(*at, words, fontsize=size, **style)
+        x, y = at[:: self.order]
+        self.axes.text(x, y, words, fontsize=size, **style)
 
     def arrow(self, tip: Point, along: Point) -> None:
         """A filled arrow head that points along a unit vector."""
         (u, v), back = along, np.subtract(tip, np.multiply(_ARROW_MM, along))
         wings = [back + side * _ARROW_HALF_MM * np.array([-v, u]) for side in (1.0, -1.0)]
-        self.shape([np.array([tip, *wings])], facecolor=THIN, edgecolor="none", zorder=4.0)
+        self.shape([np.array([tip, *wings])[:, :: self.order]], facecolor=THIN, edgecolor="none", zorder=4.0)
 
 
 class _View:
     """One view on the paper."""
 
-    def __init__(self, pen: _Pen, frame: Frame, at: Point) -> None:
-        self.pen, self.frame, self.at, self.view = pen, frame, at, frame.view
-
-    def paper(self, points: Any) -> Floats:
-        """Paper mm of points of the view."""
-        place: Floats = (np.asarray(points, dtype=np.float64) - self.frame.low) * self.frame.scale + self.at
-        return place
+    def __init__(self, pen: _Pen, frame: Frame) -> None:
+        self.pen, self.frame, self.at, self.view, self.paper = pen, frame, frame.at, frame.view, frame.paper
 
     def draw(self, caption: str) -> None:
         """Everything of it."""
@@ -201,34 +201,31 @@ class _View:
 
     def _cut(self, letter: str, line: float, axis: int) -> None:
         """The line of a section with an arrow and a letter at each end."""
-        pen, low = self.pen, self.at[axis]
+        pen, low = _Pen(self.pen.axes, axis), self.at[axis]
         high = low + (self.frame.width, self.frame.height)[axis]
         # Seen from the front one looks towards high y; from the right, towards low x.
         view = (1.0, -1.0)[axis]
-        pen.line([_at(axis, low - 1.0, line), _at(axis, high + 1.0, line)], linestyle=_CHAIN, color=PALE)
+        pen.line([(low - 1.0, line), (high + 1.0, line)], linestyle=_CHAIN, color=PALE)
         for end, out in ((low, -1.0), (high, 1.0)):
-            foot, tip = (_at(axis, end + out * 3.0, line + shift) for shift in (0.0, view * 3.6))
-            pen.line([_at(axis, end + out * 0.8, line), _at(axis, end + out * 3.4, line)], 1.3, color=INK)
+            foot, tip = (end + out * 3.0, line), (end + out * 3.0, line + view * 3.6)
+            pen.line([(end + out * 0.8, line), (end + out * 3.4, line)], 1.3, color=INK)
             pen.line([foot, tip], 0.5)
-            pen.arrow(tip, _at(axis, 0.0, view))
-            beside = _at(axis, end + out * 3.0, line - view * 2.7)
-            pen.text(beside, letter, _CAPTION_PT, weight="bold", va="center_baseline")
+            pen.arrow(tip, (0.0, view))
+            pen.text((foot[0], line - view * 2.7), letter, _CAPTION_PT, weight="bold", va="center_baseline")
 
     def _dimension(self, side: Side, place: Placed) -> None:
-        dimension, pen, axis = place.dimension, self.pen, place.dimension.axis
-        out = -1.0 if side in ("left", "bottom") else 1.0
+        dimension, axis = place.dimension, place.dimension.axis
+        pen, out = _Pen(self.pen.axes, axis), -1.0 if side in ("left", "bottom") else 1.0
         edge = self.at[1 - axis] + (0.0 if out < 0.0 else (self.frame.height, self.frame.width)[axis])
         line, low = edge + out * self.frame.offset_mm(side, place.level), self.at[axis]
-        for end in self.paper([dimension.start, dimension.end]):
-            along, aside = float(end[axis]), float(end[1 - axis])
-            ends = [_at(axis, along, aside + out * 0.8), _at(axis, along, line + out * 1.2)]
-            pen.line(ends, 0.4, color=PALE, zorder=1.5)
-        pen.line([_at(axis, low + end, line) for end in place.line])
+        for along, aside in self.paper([dimension.start, dimension.end])[:, :: pen.order]:
+            pen.line([(along, aside + out * 0.8), (along, line + out * 1.2)], 0.4, color=PALE, zorder=1.5)
+        pen.line([(low + end, line) for end in place.line])
         turn = -1.0 if place.inside else 1.0
         for tip, towards in ((place.low, turn), (place.high, -turn)):
-            pen.arrow(_at(axis, low + tip, line), _at(axis, towards, 0.0))
+            pen.arrow((low + tip, line), (towards, 0.0))
         style: dict[str, Any] = {"rotation": 90.0, "va": "center", "ha": "right"} if axis else {}
-        middle = _at(axis, low + place.text_at, line + (0.7, -0.7)[axis])
+        middle = (low + place.text_at, line + (0.7, -0.7)[axis])
         pen.text(middle, dimension.text, bbox={**_WHITE, "pad": 0.3}, **style)
 
     def _callouts(self) -> None:
@@ -245,11 +242,6 @@ class _View:
                 self.pen.arrow(tuple(tip), tuple(-away))
             self.pen.line([tuple(tip), tuple(bend), (column - 0.8, y)])
             self.pen.text((column, y), callout.text, ha="left", va="center")
-
-
-def _at(axis: int, along: float, aside: float) -> Point:
-    """A point by its place along x or y and aside of that."""
-    return (aside, along) if axis else (along, aside)
 
 
 def _notes(pen: _Pen, drawing: Drawing, sheet: Sheet) -> None:
@@ -271,18 +263,19 @@ def _strip(pen: _Pen, drawing: Drawing, scale: float) -> None:
         pen.line([(edge, y0), (edge, top)], 0.5)
     ratio = Fraction(scale).limit_denominator(1000)
     accepted = f"All lengths in mm, as in the file.\nAccepted in a print: as marked,\nelse ±{length(ACCEPTED_MM)} mm."
-    title, small = drawing.title, {"color": PALE, "va": "baseline"}
+    shrunk = min(1.0, 1.8 * _TITLE_WIDTH / len(drawing.title))  # to two lines
+    small, name = {"color": PALE, "va": "baseline"}, drawing.name
     rows: list[tuple[float, float, str, float, dict[str, Any]]] = [
-        (x0, 3.4, title, _fitting(title, 11.0, 93.0, "bold"), {"weight": "bold"}),
-        (x0, 10.5, drawing.name, _fitting(drawing.name, _SMALL_PT, 84.0), {"family": "DejaVu Sans Mono"}),
+        (x0, 3.4, textwrap.fill(drawing.title, int(_TITLE_WIDTH / shrunk)), shrunk * _CAPTION_PT, {"weight": "bold"}),
+        (x0, 14.5, name, _fitting(name, _SMALL_PT, 84.0), {"family": "DejaVu Sans Mono"}),
         (x0, 21.4, f"tacbench-cad {__version__}", _SMALL_PT, small),
         (edges[1], 3.2, accepted, _NOTES_PT, {}),
         (edges[2], 3.2, f"{ratio.numerator}:{ratio.denominator}", 12.0, {"weight": "bold"}),
         (edges[2], 21.4, "A4", _SMALL_PT, small),
     ]
     heads = max(text_width_mm(head, _SMALL_PT) for head in drawing.facts) + 2.5
-    for i, (head, value) in enumerate(drawing.facts.items()):
-        down = 4.6 + LINE_MM * i
+    for i, head in enumerate(drawing.facts):
+        down, value = 4.6 + LINE_MM * i, drawing.rows[head]
         size = _fitting(value, _SMALL_PT, edges[1] - edges[0] - heads - 4.0)
         rows += [(edges[0], down, head, _SMALL_PT, small), (edges[0] + heads, down, value, size, {"va": "baseline"})]
     for x, down, words, size, style in rows:
@@ -290,9 +283,9 @@ def _strip(pen: _Pen, drawing: Drawing, scale: float) -> None:
     _third_angle(pen, (x1 - 11.0, y0 + 5.2))
 
 
-def _fitting(text: str, points: float, width_mm: float, weight: str = "normal") -> float:
+def _fitting(text: str, points: float, width_mm: float) -> float:
     """The size at which a line of text is no wider than its place."""
-    return points * min(1.0, width_mm / text_width_mm(text, points, weight))
+    return points * min(1.0, width_mm / text_width_mm(text, points))
 
 
 def _third_angle(pen: _Pen, at: Point) -> None:

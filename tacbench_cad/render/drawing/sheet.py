@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from tacbench_cad.util.text import report
+from tacbench_cad.util.text import report, report_rows
 from tacbench_cad.util.types import Bytes, Floats
 
 Point = tuple[float, float]
@@ -163,22 +163,35 @@ class Drawing:
     """A part's drawing in third-angle projection: the plan, a section seen from the front below it, one view beside it.
 
     Args:
-        name: Stem of the part's file names.
-        title: One line for people.
-        facts: Names and values for the title strip, five at most.
+        report: The part's dimension report, ``str(part)``.
+        facts: What the title strip shows of it, five names at most.
         plan: The part from above.
         front: The section seen from the front, as wide as the plan.
         side: A section seen from the right, its z to the left, as high as the plan; or a detail.
         notes: What else must be known, a paragraph each.
     """
 
-    name: str
-    title: str
-    facts: Mapping[str, str]
+    report: str
+    facts: Sequence[str]
     plan: View
     front: View
     side: View
     notes: Sequence[str] = ()
+
+    @property
+    def title(self) -> str:
+        """The part in one line."""
+        return self.report.splitlines()[0]
+
+    @property
+    def name(self) -> str:
+        """Stem of the part's file names."""
+        return self.rows["name"]
+
+    @property
+    def rows(self) -> dict[str, str]:
+        """The values of the report by their names."""
+        return report_rows(self.report)
 
     @property
     def dimensions(self) -> tuple[Dimension, ...]:
