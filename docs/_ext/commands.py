@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import rich_click as click
 from sphinx.application import Sphinx
@@ -18,19 +18,17 @@ EXAMPLES = "\b\nExamples:\n"
 ROOT = click.Context(cli.tacbench)
 
 
-def inside(command: click.Command) -> dict[str, click.Command]:
-    """The commands of a group by their names."""
-    names = command.list_commands(ROOT) if isinstance(command, click.Group) else ()
-    return {name: command.get_command(ROOT, name) for name in names}
+def walk(name: str, command: click.Command) -> Iterator[tuple[str, click.Command]]:
+    """A command and those below it, each with the words that call it."""
+    yield name, command
+    if isinstance(command, click.Group):
+        for word in command.list_commands(ROOT):
+            yield from walk(f"{name} {word}", command.get_command(ROOT, word))
 
 
-COMMANDS = inside(cli.tacbench)
-#: Names of all commands, the longer ones first.
-NAMES = sorted(
-    [*COMMANDS, *(f"{name} {inner}" for name, command in COMMANDS.items() for inner in inside(command))],
-    key=len,
-    reverse=True,
-)
+COMMANDS = dict(walk("tacbench", cli.tacbench))
+#: The names in a text, the longer ones first.
+NAMES = "|".join(sorted(list(COMMANDS)[1:], key=len, reverse=True))
 
 
 def prose(text: str, *, cell: bool = False) -> str:
@@ -40,12 +38,8 @@ def prose(text: str, *, cell: bool = False) -> str:
         plain = re.sub(r"([\\`*_\[\]<>$])", r"\\\1", word)
         words.append(re.sub(r"^(.*\".*?)([.,:;]?)$", r"`\1`\2", word) if '"' in word else plain)
     text = "".join(words).replace("|", r"\|") if cell else "".join(words)
-    text = re.sub(rf"\btacbench ({'|'.join(NAMES)})\b", _link, text)
+    text = re.sub(rf"\b({NAMES})\b", lambda found: f"[`{found[0]}`](#{found[0].replace(' ', '-')})", text)
     return re.sub(r"(?<![\w-])(--?[a-z][a-z-]*)", r"`\1`", text)
-
-
-def _link(found: re.Match[str]) -> str:
-    return f"[`{found[0]}`](#{found[0].replace(' ', '-')})"
 
 
 def examples(text: str) -> str:
@@ -56,47 +50,45 @@ def examples(text: str) -> str:
 
 def row(parameter: click.Parameter) -> str:
     """An option's or argument's row: how it is written, what it means, and what holds without it."""
-    meaning = parameter.help or ""
-    shown = getattr(parameter, "show_default", False)
+    option = isinstance(parameter, click.Option)
+    written = sorted(parameter.opts, key=len) if option else []
+    if not (option and parameter.is_flag):
+        written.append(parameter.make_metavar(ROOT))
+    shown = parameter.show_default if option else False
     default = shown if isinstance(shown, str) else parameter.default
+    meaning = parameter.help
     if parameter.required:
         meaning += " Required."
     elif shown and isinstance(default, str) and "Default: " not in meaning:
         meaning += f" Default: {default}."
-    option = isinstance(parameter, click.Option)
-    written = [f"`{name}`" for name in sorted(parameter.opts, key=len)] if option else []
-    if not (option and parameter.is_flag):
-        written.append(f"`{parameter.make_metavar(ROOT)}`")
-    return "| {} | {} |".format(" ".join(written).replace("|", r"\|"), prose(meaning, cell=True))
+    return "| {} | {} |".format(
+        " ".join(f"`{word}`" for word in written).replace("|", r"\|"), prose(meaning, cell=True)
+    )
 
 
-def section(name: str, command: click.Command, level: int) -> Iterator[str]:
-    """A command's section, and below it those of its own commands."""
-    yield f"{'#' * level} {name}\n"
-    for paragraph in inspect.cleandoc(command.help or "").split("\n\n"):
+def section(name: str, command: click.Command) -> Iterator[str]:
+    """A command's section."""
+    yield f"{'#' * len(name.split())} {name}\n"
+    for paragraph in inspect.cleandoc(command.help).split("\n\n"):
         if paragraph.startswith(EXAMPLES):
             yield f"```sh\n{examples(paragraph.removeprefix(EXAMPLES))}\n```\n"
         else:
             yield f"{prose(paragraph)}\n"
     if isinstance(command, click.Group):
-        yield overview(name, inside(command))
-    else:
-        usage = [one.make_metavar(ROOT) for one in command.params if isinstance(one, click.Argument)]
-        yield f"Usage: `{' '.join((name, '[OPTIONS]', *usage))}`\n"
-        panels: dict[str, list[str]] = {}
-        for one in command.params:
-            panels.setdefault(one.panel or "Arguments and options", []).append(row(one))
-        for panel, rows in panels.items():
-            yield table(panel, "Meaning", rows)
-    for word, inner in inside(command).items():
-        yield from section(f"{name} {word}", inner, level + 1)
+        yield overview("Command", (f"{name} {word}" for word in command.list_commands(ROOT)))
+        return
+    usage = [one.make_metavar(ROOT) for one in command.params if isinstance(one, click.Argument)]
+    yield f"Usage: `{' '.join((name, '[OPTIONS]', *usage))}`\n"
+    panels: dict[str, list[str]] = {}
+    for one in command.params:
+        panels.setdefault(one.panel or "Arguments and options", []).append(row(one))
+    for panel, rows in panels.items():
+        yield table(panel, "Meaning", rows)
 
 
-def overview(name: str, commands: dict[str, click.Command], title: str = "Command") -> str:
+def overview(title: str, names: Iterable[str]) -> str:
     """A table of commands, each with the first line of its help."""
-    rows = []
-    for word, one in commands.items():
-        rows.append(f"| {prose(f'{name} {word}')} | {prose(one.help.partition(chr(10))[0], cell=True)} |")
+    rows = [f"| {prose(name)} | {prose(COMMANDS[name].help.partition(chr(10))[0], cell=True)} |" for name in names]
     return table(title, "What it does", rows)
 
 
@@ -108,11 +100,9 @@ def table(left: str, right: str, rows: list[str]) -> str:
 def write_commands(app: Sphinx, name: str, source: list[str]) -> None:
     """Put the reference in its place."""
     if PLACE in source[0]:
-        sections = (part for word, one in COMMANDS.items() for part in section(f"tacbench {word}", one, 2))
-        overviews = (
-            overview("tacbench", {name: COMMANDS[name] for name in names}, title) for title, names in cli.GROUPS.items()
-        )
-        source[0] = source[0].replace(PLACE, "\n".join([*overviews, *sections]))
+        parts = [overview(title, (f"tacbench {word}" for word in words)) for title, words in cli.GROUPS.items()]
+        parts += [part for words, command in list(COMMANDS.items())[1:] for part in section(words, command)]
+        source[0] = source[0].replace(PLACE, "\n".join(parts))
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
