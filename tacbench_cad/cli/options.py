@@ -222,10 +222,10 @@ def command(name: str, group: click.RichGroup | None = None) -> Callable[[Callab
 
     def decorate(function: Callable[..., None]) -> click.RichCommand:
         panels = [click.RichOptionPanel(title) for title in _PANELS]
-        made = click.command(name, help=help_of(function.__doc__), panels=panels)(function)
+        built = click.command(name, help=help_of(function.__doc__), panels=panels)(function)
         if group is not None:
-            group.add_command(made)
-        return made
+            group.add_command(built)
+        return built
 
     return decorate
 

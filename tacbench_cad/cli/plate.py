@@ -47,8 +47,8 @@ def command(
     Copies of a texture are spread over the bed, so that where a block lay is not confounded with its texture. In the
     file of acquire, the table study takes the layouts in place of textures and prints: layouts = ["plate01.csv"].
 
-    Plates of the same printer and filament are written anew; a print record that is there already stays. A folder with
-    more of them than these is refused: nobody shall print what an earlier request left there.
+    Plates of the same printer and filament are written again; a print record that is there already stays. A folder with
+    more of them than these is refused: nobody should print what an earlier request left there.
 
     Printers of your own stand in a file with a table printer.NAME for each: bed_mm (two sides), height_mm, filaments,
     and where they are needed margin_mm and keep_out_mm.
@@ -104,7 +104,8 @@ def _row(plate: Plate, files: PlateFiles, drawn: bool) -> dict[str, object]:
         "picture": files.picture.name if drawn else None,
         "imbalance_mm": plate.imbalance_mm,
         "blocks": [
-            {"label": one.label, "name": one.block.name, "x_mm": one.x_mm, "y_mm": one.y_mm} for one in plate.blocks
+            {"label": placed.label, "name": placed.block.name, "x_mm": placed.x_mm, "y_mm": placed.y_mm}
+            for placed in plate.blocks
         ],
     }
 

@@ -60,17 +60,17 @@ def probe(ask: tuple[str, ...], json: bool) -> None:
         answers[port] = identify(port)
     cameras = found_cameras()
     if json:
-        listed = [{name: value for name, value in to_plain(one).items() if name != "hardware"} for one in ports]
+        listed = [{name: value for name, value in to_plain(port).items() if name != "hardware"} for port in ports]
         print_json({"ports": listed, "asked": answers, "cameras": to_plain(cameras)})
         return
     if ports:
-        rows = [(one.name, one.device, one.description) for one in ports]
+        rows = [(port.name, port.device, port.description) for port in ports]
         print_table("Serial ports", ("name", "now", "device"), rows)
     else:
         print_lines("No serial device is plugged in.")
     if cameras:
-        sizes = ["does not open" if one.size_px is None else "{} x {}".format(*one.size_px) for one in cameras]
-        names = [one.name for one in cameras]
+        sizes = ["does not open" if camera.size_px is None else "{} x {}".format(*camera.size_px) for camera in cameras]
+        names = [camera.name for camera in cameras]
         print_table("Cameras", ("name", "size"), zip(names, sizes, strict=True))
     else:
         print_lines("No camera with a stable name is plugged in.")
@@ -188,9 +188,9 @@ def calibrate_force(
     with open_raw(where, clock=Clock(), baud=baud, options=how) as cell:
         points = tuple(_weighed(cell, mass) for mass in masses)
         garbled = cell.garbled
-    found = fit(points, date_utc=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), device=where, falling=falling)
-    write_calibration(out, found)
-    _print(found, out)
+    calibration = fit(points, date_utc=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), device=where, falling=falling)
+    write_calibration(out, calibration)
+    _print(calibration, out)
     if garbled:
         note(f"note: {garbled} garbled lines were skipped")
 
@@ -206,10 +206,10 @@ def _weighed(cell: RawLoadCell, mass_g: float) -> CalibrationPoint:
     return CalibrationPoint(mass_g=mass_g, counts=raw.mean, spread_counts=raw.spread, samples=raw.samples)
 
 
-def _print(found: Calibration, path: Path) -> None:
+def _print(calibration: Calibration, path: Path) -> None:
     from tacbench_cad.lab.rig.calibration import weight_n
 
-    forces = [(point, found.newtons(point.counts)) for point in found.points]
+    forces = [(point, calibration.newtons(point.counts)) for point in calibration.points]
     print_table(
         str(path),
         (">mass (g)", ">counts", ">force (N)", ">off the line (N)"),
@@ -219,8 +219,8 @@ def _print(found: Calibration, path: Path) -> None:
         ],
     )
     print_lines(
-        f"{1.0 / found.newtons_per_count:.6g} counts per newton; residual {found.residual_n:.3g} N (rms), worst "
-        f"{found.worst_n:.3g} N, noise of a sample {found.noise_n:.3g} N"
+        f"{1.0 / calibration.newtons_per_count:.6g} counts per newton; residual {calibration.residual_n:.3g} N (rms), "
+        f"worst {calibration.worst_n:.3g} N, noise of a sample {calibration.noise_n:.3g} N"
     )
-    for warning in found.warnings:
+    for warning in calibration.warnings:
         note(f"warning: {warning}")

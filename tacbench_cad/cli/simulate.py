@@ -169,17 +169,17 @@ def _document(
         "out": str(folder),
         "simulated": list(infos[0].simulated),
         "images": needed.presses + needed.others,
-        "images_made": sum(one.images for one in blocks),
+        "images_made": sum(block.images for block in blocks),
         "bytes_each": needed.bytes_each,
         "seconds": seconds,
         "process_seconds": _shares(blocks),
         "runs": [
             {
-                "name": one.name,
-                "presses_made": one.presses,
-                "images_made": one.images,
-                "worst_force_error_n": one.worst_n,
+                "name": block.name,
+                "presses_made": block.presses,
+                "images_made": block.images,
+                "worst_force_error_n": block.worst_n,
             }
-            for one in blocks
+            for block in blocks
         ],
     }

@@ -129,8 +129,8 @@ def _um(mm: float | None) -> str:
     return "-" if mm is None else f"{1000.0 * mm:.0f}"
 
 
-def _place(one: AsSliced) -> str:
-    frame = one.frame
+def _place(result: AsSliced) -> str:
+    frame = result.frame
     turned = f", turned {90 * frame.quarters} degrees" if frame.quarters else ""
     return f"{frame.x_mm:.2f}, {frame.y_mm:.2f}{turned} ({frame.source})"
 
@@ -143,27 +143,27 @@ def _extrema(extrema: Extrema, above: float) -> str:
     """How many are missed, and the errors of all in the mean and of the worst: above 0 where too much is printed."""
     if extrema.count == 0:
         return "none"
-    mean, worst = (_signed(above * one) for one in (extrema.mean_mm, extrema.worst_mm))
+    mean, worst = (_signed(above * error) for error in (extrema.mean_mm, extrema.worst_mm))
     return f"{extrema.missed} of {extrema.count}; error {mean} mean, {worst} worst"
 
 
-def _share(one: AsSliced) -> str:
-    steep = one.sideways
+def _share(result: AsSliced) -> str:
+    steep = result.sideways
     return "-" if steep is None else f"{100.0 * steep.missing_fraction:.1f} %"
 
 
 _ROWS = (
-    ("slicer", lambda one: one.sliced.dialect),
-    ("layers", lambda one: f"{len(one.sliced.layer_tops_mm)} of {one.sliced.layer_mm:.4g} mm"),
+    ("slicer", lambda result: result.sliced.dialect),
+    ("layers", lambda result: f"{len(result.sliced.layer_tops_mm)} of {result.sliced.layer_mm:.4g} mm"),
     ("corner on the bed (mm)", _place),
-    ("top with slope below 1", lambda one: f"{100.0 * one.flat_fraction:.0f} %"),
-    ("  height error, rms", lambda one: _um(one.rms_mm)),
-    ("  of the ideal staircase", lambda one: _um(one.ideal_rms_mm)),
-    ("  misplaced by 0.1 mm", lambda one: _um(one.misplaced_rms_mm)),
-    ("  height error, mean", lambda one: "-" if one.mean_mm is None else _signed(one.mean_mm)),
-    ("steep walls: sideways error, rms", lambda one: _um(one.sideways and one.sideways.rms_mm)),
-    ("  of the ideal staircase", lambda one: _um(one.sideways and one.sideways.ideal_rms_mm)),
+    ("top with slope below 1", lambda result: f"{100.0 * result.flat_fraction:.0f} %"),
+    ("  height error, rms", lambda result: _um(result.rms_mm)),
+    ("  of the ideal staircase", lambda result: _um(result.ideal_rms_mm)),
+    ("  misplaced by 0.1 mm", lambda result: _um(result.misplaced_rms_mm)),
+    ("  height error, mean", lambda result: "-" if result.mean_mm is None else _signed(result.mean_mm)),
+    ("steep walls: sideways error, rms", lambda result: _um(result.sideways and result.sideways.rms_mm)),
+    ("  of the ideal staircase", lambda result: _um(result.sideways and result.sideways.ideal_rms_mm)),
     ("  no such height nearby", _share),
-    ("peaks lost", lambda one: _extrema(one.peaks, -1.0)),
-    ("valleys filled", lambda one: _extrema(one.valleys, 1.0)),
+    ("peaks lost", lambda result: _extrema(result.peaks, -1.0)),
+    ("valleys filled", lambda result: _extrema(result.valleys, 1.0)),
 )
