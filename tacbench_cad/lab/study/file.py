@@ -197,7 +197,7 @@ class _Document:
 
     out: str | None = None
     block: _BlockTable | None = None
-    study: _Layouts | _StudyTable | None = None
+    study: Mapping[str, Any] = field(default_factory=dict)
     holder: _HolderTable = field(default_factory=_HolderTable)
     protocol: Mapping[str, Any] = field(default_factory=dict)
     stage: Mapping[str, Any] | None = None
@@ -210,8 +210,8 @@ def _study_file(plain: Mapping[str, Any], folder: Path, teaching: bool = False) 
     if ("block" in plain) == ("study" in plain):
         raise InputError("[block], [study]", None, "exactly one of these tables is needed")
     document = from_plain(_Document, plain)
-    table = document.block or document.study
-    assert table is not None
+    kind: type[_Layouts | _StudyTable] = _Layouts if "layouts" in document.study else _StudyTable
+    table = document.block or from_plain(kind, document.study, "[study] ")
     plates: tuple[PrintedBlock, ...] = ()
     if isinstance(table, _Layouts):
         plates = tuple(printed for word in table.layouts for printed in read_layout(folder / word))

@@ -99,7 +99,9 @@ def test_a_texture_of_ones_own_is_found_beside_the_file(tmp_path: Path) -> None:
         ('[study]\ntextures = [1, 1]\nprints = [{printer = "a", filament = "b"}]\n', ["study", "twice"]),
         ('[study]\nprints = [{printer = "a b", filament = "b"}]\n', ["printer", "a b", "hyphens"]),
         ('[study]\nprints = [{printer = "a", filament = "b", force_levels = [4]}]\n', ["force_levels", "4", "1 to 3"]),
-        ("[study]\n", ["[[prints]]", "at least one"]),
+        ("[study]\n", ["[study] [[prints]]", "at least one"]),
+        ('[study]\nlayouts = ["a.csv"]\npreset = "paper"\n', ["[study] preset", "unknown key", "layouts"]),
+        ('[study]\nprints = [{printer = "a", filament = "b", copys = 2}]\n', ["[[prints]] 1: copys", '"copies"']),
     ],
 )
 def test_a_mistake_is_named(tmp_path: Path, text: str, needles: list[str]) -> None:
