@@ -314,9 +314,13 @@ def answers(off_mm: float = 0.0) -> list[str]:
     return [*lines, "ok", "z -2", *[""] * 29, "z -1", "ok"]
 
 
-def test_align_stores_the_frame(stage: FakeStage, tmp_path: Path, monkeypatch: Patch, capsys: Capture) -> None:
+@pytest.mark.parametrize("origin", ["[1, 2, -60]", "[]"])
+def test_align_stores_the_frame(
+    stage: FakeStage, tmp_path: Path, monkeypatch: Patch, capsys: Capture, origin: str
+) -> None:
+    """Also where the origin is empty still, as ``acquire --init`` leaves it."""
     path = tmp_path / "study.toml"
-    path.write_text(STUDY)
+    path.write_text(STUDY.replace("[1, 2, -60]", origin))
     typed(monkeypatch, *answers())
     run("align", str(path))
     text = path.read_text()
