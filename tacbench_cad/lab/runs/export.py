@@ -105,7 +105,7 @@ def export_tactile_data(
         MissingToolError: OpenCV is not installed.
     """
     require("the export of images", "cv2")
-    run, target, how = Run.open(folder), out or folder, processing or Processing()
+    run, target, processing = Run.open(folder), out or folder, processing or Processing()
     shape = run.info.frame_shape
     names = [row.sensor_image for row in run.rows]
     if not names:
@@ -119,14 +119,14 @@ def export_tactile_data(
             images.mkdir(exist_ok=True)
         done = 0
         for reference in run.references[:1]:
-            shape = _process(run, reference.path, reference.image_sha256, images, how)
+            shape = _process(run, reference.path, reference.image_sha256, images, processing)
         for row in run.rows:
-            shape = _process(run, schema.frame_path(row.sensor_image), row.image_sha256, images, how)
+            shape = _process(run, schema.frame_path(row.sensor_image), row.image_sha256, images, processing)
             done += 1
             if progress is not None:
                 progress(done, len(names))
         assert shape is not None
-        _parameters(run, target, how, shape)
+        _parameters(run, target, processing, shape)
         with replacing(target / TARGETS_IMAGES_FILE) as path, path.open("w", encoding="utf-8", newline="") as stream:
             writer = csv.writer(stream, lineterminator="\n")
             writer.writerow(schema.COLUMNS)
@@ -134,28 +134,28 @@ def export_tactile_data(
     return done
 
 
-def _process(run: Run, path: str, digest: str, images: Path, how: Processing) -> tuple[int, ...]:
+def _process(run: Run, path: str, digest: str, images: Path, processing: Processing) -> tuple[int, ...]:
     image = run.read(path, digest)
     if not is_image(image):
         raise CheckFailedError(f"{run.folder / path}: is no image of uint8, grey or BGR")
-    data, _ = encoded(how(image), run.info.simulated)
+    data, _ = encoded(processing(image), run.info.simulated)
     with refusing(images):
         (images / Path(path).name).write_bytes(data)
     return image.shape
 
 
-def _parameters(run: Run, target: Path, how: Processing, shape: tuple[int, ...]) -> None:
+def _parameters(run: Run, target: Path, processing: Processing, shape: tuple[int, ...]) -> None:
     for name in params.PARAMETERS:
         document = _json_of(run, name)
         if target != run.folder:
             write_json(target / name, document)
-    width, height = how.size
+    width, height = processing.size
     processed = {
         **params.sensor_params(run.info),
-        "bbox": list(how.bbox_for(shape)),
+        "bbox": list(processing.bbox_for(shape)),
         "dims": [width, height],
         "image_size": [width, height],
-        "gray": how.grey or len(shape) == 2,
+        "gray": processing.grey or len(shape) == 2,
     }
     write_json(target / params.PROCESSED_FILE, processed)
 

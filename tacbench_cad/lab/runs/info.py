@@ -118,16 +118,16 @@ class RunInfo:
         Raises:
             InputError: A key is missing or has another type or value than this program writes.
         """
-        keys = [each.metadata.get("key", each.name) for each in fields(cls)]
+        keys = [attribute.metadata.get("key", attribute.name) for attribute in fields(cls)]
         known = {key: values[key] for key in keys if key in values}
         if "block" in known:
             known["block"] = printed_from(known["block"], where)
         if isinstance(known.get("frame"), Mapping):
             known["frame"] = {key: value for key, value in known["frame"].items() if key != "meaning"}
         for key, kind in (("holder", HolderRim), ("frame", WorkFrame)):  # a default is no measured value
-            for each in fields(kind):
-                if isinstance(known.get(key), Mapping) and each.name not in known[key]:
-                    raise InputError(f"{where}[{key}] {each.name}", None, "is missing")
+            for attribute in fields(kind):
+                if isinstance(known.get(key), Mapping) and attribute.name not in known[key]:
+                    raise InputError(f"{where}[{key}] {attribute.name}", None, "is missing")
         return from_plain(cls, known, where)
 
     def differences(self, other: RunInfo) -> list[str]:

@@ -204,7 +204,7 @@ def _require_inside(path: str) -> None:
 
 def columns(kind: type[Any]) -> tuple[str, ...]:
     """The columns of a table whose rows are of a dataclass."""
-    return tuple(each.metadata.get("column", each.name) for each in fields(kind))
+    return tuple(column.metadata.get("column", column.name) for column in fields(kind))
 
 
 #: The three tables of a run and what their rows are.
@@ -227,8 +227,8 @@ def _parsers(kind: Any) -> tuple[tuple[str, str, Callable[[str, str], Any]], ...
     """Name, column and parser of each field of a row."""
     hints = get_type_hints(kind)
     return tuple(
-        (each.name, column, _parser(hints[each.name], each.metadata.get("low", 1)))
-        for each, column in zip(fields(kind), columns(kind), strict=True)
+        (attribute.name, column, _parser(hints[attribute.name], attribute.metadata.get("low", 1)))
+        for attribute, column in zip(fields(kind), columns(kind), strict=True)
     )
 
 
@@ -248,7 +248,7 @@ def _parser(hint: Any, low: int) -> Callable[[str, str], Any]:
 
 def cells(row: Any) -> list[str]:
     """The texts of a row in the order of its columns."""
-    return [cell(getattr(row, each.name)) for each in fields(row)]
+    return [cell(getattr(row, column.name)) for column in fields(row)]
 
 
 def cell(value: Any) -> str:

@@ -85,7 +85,7 @@ class SimulatedSensor(_Follower):
     Args:
         position: Where the stage says it is, in its own frame.
         clock: The rig's time.
-        options: ``colour`` (false by default: grey images), ``flicker`` (share) and ``seed`` of the noise (another
+        options: ``colour`` (false by default: grey images), ``flicker`` (fraction) and ``seed`` of the noise (another
             one each time by default).
 
     Raises:

@@ -45,7 +45,7 @@ def simulated_images() -> Figure:
 
     protocol = Protocol()
     positions = protocol.grid.positions_mm
-    x, y = (float(one) for one in positions[len(positions) // 2])
+    x, y = (float(value) for value in positions[len(positions) // 2])
     figure = Figure(figsize=(7.2, 4.85), dpi=200)
     figure.set_layout_engine("constrained", w_pad=0.01, h_pad=0.02, wspace=0.01, hspace=0.01)
     panels = figure.subplots(1 + protocol.levels, len(TEXTURES))

@@ -127,8 +127,8 @@ def held(block: Block, top: HeightMap, holder: HolderRim) -> HeightMap:
     ny, nx = top.z_mm.shape
     z = np.full((ny + 2 * border, nx + 2 * border), -math.inf)
     z[border : border + ny, border : border + nx] = top.z_mm
-    made = HeightMap(z_mm=z, x0_mm=top.x0_mm - border * cell, y0_mm=top.y0_mm - border * cell, cell_mm=cell)
-    x, y = made.x_mm[None, :], made.y_mm[:, None]
+    ground = HeightMap(z_mm=z, x0_mm=top.x0_mm - border * cell, y0_mm=top.y0_mm - border * cell, cell_mm=cell)
+    x, y = ground.x_mm[None, :], ground.y_mm[:, None]
     # How far each cell lies outside of the block's outline, in mm: the corners of gap and plate are square.
     outside = np.abs(x - block.size_mm[0] / 2.0) - block.size_mm[0] / 2.0
     outside = np.maximum(outside, np.abs(y - block.size_mm[1] / 2.0) - block.size_mm[1] / 2.0)
@@ -138,4 +138,4 @@ def held(block: Block, top: HeightMap, holder: HolderRim) -> HeightMap:
     z[outside > 0.0] = -math.inf
     z[outside > gap] = -holder.rim_mm
     z[beyond_plate] = -math.inf
-    return made
+    return ground

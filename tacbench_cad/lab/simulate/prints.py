@@ -27,7 +27,7 @@ from tacbench_cad.util.types import Floats
 
 #: Peaks narrower than so many lines cool too slowly to keep their height.
 SLUMPING_LINES = 4.0
-#: Standard deviation of the peak loss from place to place, as a share of itself: on the paper's prints "some of the
+#: Standard deviation of the peak loss from place to place, as a fraction of itself: on the paper's prints "some of the
 #: peaks are more defined than other peaks on the same print".
 PEAK_SPREAD = 0.5
 #: Distance over which errors of a wall's place and of the peaks keep together, in mm.
@@ -54,7 +54,7 @@ class VirtualPrinter:
         layer_error_mm: Error of a layer's height, anew for each layer.
         z_error_mm: Error of the whole height, one for each copy.
         tilt_mm: Height that the top rises from one side to the other, along each axis, one for each copy.
-        peak_loss: Share of its height that a peak loses above the place where it becomes narrower than four lines.
+        peak_loss: Fraction of its height that a peak loses above the place where it becomes narrower than four lines.
         roughness_mm: Unevenness of the lines.
         stringing_per_cm2: Strings for each cm^2 of the block.
     """

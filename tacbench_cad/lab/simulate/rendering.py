@@ -17,7 +17,7 @@ READ_NOISE = 1.4
 BACKGROUND = 2
 #: Width over which the lens blurs an edge, in pixels.
 EDGE_PX = 1.5
-#: Share of the light in blue, green and red.
+#: Fraction of the light in blue, green and red.
 WHITE_LED_BGR = (0.92, 1.0, 0.96)
 
 

@@ -52,7 +52,7 @@ QUICK_COPIES = 2
 SAMPLE = 12
 #: Seconds between two looks at how far the processes are.
 PROGRESS_S = 0.5
-#: Share of room left free beyond what is needed.
+#: Fraction of the room that stays free beyond what is needed.
 SPARE = 0.05
 
 
@@ -192,7 +192,7 @@ def require_room(out: Path, needed: SimulationEstimate) -> None:
 
 def nearest_folder(out: Path) -> Path:
     """The folder itself, or the nearest one above it that is there."""
-    return next((one for one in (out, *out.absolute().parents) if one.is_dir()), Path("/"))
+    return next((folder for folder in (out, *out.absolute().parents) if folder.is_dir()), Path("/"))
 
 
 def simulate_study(

@@ -44,9 +44,9 @@ INNER_RADIUS_MM = 18.4
 SKIN_MM = DOME_RADIUS_MM - INNER_RADIUS_MM
 #: Diameter of a pin.
 PIN_DIAMETER_MM = 1.0
-#: Mean brightness of a pin at rest, in counts, and the light's flicker from frame to frame, as a share.
+#: Mean brightness of a pin at rest, in counts, and the light's flicker from frame to frame, as a fraction.
 PIN_COUNTS = 200.0
-#: The light's flicker from frame to frame, as a share.
+#: The light's flicker from frame to frame, as a fraction.
 FLICKER = 0.003
 #: LEDs in a ring round the lens: number, radius and z in the dome frame, in mm. An assumption: builds differ.
 LEDS, LED_RADIUS_MM, LED_Z_MM = 6, 17.0, -15.0
@@ -133,7 +133,7 @@ class TacTip:
     Args:
         colour: Images of shape (480, 640, 3), BGR; else (480, 640).
         camera: The pinhole camera.
-        flicker: Standard deviation of the light from frame to frame, as a share.
+        flicker: Standard deviation of the light from frame to frame, as a fraction.
 
     Raises:
         InputError: The flicker is not from 0 to 1.

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import os
 import pickle
 import subprocess
 import sys
+import tracemalloc
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,6 +18,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.npyfile import array_of, mapped
 from tacbench_cad.lab.runs.pictures import decoded, encoded
 from tacbench_cad.lab.runs.reading import Run
@@ -137,6 +140,44 @@ def test_damaged_images_are_named(damage: Callable[[Path], object], message: str
     run = Run.open(run_folder)
     with pytest.raises(CheckFailedError, match=f"image_5.png: {message}"):
         run.frame(run.rows[4])
+
+
+def _outside(path: Path) -> None:
+    """Replace a frame by a link to a copy outside of the run."""
+    path.rename(path.parents[2] / path.name)
+    path.symlink_to(path.parents[2] / path.name)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no named pipes in folders, and links need rights")
+@pytest.mark.parametrize(
+    ("replace", "message"),
+    [
+        (_outside, "is a link that leads out of"),
+        (lambda path: (path.unlink(), os.mkfifo(path)), "is not a regular file"),
+        (lambda path: (path.unlink(), path.symlink_to("/dev/zero")), "is not a regular file"),
+        (lambda path: (path.unlink(), path.symlink_to(path)), "cannot be read"),
+    ],
+)
+def test_what_is_no_file_of_the_run_is_refused_and_nothing_waits(
+    replace: Callable[[Path], object], message: str, run_folder: Path
+) -> None:
+    replace(run_folder / "sensor_images" / "image_5.png")
+    run = Run.open(run_folder)
+    with pytest.raises(CheckFailedError, match=f"image_5.png: {message}"):
+        run.frame(run.rows[4])
+    (finding,) = check_run(run_folder).findings
+    assert finding.kind == "unreadable" and message in finding.text
+
+
+def test_a_png_with_a_damaged_length_allocates_nothing() -> None:
+    data = bytearray(encoded(np.arange(600, dtype=np.uint8).reshape(20, 30), ("a",))[0])
+    at = data.index(b"IDAT") - 4
+    data[at : at + 4] = (2**31 - 1).to_bytes(4, "big")
+    tracemalloc.start()
+    with pytest.raises(CheckFailedError, match="is not a readable PNG image"):
+        decoded(bytes(data), "a.png")
+    assert tracemalloc.get_traced_memory()[1] < 1_000_000
+    tracemalloc.stop()
 
 
 def test_a_changed_image_is_noticed_when_asked(run_folder: Path) -> None:
