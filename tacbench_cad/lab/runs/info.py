@@ -9,8 +9,9 @@ from typing import Any
 
 from tacbench_cad.lab.study.presses import Press, plan_presses
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
+from tacbench_cad.spec.presets import PRESETS
 from tacbench_cad.util.convert import from_plain, to_plain
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.errors import InputError, one_of
 
 #: What ``run.json`` calls this kind of folder, and the version of its layout that this program writes and reads.
 SCHEMA = "tacbench-run"
@@ -214,4 +215,5 @@ def printed_from(values: Any, where: str = "") -> PrintedBlock:
         raise InputError(f"{where}[block]", None, f"has no key {error.args[0]!r}") from None
     except (TypeError, ValueError):
         raise InputError(f"{where}[block]", None, "is not a block as this program writes it") from None
+    one_of(f"{where}[block] preset", str(block.get("preset")), PRESETS)
     return from_plain(PrintedBlock, {"block": block, **printed}, where)

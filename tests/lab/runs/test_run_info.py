@@ -95,6 +95,7 @@ def test_levels_outside_of_the_protocol_are_refused(levels: tuple[int, ...], mak
         (("block",), None),
         (("block", "waves"), "sin x"),
         (("block", "waves"), [[1, 2]]),
+        (("block", "preset"), "own"),
         (("protocol", "forces_n"), [3.0, 1.0]),
         (("protocol", "haste"), 1),
         (("frame", "origin_mm"), [1.0]),
