@@ -91,7 +91,7 @@ def test_a_tray_is_filled_slot_by_slot(tmp_path: Path) -> None:
     assert [Run.open(one.folder).info.slot for one in results] == [0, 1, 0]
     assert [Run.open(one.folder).info.frame.origin_mm[0] for one in results] == [0.0, 60.0, 0.0]
     assert {round(x) for x, _, _ in rig.stage.path} == {0, 4, 9, 64, 69}
-    # Both blocks of the first tray are asked for before the first is pressed; a later sitting keeps their slots.
+    # Both blocks of the first tray are asked for before the first is pressed; a later session keeps their slots.
     assert [told.split(":")[0] for told in script.told] == ["Put into slot 1", "Put into slot 2", "Put into slot 1"]
     assert [place.slot for place in places(study, settings, tmp_path)] == [0, 1, 0]
 

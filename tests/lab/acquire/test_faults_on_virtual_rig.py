@@ -32,7 +32,7 @@ CLEARANCE_MM = 1.5
 
 
 class Trial(Silent):
-    """One sitting on a virtual rig that gets a fault after the second press.
+    """One session on a virtual rig that gets a fault after the second press.
 
     Args:
         file: Study and rig.
@@ -97,7 +97,7 @@ def short_file(driver: str) -> StudyFile:
 def try_fault(
     driver: str, fault: Fault, delay_s: float, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> tuple[RigError | None, Trial]:
-    """A sitting with the fault, then one without, after which the run is whole; the error of the first."""
+    """A session with the fault, then one without, after which the run is whole; the error of the first."""
     file = short_file(driver)
     trial = Trial(file, fault, delay_s)
     caught: RigError | None = None

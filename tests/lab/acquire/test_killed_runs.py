@@ -21,7 +21,7 @@ CHILD = Path(killed_child.__file__)
 TESTS = CHILD.parents[1]
 
 
-def sitting(folder: Path, seed: int, rig: str, kill_after_s: float | None) -> bool:
+def session(folder: Path, seed: int, rig: str, kill_after_s: float | None) -> bool:
     """Go on with the run in a process of its own; whether it came to its end before it was killed."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(TESTS), str(TESTS.parent)])}
     with subprocess.Popen(
@@ -62,7 +62,7 @@ def kill_and_resume(folder: Path, kills: int, seed: int, rig: str, span_s: float
     dice = random.Random(seed)
     killed, rows = 0, 0
     while killed < kills:
-        if sitting(folder, killed, rig, dice.uniform(0.0, span_s)):
+        if session(folder, killed, rig, dice.uniform(0.0, span_s)):
             break
         killed += 1
         if (folder / printed().name / "run.json").exists():
@@ -70,7 +70,7 @@ def kill_and_resume(folder: Path, kills: int, seed: int, rig: str, span_s: float
             assert now >= rows, "a press was lost"
             rows = now
     else:
-        assert sitting(folder, 999, rig, None)
+        assert session(folder, 999, rig, None)
     require_sound(folder / printed().name)
     return killed
 

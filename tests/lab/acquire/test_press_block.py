@@ -276,7 +276,7 @@ def one_random_fault(seed: int, folder: Path) -> None:
     rig = FakeRig(plate=plate)
     assert rig.gauge is not None
     rows: list[int] = []
-    for sitting in range(12):
+    for session in range(12):
         rig.stage.calls = rig.sensor.count = 0
         rig.gauge.readings.clear()
         rig.stage.path = rig.stage.path[-1:]
@@ -304,7 +304,7 @@ def one_random_fault(seed: int, folder: Path) -> None:
         assert now[: len(rows)] == rows
         assert len(set(now)) == len(now)
         rows = now
-        if finished and sitting:
+        if finished and session:
             break
     else:
         pressed(rig, folder, protocol)
