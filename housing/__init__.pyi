@@ -1,5 +1,6 @@
 # The public names. lazy_loader reads this file at run time, type checkers and editors at any time.
 from . import bd as bd
+from . import cq as cq
 from .assembly import Assembly as Assembly
 from .coupon import Coupon as Coupon
 from .drawings import coupon_drawing as coupon_drawing

@@ -92,6 +92,10 @@ class Fixture(ABC):
     def solid(self) -> TopoDS_Solid:
         """The Open CASCADE solid as printed: lower corner of its box at the origin, bed at z = 0."""
 
+    def solid_in_use(self) -> TopoDS_Solid:
+        """The Open CASCADE solid where it is used, in the holder frame; as printed, unless a subclass says otherwise."""
+        return self.solid()
+
     @property
     def least_wall_mm(self) -> float:
         """Thickness of the thinnest wall, in mm."""

@@ -1,0 +1,89 @@
+"""CadQuery: holder, jig and coupon as solids, in assemblies and in method chains, and the whole set put together.
+
+A block in its holder, with the jig on it::
+
+    from housing import Holder, Jig
+    from housing.cq import assembled
+    from tacbench_cad import Block
+
+    holder = Holder(block=Block.of(2, key_mm=3.0))
+    whole = assembled(holder, jig=Jig(holder=holder))
+
+or, after ``housing.cq.register()``, ``cq.Workplane().fixture(holder)``. The same for build123d is :mod:`housing.bd`.
+
+Importing this module imports CadQuery.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cadquery as cq
+
+from housing.assembly import Assembly
+from housing.fixture import Fixture
+from housing.holder import Holder
+from housing.jig import Jig
+from tacbench_cad.cq import solid as block_solid
+from tacbench_cad.geometry.part import rgb_of
+from tacbench_cad.spec.block import Block
+
+
+def solid(fixture: Fixture, *, as_printed: bool = False) -> cq.Solid:
+    """A holder, jig or coupon as a CadQuery solid in the frame in which it is used: a jig seated on its holder.
+
+    Args:
+        fixture: The fixture.
+        as_printed: Give a jig as it is printed, upside down, with the lower corner of its box at the origin.
+    """
+    result = cq.Solid(fixture.solid() if as_printed else fixture.solid_in_use())
+    result.label = fixture.name
+    return result
+
+
+def workplane(fixture: Fixture, *, as_printed: bool = False) -> cq.Workplane:
+    """The same as a Workplane, to go on from: ``workplane(holder).faces(">Z").edges().chamfer(0.3)``."""
+    return cq.Workplane(solid(fixture, as_printed=as_printed))
+
+
+def assembled(holder: Holder, blocks: Sequence[Block] | None = None, jig: Jig | None = None) -> cq.Assembly:
+    """Holder, blocks and jig where they are used, each with its name and colour, in the holder frame.
+
+    Args:
+        holder: The holder.
+        blocks: A block for each slot, the first ones if there are fewer; None for the holder's own in every slot.
+        jig: A jig made for this holder; None for none.
+
+    Raises:
+        InputError: There are more blocks than slots, a block has other sides, height or key than the holder is for,
+            or the jig is for another holder.
+    """
+    chosen = [holder.block] * holder.slots if blocks is None else list(blocks)
+    together = Assembly(holder=holder, blocks=tuple(chosen), jig=jig)  # refuses what does not go together
+    whole = cq.Assembly(name=together.name)
+    whole.add(solid(holder), name=holder.name, color=_colour(holder.kind))
+    for number, (block, place) in enumerate(zip(chosen, holder.block_placements(), strict=False), 1):
+        at = cq.Location(place.origin_mm, (0.0, 0.0, 1.0), 90.0 * place.quarter_turns)
+        whole.add(block_solid(block), loc=at, name=f"{block.name} in slot {number}", color=_colour("block"))
+    if jig is not None:
+        whole.add(solid(jig), name=jig.name, color=_colour(jig.kind))
+    return whole
+
+
+def _colour(kind: str) -> cq.Color:
+    return cq.Color(*rgb_of(kind))
+
+
+def register() -> None:
+    """Add ``Workplane.fixture(fixture, combine=True, clean=True)`` to CadQuery.
+
+    It puts a holder, jig or coupon at every point of the stack, in the workplane's own axes, as ``Workplane.box`` does.
+    """
+
+    def fixture_method(
+        self: cq.Workplane, fixture: Fixture, combine: bool | str = True, clean: bool = True
+    ) -> cq.Workplane:
+        """A fixture at every point of the stack; the origin of its frame lies at the point."""
+        return self.eachpoint(solid(fixture).moved, True, combine, clean)
+
+    cq.Workplane.fixture = fixture_method

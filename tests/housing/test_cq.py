@@ -1,0 +1,74 @@
+"""CadQuery: holder, jig and coupon as solids, on workplanes, and put together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+cq = pytest.importorskip("cadquery")
+pytest.importorskip("build123d")
+
+from housing import Coupon, Fixture, Holder, Jig
+from housing import cq as plugin
+from housing.bd import assembled as joined
+from tacbench_cad import Block, InputError
+
+HOLDER = Holder(block=Block.of(1, key_mm=3.0), slots=2, quarter_turns=1)
+JIG = Jig(holder=HOLDER)
+
+
+def box(shape: cq.Shape) -> tuple[float, ...]:
+    found = shape.BoundingBox()
+    return (found.xmin, found.ymin, found.zmin, found.xmax, found.ymax, found.zmax)
+
+
+@pytest.mark.parametrize("fixture", [HOLDER, JIG, Coupon()], ids=lambda fixture: fixture.kind)
+def test_a_solid_has_the_volume_and_the_name(fixture: Fixture) -> None:
+    solid = plugin.solid(fixture)
+    assert solid.isValid() and solid.label == fixture.name
+    assert solid.Volume() == pytest.approx(fixture.volume_mm3, rel=1e-8)
+    printed = plugin.workplane(fixture, as_printed=True).val()
+    assert box(printed) == pytest.approx((0.0, 0.0, 0.0, *fixture.size_mm), abs=1e-5)
+
+
+def test_a_jig_is_seated_unless_it_is_printed() -> None:
+    assert box(plugin.solid(JIG))[5] == pytest.approx(JIG.seat.roof_mm[1], abs=1e-5)
+
+
+def test_the_assembly_is_that_of_the_joints() -> None:
+    whole, ours = plugin.assembled(HOLDER, jig=JIG), joined(HOLDER, jig=JIG)
+    assert whole.name == ours.label and len(whole.children) == len(ours.children) == 4
+    for child, other in zip(whole.children, ours.children, strict=True):
+        found, expected = child.obj.located(child.loc), other.bounding_box()
+        assert box(found) == pytest.approx((*expected.min, *expected.max), abs=2e-3)
+        assert child.name.partition(" ")[0] == other.label
+        assert child.color.toTuple()[:3] == pytest.approx(tuple(other.color)[:3], abs=1e-6)
+
+
+def test_what_does_not_go_together_is_refused() -> None:
+    with pytest.raises(InputError, match="does not go into"):
+        plugin.assembled(HOLDER, [Block.of(1)])
+    with pytest.raises(InputError, match="2 slots"):
+        plugin.assembled(HOLDER, [HOLDER.block] * 3)
+    with pytest.raises(InputError, match="is not made for"):
+        plugin.assembled(Holder(block=HOLDER.block), jig=JIG)
+
+
+@pytest.fixture
+def registered() -> Iterator[None]:
+    plugin.register()
+    yield
+    del cq.Workplane.fixture
+
+
+@pytest.mark.usefixtures("registered")
+def test_the_registered_method_combines() -> None:
+    coupon = Coupon()
+    both = cq.Workplane().pushPoints([(0.0, 0.0), (0.0, 60.0)]).fixture(coupon)
+    assert both.solids().size() == 2
+    assert sum(one.Volume() for one in both.solids().vals()) == pytest.approx(2 * coupon.volume_mm3, rel=1e-8)
+
+
+def test_registering_is_left_to_the_user() -> None:
+    assert not hasattr(cq.Workplane, "fixture")
