@@ -6,9 +6,8 @@ number for a whole one; whatever must be whole is checked here.
 
 import cadquery as cq
 
+from tacbench_cad import Block, InputError
 from tacbench_cad.cq import solid
-from tacbench_cad.spec.block import Block
-from tacbench_cad.util.errors import InputError
 
 texture = 2
 scale = 1.0

@@ -7,10 +7,9 @@ The formula is ``sin u sin v + 0.2 sin 4u``. A product of two sines is the sum o
 from math import pi
 from pathlib import Path
 
+from tacbench_cad import Block, Texture, plane_waves
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.making.writing import make_files
-from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.textures import Texture, plane_waves
 
 # amplitude, f, g and phase of each wave A sin(f u + g v + phase)
 waves = plane_waves((0.5, 1.0, -1.0, pi / 2), (-0.5, 1.0, 1.0, pi / 2), (0.2, 4.0, 0.0))

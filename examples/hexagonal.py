@@ -6,9 +6,8 @@ With the same mm per unit along x and y the hexagons are regular; the distance b
 
 from math import cos, pi, radians, sin
 
+from tacbench_cad import Block, Texture, plane_waves
 from tacbench_cad.bd import TextureBlock
-from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.textures import Texture, plane_waves
 
 MM_PER_UNIT = 0.8
 

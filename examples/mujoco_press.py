@@ -8,8 +8,7 @@ from pathlib import Path
 
 import mujoco
 
-from tacbench_cad.formats.simulators.folder import export_to_simulators
-from tacbench_cad.spec.block import Block
+from tacbench_cad import Block, export_to_simulators
 
 RADIUS_MM, FORCE_N = 20.0, 2.0
 

@@ -7,11 +7,8 @@ as large as the pad and its way from the first press position to the last.
 
 from build123d import Align, Box, Cylinder, Pos
 
-from housing.fits import clearance_mm
-from housing.holder import Holder
-from housing.jig import Jig
-from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.protocol import PressGrid
+from housing import Holder, Jig, clearance_mm
+from tacbench_cad import Block, PressGrid
 
 PAD_MM = (16.0, 12.0)
 GUIDE_MM = 4.0

@@ -9,8 +9,8 @@ from math import pi, sqrt
 
 import cadquery as cq
 
+from tacbench_cad import Block
 from tacbench_cad.cq import solid
-from tacbench_cad.spec.block import Block
 
 STRIP_MM = (40.0, 8.0)
 HEIGHT_MM = 4.0

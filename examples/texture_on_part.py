@@ -6,8 +6,8 @@ so that the part can lie on it, and 1 mm is left free round the texture.
 
 from build123d import Align, Axis, Box, Plane, Polygon, extrude
 
+from tacbench_cad import Block
 from tacbench_cad.bd import TextureBlock
-from tacbench_cad.spec.block import Block
 
 FREE_MM = 1.0
 

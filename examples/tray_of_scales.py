@@ -6,8 +6,8 @@ low x and low y, rows along x; each is sunk into the plate by half of its thickn
 
 from build123d import Align, Box, Pos
 
+from tacbench_cad import Block
 from tacbench_cad.bd import TextureBlock
-from tacbench_cad.spec.block import Block
 
 PLATE_MM = 2.0
 GAP_MM = 4.0

@@ -93,7 +93,7 @@ class Fixture(ABC):
         """The Open CASCADE solid as printed: lower corner of its box at the origin, bed at z = 0."""
 
     def solid_in_use(self) -> TopoDS_Solid:
-        """The Open CASCADE solid where it is used, in the holder frame; as printed, unless a subclass says otherwise."""
+        """The Open CASCADE solid where it is used, in the holder frame; without one, as printed."""
         return self.solid()
 
     @property
