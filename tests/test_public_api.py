@@ -1,7 +1,10 @@
-"""The public names: all of them can be imported, none costs anything before it is used."""
+"""The public names: all can be imported, none costs anything before it is used, and examples and docs need no other."""
 
 from __future__ import annotations
 
+import ast
+import importlib
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,6 +16,11 @@ import housing
 import tacbench_cad
 from tacbench_cad import Block, CheckFailedError, InputError, as_part, check, export
 
+ROOT = Path(__file__).parents[1]
+PUBLIC = (
+    *("tacbench_cad", "tacbench_cad.lab", "tacbench_cad.cq", "tacbench_cad.bd"),
+    *("tacbench_cad.virtual_rig", "housing", "housing.cq", "housing.bd"),
+)
 HEAVY = ("numpy", "scipy", "OCP", "build123d", "cadquery", "matplotlib", "rich")
 
 
@@ -58,3 +66,48 @@ def test_a_wrong_file_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="must be a Block"):
         export("block", tmp_path / "wrong.stl")
     assert not list(tmp_path.iterdir())
+
+
+def _sources() -> dict[str, list[str]]:
+    """The Python of the examples, and of the pages that people read: cells, files that cells write, plain blocks."""
+    sources = {path.name: [path.read_text(encoding="utf-8")] for path in sorted((ROOT / "examples").glob("*.py"))}
+    for path in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
+        blocks = re.findall(r"^```+(?:\{code-cell\} )?python\n(.*?)^```", path.read_text(encoding="utf-8"), re.M | re.S)
+        sources[path.name] = [_code(block) for block in blocks]
+    return sources
+
+
+def _code(block: str) -> str:
+    """A cell without its tags, its header, and the magics of IPython; of a TOML file that a cell writes, nothing."""
+    block = re.sub(r"\A(:[^\n]*\n|---\n.*?^---\n)+", "", block, flags=re.M | re.S)
+    if re.match(r"%%(?!writefile \S+\.py)", block):
+        return ""
+    return re.sub(r"^%%?[^\n]*$", "", block, flags=re.M)
+
+
+SOURCES = _sources()
+
+
+def _imports(code: str) -> list[tuple[str, str]]:
+    """Module and name of each import of ours; without a name where a whole module is imported."""
+    found = []
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.ImportFrom) and node.module is not None:
+            found += [(node.module, alias.name) for alias in node.names]
+        elif isinstance(node, ast.Import):
+            found += [(alias.name, "") for alias in node.names]
+    return [(module, name) for module, name in found if module.partition(".")[0] in ("tacbench_cad", "housing")]
+
+
+@pytest.mark.parametrize("source", [name for name, codes in SOURCES.items() if any(codes)])
+def test_examples_and_pages_import_public_names_only(source: str) -> None:
+    imports = [one for code in SOURCES[source] for one in _imports(code)]
+    private = {f"{module}.{name}" for module, name in imports if module not in PUBLIC}
+    assert not private
+    for module, name in imports:
+        if module in ("tacbench_cad", "tacbench_cad.lab", "housing") and name:
+            assert name in importlib.import_module(module).__all__
+
+
+def test_the_pages_are_really_read() -> None:
+    assert sum(len(_imports(code)) for codes in SOURCES.values() for code in codes) > 60

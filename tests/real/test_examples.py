@@ -27,8 +27,7 @@ EXPECTED: dict[str, dict[str, str]] = {
     "custom_texture": {
         "volume": "block.volume_mm3(block.solid_datum_mm)",
         "is the product": f"abs(waves(0.7, 1.9) - {sin(0.7) * sin(1.9) + 0.2 * sin(2.8)!r}) < 1e-12",
-        "files are put in place": "all((out / row['file']).is_file() and all(c['ok'] for c in row['checks']) "
-        "for row in made) and len(made) == 2",
+        "files are put in place": "all(one.ok and one.path.is_file() for one in reports) and len(reports) == 2",
     },
     "hexagonal": {
         "volume": "block.volume_mm3(block.solid_datum_mm)",
