@@ -16,6 +16,10 @@ class TacbenchError(Exception):
 
     exit_code = 2
 
+    def __str__(self) -> str:
+        text = super().__str__()
+        return text if len(text) <= 1500 else f"{text[:1000]} ... {text[-200:]}"
+
 
 class InputError(TacbenchError):
     """A field has a value that is not allowed.

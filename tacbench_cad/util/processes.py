@@ -267,8 +267,8 @@ def _limit_memory(max_mb: float) -> None:
     except ImportError:  # Windows
         return
     limit = int(max_mb * 1e6)
-    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    if hard == resource.RLIM_INFINITY or limit < hard:
+    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    if soft == resource.RLIM_INFINITY or limit < soft:  # a child of a limited process stays within its limit
         with contextlib.suppress(OSError, ValueError):
             resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
 
