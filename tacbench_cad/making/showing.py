@@ -12,10 +12,11 @@ import numpy as np
 from tacbench_cad.making.plan import Source
 from tacbench_cad.making.request import PARTS, Request, plan
 from tacbench_cad.render.viewing.page import write_page
-from tacbench_cad.render.viewing.scene import Facts, Scene, Thing, block_thing, fixture_thing
+from tacbench_cad.render.viewing.scene import Facts, Scene, Thing, block_thing
 from tacbench_cad.spec.textures import catalogue
 from tacbench_cad.util.errors import InputError, MissingToolError, nearest
 from tacbench_cad.util.processes import why_not_importable
+from tacbench_cad.util.text import report_rows
 
 
 def request_of(words: Sequence[str], options: Request) -> Request:
@@ -105,7 +106,14 @@ def _thing(source: Source, number: int, holders: Sequence[Any]) -> Thing:
         return block_thing(part, places[slot].matrix, held, slot)
     mesh, from_print = part.mesh[0], getattr(thing, "from_print", None)
     holder = getattr(thing, "holder", None)
-    rows = [line.strip().partition("  ") for line in str(thing).splitlines()[1:]]
-    facts: Facts = tuple((name, value.strip()) for name, _, value in rows if name != "name")
+    facts: Facts = tuple(row for row in report_rows(str(thing)).items() if row[0] != "name")
     placed = mesh if from_print is None else mesh.transformed(from_print)
-    return fixture_thing(part, placed, facts, None if holder is None else holders.index(holder))
+    return Thing(
+        name=part.name,
+        kind=part.kind,
+        title=part.title,
+        mesh=placed,
+        to_world=np.eye(4),
+        set_number=None if holder is None else holders.index(holder),
+        facts=facts,
+    )

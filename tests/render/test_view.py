@@ -15,9 +15,10 @@ import pytest
 pytest.importorskip("k3d", reason="the 3D page needs the extra view")
 
 from tacbench_cad.cli import main
+from tacbench_cad.making import showing
 from tacbench_cad.making.request import Request
 from tacbench_cad.making.showing import request_of, scene_of
-from tacbench_cad.render.viewing import page, scene
+from tacbench_cad.render.viewing import page
 from tacbench_cad.render.viewing.scene import Scene, Thing
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import Tolerance
@@ -179,10 +180,12 @@ def test_a_hostile_name_stays_text(tmp_path: Path) -> None:
 
 
 def test_without_cad_packages_the_blocks_remain(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scene, "why_not_importable", lambda modules: "OCP: libGL.so.1: cannot open shared object file")
+    monkeypatch.setattr(
+        showing, "why_not_importable", lambda modules: "OCP: libGL.so.1: cannot open shared object file"
+    )
     shown = seen(options=Request(textures=("all",), sampling=Tolerance(mm=0.1)))
     assert {one.kind for one in shown.things} == {"block"} and len(shown.things) == 6
-    assert any("libGL" in one.reason for one in shown.left_out)
+    assert any("libGL" in reason for _, reason in shown.left_out)
     with pytest.raises(MissingToolError, match="libGL"):
         seen("holder")
 
@@ -245,7 +248,7 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_is_built(
     folder.mkdir()
     with pytest.raises(InputError, match="is a folder"):
         page.require_page(folder)
-    monkeypatch.setattr(scene, "scene_of", never)
+    monkeypatch.setattr(showing, "scene_of", never)
     assert main(["view", "1", "-o", str(folder)]) == 2
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     with pytest.raises(InputError, match="not writable"):

@@ -2,8 +2,8 @@
 // Draws the parts through k3d, and adds what it has not: the formula's deviation by pixel, filled cuts, sizes.
 (() => {
   const byId = (id) => document.getElementById(id);
-  const told = JSON.parse(byId("description").textContent);
-  const things = told.things;
+  const scene = JSON.parse(byId("description").textContent);
+  const things = scene.things;
   const blocks = things.filter((one) => one.kind === "block");
   const state = { view: "", block: 0, colour: "part", cut: "", at: 0.5, flip: false, apart: 0.55, sizes: true, press: false, spin: false, look: "corner" };
   const DOWN = ["#0b4f8a", "#4f93c4", "#a9cce3"], UP = ["#f6c9a0", "#e2894a", "#a8430b"], ZERO = "#f4f4f2";
@@ -15,10 +15,8 @@
 
   function bytes(id) {
     const text = atob(byId(id).textContent);
-    const out = new Uint8Array(text.length);
-    for (let i = 0; i < text.length; i += 1) out[i] = text.charCodeAt(i);
     byId(id).textContent = "";
-    return out;
+    return Uint8Array.from(text, (letter) => letter.charCodeAt(0));
   }
 
   const inflated = (id) => new Response(new Blob([bytes(id)]).stream().pipeThrough(new DecompressionStream("deflate")));
@@ -62,8 +60,8 @@
   }
 
   // ---- points and matrices (by columns) ----
-  const place = (m, p) => [0, 1, 2].map((i) => m[i] * p[0] + m[4 + i] * p[1] + m[8 + i] * p[2] + m[12 + i]);
   const turn = (m, p) => [0, 1, 2].map((i) => m[i] * p[0] + m[4 + i] * p[1] + m[8 + i] * p[2]);
+  const place = (m, p) => turn(m, p).map((value, i) => value + m[12 + i]);
   const ONE = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
   const lifted = (m, dz) => m.map((value, i) => (i === 14 ? value + dz : value));
   const corners = (low, high) => Array.from({ length: 8 }, (_, i) => [0, 1, 2].map((k) => ((i >> k) & 1 ? high : low)[k]));
@@ -303,10 +301,9 @@
 
   // ---- the panel ----
   function element(tag, text, into) {
-    const made = document.createElement(tag);
-    if (text !== undefined) made.textContent = text;
-    if (into) into.append(made);
-    return made;
+    const node = into.appendChild(document.createElement(tag));
+    if (text !== undefined) node.textContent = text;
+    return node;
   }
   function drawPanel() {
     const seen = shown(), block = seen.includes(theBlock()) ? theBlock() : undefined;
@@ -374,16 +371,15 @@
     }
     blocks.forEach((one, i) => { element("option", one.name, byId("texture")).value = i; });
     for (const name of Object.keys(LOOKS)) element("button", name, byId("looks")).onclick = () => look(name);
-    byId("texture").onchange = (event) => change({ block: Number(event.target.value) });
-    byId("colour").onchange = (event) => change({ colour: event.target.value });
-    byId("cut").onchange = (event) => change({ cut: event.target.value });
-    byId("flip").onclick = () => change({ flip: !state.flip });
-    byId("cut-at").oninput = (event) => change({ at: Number(event.target.value) });
-    byId("apart").oninput = (event) => change({ apart: Number(event.target.value) });
+    for (const id of ["colour", "cut"]) byId(id).onchange = (event) => change({ [id]: event.target.value });
+    for (const [id, name] of [["texture", "block"], ["cut-at", "at"], ["apart", "apart"]]) {
+      byId(id).oninput = (event) => change({ [name]: Number(event.target.value) });
+    }
     for (const id of ["sizes", "press"]) byId(id).onchange = (event) => change({ [id]: event.target.checked });
+    byId("flip").onclick = () => change({ flip: !state.flip });
     byId("spin").onchange = (event) => { state.spin = event.target.checked; spin(); };
-    byId("version").textContent = told.version;
-    byId("left-out").textContent = told.left_out.map((one) => `left out: ${one.what}: ${one.reason}`).join("; ");
+    byId("version").textContent = scene.version;
+    byId("left-out").textContent = scene.left_out.map((one) => `left out: ${one.what}: ${one.reason}`).join("; ");
     state.view = views.includes("assembly") ? "assembly" : views.includes("block") ? "block" : views[0];
   }
 

@@ -17,7 +17,7 @@ from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import FORCES_N, PressGrid, contact_radius_mm
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.text import decimal
+from tacbench_cad.util.text import report_rows
 from tacbench_cad.util.types import Floats
 
 Facts = tuple[tuple[str, str], ...]
@@ -121,18 +121,9 @@ def block_thing(part: Part, to_world: Floats, set_number: int | None, slot: int)
         bound_mm=bound,
         scale_mm=bound if isinstance(sampling, Tolerance) else min(bound, _farthest_mm(block, mesh)),
     )
+    rows = report_rows(str(block))
     facts: Facts = (
-        ("texture", f"z = {block.texture.equation}"),
-        ("size", _mm(*block.size_mm, block.height_mm)),
-        ("relief", _mm(block.relief_mm)),
-        ("base", _mm(block.base_mm)),
-        ("mm per unit", " x ".join(f"{one:.6g}" for one in block.mm_per_unit)),
-        (
-            "mesh",
-            f"within {decimal(sampling.mm)} mm of the formula"
-            if isinstance(sampling, Tolerance)
-            else f"{sampling.nx} x {sampling.ny} samples joined",
-        ),
+        *((name, rows[name]) for name in ("z", "size", "relief", "base", "mm per unit", "mesh")),
         ("triangles", f"{len(mesh.triangles):,}"),
         ("proved", f"nowhere farther than {1000.0 * bound:.4g} µm from the formula"),
     )
@@ -168,27 +159,3 @@ def _press(block: Block) -> Press | None:
     x, y = grid.positions_mm.T
     contacts = tuple((force, contact_radius_mm(force)) for force in FORCES_N)
     return Press(positions_mm=np.column_stack([x, y, block.height_at(x, y)]), contacts=contacts)
-
-
-def fixture_thing(part: Part, mesh: Mesh, facts: Facts, set_number: int | None) -> Thing:
-    """Any other part on the page.
-
-    Args:
-        part: The part.
-        mesh: Its mesh in the world, as it is used.
-        facts: What is said of it.
-        set_number: Which assembly it belongs to; None for none.
-    """
-    return Thing(
-        name=part.name,
-        kind=part.kind,
-        title=part.title,
-        mesh=mesh,
-        to_world=np.eye(4),
-        set_number=set_number,
-        facts=facts,
-    )
-
-
-def _mm(*values: float) -> str:
-    return " x ".join(f"{round(value, 4):.6g}" for value in values) + " mm"
