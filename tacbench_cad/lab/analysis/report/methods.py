@@ -141,23 +141,16 @@ def open_points(collection: Collection, colour: bool, ddof: int) -> tuple[OpenPo
 
 def counts_rows(collection: Collection) -> list[dict[str, object]]:
     """What there is: prints and presses of each printer-filament and texture at each force level."""
-    cells: dict[tuple[str, str], dict[int, int]] = defaultdict(lambda: defaultdict(int))
-    copies: dict[tuple[str, str], set[int]] = defaultdict(set)
-    columns = (collection.combination, collection.texture, collection.copy, collection.level)
-    for combination, texture, copy, level in zip(*(column.tolist() for column in columns), strict=True):
-        cells[combination, texture][level] += 1
-        copies[combination, texture].add(copy)
     rows: list[dict[str, object]] = []
     for combination in collection.combinations:
         for texture in collection.textures:
-            if (combination, texture) not in cells:
-                continue
-            printer, filament = combination.split("_", 1)
-            row: dict[str, object] = {"printer": printer, "filament": filament, "texture": texture}
-            row["prints"] = len(copies[combination, texture])
-            for level in collection.levels:
-                row[f"presses_level_{level}"] = cells[combination, texture][level]
-            rows.append(row)
+            there = (collection.combination == combination) & (collection.texture == texture)
+            if there.any():
+                printer, filament = combination.split("_", 1)
+                levels = collection.level[there]
+                counts = {f"presses_level_{level}": int((levels == level).sum()) for level in collection.levels}
+                copies = len(set(collection.copy[there].tolist()))
+                rows.append({"printer": printer, "filament": filament, "texture": texture, "prints": copies, **counts})
     return rows
 
 

@@ -30,15 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-#: Names of the figures' files, without suffix.
-TABLE, PIXELS, POSITIONS, TEXTURES, COMPONENTS = (
-    "variance",
-    "variance_pixels",
-    "variance_positions",
-    "between_textures",
-    "components",
-)
-#: Share of the values that a colour scale spans; a few stray pixels must not darken all others.
+#: Percentile of the values up to which a colour scale reaches; a few stray pixels must not darken all others.
 _SPAN = 99.5
 #: An interval's end so many times above the largest estimate is cut, with an arrow.
 _CUT = 6.0
@@ -59,17 +51,16 @@ def draw_all(result: VarianceResult, folder: Path) -> list[Path]:
         MissingToolError: matplotlib is not installed.
         InputError: A file cannot be written.
     """
-    drawn: list[Path] = []
+    figures = {
+        "variance": table_figure,
+        "variance_pixels": pixel_figure,
+        "variance_positions": position_figure,
+        "between_textures": texture_figure,
+        "components": component_figure,
+    }
+    simulated = result.collection.simulated
     with styled():
-        for stem, draw in (
-            (TABLE, table_figure),
-            (PIXELS, pixel_figure),
-            (POSITIONS, position_figure),
-            (TEXTURES, texture_figure),
-            (COMPONENTS, component_figure),
-        ):
-            drawn += save(draw(result), folder / stem, result.collection.simulated)
-    return drawn
+        return [path for stem, draw in figures.items() for path in save(draw(result), folder / stem, simulated)]
 
 
 def squared_unit(result: VarianceResult) -> str:
@@ -100,10 +91,11 @@ def compared(result: VarianceResult) -> list[str]:
     return [combination for combination in result.collection.combinations if prints.get(combination, 0) > (most > 1)]
 
 
-def _left_out(result: VarianceResult) -> str:
-    """What a figure does not show, in words."""
+def _title(result: VarianceResult, level: Level) -> str:
+    """The level of a panel, and what the figure does not show."""
     count = len({cell.combination for cell in result.cells}) - len(compared(result))
-    return f"{counted(count, 'printer-filament')} with one print not shown" if count else ""
+    hidden = f" ({counted(count, 'printer-filament')} with one print not shown)" if count else ""
+    return f"{level_name(result.collection.info.protocol, level)}{hidden}"
 
 
 def table_figure(result: VarianceResult) -> Figure:
@@ -116,17 +108,13 @@ def table_figure(result: VarianceResult) -> Figure:
     top = _CUT * max(cell.variance for cell in result.cells if cell.force_level in levels)
     for axes, level in zip(panels, levels, strict=False):
         _table_panel(axes, result, level, combinations, top)
-        axes.set_title(_titled(level_name(result.collection.info.protocol, level), _left_out(result)), loc="left")
+        axes.set_title(_title(result, level), loc="left")
     for axes in panels[len(levels) :]:
         axes.set_visible(False)
     figure.supylabel(f"variance ({squared_unit(result)})", fontsize=8.0)
     figure.supxlabel("texture", fontsize=8.0)
     figure.legend(handles=_table_legend(result, combinations), loc="outside upper left", ncols=3)
     return figure
-
-
-def _titled(title: str, left_out: str) -> str:
-    return f"{title} ({left_out})" if left_out else title
 
 
 def _table_panel(axes: Axes, result: VarianceResult, level: Level, combinations: Sequence[str], top: float) -> None:
@@ -149,17 +137,11 @@ def _table_panel(axes: Axes, result: VarianceResult, level: Level, combinations:
             if paper is not None and _is_paper(result):
                 x = j + (i - (len(combinations) - 1) / 2.0) * step + 0.32 * step
                 axes.plot(x, paper, marker, markersize=4.0, color=colour, markerfacecolor="none")
-    axes.set_yscale("log")
-    axes.set(xlim=(-0.5, len(textures) - 0.5), xticks=range(len(textures)))
-    axes.set_xticklabels([short_texture(texture) for texture in textures])
+    _log_axes(axes, [short_texture(texture) for texture in textures])
     if math.isfinite(lowest):
         axes.set_ylim(0.7 * lowest, top)
-    axes.yaxis.set_major_formatter(_plain_numbers)
-    axes.yaxis.set_minor_formatter(_plain_minor)
     axes.grid(axis="y", color="#dddddd", linewidth=0.4)
     axes.set_axisbelow(True)
-    for j in range(1, len(textures)):
-        axes.axvline(j - 0.5, color="#dddddd", linewidth=0.4)
 
 
 def _point(
@@ -201,8 +183,15 @@ def _table_legend(result: VarianceResult, combinations: Sequence[str]) -> list[A
     return handles
 
 
-def _plain_numbers(value: float, _: float) -> str:
-    return f"{value:g}"
+def _log_axes(axes: Axes, names: Sequence[str]) -> None:
+    """Groups side by side, each with its name and a line between them, over a logarithmic axis of plain numbers."""
+    axes.set_yscale("log")
+    axes.set(xlim=(-0.5, len(names) - 0.5), xticks=range(len(names)))
+    axes.set_xticklabels(names)
+    for i in range(1, len(names)):
+        axes.axvline(i - 0.5, color="#dddddd", linewidth=0.4)
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_minor_formatter(_plain_minor)
 
 
 def _plain_minor(value: float, _: float) -> str:
@@ -214,8 +203,9 @@ def _plain_minor(value: float, _: float) -> str:
 def pixel_figure(result: VarianceResult) -> Figure:
     """Which pixels vary: a map for each combination and texture, mean over positions and forces."""
     pictures = _cropped({key: picture for key, picture in result.maps.items() if key[0] in compared(result)})
-    what = f"variance of a pixel ({squared_unit(result)})"
-    return _mosaic(result, pictures, what, ratio=_ratio(pictures), outline=False)
+    height, width = next(iter(pictures.values())).shape
+    ratio = min(2.0, max(0.25, height / width))  # what fits on a page
+    return _mosaic(result, pictures, f"variance of a pixel ({squared_unit(result)})", ratio=ratio, outline=False)
 
 
 def _cropped(pictures: dict[tuple[str, str], Floats]) -> dict[tuple[str, str], Floats]:
@@ -244,20 +234,12 @@ def position_figure(result: VarianceResult) -> Figure:
             pictures[key] = np.mean(levels, axis=0).reshape(shape)[::-1]
     figure = _mosaic(result, pictures, f"variance ({squared_unit(result)})", ratio=1.0, outline=True)
     first = figure.axes[0]
-    first.annotate("", (1.0, -0.06), (0.0, -0.06), xycoords="axes fraction", arrowprops=_ARROW, annotation_clip=False)
-    first.annotate("", (-0.06, 1.0), (-0.06, 0.0), xycoords="axes fraction", arrowprops=_ARROW, annotation_clip=False)
+    arrow = {"arrowstyle": "->", "linewidth": 0.6, "color": INK, "shrinkA": 0.0, "shrinkB": 0.0}
+    for end, start in (((1.0, -0.06), (0.0, -0.06)), ((-0.06, 1.0), (-0.06, 0.0))):
+        first.annotate("", end, start, xycoords="axes fraction", arrowprops=arrow, annotation_clip=False)
     sides = f"x {grid.x_mm[0]:g} to {grid.x_mm[-1]:g} mm, y {grid.y_mm[0]:g} to {grid.y_mm[-1]:g} mm"
     figure.suptitle(f"press grid (arrows): {sides}", x=0.01, ha="left", fontsize=8.0)
     return figure
-
-
-_ARROW = {"arrowstyle": "->", "linewidth": 0.6, "color": INK, "shrinkA": 0.0, "shrinkB": 0.0}
-
-
-def _ratio(pictures: dict[tuple[str, str], Floats]) -> float:
-    """Height over width of the pictures, kept within what fits on a page."""
-    shape = next(iter(pictures.values())).shape
-    return float(min(2.0, max(0.25, shape[0] / shape[1])))
 
 
 def _mosaic(
@@ -277,17 +259,19 @@ def _mosaic(
         for j, texture in enumerate(textures):
             axes = panels[i, j]
             axes.set(xticks=[], yticks=[])
-            for spine in axes.spines.values():
-                spine.set_visible(False)
+            axes.spines[:].set_visible(False)
             picture = pictures.get((combination, texture))
             if picture is None:
                 axes.text(0.5, 0.5, "none", ha="center", va="center", transform=axes.transAxes, color="#888888")
             else:
-                drawn = axes.imshow(picture, vmin=low, vmax=max(high, low + 1e-12), aspect=_aspect(picture, ratio))
+                aspect = ratio * picture.shape[1] / picture.shape[0]  # 1 for square pixels
+                drawn = axes.imshow(picture, vmin=low, vmax=max(high, low + 1e-12), aspect=aspect)
             if i == 0:
                 axes.set_title(f"texture {short_texture(texture)}" if short_texture(texture).isdigit() else texture)
             if j == 0:
-                axes.set_ylabel(_broken(name_of(combination)), rotation=0, ha="right", va="center", labelpad=6.0)
+                axes.set_ylabel(
+                    "\n".join(name_of(combination).rsplit(" ", 1)), rotation=0, ha="right", va="center", labelpad=6.0
+                )
     if drawn is not None:
         above = "max" if everything.max() > high else "neither"
         bar = figure.colorbar(
@@ -296,16 +280,6 @@ def _mosaic(
         bar.set_label(what)
         bar.outline.set_linewidth(0.5)
     return figure
-
-
-def _aspect(picture: Floats, ratio: float) -> float:
-    """What gives the picture the ratio of its panel: 1 for square pixels."""
-    return float(ratio * picture.shape[1] / picture.shape[0])
-
-
-def _broken(name: str) -> str:
-    """A printer-filament on two lines."""
-    return "\n".join(name.rsplit(" ", 1))
 
 
 def texture_figure(result: VarianceResult) -> Figure:
@@ -329,8 +303,7 @@ def texture_figure(result: VarianceResult) -> Figure:
         axes.set_yticklabels(names)
         axes.tick_params(length=0.0)
         axes.set_title(name_of(matrix.combination), loc="left")
-        for spine in axes.spines.values():
-            spine.set_visible(False)
+        axes.spines[:].set_visible(False)
         if len(names) <= 10:
             _numbers(axes, matrix.variance, high)
     for axes in panels[len(matrices) :]:
@@ -341,9 +314,7 @@ def texture_figure(result: VarianceResult) -> Figure:
         bar = figure.colorbar(drawn, ax=panels, shrink=0.8, pad=0.01, aspect=25.0)
         bar.set_label(f"variance over both textures ({squared_unit(result)})")
         bar.outline.set_linewidth(0.5)
-    figure.suptitle(
-        _titled(level_name(result.collection.info.protocol, level), _left_out(result)), x=0.01, ha="left", fontsize=8.0
-    )
+    figure.suptitle(_title(result, level), x=0.01, ha="left", fontsize=8.0)
     return figure
 
 
@@ -360,12 +331,11 @@ def component_figure(result: VarianceResult) -> Figure:
     from matplotlib.lines import Line2D
 
     levels = shown_levels(result.cells)
-    names = LEVELS
     rows = {(component["force_level"], component["component"]): component for component in result.components}
     figure = new_figure(PAGE_IN, 2.5)
     axes = figure.add_subplot()
     floor = float(np.mean([cell.floor for cell in result.cells if cell.floor is not None] or [np.nan]))
-    shown = [row["truncated"] for key, row in rows.items() if key[1] in names and row["truncated"]]
+    shown = [row["truncated"] for key, row in rows.items() if key[1] in LEVELS and row["truncated"]]
     if not shown:
         axes.text(0.5, 0.5, "the design tells no component apart", ha="center", transform=axes.transAxes)
         axes.set_axis_off()
@@ -374,21 +344,16 @@ def component_figure(result: VarianceResult) -> Figure:
         shown.append(floor)
         axes.axhline(floor, color=INK, linewidth=0.8, linestyle=(0, (4, 3)), label="mean noise floor", zorder=1.0)
     bottom, top = 0.4 * min(shown), 3.0 * max(shown)
-    for j, name in enumerate(names):
+    for j, name in enumerate(LEVELS):
         for i, level in enumerate(levels):
             _component(axes, rows[level, name], i + 0.2 * (j - 1.5), j, (bottom, top))
     handles = [
         Line2D([], [], linestyle="", marker=_MARKERS[j], markersize=5.0, color=COLOURS[j], label=name)
         for j, name in enumerate(("texture", "printer-filament", "print", "repeat"))
     ]
-    axes.set_yscale("log")
-    axes.set(xlim=(-0.5, len(levels) - 0.5), ylim=(bottom, top), xticks=range(len(levels)))
-    axes.set_xticklabels([level_name(result.collection.info.protocol, level) for level in levels])
+    _log_axes(axes, [level_name(result.collection.info.protocol, level) for level in levels])
+    axes.set_ylim(bottom, top)
     axes.tick_params(axis="x", length=0.0)
-    for i in range(1, len(levels)):
-        axes.axvline(i - 0.5, color="#dddddd", linewidth=0.4)
-    axes.yaxis.set_major_formatter(_plain_numbers)
-    axes.yaxis.set_minor_formatter(_plain_minor)
     axes.set_ylabel(f"variance component ({squared_unit(result)})")
     figure.legend(handles=[*handles, *axes.get_legend_handles_labels()[0]], loc="outside upper left", ncols=5)
     return figure

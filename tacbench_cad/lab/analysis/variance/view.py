@@ -388,12 +388,10 @@ def write_all(result: VarianceResult, folder: Path, seatings: Sequence[Seating] 
 def _pairs(result: VarianceResult) -> Iterator[Row]:
     """Rows of ``between_textures.csv``: each pair once, and each texture with itself."""
     for matrix in result.matrices:
-        printer, filament = matrix.combination.split("_", 1)
         for i, j in zip(*np.triu_indices(len(matrix.textures)), strict=True):
             if matrix.presses[i, j]:
                 yield {
-                    "printer": printer,
-                    "filament": filament,
+                    **_named(matrix.combination),
                     "force_level": matrix.force_level,
                     "texture": matrix.textures[i],
                     "other_texture": matrix.textures[j],
@@ -406,11 +404,9 @@ def _positions(result: VarianceResult) -> Iterator[Row]:
     """Rows of ``positions.csv``."""
     places = result.collection.info.protocol.grid.positions_mm
     for (level, (combination, texture)), values in result.positions.items():
-        printer, filament = combination.split("_", 1)
         for number in np.flatnonzero(np.isfinite(values)).tolist():
             yield {
-                "printer": printer,
-                "filament": filament,
+                **_named(combination),
                 "texture": texture,
                 "force_level": level,
                 "position": number + 1,
@@ -418,6 +414,10 @@ def _positions(result: VarianceResult) -> Iterator[Row]:
                 "y_mm": float(places[number, 1]),
                 "variance": float(values[number]),
             }
+
+
+def _named(combination: str) -> Row:
+    return dict(zip(("printer", "filament"), combination.split("_", 1), strict=True))
 
 
 def _component(row: Row) -> str:
