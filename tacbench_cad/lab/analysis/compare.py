@@ -1,16 +1,16 @@
 """Two sensors' studies of the same textures side by side, with the smallest difference that their data can show.
 
-The unit is the print. For each rung of the ladder and each texture, the share of a print's readings that were told
-right (mean over presses and trials) is one number. Where both sensors pressed the same prints (run folders of one
-name), the difference of each print's two numbers is taken, which leaves out that some prints are easier; else two
-independent samples are compared (Welch 1947). With SE the standard error of the mean difference and its degrees of
+The unit is the print. For each hold-out level and each texture, the accuracy on a print (the fraction of its readings
+whose texture was predicted, mean over presses and trials) is one number. Where both sensors pressed the same prints
+(run folders of one name), the difference of each print's two numbers is taken, which leaves out that some prints are
+easier; else two independent samples are compared (Welch 1947). With SE the standard error of the mean difference and its degrees of
 freedom f, the 95 % interval is ``difference +- t(0.975, f) SE``, and::
 
     smallest difference = (t(0.975, f) + t(0.8, f)) SE
 
 is what a study like this one would find, at a level of 5 %, in four of five repetitions. SE is never below what the
-number of presses allows: with h of n presses told right, p = (h + 1) / (n + 2), and each print's share varies by at
-least p (1 - p) / (presses of the print). Two sensors that are both always right are therefore not told to be equal.
+number of presses allows: with h of n presses predicted rightly, p = (h + 1) / (n + 2), and each print's accuracy varies
+by at least p (1 - p) / (presses of the print). Two sensors that are both always right are therefore not called equal.
 """
 
 from __future__ import annotations
@@ -78,10 +78,10 @@ _PREDICTIONS = tuple(Column(name) for name in ("estimator", "rung", "run", "pres
 
 @dataclass(frozen=True, kw_only=True)
 class PrintAccuracy:
-    """What of one print was told right.
+    """The accuracy on one print.
 
     Args:
-        right: Readings told right, all trials.
+        right: Readings whose texture was predicted, all trials.
         readings: Readings that were tested, all trials.
         presses: Different presses.
     """
@@ -92,11 +92,11 @@ class PrintAccuracy:
 
     @property
     def value(self) -> float:
-        """The share."""
+        """The accuracy."""
         return self.right / self.readings
 
 
-#: By rung and texture, then by print.
+#: By hold-out level and texture, then by print.
 Accuracies = Mapping[tuple[str, str], Mapping[str, PrintAccuracy]]
 
 
@@ -110,7 +110,7 @@ class Side:
         simulated: What was simulated.
         textures: The textures.
         settings: What was asked for.
-        shares: What of each print was told right.
+        accuracies: The accuracy on each print.
     """
 
     name: str
@@ -123,10 +123,10 @@ class Side:
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """One line of the comparison; shares, B less A.
+    """One line of the comparison; accuracies as fractions.
 
     Args:
-        rung: Rung of the ladder.
+        rung: Hold-out level.
         texture: Texture, or ``all``.
         accuracy_a: Mean over A's prints.
         accuracy_b: Mean over B's prints.
@@ -167,7 +167,7 @@ class Comparison:
         a: The first.
         b: The second.
         estimator: The estimator that both were classified with.
-        rows: Lines by rung: all textures, then each.
+        rows: Lines by hold-out level: all textures, then each.
         notes: What a reader must know.
     """
 
@@ -264,7 +264,7 @@ def compare(a: Side, b: Side, estimator: str, *, same_prints: bool = True) -> Co
         same_prints: Whether runs of one name are of the same print, and so are compared in pairs.
 
     Raises:
-        InputError: They are of different textures, or share no rung.
+        InputError: They are of different textures, or have no hold-out level in common.
     """
     if a.textures != b.textures:
         only = sorted(set(a.textures) ^ set(b.textures))
@@ -343,7 +343,7 @@ def _welch(x: Floats, y: Floats) -> tuple[float, float]:
 
 
 def _least(prints: Mapping[str, PrintAccuracy]) -> float:
-    """Mean over prints of the least variance that a print's share can have with its number of presses."""
+    """Mean over prints of the smallest variance that the accuracy on a print can have with its number of presses."""
     values = []
     for accuracy in prints.values():
         p = (accuracy.value * accuracy.presses + 1.0) / (accuracy.presses + 2.0)
@@ -393,7 +393,7 @@ def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
 
 
 def _figure(comparison: Comparison) -> Figure:
-    """Ladder on the left, differences of recall by texture on the right."""
+    """Accuracies on the left, differences of recall by texture on the right."""
     from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure
 
     rungs = list(dict.fromkeys(row.rung for row in comparison.rows))

@@ -21,7 +21,7 @@ class Preprocess:
 
     Args:
         colour: Keep the colours of an image; else it is made grey and rounded to whole counts, as the usual tools do.
-        resolution: Share of the image's width and height that is kept, by averaging areas; 1 keeps every pixel.
+        resolution: Fraction of the image's width and height that is kept, by averaging areas; 1 keeps every pixel.
     """
 
     colour: bool = False

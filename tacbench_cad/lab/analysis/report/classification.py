@@ -51,7 +51,7 @@ class Classification:
 
 
 def computed(study: Study, jobs: int, dask: str | None, progress: Progress) -> Classification:
-    """Classify with the sound protocol, or what of it is missing in the report's folder.
+    """Classify with the leak-free protocol, or what of it is missing in the report's folder.
 
     Raises:
         InputError: The data do not allow it, or nothing answers at the Dask address.
@@ -68,14 +68,14 @@ def computed(study: Study, jobs: int, dask: str | None, progress: Progress) -> C
 
 
 def classify_into(collection: Collection, folder: Path, trials: int, team: Any, progress: Progress) -> None:
-    """Classify with the sound protocol as ``tacbench classify`` does without options.
+    """Classify with the leak-free protocol as ``tacbench classify`` does without options.
 
     Args:
         collection: The study.
         folder: Folder of tables, figures and finished trials, held by the caller.
         trials: Trials.
         team: Processes.
-        progress: Told how far it is.
+        progress: Receives what is done, how much of it and of how much.
 
     Raises:
         InputError: See :func:`tacbench_cad.lab.analysis.classification.classify.classify`.

@@ -36,8 +36,8 @@ class Options:
 
     Args:
         variance: A folder of ``tacbench variance`` for these runs; None: computed.
-        classifications: Folders of ``tacbench classify`` for these runs; none: computed with the sound protocol, unless
-            ``classify`` is false.
+        classifications: Folders of ``tacbench classify`` for these runs; none: computed with the leak-free
+            protocol, unless ``classify`` is false.
         classify: Whether there is a section on classification.
         jobs: Processes of this machine.
         dask: Address of a Dask scheduler.
@@ -59,7 +59,7 @@ def write_report(
         runs: Run folders, or folders that hold some.
         out: The page, ``.html``. Its tables and figures go to a folder beside it.
         options: What it is made of.
-        progress: Told how far it is.
+        progress: Receives what is done, how much of it and of how much.
 
     Returns:
         The page, then the files beside it.

@@ -89,6 +89,11 @@ def name_of(combination: str) -> str:
     return PAPER_ROW_NAMES.get((printer, filament), f"{printer} {filament}")
 
 
+def squared(units: str) -> str:
+    """The unit of a variance of readings in these units: ``counts^2``."""
+    return f"{units}^2" if units.isalnum() else f"({units})^2"
+
+
 def short_texture(texture: str) -> str:
     """``4`` for ``texture-4``; a user's own name as it is."""
     return texture.removeprefix("texture-")

@@ -63,7 +63,7 @@ class NestedSums:
 
         Args:
             labels: Texture, printer-filament and copy of each press as whole numbers, shape (n, 3). Copies and
-                printers may be numbered anew within each texture: a print is what all three say.
+                printers may be numbered again within each texture: all three together name a print.
             squares: Sums of squares by level, shape (4,).
 
         Raises:
@@ -75,7 +75,9 @@ class NestedSums:
         if sums.shape != (4,) or not (np.isfinite(sums).all() and (sums >= 0.0).all()):
             raise InputError("squares", sums.tolist(), "must be four finite numbers from 0")
         members = _members(names)
-        totals = np.array([[_share(members[level], members[within]) for level in range(1, 5)] for within in range(5)])
+        totals = np.array(
+            [[_coefficient(members[level], members[within]) for level in range(1, 5)] for within in range(5)]
+        )
         counts = np.array([len(np.unique(member)) for member in members])
         return cls(
             squares=sums,
@@ -101,7 +103,7 @@ def _members(labels: NDArray[Any]) -> list[Ints]:
     return [*groups, np.arange(n)]
 
 
-def _share(level: Ints, within: Ints) -> float:
+def _coefficient(level: Ints, within: Ints) -> float:
     """What one unit of a level's component adds to the sum over groups g of ``n_g |mean_g|^2``.
 
     For a level finer than g it is the sum over g of ``sum over its h of n_h^2 / n_g``; a level that is as coarse or

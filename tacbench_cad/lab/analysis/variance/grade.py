@@ -8,8 +8,8 @@ between prints and (kR-1)/(kR) of that between repeats, so three prints read up 
 is compared, an interval is brought to the paper's six prints of two repeats: its lower end by the smaller of the two
 factors that this takes, its upper end by the larger one, because the fraction of the prints is not known well.
 
-A figure holds the sensor's noise too. That prints are less consistent is said only where our figure stays above the
-published one with our noise floor taken off; the other way round the paper's own noise is not known, which is said.
+A figure contains the sensor's noise too. The verdict is "less consistent" only where our figure stays above the
+published one with our noise floor taken off; the noise in the published figures is unknown.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Literal
 
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.tables import Column, Row, Table, short
-from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, Cell, Level
+from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, Cell, Level, squared
 from tacbench_cad.lab.analysis.variance.grade_limits import Context, factors, limits, texture_number
 from tacbench_cad.util.errors import InputError, nearest
 from tacbench_cad.util.text import interval
@@ -191,7 +191,7 @@ def grade(cells: Sequence[Cell], context: Context, force_level: Level = ALL_LEVE
                 printer=printer,
                 filament=filament,
                 force_level=force_level,
-                units=context.unit,
+                units=squared(context.units),
                 textures=tuple(textures),
                 verdicts=tuple(_judged(i, textures, context) for i in range(len(published.PAPER_VARIANCE))),
                 limits=limits(mine, context, force_level),

@@ -85,11 +85,6 @@ class Context:
         )
 
     @property
-    def unit(self) -> str:
-        """The unit of a variance."""
-        return f"{self.units}^2" if self.units.isalnum() else f"({self.units})^2"
-
-    @property
     def comparable(self) -> bool:
         """Whether the figures have the published figures' unit at all."""
         return self.units == UNITS

@@ -6,8 +6,8 @@ positions) estimates::
 
     E[V] = (1 - 1/k) sigma_P^2 + (1 - 1/(k R)) sigma_e^2
 
-that is what the same statistic would be on average if the k prints were printed anew. The interval covers this number.
-With ddof 1 the factors are (1 - (R-1)/(kR-1)) and 1. The floor-removed version is E[V] less the floor's share
+that is what the same statistic would be on average if the k prints were printed again. The interval covers this number.
+With ddof 1 the factors are (1 - (R-1)/(kR-1)) and 1. The floor-removed version is E[V] less the floor times
 (1 - 1/(k R)), 1 for ddof 1; the floor counts as known, since it comes from many more frames than there are prints.
 
 What the streaming pass hands over. For each cell (printer-filament, texture) at each (force level, position): the Gram

@@ -7,7 +7,7 @@ in its texture.
 Deviations of k prints from their mean are no independent units (they add to zero): permuting them would find
 differences too often (in simulated studies of six textures in 9 % of cases with six prints and in 14 % with three,
 where 5 % are meant). What is permuted instead is the k - 1 contrasts that the prints of a cell give, which are
-independent and alike if both printers vary alike. In which directions contrasts are taken is drawn anew for every
+independent and alike if both printers vary alike. In which directions contrasts are taken is drawn again for every
 permutation, so that no order of the prints matters.
 
 p counts the data as one of the permutations: (1 + as extreme) / (1 + drawn), both directions. The least p that a design
@@ -39,9 +39,10 @@ class PermutationTest:
 
     Args:
         statistic: Mean over textures of (a - b) / (a + b), a and b being the two variances between prints (of mean
-            readings, so that a share of the repeats is in both); from -1 to 1, above 0 where the first varies more.
+            readings, so that part of the repeats' variance is in both); from -1 to 1, above 0 where the first varies
+            more.
         ratio: Geometric mean over textures of a / b; None where one of them is 0.
-        p: Share of permutations at least as far from 0.
+        p: Fraction of permutations at least as far from 0.
         least_p: The least p that this design could have given.
         textures: Textures that entered.
         prints: Prints of the first and of the second printer.
@@ -119,7 +120,7 @@ def _contrasts(gram: Floats) -> Floats:
 
 
 def _squares(gram: Floats, draws: int, random: np.random.Generator) -> Floats:
-    """Squares of the contrasts, in directions drawn anew for each permutation, (draws, k-1)."""
+    """Squares of the contrasts, in directions drawn again for each permutation, (draws, k-1)."""
     n = len(gram)
     turns = np.linalg.qr(random.standard_normal((draws, n, n)))[0]
     return np.asarray(np.einsum("dij,ik,dkj->dj", turns, gram, turns, optimize=True))

@@ -34,8 +34,8 @@ from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.types import Floats32, Ints
 
-#: An axis is fitted if its slopes have at least this share of the other axis's square.
-_LEAST_SLOPE = 0.01
+#: An axis is fitted if its slopes have at least this fraction of the other axis's square.
+_MIN_SLOPE = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,18 +69,8 @@ class Seating:
     def rows(self) -> Iterator[dict[str, Any]]:
         """Rows of ``registration.csv``."""
         for copy, (x, y) in self.offsets_mm.items():
-            yield {
-                "printer": self.printer,
-                "filament": self.filament,
-                "texture": self.texture,
-                "force_level": self.force_level,
-                "copy": copy,
-                "x_mm": x,
-                "y_mm": y,
-                "variance": self.variance,
-                "seating": self.seating,
-                "variance_without_seating": self.remaining,
-            }
+            offsets = {"copy": copy, "x_mm": x, "y_mm": y}
+            yield {**vars(self), **offsets, "variance_without_seating": self.remaining}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,7 +155,7 @@ def _seating(task: _Task, *, grid: PressGrid, preprocess: Preprocess, ddof: int)
     if sums is None or not usable.all():
         return None
     sums /= presses[:, None]
-    # Sums of squares about the mean; 32 bits are enough for a share, the table itself is computed in 64.
+    # Sums of squares about the mean; 32 bits are enough for a fraction, the table itself is computed in 64.
     squares -= presses * np.einsum("ij,ij->i", sums, sums, dtype=np.float64) / sums.shape[1]
     copies = sorted({copy for _, _, copy, _ in task.presses})
     fit = _fit(task, preprocess, sums, grid, {copy: i for i, copy in enumerate(copies)}, presses - ddof)
@@ -216,7 +206,7 @@ def _fit(
         normal[order[copy]] += weight * products
         right[order[copy]] += weight * (slopes @ (values - means[position])).astype(np.float64) / pixels
     seen = np.diag(normal.sum(axis=0))
-    axes = [i for i in (0, 1) if seen[i] > _LEAST_SLOPE * seen.max()]
+    axes = [i for i in (0, 1) if seen[i] > _MIN_SLOPE * seen.max()]
     offsets: list[tuple[float | None, float | None]] = []
     explained = 0.0
     for i in range(k):

@@ -125,7 +125,7 @@ class _Place:
 
 @dataclass(frozen=True, kw_only=True)
 class _Task:
-    """A share of the work that a process can do on its own.
+    """A part of the work that a process can do on its own.
 
     Args:
         runs: The runs, with nothing read of them.
@@ -251,7 +251,7 @@ def _tasks(collection: Collection, preprocess: Preprocess, jobs: int) -> list[_T
     ]
     still = [i for i, run in enumerate(collection.runs) if _still_frames(run)]
     count = 1 if jobs == 1 else min(TASKS_PER_JOB * jobs, len(every))
-    # Runs anew: what was read of them in this process is not sent along.
+    # New objects: what this process has read of the runs is not sent along.
     # Whole paths: the workers of a cluster stand in other folders.
     runs = tuple(Run(folder=run.folder.absolute(), info=run.info) for run in collection.runs)
     designs = designs_of(collection)
@@ -269,7 +269,7 @@ def _tasks(collection: Collection, preprocess: Preprocess, jobs: int) -> list[_T
 
 
 class _Worker:
-    """Reads and sums the share of one task."""
+    """Reads and sums the presses of one task."""
 
     def __init__(self, task: _Task) -> None:
         self.task = task

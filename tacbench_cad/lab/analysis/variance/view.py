@@ -29,6 +29,7 @@ from tacbench_cad.lab.analysis.variance.cells import (
     name_of,
     short_texture,
     shown_levels,
+    squared,
 )
 from tacbench_cad.lab.analysis.variance.components import LIMIT_FACTOR
 from tacbench_cad.lab.analysis.variance.notes import variance_warnings
@@ -244,8 +245,7 @@ class VarianceView:
     @property
     def unit(self) -> str:
         """The unit of a variance: ``counts^2``."""
-        units = self.collection.units
-        return f"{units}^2" if units.isalnum() else f"({units})^2"
+        return squared(self.collection.units)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -283,11 +283,7 @@ class VarianceView:
         if self.tables["permutation"].rows:
             yield "permutation", self._test_table()
         if self.settings.registered:
-            table = self.tables["registration"]
-            title = (
-                "registration: the part of the variance that differences in placement explain (ours, not the paper's)"
-            )
-            yield "registration", table.select(*(column.name for column in table.columns), title=title)
+            yield "registration", self._seating_table()
 
     def _level_table(self, level: Level) -> Table:
         """The variance table at one level: a few lines for each printer-filament, a column for each texture."""
@@ -358,6 +354,22 @@ class VarianceView:
             Column("prints", derived=lambda row: f"{row['prints_first']}, {row['prints_second']}", right=True),
             *("ratio", "p", "p_holm", "least_p"),
             title="do two printers vary alike from print to print? (permutation test, prints permuted)",
+        )
+
+    def _seating_table(self) -> Table:
+        """The variance of each cell with and without differences in placement, and the largest of these."""
+        cells: dict[tuple[Any, ...], dict[str, Any]] = {}
+        for row in self.tables["registration"].rows:
+            cell = cells.setdefault(tuple(row[column.name] for column in _CELL), {**row, "x_mm": None, "y_mm": None})
+            for axis in ("x_mm", "y_mm"):
+                offsets = [abs(one[axis]) for one in (cell, row) if one[axis] is not None]
+                cell[axis] = max(offsets, default=None)
+        table = Table(columns=COLUMNS["registration"], rows=tuple(cells.values()))
+        return table.select(
+            Column("force", derived=lambda row: self._level_name(row["force_level"])),
+            *("printer", "filament", "texture", "variance", "seating", "variance_without_seating"),
+            *(Column(f"{axis}_mm", head=f"largest offset {axis} (mm)", text=lambda mm: f"{mm:.3f}") for axis in "xy"),
+            title="registration: the part of the variance that differences in placement explain (not in the paper)",
         )
 
     def _level_name(self, level: Level) -> str:
