@@ -3,8 +3,8 @@
 The unit is the print. For each hold-out level and each texture, the accuracy on a print (the fraction of its readings
 whose texture was predicted, mean over presses and trials) is one number. Where both sensors pressed the same prints
 (run folders of one name), the difference of each print's two numbers is taken, which leaves out that some prints are
-easier; else two independent samples are compared (Welch 1947). With SE the standard error of the mean difference and its degrees of
-freedom f, the 95 % interval is ``difference +- t(0.975, f) SE``, and::
+easier; else two independent samples are compared (Welch 1947). With SE the standard error of the mean difference and
+its degrees of freedom f, the 95 % interval is ``difference +- t(0.975, f) SE``, and::
 
     smallest difference = (t(0.975, f) + t(0.8, f)) SE
 

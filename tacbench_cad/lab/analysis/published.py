@@ -12,7 +12,7 @@ from dataclasses import dataclass
 Combination = tuple[str, str]
 
 #: Variance, mean over pixels and positions, counts^2, textures 1 to 6. PAPER.md, "The tables to reproduce", first
-#: table. The text says neither grey nor colour, nor which force, nor ddof.
+#: table. The text does not say whether the images are grey, at which force, or which ddof.
 PAPER_VARIANCE: Mapping[Combination, tuple[float, ...]] = {
     ("ender-3-v3-se", "pla-plus"): (2.60, 10.36, 12.12, 10.75, 7.026, 8.28),  # "| Ender-3 V3 SE, PLA+ | ..."
     ("bambu-p1p", "pla-minus"): (2.80, 2.64, 3.61, 3.67, 3.63, 3.51),  # "| Bambu, PLA- | ..."
