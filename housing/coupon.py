@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from housing.engraving import engraved
 from housing.fits import (
     FITS,
-    LEAST_FLOOR_MM,
+    MIN_FLOOR_MM,
     NOZZLE_MM,
     least_bearing_wall_mm,
     require_nozzle,
@@ -77,7 +77,7 @@ class Coupon(Fixture):
         walls = dict(self.walls_mm)
         fine = {name: walls.pop(name) for name in ("tab", "wall inside a numeral", "wall beside a numeral")}
         require_walls("nozzle", self.nozzle_mm, fine, self.nozzle_mm)
-        require_walls("floor", FLOOR_MM, {"floor": walls.pop("floor")}, LEAST_FLOOR_MM)
+        require_walls("floor", FLOOR_MM, {"floor": walls.pop("floor")}, MIN_FLOOR_MM)
         require_walls("nozzle", self.nozzle_mm, walls, least_bearing_wall_mm(self.nozzle_mm))
 
     @property

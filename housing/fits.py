@@ -10,9 +10,9 @@ from tacbench_cad.spec.fits import clearance_mm as clearance_mm
 from tacbench_cad.util.errors import InputError
 
 #: Least thickness below a pocket, in mm.
-LEAST_FLOOR_MM = 1.2
+MIN_FLOOR_MM = 1.2
 #: Least thickness of a wall that bears something, in mm; also at least two nozzle widths.
-LEAST_WALL_MM = 1.6
+MIN_WALL_MM = 1.6
 #: Width of the nozzle that the fixtures are laid out for, in mm.
 NOZZLE_MM = 0.4
 #: Nozzles outside of this range are taken for mistakes, in mm; resin printers count as their pixel.
@@ -34,7 +34,7 @@ def require_nozzle(nozzle_mm: float) -> None:
 
 def least_bearing_wall_mm(nozzle_mm: float) -> float:
     """Least thickness of a wall that bears something: 1.6 mm, or two nozzle widths where that is more."""
-    return max(LEAST_WALL_MM, 2.0 * nozzle_mm)
+    return max(MIN_WALL_MM, 2.0 * nozzle_mm)
 
 
 def require_walls(field: str, value: object, walls: Mapping[str, float], least_mm: float) -> None:

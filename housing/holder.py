@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from housing.fits import (
-    LEAST_FLOOR_MM,
+    MIN_FLOOR_MM,
     NOZZLE_MM,
     ROUNDING_MM,
     clearance_mm,
@@ -45,9 +45,9 @@ MARGIN_MM = 11.0
 #: Between two pockets: a contact of 10 mm radius, 4 mm from the block's edge, stays clear of the next block, in mm.
 WEB_MM = 8.0
 #: Least depth of a pocket that still holds a block, in mm.
-LEAST_DEPTH_MM = 1.0
+MIN_DEPTH_MM = 1.0
 #: Most slots in one tray.
-MOST_SLOTS = 24
+MAX_SLOTS = 24
 #: Holders: made to the block, or the one that the authors printed.
 PRESETS: tuple[str, ...] = ("fitted", "released")
 
@@ -136,8 +136,8 @@ class Holder(Fixture):
         if self.quarter_turns not in (None, 0, 1, 2, 3):
             raise InputError("quarter turns", self.quarter_turns, "must be 0, 1, 2 or 3")
         clearance_mm(self.fit)
-        if isinstance(self.slots, bool) or not isinstance(self.slots, int) or not 1 <= self.slots <= MOST_SLOTS:
-            raise InputError("slots", self.slots, f"must be a whole number from 1 to {MOST_SLOTS}")
+        if isinstance(self.slots, bool) or not isinstance(self.slots, int) or not 1 <= self.slots <= MAX_SLOTS:
+            raise InputError("slots", self.slots, f"must be a whole number from 1 to {MAX_SLOTS}")
         for field in ("rim_mm", "floor_mm", "margin_mm", "web_mm"):
             value = getattr(self, field)
             if isinstance(value, bool) or not math.isfinite(value):
@@ -148,17 +148,17 @@ class Holder(Fixture):
             self._check_fitted()
 
     def _check_fitted(self) -> None:
-        most = self.block.height_mm - LEAST_DEPTH_MM
+        most = self.block.height_mm - MIN_DEPTH_MM
         if not 0.0 <= self.rim_mm <= most:
             height = self.block.height_mm
             raise InputError(
                 "rim",
                 self.rim_mm,
-                f"must be from 0 to {most:.4g} mm: a block {height:.4g} mm high needs a pocket of {LEAST_DEPTH_MM:g} mm"
+                f"must be from 0 to {most:.4g} mm: a block {height:.4g} mm high needs a pocket of {MIN_DEPTH_MM:g} mm"
                 if most >= 0.0
-                else f"the block is {height:.4g} mm high, less than the least pocket depth of {LEAST_DEPTH_MM:g} mm",
+                else f"the block is {height:.4g} mm high, less than the least pocket depth of {MIN_DEPTH_MM:g} mm",
             )
-        require_walls("floor", self.floor_mm, {"floor": self.floor_mm}, LEAST_FLOOR_MM)
+        require_walls("floor", self.floor_mm, {"floor": self.floor_mm}, MIN_FLOOR_MM)
         least = least_bearing_wall_mm(self.nozzle_mm)
         walls = dict(self.walls_mm)
         del walls["floor"]
@@ -187,7 +187,7 @@ class Holder(Fixture):
                 f"the authors' holder has a pocket of {mm(*room)} and takes sides of up to 2 mm less; "
                 "other blocks need the fitted one",
             )
-        if not LEAST_DEPTH_MM <= RELEASED.pocket_mm[2] <= self.block.height_mm:
+        if not MIN_DEPTH_MM <= RELEASED.pocket_mm[2] <= self.block.height_mm:
             raise InputError(
                 "height", self.block.height_mm, f"the authors' pocket is {RELEASED.pocket_mm[2]:g} mm deep"
             )

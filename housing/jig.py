@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from housing.engraving import engraved
 from housing.fits import (
     FITS,
-    LEAST_FLOOR_MM,
+    MIN_FLOOR_MM,
     NOZZLE_MM,
     ROUNDING_MM,
     clearance_mm,
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 
 #: Least length of a lip between two corners, in mm.
-LEAST_LIP_LENGTH_MM = 8.0
+MIN_LIP_LENGTH_MM = 8.0
 #: Least wall between an engraving and the jig's edge, in mm.
 EDGE_MM = 0.8
 
@@ -149,15 +149,15 @@ class Jig(Fixture):
     def _check_plate(self) -> None:
         walls = dict(self.seat.walls_mm)
         roof = {name: walls.pop(name) for name in ("roof", "roof below the marks")}
-        require_walls("roof", ROOF_MM, roof, LEAST_FLOOR_MM)
+        require_walls("roof", ROOF_MM, roof, MIN_FLOOR_MM)
         require_walls("nozzle", self.nozzle_mm, walls, least_bearing_wall_mm(self.nozzle_mm))
         short = min(self.seat.lip_lengths_mm)
-        if short < LEAST_LIP_LENGTH_MM:
+        if short < MIN_LIP_LENGTH_MM:
             raise InputError(
                 "size",
                 mm(*self.holder.block.size_mm),
                 f"a lip of the jig would be {short:.4g} mm long between the screws' corners, "
-                f"at least {LEAST_LIP_LENGTH_MM:g} mm is needed",
+                f"at least {MIN_LIP_LENGTH_MM:g} mm is needed",
             )
         lost = outside_mm2([groove.outer for groove in self._grooves_in_holder], self.seat.outline(), EDGE_MM)
         if lost > 1e-6:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from housing.fits import LEAST_WALL_MM
+from housing.fits import MIN_WALL_MM
 from housing.shapes import Bore, Rectangle
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
@@ -131,12 +131,10 @@ class PushOut:
         """
         x, y = block.size_mm
         wide, narrow = PUSH_OUTS_MM
-        diameter = wide if (min(x, y) - wide) / 2.0 >= LEAST_WALL_MM else narrow
+        diameter = wide if (min(x, y) - wide) / 2.0 >= MIN_WALL_MM else narrow
         places = [(x * a, y * b) for a in _PUSH_OUT_SHARES for b in _PUSH_OUT_SHARES]
         holes = [cls._at(place, diameter, block) for place in places]
-        holes = [one for one in holes if one.ledge_mm >= LEAST_WALL_MM] or [
-            cls._at((x / 2.0, y / 2.0), diameter, block)
-        ]
+        holes = [one for one in holes if one.ledge_mm >= MIN_WALL_MM] or [cls._at((x / 2.0, y / 2.0), diameter, block)]
         clear = [one for one in holes if one.clear_of_press_mm >= _PUSH_OUT_CLEAR_MM]
         if clear:
             return min(clear, key=lambda one: math.dist(one.bore.at_mm, (x / 2.0, y / 2.0)))

@@ -16,7 +16,7 @@ from tacbench_cad.util.types import Floats
 #: Width of the hairs, in mm. It is a gap, not a wall, so it stays the same for every nozzle.
 HAIR_MM = 0.4
 #: Pieces of a hair shorter than this are left out, in mm.
-LEAST_PIECE_MM = 0.3
+MIN_PIECE_MM = 0.3
 #: Depth of all engravings, in mm.
 DEPTH_MM = 0.4
 #: Steps in an outline that are smaller than this are taken out: overlapping strokes leave them at their joints, in mm.
@@ -116,11 +116,11 @@ class _Hair:
             found.append((start, min(low, self.ends[1])))
             start = max(start, high)
         found.append((start, self.ends[1]))
-        return [(a, b) for a, b in found if b - a >= LEAST_PIECE_MM]
+        return [(a, b) for a, b in found if b - a >= MIN_PIECE_MM]
 
     def passes(self, place: float) -> bool:
         """Whether the hair runs through a point of its axis."""
-        half = LEAST_PIECE_MM / 2.0
+        half = MIN_PIECE_MM / 2.0
         return any(a <= place - half and place + half <= b for a, b in self.pieces())
 
 

@@ -21,7 +21,7 @@ _FLOAT32 = 2.0**-23
 #: About so many points are taken inside the triangles of a top; never fewer than four in each triangle.
 POINTS = 200_000
 #: The finest lattice of points in one triangle: so many steps along a side, 1,035 points.
-MOST_STEPS = 44
+MAX_STEPS = 44
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +68,7 @@ def points_on(mesh: Mesh, which: Bools, points: int = POINTS) -> Floats:
     """
     triangles = mesh.triangles[which]
     wanted = points / max(len(triangles), 1)
-    steps = int(np.clip(2 * round(np.sqrt(2.0 * wanted) / 2.0), 2, MOST_STEPS))
+    steps = int(np.clip(2 * round(np.sqrt(2.0 * wanted) / 2.0), 2, MAX_STEPS))
     first, second = np.meshgrid(np.arange(steps + 1), np.arange(steps + 1), indexing="ij")
     corner = (np.maximum(first, second) == steps) | (first + second == 0)
     inside = (first + second <= steps) & ~corner

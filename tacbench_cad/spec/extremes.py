@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 from tacbench_cad.util.types import Floats
 
 #: Cells alive at one time: past this the search stops and reports the gap that it has proved so far.
-MOST_CELLS = 2_000_000
+MAX_CELLS = 2_000_000
 #: Halvings after which rounding would decide.
-MOST_ROUNDS = 60
+MAX_ROUNDS = 60
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ def _highest_1d(
     half = (high - low) / (2 * cells)
     centre = np.asarray(low + half * (2 * np.arange(cells) + 1), dtype=np.float64)
     gap = 0.0
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         value = np.asarray(sign * function(centre), dtype=np.float64)
         best, place = _better(best, place, value, centre)
         best, place = _polish_1d(function, sign, best, place, low, high)
@@ -153,7 +153,7 @@ def _highest_1d(
         if gap <= error:
             return best, place, max(gap, 0.0)
         centre = centre[upper > best + error]
-        if 2 * len(centre) > MOST_CELLS:
+        if 2 * len(centre) > MAX_CELLS:
             break
         half /= 2.0
         centre = np.concatenate([centre - half, centre + half])
@@ -202,7 +202,7 @@ def _highest_2d(
     grid_v = v[0] + half_v * (2 * np.arange(count_v) + 1)
     cu, cv = (part.ravel() for part in np.meshgrid(grid_u, grid_v, indexing="ij"))
     best, place, gap = -np.inf, (u[0], v[0]), np.inf
-    for _ in range(2 * MOST_ROUNDS):
+    for _ in range(2 * MAX_ROUNDS):
         if keep is not None:
             cu, cv = _inside(keep, cu, cv, half_u, half_v)
         value = sign * function(cu, cv)
@@ -214,7 +214,7 @@ def _highest_2d(
         if gap <= error:
             break
         alive = upper > best + error
-        if 2 * np.count_nonzero(alive) > MOST_CELLS:
+        if 2 * np.count_nonzero(alive) > MAX_CELLS:
             break
         cu, cv = cu[alive], cv[alive]
         if uu * half_u**2 >= vv * half_v**2:

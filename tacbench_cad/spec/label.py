@@ -17,9 +17,9 @@ LABEL_DEPTH_MM = 0.4
 #: Width of a stroke, in mm.
 STROKE_MM = 0.8
 #: Least height of a glyph, in mm.
-LEAST_GLYPH_MM = 3.0
+MIN_GLYPH_MM = 3.0
 #: Height that no glyph passes, however much room there is, in mm.
-MOST_GLYPH_MM = 5.0
+MAX_GLYPH_MM = 5.0
 #: Room between the strokes and the block's outline, in mm: the least wall of the fixtures.
 MARGIN_MM = 1.6
 #: Heights are tried in such steps, in mm.
@@ -43,7 +43,7 @@ class Engraving:
     """
 
     contours: tuple[Floats, ...]
-    glyph_mm: float = LEAST_GLYPH_MM
+    glyph_mm: float = MIN_GLYPH_MM
 
     @property
     def area_mm2(self) -> float:
@@ -171,9 +171,9 @@ def engrave(words: tuple[str, ...], size_mm: tuple[float, float], key_mm: float)
         raise InputError("label", text, "needs at least one character")
     pages = (_Page(size_mm, key_mm, False), _Page(size_mm, key_mm, True))
     breaks = _breaks(text)
-    steps = round((MOST_GLYPH_MM - LEAST_GLYPH_MM) / _STEP_MM)
+    steps = round((MAX_GLYPH_MM - MIN_GLYPH_MM) / _STEP_MM)
     for step in range(steps + 1):
-        height = round(MOST_GLYPH_MM - step * _STEP_MM, 2)
+        height = round(MAX_GLYPH_MM - step * _STEP_MM, 2)
         for page in pages:
             for lines in breaks:
                 layout = _Layout(lines, height)
@@ -187,7 +187,7 @@ def _refusal(breaks: list[tuple[str, ...]], pages: tuple[_Page, _Page]) -> str:
     """What the least room at the least height is, against what is there."""
     needs = []
     for lines in breaks:
-        layout = _Layout(lines, LEAST_GLYPH_MM)
+        layout = _Layout(lines, MIN_GLYPH_MM)
         for page in pages:
             need = (layout.width + 2 * MARGIN_MM, layout.depth + 2 * MARGIN_MM)
             needs.append((max(need[0] / page.width, need[1] / page.depth), need[::-1] if page.along_y else need))
@@ -196,7 +196,7 @@ def _refusal(breaks: list[tuple[str, ...]], pages: tuple[_Page, _Page]) -> str:
     key = pages[0].key_mm
     return (
         f"needs an underside of {math.ceil(10 * x) / 10:g} x {math.ceil(10 * y) / 10:g} mm for glyphs of "
-        f"{LEAST_GLYPH_MM:g} mm, clear of the outline by {MARGIN_MM:g} mm; this one has {have}"
+        f"{MIN_GLYPH_MM:g} mm, clear of the outline by {MARGIN_MM:g} mm; this one has {have}"
         + (f" and a key of {key:g} mm" if key else "")
     )
 
@@ -218,7 +218,7 @@ def _breaks(text: str) -> list[tuple[str, ...]]:
     """Every way to fill lines up to some width, those with the most lines first."""
     pieces = [piece for word in text.split() for piece in _at_hyphens(word)]
     widths = {
-        _width("".join(pieces[i : j + 1]), LEAST_GLYPH_MM) for i in range(len(pieces)) for j in range(i, len(pieces))
+        _width("".join(pieces[i : j + 1]), MIN_GLYPH_MM) for i in range(len(pieces)) for j in range(i, len(pieces))
     }
     found = dict.fromkeys(_fill(pieces, width) for width in sorted(widths))
     return sorted(found, key=len, reverse=True)
@@ -238,7 +238,7 @@ def _fill(pieces: list[str], width: float) -> tuple[str, ...]:
     """Lines filled one after the other up to a width in mm at the least height; a longer piece has its own line."""
     lines = [pieces[0]]
     for piece in pieces[1:]:
-        if _width(lines[-1] + piece, LEAST_GLYPH_MM) <= width + 1e-9:
+        if _width(lines[-1] + piece, MIN_GLYPH_MM) <= width + 1e-9:
             lines[-1] += piece
         else:
             lines.append(piece)

@@ -17,7 +17,7 @@ Terms = Literal["highest", "count"]
 Axes = Literal["x", "y", "xy"]
 
 #: The highest odd multiple that is taken before a series is refused.
-MOST_TERMS = 100_001
+MAX_TERMS = 100_001
 #: Names that a user's texture may not take, because other parts of a print set bear them.
 RESERVED = ("holder", "jig", "coupon", "preview", "manifest", "all")
 
@@ -93,8 +93,8 @@ def series(law: Law, N: int, terms: Terms = "highest", axes: Axes = "xy") -> Wav
     if terms == "highest" and N % 2 == 0:
         raise InputError("N", N, f'must be odd where terms = "highest"; {N - 1} and {N + 1} are')
     highest = N if terms == "highest" else 2 * N - 1
-    if highest > MOST_TERMS:
-        raise InputError("N", N, f"the highest multiple may be {MOST_TERMS} at most")
+    if highest > MAX_TERMS:
+        raise InputError("N", N, f"the highest multiple may be {MAX_TERMS} at most")
     odd = range(1, highest + 1, 2)
     if law == "triangle":
         weights = [(i, 8.0 / math.pi**2 * (-1.0) ** ((i - 1) // 2) / i**2) for i in odd]
@@ -276,4 +276,4 @@ class _Document:
 
     texture: _Equation1 | _Series | _PlaneWaves
     block: BlockTable = field(default_factory=BlockTable)
-    wave: Annotated[tuple[_WaveTable, ...], Length(high=MOST_TERMS)] = ()
+    wave: Annotated[tuple[_WaveTable, ...], Length(high=MAX_TERMS)] = ()

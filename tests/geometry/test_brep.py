@@ -21,7 +21,7 @@ from OCP.TopoDS import TopoDS_Shape
 from OCP.TopTools import TopTools_IndexedDataMapOfShapeListOfShape
 
 from tacbench_cad.geometry.brep import solid_block, solid_refusal, texture_face
-from tacbench_cad.geometry.splines.patches import MOST_POLES, patches
+from tacbench_cad.geometry.splines.patches import MAX_POLES, patches
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.textures import Texture, series
@@ -251,7 +251,7 @@ def test_too_many_poles_names_the_tolerance_that_would_do() -> None:
     with pytest.raises(InputError, match=r"4 million is the most; --step-tolerance \S+ would do") as refusal:
         patches(block, 0.0005)
     proposed = float(refusal.value.allowed.split("--step-tolerance ")[1].split()[0])
-    assert patches(block, proposed).pole_count <= MOST_POLES
+    assert patches(block, proposed).pole_count <= MAX_POLES
 
 
 def test_a_series_of_thousands_of_waves_is_refused() -> None:

@@ -12,9 +12,9 @@ from manifold3d import CrossSection, FillRule, JoinType
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.glyphs import GLYPHS, UNITS_HIGH
 from tacbench_cad.spec.label import (
-    LEAST_GLYPH_MM,
     MARGIN_MM,
-    MOST_GLYPH_MM,
+    MAX_GLYPH_MM,
+    MIN_GLYPH_MM,
     STROKE_MM,
     Engraving,
     engrave,
@@ -86,7 +86,7 @@ def differing(first: Bools, second: Bools) -> float:
 def test_each_glyph_reads_from_below(character: str, size: tuple[float, float]) -> None:
     """Turned over about x, a lone glyph looks as drawn; neither its mirror image nor another glyph does it better."""
     engraving = engrave((character,), size, 0.0)
-    assert engraving.glyph_mm == (MOST_GLYPH_MM if size[0] == 30.0 else LEAST_GLYPH_MM)
+    assert engraving.glyph_mm == (MAX_GLYPH_MM if size[0] == 30.0 else MIN_GLYPH_MM)
     picture = seen_from_below(engraving)
     scores = {one: differing(picture, as_drawn(one, engraving.glyph_mm)) for one in GLYPHS}
     assert scores[character] < 0.12
@@ -99,7 +99,7 @@ def test_glyphs_differ() -> None:
     """No two glyphs share more than nine tenths of their ink."""
     alike = []
     for first, second in itertools.combinations(sorted(GLYPHS), 2):
-        a, b = as_drawn(first, LEAST_GLYPH_MM), as_drawn(second, LEAST_GLYPH_MM)
+        a, b = as_drawn(first, MIN_GLYPH_MM), as_drawn(second, MIN_GLYPH_MM)
         shape = [max(a.shape[i], b.shape[i]) for i in (0, 1)]
         a, b = (np.pad(one, [(0, shape[i] - one.shape[i]) for i in (0, 1)]) for one in (a, b))
         if np.count_nonzero(a != b) <= 0.1 * np.count_nonzero(a | b):
@@ -241,7 +241,7 @@ def test_the_room_that_a_refusal_names_is_enough() -> None:
         engrave(words, (10.0, 12.0), 0.0)
     numbers = refused.value.allowed.split("underside of ")[1].split(" mm")[0].split(" x ")
     engraving = engrave(words, (float(numbers[0]), float(numbers[1])), 0.0)
-    assert LEAST_GLYPH_MM <= engraving.glyph_mm < LEAST_GLYPH_MM + 0.2
+    assert MIN_GLYPH_MM <= engraving.glyph_mm < MIN_GLYPH_MM + 0.2
 
 
 @pytest.mark.parametrize("word", ["Ä", "T_4", "a/b", "T4\n"])

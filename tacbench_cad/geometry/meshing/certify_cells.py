@@ -17,9 +17,9 @@ from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.types import Floats
 
 #: Parts of all cells together, at most (unless there are more cells).
-MOST_PARTS = 1_000_000
+MAX_PARTS = 1_000_000
 #: Parts along each side of a cell, at most.
-MOST_PARTS_A_SIDE = 12
+MAX_PARTS_A_SIDE = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class Cells:
 
     def __init__(self, surface: WaveSum, x: Floats, y: Floats) -> None:
         cells = (len(x) - 1) * (len(y) - 1)
-        self._parts = max(1, min(MOST_PARTS_A_SIDE, math.isqrt(MOST_PARTS // cells)))
+        self._parts = max(1, min(MAX_PARTS_A_SIDE, math.isqrt(MAX_PARTS // cells)))
         fine_x, fine_y = _refined(x, self._parts), _refined(y, self._parts)
         self._value = surface.grid(fine_x, fine_y)
         a, b = np.diff(x)[:, None], np.diff(y)[None, :]

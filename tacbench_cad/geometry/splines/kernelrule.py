@@ -20,7 +20,7 @@ from tacbench_cad.util.types import Floats
 #: The most Gauss points that the kernel's default area and volume take along an axis of a face.
 KERNEL_POINTS = 61
 #: Pieces along an axis that are looked at.
-_MOST_PIECES_LOOKED_AT = 14
+_MAX_PIECES_LOOKED_AT = 14
 #: Rows of points summed in one array operation.
 _ROWS_AT_A_TIME = 64
 
@@ -32,7 +32,7 @@ def area_error(block: Block, pieces: tuple[int, int]) -> float:
     """
     areas = []
     for more in (1, 2):
-        taken = [min(count, _MOST_PIECES_LOOKED_AT) for count in pieces]
+        taken = [min(count, _MAX_PIECES_LOOKED_AT) for count in pieces]
         ends = [side * few / count for side, few, count in zip(block.size_mm, taken, pieces, strict=True)]
         (x, weight_x), (y, weight_y) = (_gauss(end, more * few) for end, few in zip(ends, taken, strict=True))
         areas.append(sum(float(np.dot(weight_x[rows], area)) for rows, area in _strips(block.surface, x, y, weight_y)))

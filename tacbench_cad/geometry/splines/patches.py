@@ -20,7 +20,7 @@ from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Complexes, Floats
 
 #: A surface that would need more poles than this is refused.
-MOST_POLES = 4_000_000
+MAX_POLES = 4_000_000
 #: Tolerances below this, ten times the kernel's own, are refused.
 FINEST_TOLERANCE_MM = 1e-6
 #: Polynomial degree of the splines, along an axis without waves as well. Texture 4 of preset paper takes 136,000 poles
@@ -29,9 +29,9 @@ FINEST_TOLERANCE_MM = 1e-6
 DEGREE = 5
 #: Fewest spans on a piece, also along an axis without waves: the kernel's default volume takes as many points as twice
 #: the spans times (degree + 1) along y, for both axes of a face; with 5 spans that is 60 of at most 61.
-LEAST_SPANS = 5
+MIN_SPANS = 5
 #: More spans on a piece are not tried: an axis that needs more gets more pieces.
-MOST_SPANS = 64
+MAX_SPANS = 64
 #: Waves of the finest kind on one piece, at most. More leave the kernel's area and volume wrong, fewer make it slow.
 WAVES_PER_PIECE = 6.5
 #: Error of the kernel's area of the top, relative to the area of the block, that is let pass.
@@ -39,7 +39,7 @@ AREA_ERROR = 5e-5
 #: The part of the tolerance that is aimed at: a tenth more poles, half the ripple in the area.
 AIM = 0.5
 #: Waves above which no other tolerance is tried for the sake of a better message.
-_MOST_WAVES_PLANNED = 1500
+_MAX_WAVES_PLANNED = 1500
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,12 +123,12 @@ def patches(block: Block, tolerance_mm: float) -> Patches:
         tolerance_mm: Greatest distance along z in mm.
 
     Raises:
-        InputError: The tolerance is not allowed, or needs more than :data:`MOST_POLES` poles.
+        InputError: The tolerance is not allowed, or needs more than :data:`MAX_POLES` poles.
     """
     if not (math.isfinite(tolerance_mm) and tolerance_mm >= FINEST_TOLERANCE_MM):
         raise InputError("step-tolerance", tolerance_mm, f"must be at least {FINEST_TOLERANCE_MM:g} mm")
     plan = _plan(block, tolerance_mm)
-    if plan.poles > MOST_POLES:
+    if plan.poles > MAX_POLES:
         raise InputError("step-tolerance", tolerance_mm, _too_many(block, tolerance_mm, plan.poles))
     x, y = plan.axes(block)
     bound = _bound(block.surface, x, y)
@@ -184,7 +184,7 @@ def _steps(length: float, count: int) -> Floats:
 def _plan(block: Block, tolerance_mm: float) -> _Plan:
     """Patches for a tolerance; half of what is aimed at belongs to each axis.
 
-    Where even the fewest spans make more than :data:`MOST_POLES` poles, that plan is returned.
+    Where even the fewest spans make more than :data:`MAX_POLES` poles, that plan is returned.
     """
     table = block.surface.table[block.surface.table[:, 0] != 0.0]
     amplitude = np.abs(table[:, 0])
@@ -194,19 +194,19 @@ def _plan(block: Block, tolerance_mm: float) -> _Plan:
     limit = 1024.0 * max(float(f.max()) for f in frequency)
     while max(finest) <= limit:
         pieces, in_key = _pieces(block, finest)
-        least = _Plan(pieces, in_key, (LEAST_SPANS, LEAST_SPANS))
-        if least.poles > MOST_POLES:
+        least = _Plan(pieces, in_key, (MIN_SPANS, MIN_SPANS))
+        if least.poles > MAX_POLES:
             return least
         along_x = _spans(frequency[0] * _widest(block, 0, pieces, in_key), amplitude, share)
         weight = amplitude
-        if along_x <= MOST_SPANS and not block.surface.is_separable:
+        if along_x <= MAX_SPANS and not block.surface.is_separable:
             turn = frequency[0] * _widest(block, 0, pieces, in_key)
             single = [basis(DEGREE, along_x).error(turn[[k]], np.ones(1)) for k in range(len(turn))]
             weight = amplitude * (1.0 + np.array(single))
         along_y = _spans(frequency[1] * _widest(block, 1, pieces, in_key), weight, share)
-        if max(along_x, along_y) <= MOST_SPANS:
+        if max(along_x, along_y) <= MAX_SPANS:
             return _Plan(pieces, in_key, (along_x, along_y))
-        finest = [fine * (2.0 if n > MOST_SPANS else 1.0) for fine, n in zip(finest, (along_x, along_y), strict=True)]
+        finest = [fine * (2.0 if n > MAX_SPANS else 1.0) for fine, n in zip(finest, (along_x, along_y), strict=True)]
     raise InputError("step-tolerance", tolerance_mm, "is too fine for the rounding of this surface")
 
 
@@ -247,29 +247,29 @@ def _widest(block: Block, axis: int, pieces: tuple[int, int], in_key: int) -> fl
 
 
 def _spans(turn: Floats, weight: Floats, share: float) -> int:
-    """The fewest spans on one piece that keep the error within a share; one more than :data:`MOST_SPANS` if none do.
+    """The fewest spans on one piece that keep the error within a share; one more than :data:`MAX_SPANS` if none do.
 
     On spans of which one holds the part a < 1/2 of a wave, a spline takes the wave for its alias with 1 - a as well, so
     that its error is near ``2 (a / (1 - a))^(degree + 1)``. From there one or two steps find the number.
     """
     if not np.any(turn):
-        return LEAST_SPANS
-    tried = np.arange(LEAST_SPANS, MOST_SPANS + 1)
+        return MIN_SPANS
+    tried = np.arange(MIN_SPANS, MAX_SPANS + 1)
     part = np.minimum(np.abs(turn) / (2.0 * math.pi * tried[:, None]), 0.5)
     near = 2.0 * (part / (1.0 - part)) ** (DEGREE + 1) @ weight
     enough = np.flatnonzero(near <= share)
-    found = int(tried[enough[0]]) if len(enough) else MOST_SPANS
+    found = int(tried[enough[0]]) if len(enough) else MAX_SPANS
 
     @cache
     def error(spans: int) -> float:
         return basis(DEGREE, spans).error(turn, weight)
 
     while error(found) > share:
-        if found == MOST_SPANS:
-            return MOST_SPANS + 1
+        if found == MAX_SPANS:
+            return MAX_SPANS + 1
         further = math.ceil(found * (error(found) / share) ** (1.0 / (DEGREE + 1)))
-        found = min(max(found + 1, further), MOST_SPANS)
-    while found > LEAST_SPANS and error(found - 1) <= share:
+        found = min(max(found + 1, further), MAX_SPANS)
+    while found > MIN_SPANS and error(found - 1) <= share:
         found -= 1
     return found
 
@@ -287,12 +287,12 @@ def _bound(surface: WaveSum, x: Axis, y: Axis) -> float:
 
 def _too_many(block: Block, tolerance_mm: float, poles: int) -> str:
     """What a solid would need, and the tolerance that would do."""
-    need = f"the solid would need at least {poles / 1e6:.3g} million poles, {MOST_POLES / 1e6:g} million is the most"
-    if len(block.surface.waves) > _MOST_WAVES_PLANNED:
+    need = f"the solid would need at least {poles / 1e6:.3g} million poles, {MAX_POLES / 1e6:g} million is the most"
+    if len(block.surface.waves) > _MAX_WAVES_PLANNED:
         return f"{need}; use a coarser --step-tolerance"
     coarser = tolerance_mm
     while coarser < block.relief_mm / 12.0:
         coarser = float(f"{coarser * 3.0:.1g}")
-        if _plan(block, coarser).poles <= MOST_POLES:
+        if _plan(block, coarser).poles <= MAX_POLES:
             return f"{need}; --step-tolerance {coarser:g} would do"
     return f"{need}; no tolerance would do"
