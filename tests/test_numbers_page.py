@@ -14,7 +14,7 @@ from helpers.studies import write_study
 
 from tacbench_cad.cli import main
 from tacbench_cad.lab.analysis import compare
-from tacbench_cad.lab.analysis.classification import classify, score, sweep
+from tacbench_cad.lab.analysis.classification import result, score
 from tacbench_cad.lab.analysis.classification.split_files import PRESS_COLUMNS
 from tacbench_cad.lab.analysis.variance import view
 from tacbench_cad.lab.runs import schema
@@ -28,10 +28,10 @@ KEYED_BY_DATA = ("folds", "recall", "left_out")
 #: Heads of each table, and the page that explains them.
 TABLES = {
     **{f"{name}.csv": [column.name for column in columns] for name, columns in view.COLUMNS.items()},
-    "classification.csv": classify.COLUMNS,
-    "confusion.csv": classify.CONFUSION_COLUMNS,
-    "predictions.csv": classify.PREDICTION_COLUMNS,
-    "sweep.csv": sweep.COLUMNS,
+    "classification.csv": [column.name for column in result.COLUMNS],
+    "confusion.csv": [column.name for column in result.CONFUSION_COLUMNS],
+    "predictions.csv": [column.name for column in result.PREDICTION_COLUMNS],
+    "sweep.csv": [column.name for column in result.SWEEP_COLUMNS],
     "comparison.csv": [column.name for column in compare.COLUMNS],
     "columns of score": score.COLUMNS,
     "presses of a split": PRESS_COLUMNS,
@@ -93,7 +93,7 @@ def test_every_key_of_the_analysis_documents_is_explained(tmp_path: Path, capsys
     pytest.importorskip("matplotlib")
     runs = tmp_path / "runs"
     folders = write_study(runs, grid=PressGrid(x_mm=(4.0, 9.0), y_mm=(20.0,)))
-    quick = ("--trials", "1", "--rungs", "copy", "--components", "2", "--jobs", "1")
+    quick = ("--trials", "1", "--hold-out", "copy", "--components", "2", "--jobs", "1")
     splits, predictions = tmp_path / "splits", tmp_path / "predictions.csv"
     assert main(["runs", "check", *map(str, folders), "--json"]) == 1  # they lack references: findings are shown, too
     assert _unexplained(capsys) == set()
@@ -103,7 +103,7 @@ def test_every_key_of_the_analysis_documents_is_explained(tmp_path: Path, capsys
         ["classify", str(runs), "-o", str(tmp_path / "a"), *quick],
         ["classify", str(runs), "-o", str(tmp_path / "b"), *quick, "--seed", "1"],
         ["compare", str(tmp_path / "a"), str(tmp_path / "b"), "-o", str(tmp_path / "comparison")],
-        ["split", str(runs), "-o", str(splits), "--rungs", "copy"],
+        ["split", str(runs), "-o", str(splits), "--hold-out", "copy"],
     ):
         assert main([*argv, "--json"]) == 0
         assert _unexplained(capsys) == set(), argv[0]

@@ -1,4 +1,4 @@
-"""``tacbench classify``: what the sensor can tell apart."""
+"""``tacbench classify``: which textures the sensor distinguishes."""
 
 from __future__ import annotations
 
@@ -7,16 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import print_json, print_lines, print_simulated, print_table
+from tacbench_cad.cli.common import print_json, print_lines, print_simulated, show_table
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.text import interval
 
 if TYPE_CHECKING:
-    from tacbench_cad.lab.analysis.classification.accuracy import Score
     from tacbench_cad.lab.analysis.classification.augment import Augmentation
-    from tacbench_cad.lab.analysis.classification.classify import Result
-    from tacbench_cad.lab.analysis.classification.settings import Settings
+    from tacbench_cad.lab.analysis.classification.result import Result
     from tacbench_cad.lab.analysis.classification.sweep import SweepResult
 
 
@@ -24,8 +21,8 @@ if TYPE_CHECKING:
 @options.runs
 @options.option(
     "--protocol",
-    kind=options.text("sound|paper"),
-    default="sound",
+    kind=options.text("leak-free|paper"),
+    default="leak-free",
     help="Groups held out whole, or what the paper's text says.",
 )
 @options.option(
@@ -40,7 +37,7 @@ if TYPE_CHECKING:
 )
 @options.option("--seed", kind=options.COUNT, default="0", help="Fixes every number.")
 @options.option(
-    "--rungs",
+    "--hold-out",
     kind=options.NAMES,
     help="Of press,position,force,copy,printer-filament. Default: all that the data support.",
 )
@@ -54,9 +51,9 @@ if TYPE_CHECKING:
 @options.option("--force-level", kind=options.LEVEL, default="all", help="Use the presses of one force level only.")
 @options.option(
     "--resolution",
-    kind=options.Value("SHARE", options.number_of),
+    kind=options.Value("FRACTION", options.number_of),
     default="0.4",
-    help="Share of an image's width and height that is kept.",
+    help="Fraction of an image's width and height that is kept.",
 )
 @options.option(
     "--components",
@@ -95,7 +92,7 @@ def command(
     protocol: str,
     estimators: tuple[str, ...] | None,
     trials: int | None,
-    rungs: tuple[str, ...] | None,
+    hold_out: tuple[str, ...] | None,
     train_on: tuple[str, ...] | None,
     force_level: int | str,
     components: Any,
@@ -108,26 +105,26 @@ def command(
     json: bool,
     **settings: Any,
 ) -> None:
-    """What can the sensor tell apart? Textures classified from the readings, with what is held out said plainly.
+    """Classify textures from the readings, and state what was held out of the training.
 
-    sound (default) makes copies of readings, scales and finds principal components inside each training fold, and
-    holds out whole groups in a ladder: presses, positions, a force, a copy, a printer and filament. A rung that the
-    data cannot support is left out and named. paper does what the paper's text says, prints the paper's figures beside
-    ours, and warns of what inflates its test column.
+    leak-free (default) makes copies of readings, scales and finds principal components inside each training fold. It
+    holds out whole groups: presses, positions, a force, a copy, a printer and filament. A hold-out level that the data
+    cannot support is left out and named. paper does what the paper's text says, prints the paper's figures beside ours,
+    and warns of what inflates its test column.
 
     OUT holds classification.csv, confusion.csv, predictions.csv and figures as PNG and PDF; with --sweep, sweep.csv
-    and its curve. Each finished trial is kept in OUT/trials: after an interruption the same command goes on.
+    and its curve. Each finished trial is kept in OUT/trials: after an interruption the same command resumes.
 
     Examples:
       tacbench classify runs
       tacbench classify runs --protocol paper -o paper-classification
-      tacbench classify runs --estimator my_model:pipeline --rungs copy,printer-filament
-      tacbench classify runs --sweep resolution=0.025:0.475 --rungs copy
+      tacbench classify runs --estimator my_model:pipeline --hold-out copy,printer-filament
+      tacbench classify runs --sweep resolution=0.025:0.475 --hold-out copy
     """
     from tacbench_cad.lab.analysis.classification.classify import MODULES, TRIALS, classify, write_tables
     from tacbench_cad.lab.analysis.classification.figures import draw_result, draw_sweep
     from tacbench_cad.lab.analysis.classification.settings import Settings
-    from tacbench_cad.lab.analysis.classification.splits import RUNGS
+    from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS
     from tacbench_cad.lab.analysis.classification.sweep import Sweep, at_level, run_sweep, write_sweep
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.lab.parallel import workers
@@ -136,13 +133,15 @@ def command(
     from tacbench_cad.util.files import locked
     from tacbench_cad.util.packages import require
 
-    if rungs is not None and protocol == "paper":
-        raise InputError("rungs", ",".join(rungs), "are of --protocol sound; the paper's has train, test and unseen")
-    if train_on is not None and protocol == "sound":
-        raise InputError("train-on", ",".join(train_on), "is of --protocol paper; sound holds out each group in turn")
+    if hold_out is not None and protocol == "paper":
+        what = "is for --protocol leak-free; the paper's has train, test and unseen"
+        raise InputError("hold-out", ",".join(hold_out), what)
+    if train_on is not None and protocol == "leak-free":
+        what = "is for --protocol paper; leak-free holds out each group in turn"
+        raise InputError("train-on", ",".join(train_on), what)
     swept = None if sweep is None else Sweep.parsed(sweep)
     estimators = estimators or (("forest", "network") if protocol == "paper" else ("forest",))
-    own = protocol == "sound" and any(is_plugin(name) for name in estimators)
+    own = protocol == "leak-free" and any(is_plugin(name) for name in estimators)
     require("classify", *MODULES)
     collection = Collection.open(runs)
     if isinstance(force_level, int):
@@ -152,22 +151,20 @@ def command(
         estimators=estimators,
         components=(None if own else 25) if components is None else None if components == "none" else components,
         augmentation=_augmentation(noise, brightness, is_image(collection.frame(0))),
-        rungs=rungs or RUNGS,
+        hold_out=hold_out or HOLD_OUT_LEVELS,
         train_on=train_on or (),
         **settings,
     )
     trials = TRIALS[protocol] if trials is None else trials
-    with locked(out), workers(jobs, dask) as team, ProgressLine() as progress:
+    result: Result | SweepResult
+    with locked(out), workers(jobs, dask) as executor, ProgressLine() as progress:
         if swept is not None:
-            curve = run_sweep(collection, how, swept, trials, out, team, progress.show)
-            paths = [write_sweep(curve, out), *draw_sweep(curve, out, collection.simulated)]
+            result = run_sweep(collection, how, swept, trials, out, executor, progress.show)
+            paths = [write_sweep(result, out), *draw_sweep(result, out)]
         else:
-            result = classify(collection, how, trials, out, team, progress.show)
+            result = classify(collection, how, trials, out, executor, progress.show)
             paths = [*write_tables(result, out), *draw_result(result, out)]
-    if swept is not None:
-        _show_sweep(curve, collection.simulated, paths, json)
-    else:
-        _show(result, paths, json)
+    _show(result, collection.simulated, paths, json)
 
 
 def _augmentation(noise: Any, brightness: Any, image: bool) -> Augmentation:
@@ -180,118 +177,12 @@ def _augmentation(noise: Any, brightness: Any, image: bool) -> Augmentation:
     )
 
 
-def _percent(value: float | None) -> str:
-    return "" if value is None else f"{100 * value:.1f}"
-
-
-def _band(score: Score) -> str:
-    if score.low is None or score.high is None:
-        return "none (one unit)"
-    return interval(100.0 * score.low, 100.0 * score.high)
-
-
-def _show(result: Result, paths: list[Path], json: bool) -> None:
+def _show(result: Result | SweepResult, simulated: Sequence[str], paths: Sequence[Path], json: bool) -> None:
     if json:
-        print_json(_document(result, paths))
-        return
-    print_simulated(result.collection.simulated)
-    if result.settings.protocol == "paper":
-        _print_paper(result)
-    print_table(
-        f"protocol {result.settings.protocol}, per cent; chance is {100 * result.chance:.1f}",
-        (
-            *("estimator", "rung", "trained on", "tested on", ">accuracy", ">spread", ">95 % interval", "units"),
-            *(">trials", ">images"),
-        ),
-        [
-            (
-                *(one.estimator, one.rung, one.train_on, one.tested_on, _percent(one.accuracy), _percent(one.spread)),
-                *(_band(one), one.units, one.trials, f"{one.images:,}"),
-            )
-            for one in result.scores
-        ],
-    )
-    print_table(
-        "recall of each texture, per cent",
-        ("estimator", "rung", "trained on", *result.textures),
-        [
-            (one.estimator, one.rung, one.train_on, *map(_percent, one.recall))
-            for one in result.scores
-            if one.tested_on in ("all", "all others", one.train_on)
-        ],
-    )
-    _print_end(result.notes, paths)
-
-
-def _print_paper(result: Result) -> None:
-    from tacbench_cad.lab.analysis.classification.classify import beside_paper
-
-    columns = [f">{name}, {whose}" for name in ("train", "test", "unseen") for whose in ("ours", "paper")]
-    rows = []
-    for one in beside_paper(result):
-        values = [value for pair in zip(one.ours, one.paper, strict=True) for value in pair]
-        rows.append((one.estimator, one.train_on, *("-" if value is None else f"{value:.2f}" for value in values)))
-    print_table("the paper's table beside ours, per cent", ("estimator", "trained on", *columns), rows)
-
-
-def _print_end(notes: Sequence[str], paths: list[Path]) -> None:
-    print_lines(*(f"note: {line}" for line in notes))
-    print_lines(f"written to {paths[0].parent}: " + ", ".join(path.name for path in paths))
-
-
-def _score_document(score: Score) -> dict[str, Any]:
-    names = ("estimator", "train_on", "tested_on", "rung", "accuracy", "spread", "low", "high", "units")
-    return {name: getattr(score, name) for name in (*names, "trials", "images", "recall")}
-
-
-def _settings_document(settings: Settings) -> dict[str, Any]:
-    from dataclasses import asdict
-
-    return asdict(settings)
-
-
-def _document(result: Result, paths: list[Path]) -> dict[str, Any]:
-    from dataclasses import asdict
-
-    from tacbench_cad.lab.analysis.classification.classify import beside_paper
-
-    return {
-        "simulated": list(result.collection.simulated),
-        "settings": _settings_document(result.settings),
-        "textures": list(result.textures),
-        "chance": result.chance,
-        "scores": [_score_document(one) for one in result.scores],
-        "beside_paper": [asdict(one) for one in beside_paper(result)] if result.settings.protocol == "paper" else [],
-        "notes": list(result.notes),
-        "files": [str(path) for path in paths],
-    }
-
-
-def _show_sweep(result: SweepResult, simulated: Sequence[str], paths: list[Path], json: bool) -> None:
-    parameter = result.sweep.parameter
-    if json:
-        points = [{parameter: value, **_score_document(score)} for value, score in result.points]
-        print_json(
-            {
-                "simulated": list(simulated),
-                "settings": _settings_document(result.settings),
-                "parameter": parameter,
-                "points": points,
-                "notes": list(result.notes),
-                "files": [str(path) for path in paths],
-            }
-        )
+        print_json({**result.document(), "files": [str(path) for path in paths]})
         return
     print_simulated(simulated)
-    print_table(
-        f"protocol {result.settings.protocol}, per cent; chance is {100 / result.textures:.1f}",
-        ("estimator", "rung", "trained on", f">{parameter}", ">accuracy", ">spread", ">95 % interval", ">images"),
-        [
-            (
-                *(one.estimator, one.rung, one.train_on, f"{value:g}"),
-                *(_percent(one.accuracy), _percent(one.spread), _band(one), f"{one.images:,}"),
-            )
-            for value, one in result.points
-        ],
-    )
-    _print_end(result.notes, paths)
+    for table in result.shown:
+        show_table(table)
+    print_lines(*(f"note: {line}" for line in result.notes))
+    print_lines(f"written to {paths[0].parent}: " + ", ".join(path.name for path in paths))

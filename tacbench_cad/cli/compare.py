@@ -39,11 +39,11 @@ def command(
 ) -> None:
     """Two sensors' studies of the same textures side by side, and the smallest difference that the data can show.
 
-    A and B are each a folder that tacbench classify wrote (protocol sound), or a folder of runs, which is then
-    classified with the sound protocol as tacbench classify does without options. For each rung of the ladder: accuracy,
-    recall of each texture, their differences with 95 % intervals over prints, and what difference a study of this size
-    would find in four of five repetitions. Where both sensors pressed the same prints (run folders of one name), prints
-    are compared in pairs; --unpaired, where names are the same and prints are not.
+    A and B are each a folder that tacbench classify wrote (protocol leak-free), or a folder of runs, which is then
+    classified as tacbench classify does without options. For each hold-out level: accuracy, recall of each texture,
+    their differences with 95 % intervals over prints, and what difference a study of this size would find in four of
+    five repetitions. Where both sensors pressed the same prints (run folders of one name), prints are compared in
+    pairs; --unpaired, where names are the same and prints are not.
 
     Examples:
       tacbench compare tactip-runs other-runs -o comparison
@@ -91,6 +91,6 @@ def _classified(side: str, folder: Path, out: Path, trials: int, jobs: int, dask
     collection = Collection.open([folder])
     target = out / f"classification_{side}"
     note(f"classifying {folder}: {counted(len(collection), 'press')}, {counted(trials, 'trial')}")
-    with locked(target), workers(jobs, dask) as team:
-        classify_into(collection, target, trials, team, lambda *_: None)
+    with locked(target), workers(jobs, dask) as executor:
+        classify_into(collection, target, trials, executor, lambda *_: None)
     return target

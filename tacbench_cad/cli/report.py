@@ -20,7 +20,7 @@ from tacbench_cad.util.text import counted
     "--classify",
     kind=options.file("DIR"),
     multiple=True,
-    help="What tacbench classify wrote; may be given twice. Default: computed, sound.",
+    help="What tacbench classify wrote; may be given twice. Default: computed, leak-free.",
 )
 @options.flag("--no-classify", help="Leave classification out; it takes most of the time.")
 @options.jobs

@@ -12,34 +12,34 @@ from tacbench_cad.util.text import counted
 @options.command("split")
 @options.runs
 @options.option(
-    "--rungs", kind=options.words("A,B"), help="Of press, position, force, copy, printer-filament. Default: all."
+    "--hold-out", kind=options.words("A,B"), help="Of press, position, force, copy, printer-filament. Default: all."
 )
-@options.option("--folds", kind=options.COUNT, default="5", help="Folds of the rungs press and position.")
+@options.option("--folds", kind=options.COUNT, default="5", help="Folds of the levels press and position.")
 @options.option("--seed", kind=options.COUNT, default="0", help="Draws presses and positions into folds.")
 @options.out("DIR", "Folder of the split files.", default="splits")
 @options.json
 def command(
-    runs: tuple[Path, ...], rungs: tuple[str, ...] | None, folds: int, seed: int, out: Path, json: bool
+    runs: tuple[Path, ...], hold_out: tuple[str, ...] | None, folds: int, seed: int, out: Path, json: bool
 ) -> None:
     """Write split files: which presses may be learnt from and which are to be predicted, with a protocol id and hashes.
 
-    One JSON file a rung: split_press.json, split_position.json, split_force.json, split_copy.json and
+    One JSON file for each hold-out level: split_press.json, split_position.json, split_force.json, split_copy.json and
     split_printer-filament.json. Anything may make the predictions; tacbench score judges them. Two sensors that pressed
     the same prints in the same way have the same protocol id, so they can be compared without sharing code or images.
 
     Examples:
       tacbench split runs/
-      tacbench split runs/ --rungs copy,printer-filament -o splits
+      tacbench split runs/ --hold-out copy,printer-filament -o splits
       tacbench score predictions.csv splits/split_copy.json
     """
     from tacbench_cad.lab.analysis.classification.split_files import make_splits, write_split
-    from tacbench_cad.lab.analysis.classification.splits import RUNGS
+    from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.util.files import locked
 
-    splits, notes = make_splits(Collection.open(runs), rungs or RUNGS, seed=seed, folds=folds)
+    splits, notes = make_splits(Collection.open(runs), hold_out or HOLD_OUT_LEVELS, seed=seed, folds=folds)
     with locked(out):
-        files = {out / f"split_{split.rung}.json": split for split in splits}
+        files = {out / f"split_{split.hold_out}.json": split for split in splits}
         for path, split in files.items():
             write_split(path, split)
     if json:
@@ -49,7 +49,7 @@ def command(
                     {
                         "file": str(path),
                         "protocol": split.protocol,
-                        "rung": split.rung,
+                        "hold_out": split.hold_out,
                         "design_sha256": split.design_sha256,
                         "data_sha256": split.data_sha256,
                         "presses": len(split.presses),

@@ -31,7 +31,7 @@ ANSWER_S = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Team:
+class Executor:
     """Processes that take calls.
 
     Args:
@@ -80,7 +80,7 @@ def _closing(results: Any) -> Iterator[Any]:
 
 
 @contextlib.contextmanager
-def workers(jobs: int = 1, dask: str | None = None, folders: Sequence[Path] = ()) -> Iterator[Team]:
+def workers(jobs: int = 1, dask: str | None = None, folders: Sequence[Path] = ()) -> Iterator[Executor]:
     """Have processes that take calls; leaving ends what still runs.
 
     Args:
@@ -104,7 +104,7 @@ def workers(jobs: int = 1, dask: str | None = None, folders: Sequence[Path] = ()
         what = "a process was lost; was the memory full? fewer --jobs need less"
         # loky starts "python -m joblib...": a joblib.py in the current folder must not be taken for it.
         with safe_children(), parallel_config(backend="loky"):
-            yield Team(jobs, Parallel(n_jobs=jobs, return_as="generator"), (BrokenProcessPool,), what)
+            yield Executor(jobs, Parallel(n_jobs=jobs, return_as="generator"), (BrokenProcessPool,), what)
         return
     with _connected(dask) as client:
         count = _ready(client, dask, folders)
@@ -114,7 +114,7 @@ def workers(jobs: int = 1, dask: str | None = None, folders: Sequence[Path] = ()
 
             lost = (CancelledError, KilledWorker, CommClosedError)
             what = f"the Dask cluster at {dask} was lost; what was finished is kept"
-            yield Team(count, Parallel(n_jobs=count, return_as="generator"), lost, what)
+            yield Executor(count, Parallel(n_jobs=count, return_as="generator"), lost, what)
 
 
 @contextlib.contextmanager

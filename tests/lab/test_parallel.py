@@ -47,23 +47,23 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_results_come_in_the_order_of_the_calls(jobs: int) -> None:
-    with workers(jobs) as team:
-        found = list(team.map(square_and_process, range(6)))
+    with workers(jobs) as executor:
+        found = list(executor.map(square_and_process, range(6)))
     assert [one for one, _ in found] == [0, 1, 4, 9, 16, 25]
     assert ({process for _, process in found} == {os.getpid()}) == (jobs == 1)
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_an_error_of_a_call_arrives_as_it_was_raised(jobs: int) -> None:
-    with workers(jobs) as team, pytest.raises(InputError) as caught:
-        list(team.map(refuse, range(6)))
+    with workers(jobs) as executor, pytest.raises(InputError) as caught:
+        list(executor.map(refuse, range(6)))
     assert (caught.value.field, caught.value.value, caught.value.allowed) == ("number", 3, "must not be three")
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_an_interruption_gives_up_the_rest_without_a_word(jobs: int, recwarn: pytest.WarningsRecorder) -> None:
-    with pytest.raises(KeyboardInterrupt), workers(jobs) as team:
-        for square, _ in team.map(square_and_process, range(400)):
+    with pytest.raises(KeyboardInterrupt), workers(jobs) as executor:
+        for square, _ in executor.map(square_and_process, range(400)):
             if square == 4:
                 raise KeyboardInterrupt
     gc.collect()
@@ -75,8 +75,8 @@ def end_the_process(number: int) -> int:
 
 
 def test_a_lost_process_is_said_in_one_line() -> None:
-    with workers(2) as team, pytest.raises(CheckFailedError, match=r"^a process was lost; was the memory full\?"):
-        list(team.map(end_the_process, range(4)))
+    with workers(2) as executor, pytest.raises(CheckFailedError, match=r"^a process was lost; was the memory full\?"):
+        list(executor.map(end_the_process, range(4)))
 
 
 def slowly(number: int) -> int:
@@ -96,8 +96,11 @@ def test_a_lost_scheduler_is_said_in_one_line() -> None:
     words = [*module, "distributed.cli.dask_worker", address, "--no-nanny", "--nthreads", "2", "--no-dashboard"]
     worker = subprocess.Popen(words, **quiet)
     try:
-        with workers(1, address) as team, pytest.raises(CheckFailedError, match=f"^the Dask cluster at {address} was"):
-            for _ in team.map(slowly, range(50)):
+        with (
+            workers(1, address) as executor,
+            pytest.raises(CheckFailedError, match=f"^the Dask cluster at {address} was"),
+        ):
+            for _ in executor.map(slowly, range(50)):
                 scheduler.kill()
     finally:
         for one in (worker, scheduler):
@@ -111,18 +114,18 @@ def test_no_job_is_refused() -> None:
 
 
 def test_a_cluster_does_the_work_in_its_own_processes(cluster: str, tmp_path: Path) -> None:
-    with workers(1, cluster, [tmp_path]) as team:
-        found = list(team.map(square_and_process, range(8)))
-    assert team.jobs == 2
+    with workers(1, cluster, [tmp_path]) as executor:
+        found = list(executor.map(square_and_process, range(8)))
+    assert executor.jobs == 2
     assert [one for one, _ in found] == [number * number for number in range(8)]
     assert os.getpid() not in {process for _, process in found}
 
 
 def test_an_error_on_a_cluster_arrives_as_it_was_raised_and_the_cluster_goes_on(cluster: str) -> None:
-    with workers(1, cluster) as team, pytest.raises(InputError, match="number = 3: must not be three"):
-        list(team.map(refuse, range(6)))
-    with workers(1, cluster) as team:
-        assert list(team.map(refuse, [1, 2])) == [1, 2]
+    with workers(1, cluster) as executor, pytest.raises(InputError, match="number = 3: must not be three"):
+        list(executor.map(refuse, range(6)))
+    with workers(1, cluster) as executor:
+        assert list(executor.map(refuse, [1, 2])) == [1, 2]
 
 
 def test_a_folder_that_a_worker_does_not_see_is_named(cluster: str, tmp_path: Path) -> None:
@@ -247,17 +250,17 @@ def test_a_study_is_simulated_and_analysed_on_a_cluster(
     blocks = [replace(one, levels=(2,)) for one in study.blocks if one.printed.texture in ("texture-1", "texture-4")]
     study = replace(study, blocks=tuple(blocks), protocol=protocol)
     seen: list[int] = []
-    with workers(1, elsewhere, [tmp_path]) as team:
-        made = simulate_study(study, Path("runs"), progress=seen.append, cluster=team)
+    with workers(1, elsewhere, [tmp_path]) as executor:
+        made = simulate_study(study, Path("runs"), progress=seen.append, cluster=executor)
     assert [one.name for one in made] == [block.printed.name for block in study.blocks]
     assert len(seen) == 8 and seen[-1] == sum(one.images for one in made)
     collection = Collection.open([Path("runs")])
     assert variance_table(collection, dask=elsewhere).cells == variance_table(collection).cells
-    settings = Settings(rungs=("copy",), components=5)
+    settings = Settings(hold_out=("copy",), components=5)
     for name in ("far", "near"):
         (tmp_path / name).mkdir()
-    with workers(1, elsewhere) as team:
-        far = classify(collection, settings, 2, Path("far"), team)
-    with workers(1) as team:
-        near = classify(collection, settings, 2, Path("near"), team)
+    with workers(1, elsewhere) as executor:
+        far = classify(collection, settings, 2, Path("far"), executor)
+    with workers(1) as executor:
+        near = classify(collection, settings, 2, Path("near"), executor)
     assert [one.as_dict() for one in far.outcomes] == [one.as_dict() for one in near.outcomes]

@@ -389,7 +389,7 @@ def test_view(environment: Environment) -> None:
 def test_analysis(environment: Environment) -> None:
     write_inputs(environment.here)
     environment.tacbench("variance runs -o variance --jobs 1")
-    environment.tacbench("classify runs -o classified --rungs copy --trials 1 --jobs 1")
+    environment.tacbench("classify runs -o classified --hold-out copy --trials 1 --jobs 1")
     environment.tacbench("report runs -o report.html --variance variance --classify classified")
     assert "data:image/" in (environment.here / "report.html").read_text(encoding="utf-8")
     assert list((environment.here / "report_files").rglob("*.pdf"))

@@ -55,7 +55,7 @@ def _prints(row: Row) -> str:
 
 #: The columns of ``comparison.csv``.
 COLUMNS = (
-    Column("rung"),
+    Column("hold_out", head="held out"),
     Column("texture"),
     Column("accuracy_a", float, "A", text=percent),
     Column("accuracy_b", float, "B", text=percent),
@@ -68,12 +68,12 @@ COLUMNS = (
     Column("prints_b", int),
 )
 _SHOWN = (
-    *("rung", "texture", "accuracy_a", "accuracy_b", "difference"),
+    *("hold_out", "texture", "accuracy_a", "accuracy_b", "difference"),
     Column("interval", head="95 % interval", derived=_ends, right=True),
     "smallest_difference",
     Column("prints", derived=_prints, right=True),
 )
-_PREDICTIONS = tuple(Column(name) for name in ("estimator", "rung", "run", "press", "texture", "predicted"))
+_PREDICTIONS = tuple(Column(name) for name in ("estimator", "hold_out", "run", "press", "texture", "predicted"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +126,7 @@ class Difference:
     """One line of the comparison; accuracies as fractions.
 
     Args:
-        rung: Hold-out level.
+        hold_out: Hold-out level.
         texture: Texture, or ``all``.
         accuracy_a: Mean over A's prints.
         accuracy_b: Mean over B's prints.
@@ -139,7 +139,7 @@ class Difference:
         prints_b: Prints of B.
     """
 
-    rung: str
+    hold_out: str
     texture: str
     accuracy_a: float
     accuracy_b: float
@@ -218,11 +218,11 @@ def read_side(folder: Path, name: str, estimator: str | None = None) -> tuple[Si
         The side and its estimator.
 
     Raises:
-        InputError: The folder is not what ``tacbench classify --protocol sound`` wrote, or lacks the estimator.
+        InputError: The folder is not what ``tacbench classify --protocol leak-free`` wrote, or lacks the estimator.
     """
     settings = read_settings(folder / SETTINGS_FILE)
-    if settings.get("analysis") != "classification" or settings.get("protocol") != "sound":
-        raise InputError("classification", str(folder), "must be of tacbench classify --protocol sound")
+    if settings.get("analysis") != "classification" or settings.get("protocol") != "leak-free":
+        raise InputError("classification", str(folder), "must be of tacbench classify --protocol leak-free")
     known = [str(known) for known in settings.get("estimators", ())]
     chosen = estimator or (known[0] if known else "")
     if chosen not in known:
@@ -231,15 +231,15 @@ def read_side(folder: Path, name: str, estimator: str | None = None) -> tuple[Si
     presses: dict[tuple[str, str, str], set[str]] = defaultdict(set)
     for row in Table.read(folder / "predictions.csv", _PREDICTIONS).rows:
         if row["estimator"] == chosen:
-            key = (row["rung"], row["texture"], row["run"])
+            key = (row["hold_out"], row["texture"], row["run"])
             right[key].append(row["texture"] == row["predicted"])
             presses[key].add(row["press"])
     if not right:
         raise InputError("predictions", str(folder / "predictions.csv"), f"has no row of the estimator {chosen}")
     accuracies: dict[tuple[str, str], dict[str, PrintAccuracy]] = defaultdict(dict)
-    for (rung, texture, run), answers in right.items():
-        count = len(presses[rung, texture, run])
-        accuracies[rung, texture][run] = PrintAccuracy(right=sum(answers), readings=len(answers), presses=count)
+    for (hold_out, texture, run), answers in right.items():
+        count = len(presses[hold_out, texture, run])
+        accuracies[hold_out, texture][run] = PrintAccuracy(right=sum(answers), readings=len(answers), presses=count)
     try:
         side = Side(
             name=name,
@@ -273,24 +273,25 @@ def compare(a: Side, b: Side, estimator: str, *, same_prints: bool = True) -> Co
             ", ".join(only),
             f"only one of {a.name} and {b.name} has it; compare studies of the same textures",
         )
-    rungs = [
-        rung for rung in dict.fromkeys(rung for rung, _ in a.accuracies) if any(rung == one for one, _ in b.accuracies)
-    ]
-    if not rungs:
-        raise InputError("rungs", None, f"{a.name} and {b.name} have none in common; classify both with the same rungs")
+    common = {level for level, _ in b.accuracies}
+    levels = [level for level in dict.fromkeys(level for level, _ in a.accuracies) if level in common]
+    if not levels:
+        raise InputError(
+            "hold-out", None, f"{a.name} and {b.name} share no level; classify both with the same --hold-out"
+        )
     rows = []
-    for rung in rungs:
-        of_a, of_b = ({t: side.accuracies.get((rung, t), {}) for t in a.textures} for side in (a, b))
+    for hold_out in levels:
+        of_a, of_b = ({t: side.accuracies.get((hold_out, t), {}) for t in a.textures} for side in (a, b))
         every_a, every_b = (
             {run: accuracy for of in side.values() for run, accuracy in of.items()} for side in (of_a, of_b)
         )
-        rows.append(_difference(rung, ALL_TEXTURES, every_a, every_b, same_prints))
-        rows += [_difference(rung, t, of_a[t], of_b[t], same_prints) for t in a.textures if of_a[t] and of_b[t]]
+        rows.append(_difference(hold_out, ALL_TEXTURES, every_a, every_b, same_prints))
+        rows += [_difference(hold_out, t, of_a[t], of_b[t], same_prints) for t in a.textures if of_a[t] and of_b[t]]
     return Comparison(a=a, b=b, estimator=estimator, rows=tuple(rows), notes=tuple(_notes(a, b, rows)))
 
 
 def _difference(
-    rung: str, texture: str, a: Mapping[str, PrintAccuracy], b: Mapping[str, PrintAccuracy], same_prints: bool
+    hold_out: str, texture: str, a: Mapping[str, PrintAccuracy], b: Mapping[str, PrintAccuracy], same_prints: bool
 ) -> Difference:
     paired = same_prints and a.keys() == b.keys()
     x, y = np.array([accuracy.value for accuracy in a.values()]), np.array([accuracy.value for accuracy in b.values()])
@@ -311,7 +312,7 @@ def _difference(
         low, high = max(-1.0, difference - reach * error), min(1.0, difference + reach * error)
         smallest = min(1.0, (reach + power) * error)
     return Difference(
-        rung=rung,
+        hold_out=hold_out,
         texture=texture,
         accuracy_a=float(x.mean()),
         accuracy_b=float(y.mean()),
@@ -367,7 +368,7 @@ def _notes(a: Side, b: Side, rows: Sequence[Difference]) -> list[str]:
         if a.settings.get(key) != b.settings.get(key):
             notes.append(f"{key}: {a.settings.get(key)} for A, {b.settings.get(key)} for B")
     if any(row.smallest_difference is None for row in rows):
-        notes.append("where a sensor has a single print of a texture on a rung, no difference can be shown")
+        notes.append("where a sensor has a single print of a texture at a hold-out level, no difference can be shown")
     notes.append(
         f"{len(rows)} differences are looked at: about one in twenty of those that are not there is shown by chance"
     )
@@ -396,29 +397,29 @@ def _figure(comparison: Comparison) -> Figure:
     """Accuracies on the left, differences of recall by texture on the right."""
     from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure
 
-    rungs = list(dict.fromkeys(row.rung for row in comparison.rows))
+    levels = list(dict.fromkeys(row.hold_out for row in comparison.rows))
     textures = comparison.a.textures
-    figure = new_figure(PAGE_IN, 0.9 + max(2.4, 0.42 * len(rungs) * max(1, len(textures) // 3)))
-    ladder, recall = figure.subplots(1, 2, width_ratios=(1.0, 1.35))
-    whole = {row.rung: row for row in comparison.rows if row.texture == ALL_TEXTURES}
-    for i, rung in enumerate(rungs):
-        for j, accuracy in enumerate((whole[rung].accuracy_a, whole[rung].accuracy_b)):
-            ladder.plot(i + 0.16 * (j - 0.5), 100.0 * accuracy, "os"[j], color=COLOURS[j], markersize=5.0)
-    ladder.axhline(100.0 / len(textures), color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
-    ladder.annotate("chance", (-0.48, 100.0 / len(textures)), ha="left", va="bottom", fontsize=7.0)
-    ladder.set(xlim=(-0.5, len(rungs) - 0.5), ylim=(0.0, 104.0), ylabel="accuracy (%)", xticks=range(len(rungs)))
-    ladder.set_xticklabels([rung.replace("-", "-\n") for rung in rungs])
-    ladder.set_title("ladder of held-out groups", loc="left")
-    step = 0.8 / len(rungs)
+    figure = new_figure(PAGE_IN, 0.9 + max(2.4, 0.42 * len(levels) * max(1, len(textures) // 3)))
+    accuracies, recall = figure.subplots(1, 2, width_ratios=(1.0, 1.35))
+    whole = {row.hold_out: row for row in comparison.rows if row.texture == ALL_TEXTURES}
+    for i, hold_out in enumerate(levels):
+        for j, accuracy in enumerate((whole[hold_out].accuracy_a, whole[hold_out].accuracy_b)):
+            accuracies.plot(i + 0.16 * (j - 0.5), 100.0 * accuracy, "os"[j], color=COLOURS[j], markersize=5.0)
+    accuracies.axhline(100.0 / len(textures), color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
+    accuracies.annotate("chance", (-0.48, 100.0 / len(textures)), ha="left", va="bottom", fontsize=7.0)
+    accuracies.set(xlim=(-0.5, len(levels) - 0.5), ylim=(0.0, 104.0), ylabel="accuracy (%)", xticks=range(len(levels)))
+    accuracies.set_xticklabels([level.replace("-", "-\n") for level in levels])
+    accuracies.set_title("by what is held out", loc="left")
+    step = 0.8 / len(levels)
     labels = [ALL_TEXTURES, *textures]
-    for i, rung in enumerate(rungs):
-        for line in (row for row in comparison.rows if row.rung == rung):
-            y = labels.index(line.texture) + (i - (len(rungs) - 1) / 2.0) * step
+    for i, hold_out in enumerate(levels):
+        for line in (row for row in comparison.rows if row.hold_out == hold_out):
+            y = labels.index(line.texture) + (i - (len(levels) - 1) / 2.0) * step
             colour = COLOURS[(i + 2) % (len(COLOURS) - 1)]
             if line.low is not None and line.high is not None:
                 recall.plot([100.0 * line.low, 100.0 * line.high], [y, y], color=colour, linewidth=1.0)
             recall.plot(100.0 * line.difference, y, "o", color=colour, markersize=3.5)
-        recall.plot([], [], "o-", color=COLOURS[(i + 2) % (len(COLOURS) - 1)], markersize=3.5, label=rung)
+        recall.plot([], [], "o-", color=COLOURS[(i + 2) % (len(COLOURS) - 1)], markersize=3.5, label=hold_out)
     recall.axvline(0.0, color=INK, linewidth=0.8)
     recall.set(yticks=range(len(labels)), xlabel="recall, B less A (percentage points)")
     recall.set_yticklabels([label.removeprefix("texture-") for label in labels])
@@ -426,7 +427,7 @@ def _figure(comparison: Comparison) -> Figure:
     recall.invert_yaxis()
     recall.set_title("difference with 95 % interval over prints", loc="left")
     for j, side in enumerate((comparison.a, comparison.b)):
-        ladder.plot([], [], "os"[j], color=COLOURS[j], markersize=5.0, label=f"{'AB'[j]}: {side.name}")
-    handles = [*ladder.get_legend_handles_labels()[0], *recall.get_legend_handles_labels()[0]]
+        accuracies.plot([], [], "os"[j], color=COLOURS[j], markersize=5.0, label=f"{'AB'[j]}: {side.name}")
+    handles = [*accuracies.get_legend_handles_labels()[0], *recall.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="outside upper left", ncols=4)
     return figure

@@ -14,6 +14,9 @@ from tacbench_cad.util.door import parse_json, read_bytes, read_table
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import replacing
 
+#: What columns and settings in the files of earlier versions are called now.
+FORMER_NAMES = {"rung": "hold_out", "rungs": "hold_out", "share": "fraction", "spread": "standard_deviation"}
+
 #: Values by the names of their columns.
 Row = Mapping[str, Any]
 
@@ -124,6 +127,7 @@ class Table:
         kept = tuple(columns)
         stored = [column for column in kept if column.derived is None]
         heads, lines = read_table(path, "table")
+        heads = [FORMER_NAMES.get(head, head) for head in heads]
         lacking = [column.name for column in stored if column.name not in heads]
         if lacking:
             raise InputError("table", str(path), f"has no column {lacking[0]}; run the analysis again")
@@ -203,4 +207,6 @@ def read_settings(path: Path) -> dict[str, Any]:
     document = parse_json(read_bytes(path, "settings", "json"), "settings", str(path))
     if not isinstance(document, dict):
         raise InputError("settings", str(path), "is no JSON object; run the analysis again")
-    return document
+    if document.get("protocol") == "sound":
+        document["protocol"] = "leak-free"
+    return {str(FORMER_NAMES.get(key, key)): value for key, value in document.items()}

@@ -33,7 +33,7 @@ from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.processes import Workers
 
 if TYPE_CHECKING:
-    from tacbench_cad.lab.parallel import Team
+    from tacbench_cad.lab.parallel import Executor
 
 #: Numbers of the six textures.
 TEXTURES = (1, 2, 3, 4, 5, 6)
@@ -202,7 +202,7 @@ def simulate_study(
     *,
     jobs: int = 1,
     progress: Callable[[int], None] = lambda images: None,
-    cluster: Team | None = None,
+    cluster: Executor | None = None,
 ) -> list[SimulatedBlock]:
     """Write the run folders of a simulated study, or what is missing of them, with several processes.
 

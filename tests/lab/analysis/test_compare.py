@@ -106,11 +106,11 @@ def test_other_textures_are_refused_by_name() -> None:
         compare(a, b, "forest")
 
 
-def test_no_common_rung_is_refused() -> None:
+def test_no_common_level_is_refused() -> None:
     a = side("a", {"texture-1": np.array([1, 2])})
     accuracies = {("force", texture): prints for (_, texture), prints in a.accuracies.items()}
     b = Side(name="b", sensor="b", simulated=(), textures=TEXTURES, settings={}, accuracies=accuracies)
-    with pytest.raises(InputError, match="have none in common"):
+    with pytest.raises(InputError, match="share no level"):
         compare(a, b, "forest")
 
 
@@ -136,7 +136,7 @@ def test_the_command_takes_runs_and_tells_a_seeing_sensor_from_a_blind_one(
     with (folder / "out" / "comparison.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert list(rows[0]) == [column.name for column in COLUMNS]
-    of_press = {row["texture"]: row for row in rows if row["rung"] == "press"}
+    of_press = {row["texture"]: row for row in rows if row["hold_out"] == "press"}
     assert float(of_press["all"]["accuracy_a"]) > 0.9 > 0.8 > float(of_press["all"]["accuracy_b"])
     assert float(of_press["all"]["high"]) < 0.0 and of_press["all"]["paired"] == "true"
     for kind in ("png", "pdf"):

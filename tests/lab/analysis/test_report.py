@@ -75,7 +75,7 @@ class Page(HTMLParser):
 def quick() -> Iterator[None]:
     """One thread, and one trial instead of five."""
     with threadpoolctl.threadpool_limits(1), pytest.MonkeyPatch.context() as patch:
-        patch.setitem(TRIALS, "sound", 1)
+        patch.setitem(TRIALS, "leak-free", 1)
         yield
 
 
@@ -166,7 +166,7 @@ def test_the_page_says_what_a_reader_asks_for(page: Page) -> None:
         "filament_batch",
         "64 of 64 planned presses are there",
         "with 95 % intervals over prints",
-        "protocol sound; chance is 50.0 %",
+        "protocol leak-free; chance is 50.0 %",
         "random forest (largest depth 50)",
         "ddof = 0",
         "the study's own grid, 4 positions",
@@ -196,7 +196,7 @@ def test_figures_of_an_earlier_report_do_not_come_back(runs: Path, report: Path,
     files = report.with_name("report_files")
     stale = tmp_path / "new_files" / "classification" / "confusion_network.png"
     stale.parent.mkdir(parents=True)
-    shutil.copy(files / "classification" / "ladder.png", stale)
+    shutil.copy(files / "classification" / "hold_out_levels.png", stale)
     options = Options(variance=files / "variance", classifications=(files / "classification",))
     written = write_report([runs], tmp_path / "new.html", options)
     assert not stale.exists() and stale not in written

@@ -1,17 +1,18 @@
-"""Accuracies from what estimators said, with intervals whose units are prints and other held-out groups."""
+"""Accuracies from what estimators predicted, with intervals whose units are prints and other held-out groups."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.lab.analysis.classification import splits
-from tacbench_cad.lab.analysis.classification.settings import Outcome
-from tacbench_cad.lab.analysis.classification.splits import PressTable
-from tacbench_cad.util.types import Bools, Floats, Ints
+from tacbench_cad.lab.analysis.classification.outcomes import ALL, ALL_OTHERS, Outcome
+from tacbench_cad.lab.analysis.classification.splits import UNITS, PressTable
+from tacbench_cad.util.types import Floats, Ints
 
 #: Confidence of the intervals.
 CONFIDENCE = 0.95
@@ -22,11 +23,11 @@ def interval(right: Floats, tries: Floats, units: NDArray[np.generic]) -> tuple[
 
     Korn and Graubard's (1998): the exact binomial interval of Clopper and Pearson for an effective number of presses,
     which is what would give the variance that is seen between units, cut by (z / t)^2 for the few units that the
-    variance comes from. Where every press was told rightly, or none, no difference between units is seen, which does
-    not mean that there is none: then a unit counts as one trial.
+    variance comes from. Where every press was predicted rightly, or none, no difference between units is seen, which
+    does not mean that there is none: then a unit counts as one trial.
 
     Args:
-        right: How often each press was told rightly, (n,).
+        right: How often each press was predicted rightly, (n,).
         tries: How often each was tested, (n,).
         units: The unit of each, (n,).
 
@@ -40,17 +41,17 @@ def interval(right: Floats, tries: Floats, units: NDArray[np.generic]) -> tuple[
     if count < 2:
         return None, None
     inside, hits = np.bincount(index, tries), np.bincount(index, right)
-    share = float(hits.sum() / inside.sum())
+    fraction = float(hits.sum() / inside.sum())
     weights = inside / inside.sum()
     beyond = (1 + CONFIDENCE) / 2
-    if share in (0.0, 1.0):
+    if fraction in (0.0, 1.0):
         edge = float((1 - beyond) ** (1 / count))
-        return (edge, 1.0) if share else (0.0, 1.0 - edge)
-    variance = count / (count - 1) * float(np.sum((weights * (hits / inside - share)) ** 2))
+        return (edge, 1.0) if fraction else (0.0, 1.0 - edge)
+    variance = count / (count - 1) * float(np.sum((weights * (hits / inside - fraction)) ** 2))
     presses = float(len(tries))
-    effective = min(presses, share * (1 - share) / variance) if variance > 0 else presses
+    effective = min(presses, fraction * (1 - fraction) / variance) if variance > 0 else presses
     effective *= float((stats.norm.ppf(beyond) / stats.t.ppf(beyond, count - 1)) ** 2)
-    successes, failures = share * effective, (1 - share) * effective
+    successes, failures = fraction * effective, (1 - fraction) * effective
     low, high = stats.beta.ppf([1 - beyond, beyond], [successes, successes + 1], [failures + 1, failures])
     return float(low), float(high)
 
@@ -60,12 +61,13 @@ class Score:
     """One row of the result.
 
     Args:
-        estimator: Its name.
+        protocol: The protocol.
+        estimator: The estimator's name.
         train_on: What it was trained on.
         tested_on: What it was tested on.
-        rung: The rung, or the paper's column.
-        accuracy: Share of tested rows that were told rightly, over all trials.
-        spread: Standard deviation of the trials' accuracies; None of one trial.
+        hold_out: The hold-out level, or the paper's column.
+        accuracy: Fraction of tested rows that were predicted rightly, over all trials.
+        standard_deviation: Of the trials' accuracies; None of one trial.
         low: Lower end of the interval, or None.
         high: Upper end.
         units: What the interval counts as one, and how many there are: ``24 prints``.
@@ -74,12 +76,13 @@ class Score:
         confusion: How often each texture (rows) was taken for each (columns), over all trials.
     """
 
+    protocol: str
     estimator: str
     train_on: str
     tested_on: str
-    rung: str
+    hold_out: str
     accuracy: float
-    spread: float | None
+    standard_deviation: float | None
     low: float | None
     high: float | None
     units: str
@@ -88,99 +91,84 @@ class Score:
     confusion: Ints
 
     @property
+    def whole(self) -> bool:
+        """Whether the row is of all that was held out, not of a single group."""
+        return is_whole(self.tested_on, self.train_on)
+
+    @property
+    def fractions(self) -> Floats:
+        """The confusion as fractions of each texture's rows; NaN for a texture that was not tested."""
+        totals = self.confusion.sum(axis=1, keepdims=True)
+        result = np.full(self.confusion.shape, np.nan)
+        np.divide(self.confusion, totals, out=result, where=totals > 0)
+        return result
+
+    @property
     def recall(self) -> list[float | None]:
-        """Share of each texture's rows that were told rightly; None of a texture that was not tested."""
-        totals = self.confusion.sum(axis=1)
-        rights = np.diag(self.confusion)
-        return [float(right / total) if total else None for right, total in zip(rights, totals, strict=True)]
+        """Fraction of each texture's rows that were predicted rightly; None of a texture that was not tested."""
+        return [None if np.isnan(value) else float(value) for value in np.diag(self.fractions)]
 
 
-def score(
-    outcomes: Sequence[Outcome],
-    presses: PressTable,
-    names: tuple[str, str, str, str],
-    units: tuple[str, NDArray[np.generic]],
+def is_whole(tested_on: str, train_on: str) -> bool:
+    """Whether a row is of all that was held out, not of a single group."""
+    return tested_on in (ALL, ALL_OTHERS, train_on)
+
+
+def scores(outcomes: Sequence[Outcome], presses: PressTable, protocol: str) -> list[Score]:
+    """The rows: each hold-out level (or column of the paper) as a whole, then each held-out group that has a name."""
+    rows = []
+    wholes = defaultdict(list)
+    for outcome in outcomes:
+        wholes[outcome.train_on, outcome.estimator, outcome.hold_out].append(outcome)
+    for (_, _, hold_out), whole in wholes.items():
+        name, array = UNITS.get(hold_out, UNITS["copy"])
+        tested_on = ALL if hold_out in UNITS else whole[0].tested_on
+        rows.append(_score(whole, presses, protocol, tested_on, name, getattr(presses, array)))
+        for group, part in _groups(whole, presses).items():
+            rows.append(_score(part, presses, protocol, group, "prints", presses.run))
+    return rows
+
+
+def _groups(whole: Sequence[Outcome], presses: PressTable) -> dict[str, list[Outcome]]:
+    """The outcomes of each held-out group that has a name."""
+    groups = defaultdict(list)
+    for outcome in whole:
+        if outcome.tested_on == ALL_OTHERS:
+            combination = presses.combination[outcome.press]
+            names = np.unique(combination)
+            for name in names if len(names) > 1 else ():
+                groups[str(name)].append(outcome.only(combination == name))
+        elif outcome.tested_on not in (ALL, outcome.train_on):
+            groups[outcome.tested_on].append(outcome)
+    return groups
+
+
+def _score(
+    outcomes: Sequence[Outcome], presses: PressTable, protocol: str, tested_on: str, units: str, unit: NDArray[Any]
 ) -> Score:
-    """The row of some outcomes.
-
-    Args:
-        outcomes: At least one.
-        presses: What is known of each press.
-        names: Estimator, train_on, tested_on, rung.
-        units: What the units are called, and the unit of every press of the study.
-    """
+    """The row of some outcomes; ``unit`` has the unit of every press of the study, (n,)."""
     textures, truth = np.unique(presses.texture, return_inverse=True)
-    which = np.concatenate([one.press for one in outcomes])
-    said = np.concatenate([one.predicted for one in outcomes])
-    trial = np.repeat([one.trial for one in outcomes], [len(one.press) for one in outcomes])
-    hit = truth[which] == said
-    size = len(truth)
-    tries, right = (np.bincount(which, one, size).astype(np.float64) for one in (np.ones(len(which)), hit))
+    which = np.concatenate([outcome.press for outcome in outcomes])
+    predicted = np.concatenate([outcome.predicted for outcome in outcomes])
+    trial = np.repeat([outcome.trial for outcome in outcomes], [len(outcome.press) for outcome in outcomes])
+    hit = truth[which] == predicted
+    tries, right = (np.bincount(which, weight, len(truth)).astype(np.float64) for weight in (None, hit))
     tested = tries > 0
-    low, high = interval(right[tested], tries[tested], units[1][tested])
-    each = [float(hit[trial == one].mean()) for one in np.unique(trial)]
-    confusion = np.bincount(truth[which] * len(textures) + said, minlength=len(textures) ** 2)
-    estimator, train_on, tested_on, rung = names
+    low, high = interval(right[tested], tries[tested], unit[tested])
+    accuracies = [float(hit[trial == number].mean()) for number in np.unique(trial)]
+    confusion = np.bincount(truth[which] * len(textures) + predicted, minlength=len(textures) ** 2)
     return Score(
-        estimator=estimator,
-        train_on=train_on,
+        protocol=protocol,
+        estimator=outcomes[0].estimator,
+        train_on=outcomes[0].train_on,
         tested_on=tested_on,
-        rung=rung,
+        hold_out=outcomes[0].hold_out,
         accuracy=float(hit.mean()),
-        spread=float(np.std(each, ddof=1)) if len(each) > 1 else None,
+        standard_deviation=float(np.std(accuracies, ddof=1)) if len(accuracies) > 1 else None,
         low=low,
         high=high,
-        units=f"{len(np.unique(units[1][tested]))} {units[0]}",
-        trials=len(each),
+        units=f"{len(np.unique(unit[tested]))} {units}",
+        trials=len(accuracies),
         images=int(tested.sum()),
         confusion=confusion.reshape(len(textures), -1),
     )
-
-
-def sound_scores(outcomes: Sequence[Outcome], presses: PressTable) -> list[Score]:
-    """The ladder's rows: each rung as a whole, then each held-out group that has a name."""
-    rows = []
-    for estimator, rung in _keys(outcomes, lambda one: (one.estimator, one.rung)):
-        mine = [one for one in outcomes if (one.estimator, one.rung) == (estimator, rung)]
-        units = (splits.UNITS[rung], splits.units_of(presses, rung))
-        rows.append(score(mine, presses, (estimator, mine[0].train_on, "all", rung), units))
-        for (group,) in _keys(mine, lambda one: (one.tested_on,)):
-            if group != "all":
-                part = [one for one in mine if one.tested_on == group]
-                names = (estimator, mine[0].train_on, group, rung)
-                rows.append(score(part, presses, names, ("prints", presses.run)))
-    return rows
-
-
-def paper_scores(outcomes: Sequence[Outcome], presses: PressTable) -> list[Score]:
-    """The paper's three columns for each combination and estimator, and each unseen combination by itself."""
-    rows = []
-    for train_on, estimator, rung in _keys(outcomes, lambda one: (one.train_on, one.estimator, one.rung)):
-        mine = [one for one in outcomes if (one.train_on, one.estimator, one.rung) == (train_on, estimator, rung)]
-        units = ("prints", presses.run)
-        rows.append(score(mine, presses, (estimator, train_on, mine[0].tested_on, rung), units))
-        if rung != "unseen":
-            continue
-        there = np.unique(presses.combination[mine[0].press])
-        for combination in there.tolist() if len(there) > 1 else ():
-            part = [_only(one, presses.combination[one.press] == combination) for one in mine]
-            rows.append(score(part, presses, (estimator, train_on, str(combination), rung), units))
-    return rows
-
-
-def _only(outcome: Outcome, which: Bools) -> Outcome:
-    return Outcome(
-        estimator=outcome.estimator,
-        train_on=outcome.train_on,
-        tested_on=outcome.tested_on,
-        rung=outcome.rung,
-        trial=outcome.trial,
-        press=outcome.press[which],
-        copied=outcome.copied[which],
-        predicted=outcome.predicted[which],
-    )
-
-
-def _keys(outcomes: Iterable[Outcome], key: Callable[[Outcome], tuple[str, ...]]) -> list[tuple[str, ...]]:
-    """The different keys, in the order of their first outcome."""
-    return list(dict.fromkeys(key(one) for one in outcomes))

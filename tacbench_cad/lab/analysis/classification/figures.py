@@ -1,20 +1,22 @@
-"""Figures of a classification: the ladder with its intervals, confusion matrices, a sweep's curve."""
+"""Figures of a classification: hold-out levels with their intervals, confusion matrices, a sweep's curve."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tacbench_cad.lab.analysis.classification.accuracy import Score
-from tacbench_cad.lab.analysis.classification.classify import Result, beside_paper
+from tacbench_cad.lab.analysis.classification.paper_protocol import COLUMNS as PAPER_COLUMNS
+from tacbench_cad.lab.analysis.classification.result import Result, beside_paper
 from tacbench_cad.lab.analysis.classification.sweep import PARAMETERS, SweepResult
 from tacbench_cad.lab.analysis.figures import COLOURS, COLUMN_IN, INK, PAGE_IN, new_figure, save, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
 #: Marks of the estimators, beside their colours.
@@ -24,147 +26,130 @@ ACROSS = 3
 
 
 def draw_result(result: Result, out: Path) -> list[Path]:
-    """Draw ``ladder`` (or ``paper_table``) and ``confusion`` as PNG and PDF.
+    """Draw ``hold_out_levels`` (or ``paper_table``) and ``confusion`` as PNG and PDF.
 
     Raises:
         MissingToolError: matplotlib is not installed.
         InputError: A file cannot be written.
     """
-    simulated = result.collection.simulated
-    paths: list[Path] = []
     with styled():
-        draw = _paper if result.settings.protocol == "paper" else _ladder
-        paths += draw(result, out, simulated)
-        paths += _confusions(result, out, simulated)
-    return paths
-
-
-def _whole(result: Result) -> list[Score]:
-    """Rows of whole rungs, without the single held-out groups."""
-    return [one for one in result.scores if one.tested_on in ("all", "all others", one.train_on)]
+        if result.settings.protocol == "paper":
+            figures = {"paper_table": _paper(result)}
+        else:
+            figures = {"hold_out_levels": _levels(result)}
+        figures |= _confusions(result)
+        simulated = result.collection.simulated
+        return [path for stem, figure in figures.items() for path in save(figure, out / stem, simulated)]
 
 
 def _points(axes: Axes, x: Sequence[float], rows: Sequence[Score], index: int, label: str) -> None:
     """Accuracies with their intervals, in per cent."""
     colour, marker = COLOURS[index % len(COLOURS)], MARKERS[index % len(MARKERS)]
-    for place, one in zip(x, rows, strict=True):
-        if one.low is not None and one.high is not None:
-            axes.plot([place, place], [100 * one.low, 100 * one.high], color=colour, lw=1.4, zorder=2)
-    axes.plot(x, [100 * one.accuracy for one in rows], marker, color=colour, ms=4.5, label=label, zorder=3)
+    for place, score in zip(x, rows, strict=True):
+        if score.low is not None and score.high is not None:
+            axes.plot([place, place], [100 * score.low, 100 * score.high], color=colour, lw=1.4, zorder=2)
+    axes.plot(x, [100 * score.accuracy for score in rows], marker, color=colour, ms=4.5, label=label, zorder=3)
 
 
-def _chance(axes: Axes, percent: float) -> None:
-    axes.axhline(percent, color=INK, lw=0.7, ls=(0, (4, 3)), zorder=1)
-    axes.text(1.0, percent + 1, "chance", transform=axes.get_yaxis_transform(), ha="right", va="bottom", fontsize=7)
+def _chance(axes: Axes, fraction: float) -> None:
+    axes.axhline(100 * fraction, color=INK, lw=0.7, ls=(0, (4, 3)), zorder=1)
+    axes.text(
+        1.0, 100 * fraction + 1, "chance", transform=axes.get_yaxis_transform(), ha="right", va="bottom", fontsize=7
+    )
     axes.set_ylim(0, 102)
     axes.set_ylabel("accuracy (%)")
 
 
-def _ladder(result: Result, out: Path, simulated: Sequence[str]) -> list[Path]:
+def _levels(result: Result) -> Figure:
     names = result.settings.estimators
-    rungs = list(dict.fromkeys(one.rung for one in result.scores))
-    figure = new_figure(max(COLUMN_IN, 1.1 + 0.85 * len(rungs)), 2.8)
+    levels = list(dict.fromkeys(score.hold_out for score in result.scores))
+    figure = new_figure(max(COLUMN_IN, 1.1 + 0.85 * len(levels)), 2.8)
     axes = figure.add_subplot()
-    single = False
     for index, name in enumerate(names):
         shift = 0.22 * (index - (len(names) - 1) / 2)
-        rows = [one for one in result.scores if one.estimator == name and one.tested_on == "all"]
-        _points(axes, [rungs.index(one.rung) + shift for one in rows], rows, index, name)
-        for one in result.scores:
-            if one.estimator == name and one.tested_on != "all":
-                place = rungs.index(one.rung) + shift + 0.09
-                axes.plot(place, 100 * one.accuracy, "_", color=COLOURS[index % len(COLOURS)], ms=5, mew=1.0, zorder=2)
-                single = True
-    if single:
+        mine = [score for score in result.scores if score.estimator == name]
+        rows = [score for score in mine if score.whole]
+        _points(axes, [levels.index(score.hold_out) + shift for score in rows], rows, index, name)
+        for score in mine:
+            if not score.whole:
+                place = levels.index(score.hold_out) + shift + 0.09
+                colour = COLOURS[index % len(COLOURS)]
+                axes.plot(place, 100 * score.accuracy, "_", color=colour, ms=5, mew=1.0, zorder=2)
+    if not all(score.whole for score in result.scores):
         axes.plot([], [], "_", color=INK, ms=5, mew=1.0, label="one held-out group")
-    units = {one.rung: one.units for one in result.scores if one.tested_on == "all"}
-    axes.set_xticks(range(len(rungs)), [f"{rung}\n({_short(units[rung])})" for rung in rungs])
-    axes.set_xlim(-0.5, len(rungs) - 0.5)
+    units = {score.hold_out: score.units for score in result.scores if score.whole}
+    short = {level: text.replace("printer-filament combinations", "combinations") for level, text in units.items()}
+    axes.set_xticks(range(len(levels)), [f"{level}\n({short[level]})" for level in levels])
+    axes.set_xlim(-0.5, len(levels) - 0.5)
     axes.set_xlabel("held out (units of the 95 % interval)")
-    _chance(axes, 100 * result.chance)
+    _chance(axes, result.chance)
     figure.legend(loc="outside upper center", ncols=3)
-    return list(save(figure, out / "ladder", simulated))
+    return figure
 
 
-def _short(units: str) -> str:
-    return units.replace("printer-filament combinations", "combinations")
-
-
-def _paper(result: Result, out: Path, simulated: Sequence[str]) -> list[Path]:
-    rows = beside_paper(result)
-    columns = ("train", "test", "unseen")
+def _paper(result: Result) -> Figure:
+    names = result.settings.estimators
+    paper = {(row.train_on, row.estimator): row.paper for row in beside_paper(result)}
     figure = new_figure(PAGE_IN, 2.9)
     panels = figure.subplots(1, len(result.settings.train_on), sharey=True, squeeze=False)[0]
     for panel, train_on in zip(panels, result.settings.train_on, strict=True):
-        for index, name in enumerate(result.settings.estimators):
-            shift = 0.24 * (index - (len(result.settings.estimators) - 1) / 2)
-            mine = [
-                next(
-                    one for one in _whole(result) if (one.estimator, one.train_on, one.rung) == (name, train_on, column)
-                )
-                for column in columns
-                if any((one.estimator, one.train_on, one.rung) == (name, train_on, column) for one in _whole(result))
-            ]
-            _points(panel, [columns.index(one.rung) + shift for one in mine], mine, index, name)
-            theirs = next(one.paper for one in rows if (one.estimator, one.train_on) == (name, train_on))
-            for place, value in enumerate(theirs):
+        for index, name in enumerate(names):
+            shift = 0.24 * (index - (len(names) - 1) / 2)
+            mine = [s for s in result.scores if s.whole and (s.estimator, s.train_on) == (name, train_on)]
+            _points(panel, [PAPER_COLUMNS.index(score.hold_out) + shift for score in mine], mine, index, name)
+            for place, value in enumerate(paper[train_on, name]):
                 if value is not None:
                     panel.plot(place + shift + 0.08, value, "x", color=INK, ms=4.5, mew=1.0, zorder=4)
         panel.set_title(train_on.replace("_", ", "))
         panel.set_xticks(range(3), ["train", "test\n(inflated)", "unseen"])
         panel.set_xlim(-0.5, 2.5)
-        _chance(panel, 100 * result.chance)
+        _chance(panel, result.chance)
         panel.label_outer()
-    handles, labels = panels[0].get_legend_handles_labels()
-    if any(value is not None for one in rows for value in one.paper):
-        handles.append(panels[0].plot([], [], "x", color=INK, ms=4.5, mew=1.0)[0])
-        labels.append("printed in the paper")
-    figure.legend(handles, labels, loc="outside upper center", ncols=4)
-    return list(save(figure, out / "paper_table", simulated))
+    if any(value is not None for values in paper.values() for value in values):
+        panels[0].plot([], [], "x", color=INK, ms=4.5, mew=1.0, label="printed in the paper")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    return figure
 
 
-def _confusions(result: Result, out: Path, simulated: Sequence[str]) -> list[Path]:
+def _confusions(result: Result) -> dict[str, Figure]:
     """Confusion matrices, one file an estimator (and training combination)."""
-    paths: list[Path] = []
-    rows = [one for one in _whole(result) if one.rung != "train"]
-    for name, train_on in dict.fromkeys((one.estimator, one.train_on) for one in rows):
-        mine = [one for one in rows if (one.estimator, one.train_on) == (name, train_on)]
-        stem = f"confusion_{name.replace(':', '-').replace('.', '-')}"
-        stem += "" if result.settings.protocol == "sound" else f"_{train_on}"
+    figures: dict[str, Figure] = {}
+    rows = [score for score in result.scores if score.whole and score.hold_out != "train"]
+    paper = result.settings.protocol == "paper"
+    for name, train_on in dict.fromkeys((score.estimator, score.train_on) for score in rows):
+        mine = [score for score in rows if (score.estimator, score.train_on) == (name, train_on)]
         down = -(-len(mine) // ACROSS)
         figure = new_figure(min(PAGE_IN, 1.2 + 2.1 * len(mine)), 0.4 + 2.35 * down)
         panels = figure.subplots(down, min(ACROSS, len(mine)), squeeze=False)
-        short = [one.removeprefix("texture-") for one in result.textures]
-        pictures = [_matrix(axes, one, short) for axes, one in zip(panels.flat, mine, strict=False)]
+        short = [texture.removeprefix("texture-") for texture in result.textures]
+        matrices = [_matrix(axes, score, short) for axes, score in zip(panels.flat, mine, strict=False)]
         for axes in panels.flat[len(mine) :]:
             axes.set_axis_off()
-        figure.colorbar(pictures[0], ax=panels.ravel().tolist(), label="share of the texture's presses (%)", shrink=0.8)
-        head = f"{name}" if result.settings.protocol == "sound" else f"{name} trained on {train_on.replace('_', ', ')}"
-        figure.suptitle(head)
-        paths += save(figure, out / stem, simulated)
-    return paths
+        label = "fraction of the texture's presses (%)"
+        figure.colorbar(matrices[0], ax=panels.ravel().tolist(), label=label, shrink=0.8)
+        figure.suptitle(f"{name} trained on {train_on.replace('_', ', ')}" if paper else name)
+        stem = f"confusion_{name.replace(':', '-').replace('.', '-')}"
+        figures[f"{stem}_{train_on}" if paper else stem] = figure
+    return figures
 
 
 def _matrix(axes: Axes, score: Score, names: Sequence[str]) -> AxesImage:
-    totals = score.confusion.sum(axis=1, keepdims=True)
-    shares = np.full(score.confusion.shape, np.nan)
-    np.divide(100.0 * score.confusion, totals, out=shares, where=totals > 0)
-    picture = axes.imshow(shares, vmin=0, vmax=100, cmap="cividis")
-    for i, j in np.ndindex(shares.shape):
-        if np.isfinite(shares[i, j]) and shares[i, j] >= 0.5:
-            colour = "white" if shares[i, j] < 55 else "black"
-            axes.text(j, i, f"{shares[i, j]:.0f}", ha="center", va="center", color=colour, fontsize=6.5)
+    percent = 100.0 * score.fractions
+    matrix = axes.imshow(percent, vmin=0, vmax=100, cmap="cividis")
+    for i, j in np.argwhere(percent >= 0.5):
+        colour = "white" if percent[i, j] < 55 else "black"
+        axes.text(j, i, f"{percent[i, j]:.0f}", ha="center", va="center", color=colour, fontsize=6.5)
     axes.set_xticks(range(len(names)), names)
     axes.set_yticks(range(len(names)), names)
     axes.tick_params(length=0)
-    axes.set_xlabel("said")
+    axes.set_xlabel("predicted")
     axes.set_ylabel("texture")
-    axes.set_title(f"{score.rung}: {100 * score.accuracy:.1f} %")
-    return picture
+    axes.set_title(f"{score.hold_out}: {100 * score.accuracy:.1f} %")
+    return matrix
 
 
-def draw_sweep(result: SweepResult, out: Path, simulated: Sequence[str]) -> list[Path]:
-    """Draw ``sweep_<parameter>`` as PNG and PDF: accuracy, intervals as bars, the spread of several trials as a band.
+def draw_sweep(result: SweepResult, out: Path) -> list[Path]:
+    """Draw ``sweep_<parameter>`` as PNG and PDF: accuracy, intervals as bars, several trials' deviation as a band.
 
     Raises:
         MissingToolError: matplotlib is not installed.
@@ -173,29 +158,31 @@ def draw_sweep(result: SweepResult, out: Path, simulated: Sequence[str]) -> list
     with styled():
         figure = new_figure(4.6, 3.0)
         axes = figure.add_subplot()
-        keys = list(dict.fromkeys((score.estimator, score.train_on, score.rung) for _, score in result.points))
-        several = {which: len({key[which] for key in keys}) > 1 for which in range(3)}
+        curves: dict[tuple[str, str, str], list[tuple[float, Score]]] = {}
+        for value, score in result.points:
+            curves.setdefault((score.estimator, score.train_on, score.hold_out), []).append((value, score))
+        several = [len(set(words)) > 1 for words in zip(*curves, strict=True)]
         # Curves stand a little apart, so that no bar hides another.
         apart = 0.008 * float(np.ptp([value for value, _ in result.points]))
-        for index, key in enumerate(keys):
-            mine = [(value, one) for value, one in result.points if (one.estimator, one.train_on, one.rung) == key]
-            rows, shift = [one for _, one in mine], apart * (index - (len(keys) - 1) / 2)
-            x = [value + shift for value, _ in mine]
-            y = 100 * np.array([one.accuracy for one in rows])
-            spread = 100 * np.array([one.spread or 0.0 for one in rows])
+        for index, (key, points) in enumerate(curves.items()):
+            rows, shift = [score for _, score in points], apart * (index - (len(curves) - 1) / 2)
+            x = [value + shift for value, _ in points]
+            y = 100 * np.array([score.accuracy for score in rows])
+            deviation = 100 * np.array([score.standard_deviation or 0.0 for score in rows])
             colour = COLOURS[index % len(COLOURS)]
-            label = ", ".join(key[which] for which in range(3) if several[which]) or key[2]
-            if spread.any():
-                axes.fill_between(x, y - spread, y + spread, color=colour, alpha=0.2, lw=0)
+            if deviation.any():
+                axes.fill_between(x, y - deviation, y + deviation, color=colour, alpha=0.2, lw=0)
             axes.plot(x, y, color=colour)
-            _points(axes, x, rows, index, label)
+            label = ", ".join(word for word, differs in zip(key, several, strict=True) if differs)
+            _points(axes, x, rows, index, label or key[2])
         axes.set_xlabel(PARAMETERS[result.sweep.parameter])
-        _chance(axes, 100 / result.textures)
-        scores = [score for _, score in result.points]
-        said = {
-            "bar: 95 % interval": any(score.low is not None for score in scores),
-            "band: standard deviation over the trials": any(score.spread for score in scores),
-        }
-        title = "; ".join(words for words, drawn in said.items() if drawn)
-        figure.legend(loc="outside upper center", ncols=3, title=title or None)
-        return list(save(figure, out / f"sweep_{result.sweep.parameter}", simulated))
+        _chance(axes, result.chance)
+        figure.legend(loc="outside upper center", ncols=3, title="; ".join(_legend(result)) or None)
+        return list(save(figure, out / f"sweep_{result.sweep.parameter}", result.simulated))
+
+
+def _legend(result: SweepResult) -> Iterator[str]:
+    if any(score.low is not None for _, score in result.points):
+        yield "bar: 95 % interval"
+    if any(score.standard_deviation for _, score in result.points):
+        yield "band: standard deviation over the trials"

@@ -2,184 +2,141 @@
 
 Every image of one printer-filament combination is copied four times, principal components are fitted to all of these
 copies, and only then are 20 % of the rows split off at random: copies of one image lie on both sides, so the test
-column says how well a classifier recognises an image that it has seen. The unseen column is sound: it is of other
-combinations. Components and batched networks come from :mod:`.pca` and :mod:`.network`.
+column says how well a classifier recognises an image that it has seen. The unseen column does not leak: it is of other
+combinations.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from tacbench_cad.lab.analysis.classification.augment import trial_seed
-from tacbench_cad.lab.analysis.classification.features import Features
-from tacbench_cad.lab.analysis.classification.pca import Noise, Products, Scores, clipped_scores, principal_scores
-from tacbench_cad.lab.analysis.classification.settings import (
-    ESTIMATORS,
-    TEST_SHARE,
-    Outcome,
-    Settings,
-    guarded,
-    one_thread,
-    predicted_index,
-)
+from tacbench_cad.lab.analysis.classification.outcomes import ALL_OTHERS, Outcome, Study, guarded, predictions
+from tacbench_cad.lab.analysis.classification.pca import Noise, Scores, clipped_scores, principal_scores
+from tacbench_cad.lab.analysis.classification.settings import ESTIMATORS, TEST_FRACTION, Settings, one_thread
 from tacbench_cad.lab.analysis.classification.splits import PressTable
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.types import Ints, Strings
 
 #: The three columns of the paper's table.
-RUNGS = ("train", "test", "unseen")
+COLUMNS = ("train", "test", "unseen")
 #: What is said beside every number of this protocol.
 WARNING = (
     "protocol paper: copies of an image lie on both sides of the 20 % split, and the principal components have seen "
-    "both, so the test column is inflated (it nears 100 % even on labels of pure noise); compare --protocol sound"
+    "both, so the test column is inflated (it nears 100 % even on labels of pure noise); compare --protocol leak-free"
 )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Batch:
-    """Trials of one training combination that one process trains.
-
-    Args:
-        settings: The settings.
-        train_on: The combination.
-        trials: Their numbers.
-        scores: Of each trial.
-        labels: Texture of every press.
-        chosen: Indices of the presses that are trained on.
-        unseen: Indices of the others.
-    """
-
-    settings: Settings
-    train_on: str
-    trials: tuple[int, ...]
-    scores: tuple[Scores, ...]
-    labels: Strings
-    chosen: Ints
-    unseen: Ints
-
-
-def require_possible(features: Features, presses: PressTable, settings: Settings) -> None:
+def _require_possible(study: Study) -> None:
     """Check that the data can be put through this protocol.
 
     Raises:
         InputError: The readings are no images, or a combination is not there or has fewer than two textures.
     """
-    if not features.is_image:
-        what = "is for images (its copies are in counts of 0 to 255); use --protocol sound for other sensors"
+    if not study.features.is_image:
+        what = "is for images (its copies are in counts of 0 to 255); use --protocol leak-free for other sensors"
         raise InputError("protocol", "paper", what)
-    known = [str(one) for one in np.unique(presses.combination)]
-    for one in settings.train_on:
-        if one not in known:
-            raise InputError("train-on", one, f"the runs have {', '.join(known)}")
-        textures = np.unique(presses.texture[presses.combination == one])
-        if len(textures) < 2:
-            raise InputError("train-on", one, f"has only {textures[0]}; training needs at least two textures")
+    combinations, textures = study.presses.combination, study.presses.texture
+    known = [str(name) for name in np.unique(combinations)]
+    for name in study.settings.train_on:
+        if name not in known:
+            raise InputError("train-on", name, f"the runs have {', '.join(known)}")
+        present = np.unique(textures[combinations == name])
+        if len(present) < 2:
+            raise InputError("train-on", name, f"has only {present[0]}; training needs at least two textures")
 
 
-def batches(
-    products: Products,
-    presses: PressTable,
-    settings: Settings,
-    train_on: str,
-    trials: Sequence[int],
-    jobs: int,
-) -> Iterator[Batch]:
-    """The trials of a combination with their components' scores, in parts for processes.
+def calls(study: Study, train_on: str, trials: Sequence[int], jobs: int) -> list[tuple[Sequence[int], Any]]:
+    """Calls for worker processes, each with the trials whose networks it trains together.
 
     Args:
-        products: Of all readings, images.
-        presses: What is known of each press.
-        settings: The settings.
-        train_on: The combination.
+        study: What all trials share.
+        train_on: The combination that is trained on.
         trials: Numbers of the trials.
-        jobs: Processes that will take them.
+        jobs: Processes that will take the calls.
 
     Raises:
-        InputError: There are more components than the images have directions.
+        InputError: The protocol is not for these data, or there are more components than directions.
     """
     from joblib import Parallel, delayed
 
     from tacbench_cad.lab.analysis.classification.network import TOGETHER
 
-    chosen = np.flatnonzero(presses.combination == train_on)
-    unseen = np.flatnonzero(presses.combination != train_on)
+    _require_possible(study)
+    settings, copies = study.settings, study.settings.augmentation
     components = settings.components
     assert components is not None  # Settings refuses it for this protocol
-    copies = settings.augmentation
-    pool = None if settings.clip else products.pool(chosen, noise=copies.noise is not None)
+    chosen = np.flatnonzero(study.presses.combination == train_on)
+    pool = None
+    if not settings.clip:
+        study.products.compute(jobs)
+        pool = study.products.pool(chosen, noise=copies.noise is not None)
 
     def scores(trial: int) -> Scores:
         seed = trial_seed(settings.seed, trial)
         if pool is None:
-            return clipped_scores(np.asarray(products.rows, np.uint8), chosen, copies, components, seed)
+            return clipped_scores(np.asarray(study.features.rows, np.uint8), chosen, copies, components, seed)
         noise = None if copies.noise is None else Noise.of(pool, copies.noise, seed)
         return principal_scores(pool, noise, copies, components)
 
     # Each trial in a thread of its own: threads within each product would mostly wait for each other.
-    found = Parallel(n_jobs=1 if pool is None else jobs, backend="threading")(delayed(scores)(one) for one in trials)
+    parallel = Parallel(n_jobs=1 if pool is None else jobs, backend="threading")
+    all_scores = parallel(delayed(scores)(trial) for trial in trials)
     size = min(TOGETHER, -(-len(trials) // jobs))
-    for first in range(0, len(trials), size):
-        part = slice(first, first + size)
-        yield Batch(
-            settings=settings,
-            train_on=train_on,
-            trials=tuple(trials[part]),
-            scores=tuple(found[part]),
-            labels=presses.texture,
-            chosen=chosen,
-            unseen=unseen,
-        )
+    parts = [slice(first, first + size) for first in range(0, len(trials), size)]
+    train = delayed(paper_trials)
+    return [(trials[part], train(settings, study.presses, train_on, trials[part], all_scores[part])) for part in parts]
 
 
 @one_thread()
-def paper_trials(batch: Batch) -> list[list[Outcome]]:
-    """Train and test every estimator in each trial of a batch.
+def paper_trials(
+    settings: Settings, presses: PressTable, train_on: str, trials: Sequence[int], scores: Sequence[Scores]
+) -> list[list[Outcome]]:
+    """Train and test every estimator in some trials.
 
     Returns:
         The outcomes of each trial.
 
     Raises:
-        InputError: An estimator raises, or says what is no texture.
+        InputError: An estimator raises, or predicts what is no texture.
     """
     from sklearn.model_selection import train_test_split
 
-    settings = batch.settings
-    textures = [str(one) for one in np.unique(batch.labels)]
-    labels = np.tile(batch.labels[batch.chosen], settings.augmentation.count)
-    seeds = [trial_seed(settings.seed, trial) for trial in batch.trials]
-    rows = [one.train for one in batch.scores]
+    textures = [str(name) for name in np.unique(presses.texture)]
+    inside = presses.combination == train_on
+    chosen, unseen = np.flatnonzero(inside), np.flatnonzero(~inside)
+    labels = np.tile(presses.texture[chosen], settings.augmentation.count)
+    seeds = [trial_seed(settings.seed, trial) for trial in trials]
     try:
-        splits = [train_test_split(np.arange(len(labels)), test_size=TEST_SHARE, random_state=seed) for seed in seeds]
+        splits = [train_test_split(np.arange(len(labels)), test_size=TEST_FRACTION, random_state=s) for s in seeds]
     except ValueError as error:
-        raise InputError("train-on", batch.train_on, f"has too few presses for a split: {error}") from error
-    outcomes: list[list[Outcome]] = [[] for _ in seeds]
+        raise InputError("train-on", train_on, f"has too few presses for a split: {error}") from error
+    outcomes: list[list[Outcome]] = [[] for _ in trials]
     for name in settings.estimators:
-        where = f"trials {batch.trials[0]} to {batch.trials[-1]} on {batch.train_on}"
-        sets = [(one[train], labels[train]) for one, (train, _) in zip(rows, splits, strict=True)]
-        models = guarded(name, where, lambda name=name, sets=sets: _fitted(settings, name, seeds, sets))
-        for index, (model, (train, test)) in enumerate(zip(models, splits, strict=True)):
-            for rung, scores, which in (
-                ("train", rows[index][train], train),
-                ("test", rows[index][test], test),
-                ("unseen", batch.scores[index].plain[batch.unseen], None),
-            ):
-                if not len(scores):
-                    continue
-                said = guarded(name, where, lambda model=model, scores=scores: model.predict(scores))
-                outcomes[index].append(
+        where = f"trials {trials[0]} to {trials[-1]} on {train_on}"
+        with guarded(name, where):
+            sets = [(one.train[train], labels[train]) for one, (train, _) in zip(scores, splits, strict=True)]
+            models = _fitted(settings, name, seeds, sets)
+        for trial, model, split, one, results in zip(trials, models, splits, scores, outcomes, strict=True):
+            tested = [
+                (column, train_on, one.train[which], chosen[which % len(chosen)], which // len(chosen))
+                for column, which in zip(COLUMNS, split, strict=False)
+            ]
+            if len(unseen):
+                tested.append((COLUMNS[2], ALL_OTHERS, one.plain[unseen], unseen, 0 * unseen))
+            for column, tested_on, rows, press, copied in tested:
+                results.append(
                     Outcome(
                         estimator=name,
-                        train_on=batch.train_on,
-                        tested_on="all others" if which is None else batch.train_on,
-                        rung=rung,
-                        trial=batch.trials[index],
-                        press=batch.unseen if which is None else batch.chosen[which % len(batch.chosen)],
-                        copied=np.zeros(len(scores), dtype=np.int64) if which is None else which // len(batch.chosen),
-                        predicted=predicted_index(name, said, len(scores), textures, where),
+                        train_on=train_on,
+                        tested_on=tested_on,
+                        hold_out=column,
+                        trial=trial,
+                        press=press,
+                        copied=copied,
+                        predicted=predictions(model, rows, textures, name, where),
                     )
                 )
     return outcomes

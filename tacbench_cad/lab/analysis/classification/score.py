@@ -1,7 +1,7 @@
 """Scoring predictions, made by anything, against a split file.
 
 Predictions are a CSV file with a head and one row for each press that a fold tests. These columns are read, in any
-order; others are left alone:
+order; others are ignored:
 
 =============== =====================================================================================
 ``fold``        name of the fold in the split file
@@ -11,13 +11,14 @@ order; others are left alone:
 =============== =====================================================================================
 
 The interval has prints as its unit: presses of one print are alike, so a thousand presses of six prints are little more
-than six trials. It is that of :func:`.accuracy.interval`; where every press or none is right,
-prints do not differ to be seen, and each counts as one trial.
+than six trials. It is that of :func:`.accuracy.interval`; where every press or none is right, no
+difference between prints is seen, and each print counts as one trial.
 """
 
 from __future__ import annotations
 
 import csv
+import io
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,46 +30,49 @@ from numpy.typing import ArrayLike
 
 from tacbench_cad.lab.analysis.classification.accuracy import interval
 from tacbench_cad.lab.analysis.classification.split_files import Key, Split, named
+from tacbench_cad.lab.analysis.tables import Column, Row, Table, percent
+from tacbench_cad.util.convert import to_plain
+from tacbench_cad.util.door import read_text
 from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.text import interval as percent_interval
 from tacbench_cad.util.types import Ints
 
 #: Columns that a file of predictions must have.
 COLUMNS = ("fold", "run", "force_level", "repeat", "position", "predicted")
 
 
+def _band(row: Row) -> str:
+    low, high = (None if row[end] is None else 100.0 * row[end] for end in ("low", "high"))
+    return percent_interval(low, high)
+
+
+_SHOWN = (
+    Column("name", head="of"),
+    Column("fraction", head="accuracy", text=percent, right=True),
+    Column("interval", head="95 % interval", derived=_band, right=True),
+    *(Column("right"), Column("presses"), Column("prints")),
+)
+
+
 @dataclass(frozen=True, kw_only=True)
-class Share:
-    """A share of presses that were told right.
+class Accuracy:
+    """How many presses were predicted rightly.
 
     Args:
-        right: Presses told right.
-        presses: Presses.
-        prints: Prints that they are of.
+        fraction: Their fraction.
         low: Lower end of the 95 % interval, None for one print.
         high: Upper end.
+        right: Presses predicted rightly.
+        presses: Presses.
+        prints: Prints that they are of.
     """
 
+    fraction: float
+    low: float | None
+    high: float | None
     right: int
     presses: int
     prints: int
-    low: float | None
-    high: float | None
-
-    @property
-    def value(self) -> float:
-        """The share."""
-        return self.right / self.presses
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        return {
-            "share": self.value,
-            "low": self.low,
-            "high": self.high,
-            "right": self.right,
-            "presses": self.presses,
-            "prints": self.prints,
-        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +98,7 @@ class PredictionsError(CheckFailedError):
 
     def __init__(self, path: Path, faults: Sequence[Fault]) -> None:
         self.path, self.faults = path, tuple(faults)
-        kinds = Counter(one.kind for one in faults)
+        kinds = Counter(fault.kind for fault in faults)
         counts = ", ".join(f"{count:,} {kind}" for kind, count in kinds.items())
         super().__init__(f"{path}: predictions do not fit the split: {counts}; the first: {faults[0].text}")
 
@@ -104,7 +108,7 @@ class PredictionsError(CheckFailedError):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Score:
-    """What predictions are worth.
+    """The score of predictions.
 
     Args:
         split: The split.
@@ -115,22 +119,33 @@ class Score:
     """
 
     split: Split
-    accuracy: Share
-    folds: Mapping[str, Share]
-    recall: Mapping[str, Share]
+    accuracy: Accuracy
+    folds: Mapping[str, Accuracy]
+    recall: Mapping[str, Accuracy]
     confusion: Ints
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+    @property
+    def shown(self) -> Iterator[Table]:
+        """The tables that people see."""
+        rows = {"all folds": self.accuracy, **self.folds}
+        rows |= {f"{texture} (recall)": accuracy for texture, accuracy in self.recall.items()}
+        named_rows = tuple({"name": name, **to_plain(accuracy)} for name, accuracy in rows.items())
+        yield Table(columns=_SHOWN, rows=named_rows, title=f"{self.split.protocol}: accuracy (%)")
+        textures = self.split.textures
+        counts = zip(textures, self.confusion.tolist(), strict=True)
+        yield Table(
+            columns=(Column("texture", head=""), *map(Column, textures)),
+            rows=tuple({"texture": name, **dict(zip(textures, row, strict=True))} for name, row in counts),
+            title="pressed (rows) and predicted (columns)",
+        )
+
+    def document(self) -> dict[str, Any]:
+        """The values of ``--json``."""
+        names = ("protocol", "data_sha256", "hold_out", "simulated")
         return {
-            "protocol": self.split.protocol,
-            "data_sha256": self.split.data_sha256,
-            "rung": self.split.rung,
-            "simulated": list(self.split.simulated),
+            **{name: to_plain(getattr(self.split, name)) for name in names},
             "chance": 1.0 / len(self.split.textures),
-            "accuracy": self.accuracy.as_dict(),
-            "folds": {name: one.as_dict() for name, one in self.folds.items()},
-            "recall": {name: one.as_dict() for name, one in self.recall.items()},
+            **{name: to_plain(getattr(self, name)) for name in ("accuracy", "folds", "recall")},
             "textures": list(self.split.textures),
             "confusion": self.confusion.tolist(),
         }
@@ -149,42 +164,39 @@ def score(path: Path, split: Split) -> Score:
             or have; all of them are named.
     """
     predicted = _matched(path, split)
-    textures = split.textures
-    at = {name: i for i, name in enumerate(textures)}
+    presses = [split.presses[index] for _, index in predicted]
+    textures = np.array(split.textures)
+    truth = np.searchsorted(textures, [press.texture for press in presses])
+    answers = np.searchsorted(textures, list(predicted.values()))
+    prints = np.array([press.run for press in presses])
+    folds = np.array([fold for fold, _ in predicted])
     confusion = np.zeros((len(textures), len(textures)), dtype=np.int64)
-    fold, texture, run, right = [], [], [], []
-    for (name, index), answer in predicted.items():
-        press = split.presses[index]
-        confusion[at[press.texture], at[answer]] += 1
-        fold.append(name)
-        texture.append(press.texture)
-        run.append(press.key[0])
-        right.append(answer == press.texture)
+    np.add.at(confusion, (truth, answers), 1)
+
+    def accuracy(where: Any = slice(None)) -> Accuracy:
+        return accuracy_of((truth == answers)[where], prints[where])
+
     return Score(
         split=split,
-        accuracy=share_of(right, run),
-        folds={one.name: _share_where(right, run, fold, one.name) for one in split.folds},
-        recall={one: _share_where(right, run, texture, one) for one in textures if one in texture},
+        accuracy=accuracy(),
+        folds={fold.name: accuracy(folds == fold.name) for fold in split.folds},
+        recall={str(name): accuracy(truth == i) for i, name in enumerate(textures) if (truth == i).any()},
         confusion=confusion,
     )
 
 
-def share_of(right: ArrayLike, prints: ArrayLike) -> Share:
-    """The share that was told right, with an interval over prints.
+def accuracy_of(right: ArrayLike, prints: ArrayLike) -> Accuracy:
+    """The fraction that was predicted rightly, with an interval over prints.
 
     Args:
-        right: Whether a press was told right, shape (n,).
+        right: Whether a press was predicted rightly, shape (n,).
         prints: The print of each, shape (n,).
     """
     hits, units = np.asarray(right, dtype=np.float64), np.asarray(prints)
-    count = len(np.unique(units))
     low, high = interval(hits, np.ones(len(hits)), units)
-    return Share(right=int(hits.sum()), presses=len(hits), prints=count, low=low, high=high)
-
-
-def _share_where(right: Sequence[bool], run: Sequence[str], labels: Sequence[str], label: str) -> Share:
-    chosen = [i for i, one in enumerate(labels) if one == label]
-    return share_of([right[i] for i in chosen], [run[i] for i in chosen])
+    correct, count = int(hits.sum()), len(hits)
+    prints_count = len(np.unique(units))
+    return Accuracy(fraction=correct / count, low=low, high=high, right=correct, presses=count, prints=prints_count)
 
 
 def _matched(path: Path, split: Split) -> dict[tuple[str, int], str]:
@@ -193,58 +205,51 @@ def _matched(path: Path, split: Split) -> dict[tuple[str, int], str]:
     Raises:
         PredictionsError: See :func:`score`.
     """
-    index = {one.key: i for i, one in enumerate(split.presses)}
-    wanted = {(fold.name, i): "" for fold in split.folds for i in fold.test}
-    folds = {one.name for one in split.folds}
+    index = {press.key: i for i, press in enumerate(split.presses)}
+    predicted = {(fold.name, i): "" for fold in split.folds for i in fold.test}
+    folds = {fold.name for fold in split.folds}
     lines: dict[tuple[str, int], int] = {}
     faults: list[Fault] = []
+
+    def refuse(kind: str, text: str) -> None:
+        faults.append(Fault(kind=kind, text=text))
+
     for line, row in _rows(path):
-        where = f"line {line}"
         try:
-            key: Key = (row["run"], *(int(row[name]) for name in ("force_level", "repeat", "position")))  # type: ignore[assignment]
+            key: Key = (row["run"], int(row["force_level"]), int(row["repeat"]), int(row["position"]))
         except ValueError:
-            faults.append(
-                Fault(kind="unknown", text=f"{where}: force_level, repeat and position must be whole numbers")
-            )
+            refuse("unknown", f"line {line}: force_level, repeat and position must be whole numbers")
             continue
-        what = f"fold {row['fold']}, {named(key)}"
-        pair = (row["fold"], index.get(key, -1))
+        where = f"line {line}: fold {row['fold']}, {named(key)}"
+        place = (row["fold"], index.get(key, -1))
         if row["fold"] not in folds:
-            faults.append(Fault(kind="unknown", text=f"{where}: {what}: the split has no such fold"))
+            refuse("unknown", f"{where}: the split has no such fold")
         elif key not in index:
-            faults.append(Fault(kind="unknown", text=f"{where}: {what}: the split has no such press"))
-        elif pair not in wanted:
-            faults.append(Fault(kind="unknown", text=f"{where}: {what}: this fold does not test it"))
-        elif pair in lines:
-            faults.append(Fault(kind="doubled", text=f"{where}: {what}: stands in line {lines[pair]} already"))
-        elif row["predicted"] not in split.textures:
-            allowed = ", ".join(split.textures)
-            text = f"{where}: {what}: predicted {row['predicted']!r} is no texture of the split ({allowed})"
-            faults.append(Fault(kind="unknown", text=text))
-            lines[pair] = line
+            refuse("unknown", f"{where}: the split has no such press")
+        elif place not in predicted:
+            refuse("unknown", f"{where}: this fold does not test it")
+        elif place in lines:
+            refuse("doubled", f"{where}: stands in line {lines[place]} already")
         else:
-            wanted[pair] = row["predicted"]
-            lines[pair] = line
-    for name, i in wanted:
-        if (name, i) not in lines:
-            text = f"fold {name}, {named(split.presses[i].key)}: has no prediction"
-            faults.append(Fault(kind="missing", text=text))
+            lines[place], predicted[place] = line, row["predicted"]
+            if row["predicted"] not in split.textures:
+                allowed = ", ".join(split.textures)
+                refuse("unknown", f"{where}: predicted {row['predicted']!r} is no texture of the split ({allowed})")
+    for fold, i in (place for place in predicted if place not in lines):
+        refuse("missing", f"fold {fold}, {named(split.presses[i].key)}: has no prediction")
     if faults:
         raise PredictionsError(path, faults)
-    return wanted
+    return predicted
 
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     """Line numbers and rows of a file of predictions."""
+    reader = csv.DictReader(io.StringIO(read_text(path, "predictions", "table"), newline=""), restval="")
     try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            reader = csv.DictReader(stream, restval="")
-            lacking = [one for one in COLUMNS if one not in (reader.fieldnames or ())]
-            if lacking:
-                raise InputError("predictions", str(path), f"has no column {lacking[0]}; columns: {', '.join(COLUMNS)}")
-            for row in reader:
-                yield reader.line_num, {name: (row[name] or "").strip() for name in COLUMNS}
-    except OSError as error:
-        raise InputError("predictions", str(path), f"cannot be read: {error.strerror}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError("predictions", str(path), f"is no CSV file in UTF-8: {error}") from None
+        lacking = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
+        if lacking:
+            raise InputError("predictions", str(path), f"has no column {lacking[0]}; columns: {', '.join(COLUMNS)}")
+        for row in reader:
+            yield reader.line_num, {name: (row[name] or "").strip() for name in COLUMNS}
+    except csv.Error as error:
+        raise InputError("predictions", str(path), f"is not a CSV file: {error}") from None

@@ -6,7 +6,7 @@ import hashlib
 import inspect
 import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -16,20 +16,19 @@ import numpy as np
 
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis.classification.augment import Augmentation
-from tacbench_cad.lab.analysis.classification.splits import FOLDS, RUNGS
+from tacbench_cad.lab.analysis.classification.splits import FOLDS, HOLD_OUT_LEVELS
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.rig.plugin import is_plugin, load
 from tacbench_cad.util.errors import InputError, TacbenchError, nearest, one_of
-from tacbench_cad.util.types import Ints
 
-#: The protocols: ``sound`` keeps all of the test set out of training, ``paper`` does as the paper's text says.
-PROTOCOLS = ("sound", "paper")
+#: The protocols: ``leak-free`` keeps all of the test set out of training, ``paper`` does as the paper's text says.
+PROTOCOLS = ("leak-free", "paper")
 #: Estimators of our own: the paper's two.
 ESTIMATORS = ("forest", "network")
 #: Units in the hidden layer of the network.
 HIDDEN = 50
-#: Share of the augmented rows that the paper's protocol holds back.
-TEST_SHARE = 0.2
+#: Fraction of the augmented rows that the paper's protocol holds back.
+TEST_FRACTION = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,16 +36,16 @@ class Settings:
     """A classification; together with the data it decides every number.
 
     Args:
-        protocol: ``sound`` or ``paper``.
+        protocol: ``leak-free`` or ``paper``.
         estimators: ``forest``, ``network`` or ``module:name``.
-        resolution: Share of an image's width and height that is kept.
+        resolution: Fraction of an image's width and height that is kept.
         components: Principal components that the estimators get; None: the readings themselves.
         augmentation: Copies of training readings.
         clip: Round and clip the copies to whole counts of 0 to 255, as image tools save them (``paper`` only).
         seed: Everything random follows from it and the trial's number.
-        rungs: Rungs of the ladder (``sound`` only).
-        folds: Folds of presses and of positions (``sound`` only).
-        copies: Prints of each texture and combination in training; None: all (``sound`` only).
+        hold_out: Hold-out levels (``leak-free`` only).
+        folds: Folds of presses and of positions (``leak-free`` only).
+        copies: Prints of each texture and combination in training; None: all (``leak-free`` only).
         epochs: Epochs of the network.
         batch_size: Rows of a step of the network.
         depth: Largest depth of the forest's trees.
@@ -56,14 +55,14 @@ class Settings:
         InputError: A value is not allowed.
     """
 
-    protocol: str = "sound"
+    protocol: str = "leak-free"
     estimators: tuple[str, ...] = ("forest",)
     resolution: float = 0.4
     components: int | None = 25
     augmentation: Augmentation = field(default_factory=Augmentation)
     clip: bool = False
     seed: int = 0
-    rungs: tuple[str, ...] = RUNGS
+    hold_out: tuple[str, ...] = HOLD_OUT_LEVELS
     folds: int = FOLDS
     copies: int | None = None
     epochs: int = 1500
@@ -79,8 +78,8 @@ class Settings:
                 raise InputError("estimator", name, f"must be forest, network or module:name; {hint}")
         if not self.estimators or len(set(self.estimators)) < len(self.estimators):
             raise InputError("estimator", list(self.estimators), "must be names, each once")
-        for rung in self.rungs:
-            one_of("rungs", rung, RUNGS)
+        for level in self.hold_out:
+            one_of("hold-out", level, HOLD_OUT_LEVELS)
         for key, value, least in (
             ("components", self.components, 1),
             ("seed", self.seed, 0),
@@ -94,8 +93,8 @@ class Settings:
                 raise InputError(key, value, f"must be at least {least}")
         if self.protocol == "paper" and self.components is None:
             raise InputError("components", "none", "the paper's protocol has principal components; 25 of them")
-        if self.clip and self.protocol == "sound":
-            raise InputError("clip", True, "is the paper's protocol only; sound leaves its copies unclipped")
+        if self.clip and self.protocol == "leak-free":
+            raise InputError("clip", True, "is the paper's protocol only; leak-free leaves its copies unclipped")
 
     def key(self, data: str) -> str:
         """Names the numbers that follow from these settings, from the data and from the programs that compute them.
@@ -183,68 +182,3 @@ def data_key(collection: Collection) -> str:
     for run, number in zip(collection.run.tolist(), collection.number.tolist(), strict=True):
         digest.update(f"{collection.runs[run].info.printed.name} {number} {sums[run][number]}\n".encode())
     return digest.hexdigest()
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Outcome:
-    """What one estimator said in one fold.
-
-    Args:
-        estimator: Its name.
-        train_on: What it was trained on.
-        tested_on: What it was tested on.
-        rung: The rung, or ``train``, ``test`` or ``unseen`` in the paper's protocol.
-        trial: From 1.
-        press: Index of each tested row's press, (m,).
-        copied: Which copy of the press each row was, as an index of ``Augmentation.names``, (m,).
-        predicted: Index of the texture that was said, in sorted order, (m,).
-    """
-
-    estimator: str
-    train_on: str
-    tested_on: str
-    rung: str
-    trial: int
-    press: Ints
-    copied: Ints
-    predicted: Ints
-
-    def as_dict(self) -> dict[str, Any]:
-        """As plain values."""
-        plain = {key: getattr(self, key) for key in ("estimator", "train_on", "tested_on", "rung", "trial")}
-        return plain | {key: getattr(self, key).tolist() for key in ("press", "copied", "predicted")}
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Outcome:
-        """From plain values."""
-        arrays = {key: np.array(values[key], dtype=np.int64) for key in ("press", "copied", "predicted")}
-        return cls(**{**values, **arrays})
-
-
-def predicted_index(estimator: str, said: Any, count: int, textures: Sequence[str], where: str) -> Ints:
-    """What an estimator said, as indices of textures.
-
-    Raises:
-        InputError: It is not one of the textures for each row.
-    """
-    words = np.asarray(said)
-    if words.shape != (count,) or not np.isin(words, textures).all():
-        what = f"predicts {words.dtype} {words.shape} in {where}; must be one of the textures for each of {count} rows"
-        raise InputError("estimator", estimator, what)
-    return np.searchsorted(np.array(textures), words)
-
-
-def guarded(estimator: str, where: str, call: Any) -> Any:
-    """The value of a call of an estimator.
-
-    Raises:
-        InputError: The call raises; the message names estimator and place.
-    """
-    try:
-        return call()
-    except TacbenchError:
-        raise
-    except Exception as error:
-        text = str(error).strip()
-        what = f"{type(error).__name__}: {text.splitlines()[0] if text else 'without a message'}"
-        raise InputError("estimator", estimator, f"raised {what} in {where}") from error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,26 +12,23 @@ import numpy as np
 
 from tacbench_cad.lab.analysis.classification.accuracy import Score
 from tacbench_cad.lab.analysis.classification.classify import Progress, classify
+from tacbench_cad.lab.analysis.classification.result import SCORE_COLUMNS, SHOWN, SWEEP_COLUMNS
 from tacbench_cad.lab.analysis.classification.settings import Settings
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.csvfile import write_csv
-from tacbench_cad.lab.parallel import Team
+from tacbench_cad.lab.analysis.tables import Column, Table
+from tacbench_cad.lab.parallel import Executor
+from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError, one_of
 
-#: What can be swept, and what the axis is called.
+#: What can be swept, and the label of its axis.
 PARAMETERS = {
-    "resolution": "share of the image's width and height",
+    "resolution": "fraction of the image's width and height",
     "components": "principal components",
     "copies": "prints of each texture and combination in training",
     "forces": "force level (trained and tested at it alone)",
 }
 #: Values of a range where no number of them is given.
 STEPS = 10
-#: Heads of ``sweep.csv``.
-COLUMNS = (
-    *("protocol", "estimator", "train_on", "tested_on", "rung", "parameter", "value"),
-    *("accuracy", "low", "high", "spread", "trials", "images"),
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,10 +58,13 @@ class Sweep:
         how = f"must be {name}=LOW:HIGH, {name}=LOW:HIGH:STEPS or {name}=A,B,C"
         try:
             if ":" in rest:
-                low, high, steps = (*(float(one) for one in rest.split(":")), *[float(STEPS)] * (rest.count(":") == 1))
+                low, high, steps = (
+                    *(float(part) for part in rest.split(":")),
+                    *[float(STEPS)] * (rest.count(":") == 1),
+                )
                 values = np.linspace(low, high, int(steps)) if 2 <= steps <= 1000 and low < high else None
             else:
-                values = np.unique([float(one) for one in rest.split(",")])
+                values = np.unique([float(part) for part in rest.split(",")])
         except ValueError:
             values = None
         if not equals or values is None or re.search(r"nan|inf", rest, re.IGNORECASE):
@@ -117,9 +117,10 @@ class SweepResult:
     Args:
         sweep: What was swept.
         settings: The rest.
-        points: Value and row of each, for whole rungs.
+        points: Value and row of each, for whole hold-out levels.
         notes: What has to be known, each once.
-        textures: How many there are.
+        textures: How many textures there are.
+        simulated: What of the data was simulated.
     """
 
     sweep: Sweep
@@ -127,6 +128,41 @@ class SweepResult:
     points: tuple[tuple[float, Score], ...]
     notes: tuple[str, ...]
     textures: int
+    simulated: tuple[str, ...]
+
+    @property
+    def chance(self) -> float:
+        """The accuracy of guessing."""
+        return 1.0 / self.textures
+
+    @property
+    def table(self) -> Table:
+        """The rows, with all that is known of each."""
+        rows = [
+            {"parameter": self.sweep.parameter, "value": value if self.sweep.parameter == "resolution" else int(value)}
+            | {column.name: getattr(score, column.name) for column in SCORE_COLUMNS}
+            for value, score in self.points
+        ]
+        return Table(columns=SWEEP_COLUMNS, rows=tuple(rows))
+
+    @property
+    def shown(self) -> Iterator[Table]:
+        """The table that people see."""
+        title = f"protocol {self.settings.protocol}, per cent; chance is {100.0 * self.chance:.1f}"
+        value = Column("value", head=self.sweep.parameter, text=lambda value: f"{value:g}")
+        yield self.table.select(*SHOWN[:3], value, *SHOWN[4:7], "images", title=title)
+
+    def document(self) -> dict[str, Any]:
+        """The values of ``--json``."""
+        parameter = self.sweep.parameter
+        points = self.table.select(*SCORE_COLUMNS).records()
+        return {
+            "simulated": list(self.simulated),
+            "settings": to_plain(self.settings),
+            "parameter": parameter,
+            "points": [{parameter: value, **row} for (value, _), row in zip(self.points, points, strict=True)],
+            "notes": list(self.notes),
+        }
 
 
 def run_sweep(
@@ -135,7 +171,7 @@ def run_sweep(
     sweep: Sweep,
     trials: int,
     out: Path,
-    team: Team,
+    executor: Executor,
     progress: Progress | None = None,
 ) -> SweepResult:
     """Classify at every value; finished trials are kept as for one value.
@@ -146,7 +182,7 @@ def run_sweep(
         sweep: The parameter and its values.
         trials: How many trials are made at each value.
         out: Where finished trials are kept.
-        team: The processes that do it.
+        executor: Worker processes.
         progress: Called with what was done, how much is done, and how much there is.
 
     Raises:
@@ -154,46 +190,31 @@ def run_sweep(
         CheckFailedError: A reading is damaged.
     """
     if settings.protocol == "paper" and sweep.parameter == "copies":
-        raise InputError("sweep", sweep.parameter, "is of the sound protocol; the paper's trains on all copies")
+        raise InputError("sweep", sweep.parameter, "is of the leak-free protocol; the paper's trains on all copies")
     if sweep.parameter == "components" and settings.components is None:
         raise InputError("sweep", sweep.parameter, "needs principal components; leave out --components none")
     points: list[tuple[float, Score]] = []
-    notes: list[str] = []
+    notes: dict[str, None] = {}
     for value in sweep.values:
-        data, one = sweep.at(collection, settings, value)
+        data, changed = sweep.at(collection, settings, value)
 
-        def said(what: str, done: int, total: int, value: float = value) -> None:
+        def show(what: str, done: int, total: int, value: float = value) -> None:
             if progress is not None:
                 progress(f"{sweep.parameter} {value:g}: {what}", done, total)
 
-        result = classify(data, one, trials, out, team, said)
-        whole = ("all", "all others", *one.train_on, *result.settings.train_on)
-        points += [
-            (value, score)
-            for score in result.scores
-            if score.tested_on in whole and not (score.rung == "unseen" and score.tested_on != "all others")
-        ]
-        notes += [f"{note}" for note in result.notes]
+        result = classify(data, changed, trials, out, executor, show)
+        points += [(value, score) for score in result.scores if score.whole]
+        notes |= dict.fromkeys(result.notes)
     return SweepResult(
         sweep=sweep,
         settings=settings,
         points=tuple(points),
-        notes=tuple(dict.fromkeys(notes)),
+        notes=tuple(notes),
         textures=len(collection.textures),
+        simulated=collection.simulated,
     )
 
 
 def write_sweep(result: SweepResult, out: Path) -> Path:
     """Write ``sweep.csv``."""
-
-    def row(value: float, score: Score) -> dict[str, Any]:
-        whole = result.sweep.parameter != "resolution"
-        named: Sequence[str] = [one for one in COLUMNS if one not in ("protocol", "parameter", "value")]
-        return {
-            "protocol": result.settings.protocol,
-            "parameter": result.sweep.parameter,
-            "value": int(value) if whole else value,
-            **{name: getattr(score, name) for name in named},
-        }
-
-    return write_csv(out / "sweep.csv", COLUMNS, (row(value, score) for value, score in result.points))
+    return result.table.write(out / "sweep.csv")

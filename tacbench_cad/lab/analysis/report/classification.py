@@ -1,4 +1,4 @@
-"""The section of a report on what the sensor can tell apart, from the files of ``tacbench classify``."""
+"""The section of a report on what the sensor distinguishes, from the files of ``tacbench classify``."""
 
 from __future__ import annotations
 
@@ -8,33 +8,23 @@ from pathlib import Path
 from typing import Any
 
 from tacbench_cad.lab.analysis.classification.classify import SETTINGS_FILE, Progress
+from tacbench_cad.lab.analysis.classification.result import COLUMNS, CONFUSION_COLUMNS, recall_table
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.pieces import Piece, Study
-from tacbench_cad.lab.analysis.tables import Column, Table, percent, read_settings
+from tacbench_cad.lab.analysis.tables import Table, read_settings
+from tacbench_cad.lab.parallel import Executor, workers
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked
 from tacbench_cad.util.text import counted
 
-#: Columns of ``classification.csv`` that the page shows.
-COLUMNS = (
-    *(Column(name) for name in ("estimator", "rung", "train_on", "tested_on")),
-    *(Column(name, float, text=percent) for name in ("accuracy", "low", "high")),
-    Column("trials", int),
-    Column("images", int),
-)
-_CONFUSION = (
-    *(Column(name) for name in ("estimator", "train_on", "tested_on", "rung", "texture", "predicted")),
-    Column("share", float),
-)
+_SHOWN = ("estimator", "hold_out", "train_on", "tested_on", "accuracy", "low", "high", "trials", "images")
 #: What a figure shows, by the beginning of its file's name.
 CAPTIONS = {
-    "ladder": "Accuracy as what is held out grows: presses, positions, forces, copies, printers.",
+    "hold_out_levels": "Accuracy as what is held out grows: presses, positions, forces, copies, printers.",
     "paper_table": "The paper's classification table beside these data.",
     "confusion": "Which texture (rows) was taken for which (columns).",
     "sweep": "Accuracy along one setting.",
 }
-#: ``tested_on`` of rows of a whole rung, without single held-out groups.
-WHOLE = ("all", "all others")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,23 +49,22 @@ def computed(study: Study, jobs: int, dask: str | None, progress: Progress) -> C
         MissingToolError: scikit-learn or matplotlib is not installed.
     """
     from tacbench_cad.lab.analysis.classification.classify import TRIALS
-    from tacbench_cad.lab.parallel import workers
 
     folder = study.files / "classification"
-    with locked(folder), workers(jobs, dask) as team:
-        classify_into(study.collection, folder, TRIALS["sound"], team, progress)
+    with locked(folder), workers(jobs, dask) as executor:
+        classify_into(study.collection, folder, TRIALS["leak-free"], executor, progress)
     return Classification(folder=folder, settings=read_settings(folder / SETTINGS_FILE))
 
 
-def classify_into(collection: Collection, folder: Path, trials: int, team: Any, progress: Progress) -> None:
+def classify_into(collection: Collection, folder: Path, trials: int, executor: Executor, progress: Progress) -> None:
     """Classify with the leak-free protocol as ``tacbench classify`` does without options.
 
     Args:
         collection: The study.
         folder: Folder of tables, figures and finished trials, held by the caller.
         trials: Trials.
-        team: Processes.
-        progress: Receives what is done, how much of it and of how much.
+        executor: Worker processes.
+        progress: Receives progress updates.
 
     Raises:
         InputError: See :func:`tacbench_cad.lab.analysis.classification.classify.classify`.
@@ -93,7 +82,7 @@ def classify_into(collection: Collection, folder: Path, trials: int, team: Any, 
     def show(what: str, done: int, total: int) -> None:
         progress(f"classification: {what}", done, total)
 
-    result = classify(collection, settings, trials, folder, team, show)
+    result = classify(collection, settings, trials, folder, executor, show)
     write_tables(result, folder)
     draw_result(result, folder)
 
@@ -118,29 +107,15 @@ def section(study: Study, classifications: Sequence[Classification]) -> Iterator
         notes = [str(note) for note in classification.settings.get("notes", ())]
         if notes:
             yield Piece("list", items=notes)
-        textures = [str(texture) for texture in classification.settings["textures"]]
-        chance = f"chance is {100.0 / len(textures):.1f} %"
+        chance = f"chance is {100.0 / len(classification.settings['textures']):.1f} %"
         title = f"Accuracy in per cent with 95 % intervals, protocol {protocol}; {chance}"
-        yield study.table(
-            Table.read(classification.folder / "classification.csv", COLUMNS, title), f"{name}/classification.csv"
-        )
-        yield study.table(_recall(classification, textures), f"{name}/confusion.csv")
+        scores = Table.read(classification.folder / "classification.csv", COLUMNS, title).select(*_SHOWN)
+        confusion = Table.read(classification.folder / "confusion.csv", CONFUSION_COLUMNS)
+        yield study.table(scores, f"{name}/classification.csv")
+        yield study.table(recall_table(confusion), f"{name}/confusion.csv")
         for stem, caption in CAPTIONS.items():
             for path in sorted(classification.folder.glob(f"{stem}*.png")):
                 yield study.figure(f"{name}/{path.stem}", caption)
-
-
-def _recall(classification: Classification, textures: Sequence[str]) -> Table:
-    recalls: dict[tuple[str, ...], dict[str, Any]] = {}
-    for row in Table.read(classification.folder / "confusion.csv", _CONFUSION).rows:
-        if row["texture"] == row["predicted"] and row["tested_on"] in (*WHOLE, row["train_on"]):
-            key = {name: row[name] for name in ("estimator", "rung", "train_on")}
-            recalls.setdefault(tuple(key.values()), key)[row["texture"]] = row["share"]
-    columns = [Column("estimator"), Column("rung"), Column("train_on", head="trained on")]
-    columns += [Column(texture, head=texture, text=percent) for texture in textures]
-    empty = dict.fromkeys(textures)
-    title = "Recall: of a hundred readings of a texture, how many were predicted to be of it"
-    return Table(columns=tuple(columns), rows=tuple({**empty, **row} for row in recalls.values()), title=title)
 
 
 def methods_text(classification: Classification) -> str:
@@ -170,11 +145,11 @@ def _methods(settings: Mapping[str, Any]) -> str:
         f"height{reduced}. Each training reading stood in the training set as: {', '.join(kinds)}"
         f" ({'clipped to 0 to 255' if settings['clip'] else 'not clipped'})."
     ]
-    if settings["protocol"] == "sound":
+    if settings["protocol"] == "leak-free":
         sentences.append(
             "Copies, scaling and principal components were made and fitted inside each training fold. Held out were, "
-            f"one after another: {', '.join(settings['rungs'])} (presses and positions in {settings['folds']} folds, "
-            "the others one group at a time)."
+            f"one after another: {', '.join(settings['hold_out'])} (presses and positions in {settings['folds']} "
+            "folds, the others one group at a time)."
         )
     else:
         sentences.append(

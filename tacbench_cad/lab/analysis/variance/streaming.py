@@ -32,7 +32,7 @@ from tacbench_cad.lab.analysis.preprocess import Preprocess
 from tacbench_cad.lab.analysis.variance.components import NestedSums
 from tacbench_cad.lab.analysis.variance.intervals import CellSums
 from tacbench_cad.lab.analysis.variance.moments import Running, moments, running_moments, small_map
-from tacbench_cad.lab.parallel import Team
+from tacbench_cad.lab.parallel import Executor
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.util.errors import CheckFailedError
@@ -147,7 +147,7 @@ class _Task:
 def stream(
     collection: Collection,
     preprocess: Preprocess,
-    team: Team,
+    team: Executor,
     progress: Callable[[int, int], None] | None = None,
 ) -> Pass:
     """Pass once over all presses and stationary frames of a study.

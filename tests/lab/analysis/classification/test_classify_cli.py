@@ -15,7 +15,7 @@ import pytest
 from helpers.studies import write_study
 
 from tacbench_cad.cli import main
-from tacbench_cad.lab.analysis.classification.classify import COLUMNS, CONFUSION_COLUMNS, PREDICTION_COLUMNS
+from tacbench_cad.lab.analysis.classification.result import COLUMNS, CONFUSION_COLUMNS, PREDICTION_COLUMNS
 
 pytestmark = pytest.mark.usefixtures("single_thread")
 
@@ -36,18 +36,22 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-def test_sound_writes_tables_and_figures_that_agree(runs: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_leak_free_writes_tables_and_figures_that_agree(runs: Path, tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "out"
     assert main(["classify", str(runs), "-o", str(out), *QUICK]) == 0
     said = capsys.readouterr().out
     assert "simulated: sensor (see run.json)\n" in said and "printer-filament" in said and "chance is 50.0" in said
     table, confusion, predictions = (rows(out / f"{one}.csv") for one in ("classification", "confusion", "predictions"))
-    assert list(table[0]) == list(COLUMNS)
-    assert ",".join(COLUMNS) == "protocol,estimator,train_on,tested_on,rung,accuracy,low,high,trials,images"
-    assert list(confusion[0]) == list(CONFUSION_COLUMNS) and list(predictions[0]) == list(PREDICTION_COLUMNS)
+    assert list(table[0]) == [one.name for one in COLUMNS]
+    assert (
+        ",".join(one.name for one in COLUMNS)
+        == "protocol,estimator,train_on,tested_on,hold_out,accuracy,low,high,trials,images"
+    )
+    assert list(confusion[0]) == [one.name for one in CONFUSION_COLUMNS]
+    assert list(predictions[0]) == [one.name for one in PREDICTION_COLUMNS]
     assert {row["trial"] for row in predictions} == {"1", "2"}
     for row in table:
-        key = {name: row[name] for name in ("estimator", "rung")}
+        key = {name: row[name] for name in ("estimator", "hold_out")}
         mine = [
             one for one in predictions if key.items() <= one.items() and row["tested_on"] in ("all", one["tested_on"])
         ]
@@ -57,14 +61,14 @@ def test_sound_writes_tables_and_figures_that_agree(runs: Path, tmp_path: Path, 
         cells = [one for one in confusion if {**key, "tested_on": row["tested_on"]}.items() <= one.items()]
         assert sum(int(one["count"]) for one in cells) == len(mine)
         assert sum(int(one["count"]) for one in cells if one["texture"] == one["predicted"]) == right
-    for stem in ("ladder", "confusion_forest"):
+    for stem in ("hold_out_levels", "confusion_forest"):
         assert (out / f"{stem}.png").read_bytes().startswith(b"\x89PNG")
         assert (out / f"{stem}.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_finished_trials_are_kept_and_numbers_follow_from_the_seed(runs: Path, tmp_path: Path) -> None:
     out, other = tmp_path / "out", tmp_path / "other"
-    command = ["classify", str(runs), *QUICK, "--rungs", "press", "--folds", "2"]
+    command = ["classify", str(runs), *QUICK, "--hold-out", "press", "--folds", "2"]
     assert main([*command, "-o", str(out)]) == 0
     trials = sorted((out / "trials").iterdir())
     assert len(trials) == 2
@@ -87,8 +91,8 @@ def test_paper_prints_the_papers_figures_and_the_warning(runs: Path, tmp_path: P
     assert main(command) == 0
     said = capsys.readouterr().out
     assert "63.98" in said and "inflated" in said and "the text says 300" in said
-    assert {row["rung"] for row in rows(tmp_path / "classification.csv")} == {"train", "test", "unseen"}
-    assert {row["augmentation"] for row in rows(tmp_path / "predictions.csv") if row["rung"] == "test"} == {
+    assert {row["hold_out"] for row in rows(tmp_path / "classification.csv")} == {"train", "test", "unseen"}
+    assert {row["augmentation"] for row in rows(tmp_path / "predictions.csv") if row["hold_out"] == "test"} == {
         *("none", "noise 5", "+10", "-10")
     }
     assert main([*command, "--json"]) == 0
@@ -139,7 +143,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_an_estimator_of_ones_own_gets_the_readings(runs: Path, own: Path) -> None:
-    command = ["classify", str(runs), "--jobs", "1", "--trials", "1", "--resolution", "1", "--rungs", "copy"]
+    command = ["classify", str(runs), "--jobs", "1", "--trials", "1", "--resolution", "1", "--hold-out", "copy"]
     assert main([*command, "-o", "a", "--estimator", "own_model:pipeline"]) == 0
     assert main([*command, "-o", "b", "--estimator", "own_model:made"]) == 0
     one, other = (rows(Path(name) / "classification.csv") for name in "ab")
@@ -150,10 +154,10 @@ def test_an_estimator_of_ones_own_gets_the_readings(runs: Path, own: Path) -> No
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (["--estimator", "own_model:Broken"], "RuntimeError: out of luck in trial 1, rung press"),
+        (["--estimator", "own_model:Broken"], "RuntimeError: out of luck in trial 1, hold-out level press"),
         (["--estimator", "own_model:Numbers"], "must be one of the textures"),
         (["--estimator", "own_model:NoEstimator"], "is no scikit-learn estimator"),
-        (["--estimator", "own_model:Absent"], "own_model has no Absent"),
+        (["--estimator", "own_model:Absent"], "estimator = 'own_model:Absent'"),
         (["--estimator", "forrest"], 'did you mean "forest"'),
         (["--protocol", "fair"], "protocol = 'fair'"),
         (["--components", "9999"], "components = 9999: must be from 1 to"),
@@ -161,9 +165,9 @@ def test_an_estimator_of_ones_own_gets_the_readings(runs: Path, own: Path) -> No
         (["--resolution", "2"], "resolution = 2.0"),
         (["--trials", "0"], "trials = 0"),
         (["--jobs", "0"], "jobs = 0"),
-        (["--rungs", "finger"], "rungs = 'finger'"),
-        (["--rungs", "copy", "--protocol", "paper"], "are of --protocol sound"),
-        (["--train-on", "x"], "is of --protocol paper"),
+        (["--hold-out", "finger"], "hold-out = 'finger'"),
+        (["--hold-out", "copy", "--protocol", "paper"], "is for --protocol leak-free"),
+        (["--train-on", "x"], "is for --protocol paper"),
         (["--force-level", "3"], "force-level = 3: the runs have 1, 2"),
         (["--noise", "-1"], "noise = -1.0"),
         (["--brightness", "0"], "brightness"),
@@ -187,17 +191,17 @@ def test_bad_input_is_refused_in_one_line(
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
 def test_an_interruption_ends_with_130_and_the_same_command_goes_on(runs: Path, own: Path) -> None:
     command = [sys.executable, "-c", "import sys; from tacbench_cad.cli import main; sys.exit(main())", "classify"]
-    command += [str(runs), "-o", "out", "--estimator", "own_model:Slow", "--rungs", "copy", "--trials", "3"]
+    command += [str(runs), "-o", "out", "--estimator", "own_model:Slow", "--hold-out", "copy", "--trials", "3"]
     command += ["--jobs", "1", "--resolution", "0.5"]
     trials = own / "out" / "trials"
     process = subprocess.Popen(command, cwd=own, env={**os.environ, "SLOW_S": "1.5"}, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60
-    while not list(trials.glob("sound-*.json")) and time.monotonic() < deadline:
+    while not list(trials.glob("leak-free-*.json")) and time.monotonic() < deadline:
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=30)
     assert process.returncode == 130 and "interrupted" in said and "Traceback" not in said
-    kept = {one: one.stat().st_mtime_ns for one in trials.glob("sound-*.json")}
+    kept = {one: one.stat().st_mtime_ns for one in trials.glob("leak-free-*.json")}
     assert 1 <= len(kept) < 3 and {one.suffix for one in trials.iterdir()} == {".json"}
     assert not (own / "out" / "classification.csv").exists()
     assert subprocess.run(command, cwd=own, check=False, capture_output=True).returncode == 0
@@ -206,7 +210,7 @@ def test_an_interruption_ends_with_130_and_the_same_command_goes_on(runs: Path, 
 
 
 def test_a_sweep_writes_its_table_and_curve(runs: Path, tmp_path: Path, capsys: Capture) -> None:
-    command = ["classify", str(runs), "-o", str(tmp_path), *QUICK, "--rungs", "copy", "--sweep", "components=2:6:3"]
+    command = ["classify", str(runs), "-o", str(tmp_path), *QUICK, "--hold-out", "copy", "--sweep", "components=2:6:3"]
     assert main(command) == 0
     assert "components" in capsys.readouterr().out
     assert [row["value"] for row in rows(tmp_path / "sweep.csv")] == ["2", "4", "6"]

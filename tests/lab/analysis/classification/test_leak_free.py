@@ -1,4 +1,4 @@
-"""The sound protocol beside plain scikit-learn, on noise, and on data that are not as they should be."""
+"""The leak-free protocol beside plain scikit-learn, on noise, and on data that are not as they should be."""
 
 from __future__ import annotations
 
@@ -14,16 +14,18 @@ from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from tacbench_cad.lab.analysis.classification.accuracy import interval, sound_scores
+from tacbench_cad.lab.analysis.classification.accuracy import interval, scores
 from tacbench_cad.lab.analysis.classification.augment import BLOCK, Augmentation, noise_block, trial_seed
 from tacbench_cad.lab.analysis.classification.classify import classify
 from tacbench_cad.lab.analysis.classification.features import Features, read_features
-from tacbench_cad.lab.analysis.classification.leak_free import Task, folds_of, sound_trial
+from tacbench_cad.lab.analysis.classification.leak_free import leak_free_trial, trial_folds
+from tacbench_cad.lab.analysis.classification.outcomes import Study
+from tacbench_cad.lab.analysis.classification.pca import Products
 from tacbench_cad.lab.analysis.classification.settings import Settings
-from tacbench_cad.lab.analysis.classification.splits import RUNGS, PressTable
+from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS, PressTable
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
-from tacbench_cad.lab.parallel import Team, workers
+from tacbench_cad.lab.parallel import Executor, workers
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
 pytestmark = pytest.mark.usefixtures("single_thread")
@@ -57,12 +59,13 @@ def test_predictions_are_those_of_plain_scikit_learn(study: Collection) -> None:
     presses = PressTable.of(study)
     settings = Settings(estimators=("forest", "network"), resolution=1.0, components=12, epochs=15, seed=4)
     features = read_features(study, Preprocess(resolution=0.5))
-    task = Task.of(features, presses, settings)
-    assert task.pool is not None and task.pool.factor is None  # few pixels: noise is drawn for each
-    outcomes = sound_trial(task, 1)
+    products = Products(rows=features.rows)
+    task, pool = Study(features=features, products=products, presses=presses, settings=settings), products.pool()
+    assert pool.factor is None  # few pixels: noise is drawn for each
+    outcomes = leak_free_trial(task, pool, 1)[0]
     seed = trial_seed(4, 1)
-    folds = folds_of(presses, settings, 1).folds
-    assert {fold.rung for fold in folds} == set(RUNGS)
+    folds = trial_folds(presses, settings, 1).folds
+    assert {fold.hold_out for fold in folds} == set(HOLD_OUT_LEVELS)
     pairs = [(fold, name) for fold in folds for name in ("forest", "network")]
     for outcome, (fold, name) in zip(outcomes, pairs, strict=True):
         estimator = (
@@ -74,9 +77,9 @@ def test_predictions_are_those_of_plain_scikit_learn(study: Collection) -> None:
         with pytest.warns() if name == "network" else _nothing():
             pipeline.fit(plain_rows(features, fold.train, seed), np.tile(presses.texture[fold.train], 4))
         said = pipeline.predict(features.rows[fold.test].astype(float))
-        assert np.array_equal(np.array(study.textures)[outcome.predicted], said), (fold.rung, fold.held_out, name)
-        assert np.array_equal(outcome.press, fold.test) and outcome.rung == fold.rung
-    accuracies = [one.accuracy for one in sound_scores(outcomes, presses) if one.tested_on == "all"]
+        assert np.array_equal(np.array(study.textures)[outcome.predicted], said), (fold.hold_out, fold.group, name)
+        assert np.array_equal(outcome.press, fold.test) and outcome.hold_out == fold.hold_out
+    accuracies = [one.accuracy for one in scores(outcomes, presses, "leak-free") if one.tested_on == "all"]
     assert max(accuracies) > 0.9 and min(accuracies) < 1.0
 
 
@@ -97,17 +100,17 @@ def test_copies_are_the_ones_that_are_named(study: Collection) -> None:
     assert abs(noise.mean()) < 0.15 and abs(noise.std() - 5) < 0.15
 
 
-def test_labels_of_noise_are_told_at_chance_on_every_rung(tmp_path: Path) -> None:
+def test_labels_of_noise_are_predicted_at_chance_at_every_level(tmp_path: Path) -> None:
     write_study(tmp_path / "runs", textures=(1, 2, 3), levels=(1, 2), still=1, image=noise_image)
     found = Collection.open([tmp_path / "runs"])
-    with workers() as team:
+    with workers() as executor:
         settings = Settings(resolution=1.0, components=10)
-        result = classify(found, settings, 2, tmp_path, team)
+        result = classify(found, settings, 2, tmp_path, executor)
     whole = [one for one in result.scores if one.tested_on == "all"]
-    assert [one.rung for one in whole] == list(RUNGS)
+    assert [one.hold_out for one in whole] == list(HOLD_OUT_LEVELS)
     for one in whole:
         assert one.low is not None and one.high is not None
-        assert one.low <= result.chance <= one.high, (one.estimator, one.rung, one.low, one.high)
+        assert one.low <= result.chance <= one.high, (one.estimator, one.hold_out, one.low, one.high)
         assert abs(one.accuracy - result.chance) < 0.12
 
 
@@ -136,8 +139,8 @@ def test_an_interval_says_nothing_from_one_unit_and_never_leaves_0_to_1() -> Non
 
 
 def run(found: Collection, out: Path, **changes: object) -> None:
-    with workers() as team:
-        classify(found, Settings(**{"resolution": 1.0, "components": 5, **changes}), 1, out, team)  # type: ignore[arg-type]
+    with workers() as executor:
+        classify(found, Settings(**{"resolution": 1.0, "components": 5, **changes}), 1, out, executor)  # type: ignore[arg-type]
 
 
 def test_constant_images_are_refused(tmp_path: Path) -> None:
@@ -149,14 +152,14 @@ def test_constant_images_are_refused(tmp_path: Path) -> None:
 def test_a_damaged_image_is_named_and_finished_trials_stay(tmp_path: Path) -> None:
     folders = write_study(tmp_path / "runs", still=1)
     found = Collection.open([tmp_path / "runs"])
-    run(found, tmp_path, rungs=("copy",))
+    run(found, tmp_path, hold_out=("copy",))
     before = sorted((tmp_path / "trials").iterdir())
     (folders[3] / "sensor_images" / "image_5.png").write_bytes(b"torn")
     (folders[5] / "sensor_images" / "image_2.png").write_bytes(b"torn")
-    with workers() as team, pytest.raises(CheckFailedError, match=r"sensor_images/image_[25]\.png.*1 more of 64"):
-        classify(found, Settings(resolution=1.0, components=5, rungs=("copy",)), 2, tmp_path, team)
+    with workers() as executor, pytest.raises(CheckFailedError, match=r"sensor_images/image_[25]\.png.*1 more of 64"):
+        classify(found, Settings(resolution=1.0, components=5, hold_out=("copy",)), 2, tmp_path, executor)
     assert len(before) == 1 and sorted((tmp_path / "trials").iterdir()) == before
-    run(found, tmp_path, rungs=("copy",))
+    run(found, tmp_path, hold_out=("copy",))
 
 
 def test_readings_of_other_sensors_are_taken_and_nan_is_named(tmp_path: Path) -> None:
@@ -166,12 +169,12 @@ def test_readings_of_other_sensors_are_taken_and_nan_is_named(tmp_path: Path) ->
 
     write_study(tmp_path / "runs", still=1, image=taxels, shape=(4, 4), units="kPa")
     found = Collection.open([tmp_path / "runs"])
-    settings = Settings(components=5, augmentation=Augmentation(noise=None, brightness=()), rungs=("copy",))
-    with workers() as team:
-        result = classify(found, settings, 1, tmp_path, team)
+    settings = Settings(components=5, augmentation=Augmentation(noise=None, brightness=()), hold_out=("copy",))
+    with workers() as executor:
+        result = classify(found, settings, 1, tmp_path, executor)
         assert result.scores[0].accuracy > 0.95
         with pytest.raises(InputError, match="is for images"):
-            classify(found, Settings(protocol="paper"), 1, tmp_path, team)
+            classify(found, Settings(protocol="paper"), 1, tmp_path, executor)
 
     def broken(printed: object, press: object, rng: np.random.Generator) -> np.ndarray:
         values = taxels(printed, press, rng)
@@ -179,8 +182,8 @@ def test_readings_of_other_sensors_are_taken_and_nan_is_named(tmp_path: Path) ->
         return values
 
     write_study(tmp_path / "nan", still=1, image=broken, shape=(4, 4), units="kPa")
-    with workers() as team, pytest.raises(CheckFailedError, match="holds NaN"):
-        classify(Collection.open([tmp_path / "nan"]), settings, 1, tmp_path, team)
+    with workers() as executor, pytest.raises(CheckFailedError, match="holds NaN"):
+        classify(Collection.open([tmp_path / "nan"]), settings, 1, tmp_path, executor)
 
 
 def test_more_components_than_a_training_set_has_are_refused(study: Collection, tmp_path: Path) -> None:
@@ -188,20 +191,20 @@ def test_more_components_than_a_training_set_has_are_refused(study: Collection, 
         run(study, tmp_path, components=800)
 
 
-def test_one_print_of_each_texture_leaves_two_rungs(study: Collection, tmp_path: Path) -> None:
+def test_one_print_of_each_texture_leaves_two_levels(study: Collection, tmp_path: Path) -> None:
     one = study.chosen((study.copy == 1) & (study.combination == study.combinations[0]) & (study.level == 1))
-    with workers() as team:
-        result = classify(one, Settings(resolution=1.0, components=5), 1, tmp_path, team)
-    assert {score.rung for score in result.scores} == {"press", "position"}
+    with workers() as executor:
+        result = classify(one, Settings(resolution=1.0, components=5), 1, tmp_path, executor)
+    assert {score.hold_out for score in result.scores} == {"press", "position"}
     assert sum("is left out" in note for note in result.notes) == 3
 
 
 def test_a_process_of_its_own_gives_the_same(study: Collection, tmp_path: Path) -> None:
-    settings = Settings(resolution=0.5, components=5, rungs=("copy", "press"))
+    settings = Settings(resolution=0.5, components=5, hold_out=("copy", "press"))
 
     def accuracies(jobs: int, out: Path) -> list[float]:
-        with workers(jobs) as team:
-            assert isinstance(team, Team)
-            return [one.accuracy for one in classify(study, settings, 2, out, team).scores]
+        with workers(jobs) as executor:
+            assert isinstance(executor, Executor)
+            return [one.accuracy for one in classify(study, settings, 2, out, executor).scores]
 
     assert accuracies(1, tmp_path / "one") == accuracies(2, tmp_path / "two")

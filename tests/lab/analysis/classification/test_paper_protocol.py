@@ -14,8 +14,9 @@ from sklearn.ensemble import RandomForestClassifier
 from sklearn.model_selection import train_test_split
 
 from tacbench_cad.lab.analysis.classification.augment import Augmentation, trial_seed
-from tacbench_cad.lab.analysis.classification.classify import Result, beside_paper, classify
+from tacbench_cad.lab.analysis.classification.classify import classify
 from tacbench_cad.lab.analysis.classification.features import read_features
+from tacbench_cad.lab.analysis.classification.result import Result, beside_paper
 from tacbench_cad.lab.analysis.classification.settings import Settings
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
@@ -33,8 +34,8 @@ def study(make_study: Callable[..., Collection]) -> Collection:
 
 
 def run(found: Collection, out: Path, settings: Settings, trials: int = 1) -> Result:
-    with workers() as team:
-        return classify(found, settings, trials, out, team)
+    with workers() as executor:
+        return classify(found, settings, trials, out, executor)
 
 
 def test_without_noise_it_is_the_script_from_the_text(study: Collection, tmp_path: Path) -> None:
@@ -53,7 +54,7 @@ def test_without_noise_it_is_the_script_from_the_text(study: Collection, tmp_pat
         forest.fit(pca.transform(copies[train]), labels[train])
         for rung, images in (("train", copies[train]), ("test", copies[test]), ("unseen", rows[~chosen])):
             outcome = next(outcomes)
-            assert (outcome.rung, outcome.train_on) == (rung, train_on)
+            assert (outcome.hold_out, outcome.train_on) == (rung, train_on)
             said = forest.predict(pca.transform(images))
             assert np.array_equal(np.array(study.textures)[outcome.predicted], said)
     assert result.settings.train_on == ("bambu-p1p_pla-minus",)
@@ -64,7 +65,7 @@ def test_the_test_column_is_far_above_chance_on_labels_of_noise(tmp_path: Path) 
     result = run(
         Collection.open([tmp_path / "runs"]), tmp_path, replace(PAPER, estimators=("forest",), components=25), 2
     )
-    by_rung = {one.rung: one for one in result.scores}
+    by_rung = {one.hold_out: one for one in result.scores}
     test, unseen = by_rung["test"], by_rung["unseen"]
     assert test.accuracy > 0.9 and test.low is not None and test.low > 2 * result.chance
     assert unseen.low is not None and unseen.high is not None and unseen.low <= result.chance <= unseen.high
@@ -81,7 +82,7 @@ def test_the_papers_figures_stand_beside_ours_and_counts_that_differ_are_named(
     assert rows["ender-3_pla-plus", "network"].paper == (None, None, None)
     for one in rows.values():
         mine = {
-            score.rung: score
+            score.hold_out: score
             for score in result.scores
             if (score.train_on, score.estimator) == (one.train_on, one.estimator)
         }
@@ -93,7 +94,7 @@ def test_clipped_copies_are_another_computation(study: Collection, tmp_path: Pat
     names = ("train", "test", "unseen")
     settings = replace(PAPER, estimators=("forest",))
     clipped = run(study, tmp_path, replace(settings, clip=True))
-    assert [one.rung for one in clipped.scores] == list(names)
+    assert [one.hold_out for one in clipped.scores] == list(names)
     assert len(list((tmp_path / "trials").iterdir())) == 1
     run(study, tmp_path, settings)
     assert len(list((tmp_path / "trials").iterdir())) == 2
@@ -110,5 +111,5 @@ def test_a_combination_that_is_not_there_or_has_one_texture_is_refused(study: Co
 def test_one_combination_has_no_unseen_column(study: Collection, tmp_path: Path) -> None:
     one = study.chosen(study.combination == "bambu-p1p_pla-minus")
     result = run(one, tmp_path, replace(PAPER, estimators=("forest",)))
-    assert [score.rung for score in result.scores] == ["train", "test"]
+    assert [score.hold_out for score in result.scores] == ["train", "test"]
     assert beside_paper(result)[0].ours[2] is None

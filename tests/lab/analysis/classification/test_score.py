@@ -15,7 +15,7 @@ from click.testing import CliRunner
 pytest.importorskip("scipy")
 
 from tacbench_cad.cli import score as command
-from tacbench_cad.lab.analysis.classification.score import COLUMNS, PredictionsError, Share, score, share_of
+from tacbench_cad.lab.analysis.classification.score import COLUMNS, Accuracy, PredictionsError, accuracy_of, score
 from tacbench_cad.lab.analysis.classification.split_files import Split, SplitFold, SplitPress, write_split
 from tacbench_cad.util.errors import InputError
 
@@ -26,14 +26,21 @@ Rows = list[dict[str, str]]
 def split() -> Split:
     """Two textures, two prints each, five positions; each copy is held out in turn."""
     presses = tuple(
-        SplitPress(key=(f"{texture}_copy0{copy}", 1, 1, position), texture=texture, image_sha256=f"{position}")
+        SplitPress(
+            run=f"{texture}_copy0{copy}",
+            force_level=1,
+            repeat=1,
+            position=position,
+            texture=texture,
+            image_sha256=f"{position}",
+        )
         for texture in ("texture-1", "texture-2")
         for copy in (1, 2)
         for position in range(1, 6)
     )
     copies = [[i for i, one in enumerate(presses) if one.key[0].endswith(str(copy))] for copy in (1, 2)]
     folds = tuple(SplitFold(name=f"copy {i + 1}", train=tuple(copies[1 - i]), test=tuple(copies[i])) for i in range(2))
-    return Split(rung="copy", seed=0, presses=presses, folds=folds)
+    return Split(hold_out="copy", seed=0, presses=presses, folds=folds)
 
 
 def right_rows(split: Split) -> Rows:
@@ -61,8 +68,8 @@ def test_accuracy_recall_and_confusion_of_known_answers(split: Split, tmp_path: 
     found = score(write_rows(tmp_path / "p.csv", rows), split)
     assert found.confusion.tolist() == [[7, 3], [0, 10]]
     assert (found.accuracy.right, found.accuracy.presses, found.accuracy.prints) == (17, 20, 4)
-    assert found.recall["texture-1"].value == 0.7 and found.recall["texture-2"].value == 1.0
-    assert found.folds["copy 1"].value == 0.7 and found.folds["copy 2"].value == 1.0
+    assert found.recall["texture-1"].fraction == 0.7 and found.recall["texture-2"].fraction == 1.0
+    assert found.folds["copy 1"].fraction == 0.7 and found.folds["copy 2"].fraction == 1.0
     assert found.accuracy.low is not None and found.accuracy.high is not None
     assert 0.0 < found.accuracy.low < 0.85 < found.accuracy.high < 1.0
 
@@ -70,7 +77,7 @@ def test_accuracy_recall_and_confusion_of_known_answers(split: Split, tmp_path: 
 def test_order_and_other_columns_mean_nothing(split: Split, tmp_path: Path) -> None:
     rows = [{"confidence": "0.5", **row} for row in reversed(right_rows(split))]
     found = score(write_rows(tmp_path / "p.csv", rows), split)
-    assert found.accuracy.value == 1.0 and found.confusion.trace() == 20
+    assert found.accuracy.fraction == 1.0 and found.confusion.trace() == 20
 
 
 def twice(rows: Rows) -> None:
@@ -145,7 +152,7 @@ def test_a_file_without_predictions_is_refused(split: Split, tmp_path: Path, tex
 def test_bytes_that_are_no_text_are_refused(split: Split, tmp_path: Path) -> None:
     path = tmp_path / "p.csv"
     path.write_bytes(b"fold,run\n\xff\xfe\x00")
-    with pytest.raises(InputError, match="is no CSV file in UTF-8"):
+    with pytest.raises(InputError, match="is not UTF-8 text"):
         score(path, split)
 
 
@@ -153,16 +160,18 @@ def test_prints_count_and_not_presses() -> None:
     """Prints that are all right or all wrong are as many trials as there are prints."""
     right = [i < 3 for i in range(6) for _ in range(100)]
     prints = [i for i in range(6) for _ in range(100)]
-    whole = share_of(right, prints)
-    mixed = share_of([i % 2 == 0 for i in range(600)], prints)
+    whole = accuracy_of(right, prints)
+    mixed = accuracy_of([i % 2 == 0 for i in range(600)], prints)
     assert whole.low is not None and whole.high is not None and mixed.low is not None and mixed.high is not None
     assert whole.high - whole.low > 0.7 > 0.12 > mixed.high - mixed.low
 
 
 def test_all_right_says_as_much_as_so_many_prints_can_say() -> None:
-    found = share_of([True] * 600, [i // 100 for i in range(600)])
+    found = accuracy_of([True] * 600, [i // 100 for i in range(600)])
     assert found.high == 1.0 and found.low == pytest.approx(0.025 ** (1 / 6))
-    assert share_of([True] * 600, [0] * 600) == Share(right=600, presses=600, prints=1, low=None, high=None)
+    assert accuracy_of([True] * 600, [0] * 600) == Accuracy(
+        fraction=1.0, low=None, high=None, right=600, presses=600, prints=1
+    )
 
 
 @pytest.mark.parametrize(("prints", "mean", "spread"), [(6, 0.7, 8.0), (12, 0.9, 4.0), (12, 0.5, 2.0)])
@@ -172,7 +181,7 @@ def test_intervals_cover_studies_with_prints_that_differ(prints: int, mean: floa
     covered = 0
     for _ in range(400):
         accuracy = rng.beta(mean * spread, (1.0 - mean) * spread, prints)
-        found = share_of(rng.random((prints, 50)).ravel() < np.repeat(accuracy, 50), np.repeat(range(prints), 50))
+        found = accuracy_of(rng.random((prints, 50)).ravel() < np.repeat(accuracy, 50), np.repeat(range(prints), 50))
         assert found.low is not None and found.high is not None
         covered += found.low <= mean <= found.high
     assert 0.90 <= covered / 400 <= 1.0
@@ -183,7 +192,7 @@ def test_the_command_prints_the_score_or_names_every_fault(split: Split, tmp_pat
     rows = right_rows(split)
     answer = CliRunner().invoke(command.command, [str(write_rows(tmp_path / "p.csv", rows)), str(path), "--json"])
     assert answer.exit_code == 0
-    assert json.loads(answer.stdout)["accuracy"]["share"] == 1.0
+    assert json.loads(answer.stdout)["accuracy"]["fraction"] == 1.0
     plain = CliRunner().invoke(command.command, [str(tmp_path / "p.csv"), str(path)])
     assert "all folds" in plain.stdout and "texture-2 (recall)" in plain.stdout and "chance is 50.0%" in plain.stdout
     lost(rows)

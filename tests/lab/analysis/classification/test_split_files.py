@@ -36,10 +36,10 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def splits(runs: Path) -> dict[str, Split]:
     found, notes = make_splits(Collection.open([runs]), seed=3, folds=2)
     assert not notes
-    return {one.rung: one for one in found}
+    return {one.hold_out: one for one in found}
 
 
-def test_every_rung_has_a_split_and_names_its_presses(splits: dict[str, Split], runs: Path) -> None:
+def test_every_level_has_a_split_and_names_its_presses(splits: dict[str, Split], runs: Path) -> None:
     assert list(splits) == ["press", "position", "force", "copy", "printer-filament"]
     copy = splits["copy"]
     assert [one.name for one in copy.folds] == ["copy 1", "copy 2"]
@@ -58,7 +58,7 @@ def test_a_file_comes_back_equal_and_is_the_same_each_time(splits: dict[str, Spl
         assert first.read_bytes() == second.read_bytes()
         assert read_split(first) == one
         document = json.loads(first.read_bytes())
-        assert document["protocol"] == f"tacbench-split/1:{one.rung}:{one.design_sha256[:12]}"
+        assert document["protocol"] == f"tacbench-split/1:{one.hold_out}:{one.design_sha256[:12]}"
 
 
 def test_another_sensor_on_the_same_prints_has_the_same_protocol_and_other_data(
@@ -67,18 +67,18 @@ def test_another_sensor_on_the_same_prints_has_the_same_protocol_and_other_data(
     from helpers.studies import noise_image
 
     write_study(tmp_path, levels=(1, 2), image=noise_image)
-    others = {one.rung: one for one in make_splits(Collection.open([tmp_path]), seed=3, folds=2)[0]}
-    for rung, one in splits.items():
-        assert others[rung].protocol == one.protocol
-        assert others[rung].data_sha256 != one.data_sha256
-    reseeded = {one.rung: one for one in make_splits(Collection.open([tmp_path]), seed=4, folds=2)[0]}
+    others = {one.hold_out: one for one in make_splits(Collection.open([tmp_path]), seed=3, folds=2)[0]}
+    for level, one in splits.items():
+        assert others[level].protocol == one.protocol
+        assert others[level].data_sha256 != one.data_sha256
+    reseeded = {one.hold_out: one for one in make_splits(Collection.open([tmp_path]), seed=4, folds=2)[0]}
     assert reseeded["press"].protocol != splits["press"].protocol
 
 
-def test_a_rung_that_the_data_do_not_support_is_left_out_with_the_reason(tmp_path: Path) -> None:
+def test_a_level_that_the_data_do_not_support_is_left_out_with_the_reason(tmp_path: Path) -> None:
     write_study(tmp_path, prints=[("ender-3", "pla-plus")], copies=1)
     found, notes = make_splits(Collection.open([tmp_path]))
-    assert [one.rung for one in found] == ["press", "position"]
+    assert [one.hold_out for one in found] == ["press", "position"]
     assert len(notes) == 3 and all("is left out: " in one for one in notes)
 
 
@@ -92,10 +92,10 @@ def test_a_rung_that_the_data_do_not_support_is_left_out_with_the_reason(tmp_pat
         (lambda d: d["folds"][0]["test"].append(10**6), "must be whole numbers from 0 to"),
         (lambda d: d["folds"][0]["test"].append(d["folds"][0]["train"][0]), "is trained on and tested"),
         (lambda d: d["folds"][0]["train"].append(d["folds"][0]["train"][0]), "stands there twice"),
-        (lambda d: d["folds"][0]["train"].append("1"), "must be whole numbers"),
+        (lambda d: d["folds"][0]["train"].append("1"), "must be a whole number"),
         (lambda d: d["folds"].clear(), "there is none"),
         (lambda d: d["presses"].append(d["presses"][0]), "stands there twice"),
-        (lambda d: d.pop("seed"), "holds a wrong or missing value"),
+        (lambda d: d.pop("seed"), "seed: is missing"),
     ],
 )
 def test_a_file_that_was_changed_is_refused(
@@ -120,18 +120,18 @@ def test_what_is_no_split_file_is_refused(tmp_path: Path, text: str | None) -> N
 
 
 def test_a_fold_must_train_and_test() -> None:
-    press = SplitPress(key=("a", 1, 1, 1), texture="texture-1", image_sha256="")
+    press = SplitPress(run="a", force_level=1, repeat=1, position=1, texture="texture-1", image_sha256="")
     with pytest.raises(InputError, match="fold one train: is empty"):
-        Split(rung="copy", seed=0, presses=(press,), folds=(SplitFold(name="one", train=(), test=(0,)),))
+        Split(hold_out="copy", seed=0, presses=(press,), folds=(SplitFold(name="one", train=(), test=(0,)),))
 
 
 def test_the_command_writes_the_files_and_says_what_they_are(runs: Path, tmp_path: Path) -> None:
 
     out = tmp_path / "splits"
-    answer = CliRunner().invoke(command.command, [str(runs), "-o", str(out), "--rungs", "copy,force", "--json"])
+    answer = CliRunner().invoke(command.command, [str(runs), "-o", str(out), "--hold-out", "copy,force", "--json"])
     assert answer.exit_code == 0, answer.output
     document = json.loads(answer.stdout)
     assert sorted(one.name for one in out.glob("*.json")) == ["split_copy.json", "split_force.json"]
-    assert [one["rung"] for one in document["splits"]] == ["force", "copy"]
+    assert [one["hold_out"] for one in document["splits"]] == ["force", "copy"]
     for one in document["splits"]:
         assert read_split(Path(one["file"])).protocol == one["protocol"]

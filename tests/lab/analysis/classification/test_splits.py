@@ -1,4 +1,4 @@
-"""The ladder of held-out groups: nothing that is held out trains, and what cannot be held out is named."""
+"""Hold-out levels: nothing that is held out trains, and what cannot be held out is named."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tacbench_cad.lab.analysis.classification.splits import RUNGS, Fold, PressTable, ladder, units_of, with_copies
+from tacbench_cad.lab.analysis.classification.splits import (
+    HOLD_OUT_LEVELS,
+    UNITS,
+    Fold,
+    Folds,
+    PressTable,
+    folds_of,
+    with_copies,
+)
 from tacbench_cad.util.errors import InputError
 
 
@@ -37,8 +45,13 @@ def prints(textures: str = "abc", combinations: str = "XY", copies: int = 2) -> 
     return list(itertools.product(textures, combinations, range(1, copies + 1)))
 
 
-def group(presses: PressTable, rung: str) -> np.ndarray:
-    """What a rung must keep whole."""
+def of(found: Folds, level: str) -> list[Fold]:
+    """The folds of a hold-out level."""
+    return [fold for fold in found.folds if fold.hold_out == level]
+
+
+def group(presses: PressTable, level: str) -> np.ndarray:
+    """What a level must keep whole."""
     number = np.arange(len(presses.run))
     return {
         "press": number,
@@ -46,27 +59,27 @@ def group(presses: PressTable, rung: str) -> np.ndarray:
         "force": presses.level,
         "copy": presses.run,
         "printer-filament": presses.combination,
-    }[rung]
+    }[level]
 
 
-def test_every_press_is_tested_once_a_rung_and_no_group_is_on_both_sides() -> None:
+def test_every_press_is_tested_once_a_level_and_no_group_is_on_both_sides() -> None:
     presses = table(prints())
-    found = ladder(presses, seed=3)
-    assert found.rungs == RUNGS and found.notes == ()
-    for rung in RUNGS:
-        tested = np.concatenate([fold.test for fold in found.of(rung)])
+    found = folds_of(presses, seed=3)
+    assert found.levels == HOLD_OUT_LEVELS and found.notes == ()
+    for level in HOLD_OUT_LEVELS:
+        tested = np.concatenate([fold.test for fold in of(found, level)])
         assert sorted(tested.tolist()) == list(range(len(presses.run)))
-        kept = group(presses, rung)
-        for fold in found.of(rung):
+        kept = group(presses, level)
+        for fold in of(found, level):
             assert len(fold.train) + len(fold.test) == len(presses.run)
             assert not set(kept[fold.train].tolist()) & set(kept[fold.test].tolist())
-    assert [fold.held_out for fold in found.of("copy")] == ["copy 1", "copy 2"]
-    assert [fold.held_out for fold in found.of("force")] == ["force level 1", "force level 2"]
+    assert [fold.group for fold in of(found, "copy")] == ["copy 1", "copy 2"]
+    assert [fold.group for fold in of(found, "force")] == ["force level 1", "force level 2"]
 
 
 def test_presses_are_dealt_out_evenly_over_textures() -> None:
     presses = table(prints())
-    for fold in ladder(presses, ["press"], seed=0).folds:
+    for fold in folds_of(presses, ["press"], seed=0).folds:
         _, counts = np.unique(presses.texture[fold.test], return_counts=True)
         assert len(counts) == 3 and counts.max() - counts.min() <= 1
 
@@ -74,16 +87,16 @@ def test_presses_are_dealt_out_evenly_over_textures() -> None:
 def test_the_seed_draws_presses_and_positions_and_nothing_else() -> None:
     presses = table(prints(), positions=9)
 
-    def tests(seed: int, rung: str) -> list[list[int]]:
-        return [fold.test.tolist() for fold in ladder(presses, [rung], seed=seed).folds]
+    def tests(seed: int, level: str) -> list[list[int]]:
+        return [fold.test.tolist() for fold in folds_of(presses, [level], seed=seed).folds]
 
-    for rung in RUNGS:
-        assert tests(1, rung) == tests(1, rung)
-        assert (tests(1, rung) != tests(2, rung)) == (rung in ("press", "position"))
+    for level in HOLD_OUT_LEVELS:
+        assert tests(1, level) == tests(1, level)
+        assert (tests(1, level) != tests(2, level)) == (level in ("press", "position"))
 
 
 @pytest.mark.parametrize(
-    ("presses", "rung", "reason"),
+    ("presses", "level", "reason"),
     [
         (table(prints(copies=1)), "copy", "no texture has two copies"),
         (table(prints(combinations="X")), "printer-filament", "one printer-filament combination, X"),
@@ -91,19 +104,19 @@ def test_the_seed_draws_presses_and_positions_and_nothing_else() -> None:
         (table(prints(), positions=1), "position", "one position"),
     ],
 )
-def test_a_rung_that_the_data_cannot_support_is_left_out_by_name(presses: PressTable, rung: str, reason: str) -> None:
-    found = ladder(presses, seed=0)
-    assert rung not in found.rungs and set(found.rungs) == set(RUNGS) - {rung}
+def test_a_level_that_the_data_cannot_support_is_left_out_by_name(presses: PressTable, level: str, reason: str) -> None:
+    found = folds_of(presses, seed=0)
+    assert level not in found.levels and set(found.levels) == set(HOLD_OUT_LEVELS) - {level}
     (note,) = found.notes
-    assert rung in note and reason in note
+    assert level in note and reason in note
     with pytest.raises(InputError, match=reason):
-        ladder(presses, [rung], seed=0)
+        folds_of(presses, [level], seed=0)
 
 
 def test_a_single_copy_always_trains_and_is_not_tested_for_its_copy() -> None:
     presses = table([*prints("abc", "X", 3), *prints("abc", "Y", 1)])
-    folds = ladder(presses, ["copy"], seed=0).folds
-    assert [fold.held_out for fold in folds] == ["copy 1", "copy 2", "copy 3"]
+    folds = folds_of(presses, ["copy"], seed=0).folds
+    assert [fold.group for fold in folds] == ["copy 1", "copy 2", "copy 3"]
     for fold in folds:
         assert set(presses.combination[fold.test]) == {"X"}
         assert "Y" in presses.combination[fold.train]
@@ -111,31 +124,31 @@ def test_a_single_copy_always_trains_and_is_not_tested_for_its_copy() -> None:
 
 def test_a_texture_that_only_the_held_out_printer_has_is_not_tested_and_named() -> None:
     presses = table([*prints("ab", "XY"), *prints("c", "Y")])
-    found = ladder(presses, ["printer-filament"], seed=0)
-    by_name = {fold.held_out: fold for fold in found.folds}
+    found = folds_of(presses, ["printer-filament"], seed=0)
+    by_name = {fold.group: fold for fold in found.folds}
     assert set(presses.texture[by_name["Y"].test]) == {"a", "b"}
     assert set(presses.texture[by_name["X"].test]) == {"a", "b"}
     assert any("c is not tested" in note and "Y" in note for note in found.notes)
 
 
-def test_one_texture_one_fold_and_an_unknown_rung_are_refused() -> None:
+def test_one_texture_one_fold_and_an_unknown_level_are_refused() -> None:
     with pytest.raises(InputError, match="two textures"):
-        ladder(table(prints("a")), seed=0)
+        folds_of(table(prints("a")), seed=0)
     with pytest.raises(InputError, match="at least 2"):
-        ladder(table(prints()), seed=0, folds=1)
+        folds_of(table(prints()), seed=0, folds=1)
     with pytest.raises(InputError, match='did you mean "copy"'):
-        ladder(table(prints()), ["copi"], seed=0)
+        folds_of(table(prints()), ["copi"], seed=0)
 
 
-def test_the_units_of_an_interval_are_what_the_rung_holds_out_or_repeats() -> None:
+def test_the_units_of_an_interval_are_what_the_level_holds_out_or_repeats() -> None:
     presses = table(prints())
-    sizes = {rung: len(np.unique(units_of(presses, rung))) for rung in RUNGS}
+    sizes = {level: len(np.unique(getattr(presses, UNITS[level][1]))) for level in HOLD_OUT_LEVELS}
     assert sizes == {"press": 12, "position": 4, "force": 2, "copy": 12, "printer-filament": 2}
 
 
 def test_fewer_copies_in_training_leave_the_test_set_alone() -> None:
     presses = table(prints(copies=4))
-    for fold in ladder(presses, ["copy", "printer-filament"], seed=0).folds:
+    for fold in folds_of(presses, ["copy", "printer-filament"], seed=0).folds:
         less = with_copies(presses, fold, 2, seed=5)
         assert less is not None and np.array_equal(less.test, fold.test)
         assert set(less.train.tolist()) < set(fold.train.tolist())
@@ -144,7 +157,7 @@ def test_fewer_copies_in_training_leave_the_test_set_alone() -> None:
         for i in less.train:
             chosen[presses.texture[i], presses.combination[i]].add(int(presses.copy[i]))
         assert all(len(copies) == 2 for copies in chosen.values())
-    assert with_copies(presses, ladder(presses, ["copy"], seed=0).folds[0], 4, seed=5) is None
+    assert with_copies(presses, folds_of(presses, ["copy"], seed=0).folds[0], 4, seed=5) is None
 
 
 @settings(max_examples=40, deadline=None)
@@ -159,25 +172,25 @@ def test_fewer_copies_in_training_leave_the_test_set_alone() -> None:
     positions=st.integers(1, 4),
     seed=st.integers(0, 9),
 )
-def test_any_design_has_sound_folds_or_reasons(
+def test_any_design_has_folds_without_leaks_or_reasons(
     there: list[tuple[str, str, int]], levels: tuple[int, ...], positions: int, seed: int
 ) -> None:
     presses = table(there, levels, positions)
     if len(set(presses.texture)) < 2:
         with pytest.raises(InputError):
-            ladder(presses, seed=seed)
+            folds_of(presses, seed=seed)
         return
-    found = ladder(presses, seed=seed)
-    for rung in RUNGS:
-        assert found.of(rung) or any(f"rung {rung} is left out" in note for note in found.notes)
-        for fold in found.of(rung):
+    found = folds_of(presses, seed=seed)
+    for level in HOLD_OUT_LEVELS:
+        assert of(found, level) or any(f"hold-out level {level} is left out" in note for note in found.notes)
+        for fold in of(found, level):
             _is_sound(presses, fold)
 
 
 def _is_sound(presses: PressTable, fold: Fold) -> None:
-    kept = group(presses, fold.rung)
+    kept = group(presses, fold.hold_out)
     assert len(fold.test) and not set(kept[fold.train].tolist()) & set(kept[fold.test].tolist())
     assert set(presses.texture[fold.test]) <= set(presses.texture[fold.train])
-    if fold.rung == "copy":
+    if fold.hold_out == "copy":
         pairs = set(zip(presses.texture[fold.train], presses.combination[fold.train], strict=True))
         assert set(zip(presses.texture[fold.test], presses.combination[fold.test], strict=True)) <= pairs

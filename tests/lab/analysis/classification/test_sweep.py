@@ -13,15 +13,16 @@ from matplotlib.figure import Figure
 from tacbench_cad.lab.analysis.classification import figures as figures_classify
 from tacbench_cad.lab.analysis.classification.accuracy import Score
 from tacbench_cad.lab.analysis.classification.figures import draw_sweep
+from tacbench_cad.lab.analysis.classification.result import SWEEP_COLUMNS
 from tacbench_cad.lab.analysis.classification.settings import Settings
-from tacbench_cad.lab.analysis.classification.sweep import COLUMNS, Sweep, SweepResult, run_sweep, write_sweep
+from tacbench_cad.lab.analysis.classification.sweep import Sweep, SweepResult, run_sweep, write_sweep
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.util.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("single_thread")
 
-SOUND = Settings(resolution=1.0, components=4, rungs=("copy",))
+SOUND = Settings(resolution=1.0, components=4, hold_out=("copy",))
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +31,8 @@ def study(make_study: Callable[..., Collection]) -> Collection:
 
 
 def swept(study: Collection, out: Path, text: str, settings: Settings = SOUND, trials: int = 2) -> SweepResult:
-    with workers() as team:
-        return run_sweep(study, settings, Sweep.parsed(text), trials, out, team)
+    with workers() as executor:
+        return run_sweep(study, settings, Sweep.parsed(text), trials, out, executor)
 
 
 @pytest.mark.parametrize(
@@ -64,15 +65,15 @@ def test_each_value_has_a_row_with_interval_and_spread(study: Collection, tmp_pa
     path = write_sweep(found, tmp_path)
     with path.open(newline="") as stream:
         rows = list(csv.DictReader(stream))
-    assert tuple(rows[0]) == tuple(COLUMNS)
+    assert list(rows[0]) == [column.name for column in SWEEP_COLUMNS]
     assert [float(row["value"]) for row in rows] == [0.1, 0.5, 1.0]
     for row in rows:
-        assert row["parameter"] == "resolution" and row["trials"] == "2" and row["spread"]
+        assert row["parameter"] == "resolution" and row["trials"] == "2" and row["standard_deviation"]
         assert float(row["low"]) <= float(row["accuracy"]) <= float(row["high"])
     again = swept(study, tmp_path, "resolution=0.5,1")
     assert [one.accuracy for _, one in again.points] == [float(row["accuracy"]) for row in rows[1:]]
     assert len(list((tmp_path / "trials").iterdir())) == 6
-    png, pdf = draw_sweep(found, tmp_path, ["sensor: none"])
+    png, pdf = draw_sweep(found, tmp_path)
     assert png.name == "sweep_resolution.png" and pdf.read_bytes().startswith(b"%PDF")
 
 
@@ -97,9 +98,10 @@ def test_the_figure_says_what_is_drawn_and_no_more(
         estimator="forest",
         train_on="",
         tested_on="all",
-        rung="copy",
+        protocol="leak-free",
+        hold_out="copy",
         accuracy=0.6,
-        spread=spread,
+        standard_deviation=spread,
         low=bounds[0],
         high=bounds[1],
         units="3 copies",
@@ -108,10 +110,12 @@ def test_the_figure_says_what_is_drawn_and_no_more(
         confusion=np.eye(2, dtype=np.int64),
     )
     points = tuple((value, score) for value in (0.1, 0.5, 1.0))
-    found = SweepResult(sweep=Sweep.parsed("resolution=0.1,0.5,1"), settings=SOUND, points=points, notes=(), textures=2)
+    found = SweepResult(
+        sweep=Sweep.parsed("resolution=0.1,0.5,1"), settings=SOUND, points=points, notes=(), textures=2, simulated=()
+    )
     drawn: list[Figure] = []
     monkeypatch.setattr(figures_classify, "save", lambda figure, *rest: drawn.append(figure) or ())
-    draw_sweep(found, tmp_path, ())
+    draw_sweep(found, tmp_path)
     (figure,) = drawn
     assert figure.legends[0].get_title().get_text() == title
     (axes,) = figure.axes
@@ -134,7 +138,7 @@ def test_copies_and_forces_cut_the_data(study: Collection, tmp_path: Path) -> No
 
 
 def test_a_setting_that_the_protocol_does_not_have_is_refused(study: Collection, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="sound protocol"):
+    with pytest.raises(InputError, match="leak-free protocol"):
         swept(study, tmp_path, "copies=1", Settings(protocol="paper"))
     with pytest.raises(InputError, match="needs principal components"):
         swept(study, tmp_path, "components=2,3", Settings(components=None))
@@ -143,5 +147,5 @@ def test_a_setting_that_the_protocol_does_not_have_is_refused(study: Collection,
 def test_the_papers_columns_can_be_swept(study: Collection, tmp_path: Path) -> None:
     settings = Settings(protocol="paper", resolution=1.0, estimators=("forest",))
     found = swept(study, tmp_path, "components=2,4", settings, trials=1)
-    rungs = [(value, one.rung) for value, one in found.points]
+    rungs = [(value, one.hold_out) for value, one in found.points]
     assert rungs == [(value, rung) for value in (2.0, 4.0) for rung in ("train", "test", "unseen")]

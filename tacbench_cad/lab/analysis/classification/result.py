@@ -1,0 +1,236 @@
+"""The result of a classification: one model from which files, screen, JSON, figures and reports are made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tacbench_cad import __version__
+from tacbench_cad.lab.analysis import published
+from tacbench_cad.lab.analysis.classification.accuracy import Score, is_whole
+from tacbench_cad.lab.analysis.classification.outcomes import Outcome
+from tacbench_cad.lab.analysis.classification.paper_protocol import COLUMNS as PAPER_COLUMNS
+from tacbench_cad.lab.analysis.classification.settings import ESTIMATORS, Settings, data_key
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.tables import Column, Row, Table, percent
+from tacbench_cad.util.convert import to_plain
+from tacbench_cad.util.text import interval
+
+
+def _band(row: Row) -> str:
+    low, high = row["low"], row["high"]
+    return "none (one unit)" if low is None or high is None else interval(100.0 * low, 100.0 * high)
+
+
+_WHO = (
+    Column("protocol"),
+    Column("estimator"),
+    Column("train_on", head="trained on"),
+    Column("tested_on"),
+    Column("hold_out", head="held out"),
+)
+_ACCURACY = Column("accuracy", float, text=percent, right=True)
+_ENDS = (Column("low", float, text=percent), Column("high", float, text=percent))
+_DEVIATION = Column("standard_deviation", float, text=percent, right=True)
+_COUNTS = (Column("trials", int), Column("images", int))
+#: The columns of ``classification.csv``.
+COLUMNS = (*_WHO, _ACCURACY, *_ENDS, *_COUNTS)
+#: The columns of ``confusion.csv``.
+CONFUSION_COLUMNS = (*_WHO, Column("texture"), Column("predicted"), Column("count", int), Column("fraction", float))
+#: The columns of ``predictions.csv``.
+PREDICTION_COLUMNS = (
+    *(*_WHO, Column("trial", int), Column("run"), Column("press", int), Column("augmentation"), Column("texture")),
+    Column("predicted"),
+)
+#: The columns of ``sweep.csv``.
+SWEEP_COLUMNS = (
+    *(*_WHO, Column("parameter"), Column("value", float)),
+    *(_ACCURACY, *_ENDS, _DEVIATION, *_COUNTS),
+)
+#: What a row of a score has in JSON.
+SCORE_COLUMNS = (*_WHO, _ACCURACY, _DEVIATION, *_ENDS, Column("units"), *_COUNTS, Column("recall"))
+_INTERVAL = Column("interval", head="95 % interval", derived=_band, right=True)
+#: What people see of a score.
+SHOWN: tuple[str | Column, ...] = (
+    *("estimator", "hold_out", "train_on", "tested_on", "accuracy", "standard_deviation", _INTERVAL),
+    *("units", "trials", "images"),
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Result:
+    """A classification.
+
+    Args:
+        settings: What decided it.
+        outcomes: What the estimators predicted.
+        scores: The rows of the table.
+        notes: Warnings, hold-out levels that are left out, and what was taken where the paper is open.
+        collection: The data.
+    """
+
+    settings: Settings
+    outcomes: tuple[Outcome, ...]
+    scores: tuple[Score, ...]
+    notes: tuple[str, ...]
+    collection: Collection
+
+    @property
+    def textures(self) -> tuple[str, ...]:
+        """The textures, sorted."""
+        return self.collection.textures
+
+    @property
+    def chance(self) -> float:
+        """The accuracy of guessing."""
+        return 1.0 / len(self.textures)
+
+    @property
+    def tables(self) -> dict[str, Table]:
+        """The tables that are stored, by the names of their files.
+
+        Training rows of the paper's protocol are in the first two, not in the predictions.
+        """
+        return {
+            "classification.csv": Table.of(COLUMNS, self.scores),
+            "confusion.csv": Table.of(CONFUSION_COLUMNS, self._confusions()),
+            "predictions.csv": Table.of(PREDICTION_COLUMNS, self._predictions()),
+        }
+
+    @property
+    def shown(self) -> Iterator[Table]:
+        """The tables that people see."""
+        if self.settings.protocol == "paper":
+            yield self._paper_shown()
+        title = f"protocol {self.settings.protocol}, per cent; chance is {100.0 * self.chance:.1f}"
+        yield Table.of(SCORE_COLUMNS, self.scores).select(*SHOWN, title=title)
+        yield recall_table(Table.of(CONFUSION_COLUMNS, self._confusions()))
+
+    def document(self) -> dict[str, Any]:
+        """The values of ``--json``."""
+        beside = beside_paper(self) if self.settings.protocol == "paper" else []
+        return {
+            "simulated": list(self.collection.simulated),
+            "settings": to_plain(self.settings),
+            "textures": list(self.textures),
+            "chance": self.chance,
+            "scores": Table.of(SCORE_COLUMNS, self.scores).records(),
+            "beside_paper": to_plain(beside),
+            "notes": list(self.notes),
+        }
+
+    def settings_document(self) -> dict[str, Any]:
+        """What was asked for and of which data: reports and comparisons name it."""
+        return {
+            "analysis": "classification",
+            "version": __version__,
+            **to_plain(self.settings),
+            "trials": max(outcome.trial for outcome in self.outcomes),
+            "textures": list(self.textures),
+            "sensor": str(self.collection.info.sensor.get("name", "")),
+            "units": self.collection.units,
+            "simulated": list(self.collection.simulated),
+            "data": data_key(self.collection),
+            "notes": list(self.notes),
+        }
+
+    def _confusions(self) -> Iterator[Row]:
+        for score in self.scores:
+            who = {column.name: getattr(score, column.name) for column in _WHO}
+            fractions = score.fractions
+            for (i, j), count in np.ndenumerate(score.confusion):
+                yield {
+                    **who,
+                    "texture": self.textures[i],
+                    "predicted": self.textures[j],
+                    "count": int(count),
+                    "fraction": None if np.isnan(fractions[i, j]) else float(fractions[i, j]),
+                }
+
+    def _predictions(self) -> Iterator[Row]:
+        names = [run.info.printed.name for run in self.collection.runs]
+        runs, numbers = self.collection.run.tolist(), self.collection.number.tolist()
+        truth = self.collection.texture.tolist()
+        copies = self.settings.augmentation.names
+        for outcome in self.outcomes:
+            if outcome.hold_out == "train":
+                continue
+            who = {"protocol": self.settings.protocol}
+            who |= {column.name: getattr(outcome, column.name) for column in _WHO[1:]}
+            rows = (outcome.press.tolist(), outcome.copied.tolist(), outcome.predicted.tolist())
+            for press, copied, predicted in zip(*rows, strict=True):
+                yield {
+                    **who,
+                    "trial": outcome.trial,
+                    "run": names[runs[press]],
+                    "press": numbers[press],
+                    "augmentation": copies[copied],
+                    "texture": truth[press],
+                    "predicted": self.textures[predicted],
+                }
+
+    def _paper_shown(self) -> Table:
+        def two_digits(value: float) -> str:
+            return f"{value:.2f}"
+
+        heads = [f"{column}, {whose}" for column in PAPER_COLUMNS for whose in ("ours", "paper")]
+        rows = []
+        for row in beside_paper(self):
+            values = [value for pair in zip(row.ours, row.paper, strict=True) for value in pair]
+            rows.append({**dict(zip(heads, values, strict=True)), "estimator": row.estimator, "train_on": row.train_on})
+        columns = [Column(head, float, text=two_digits, right=True) for head in heads]
+        return Table.of((*_WHO[1:3], *columns), rows, "the paper's table beside ours, per cent")
+
+
+def recall_table(confusion: Table) -> Table:
+    """The recall of each texture in whole hold-out levels, from the rows of ``confusion.csv``."""
+    recalls: dict[tuple[Any, ...], dict[str, Any]] = {}
+    for row in confusion.rows:
+        if is_whole(row["tested_on"], row["train_on"]) and row["texture"] == row["predicted"]:
+            who = {name: row[name] for name in ("estimator", "hold_out", "train_on")}
+            recalls.setdefault(tuple(who.values()), who)[row["texture"]] = row["fraction"]
+    textures = dict.fromkeys(row["texture"] for row in confusion.rows)
+    columns = (_WHO[1], _WHO[4], _WHO[2], *(Column(name, float, text=percent, right=True) for name in textures))
+    return Table.of(columns, recalls.values(), "recall of each texture, per cent")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Beside:
+    """A row of the paper's table beside ours, in per cent; None where there is none.
+
+    Args:
+        estimator: Ours.
+        train_on: The combination.
+        ours: Train, test, unseen.
+        paper: Likewise.
+    """
+
+    estimator: str
+    train_on: str
+    ours: tuple[float | None, ...]
+    paper: tuple[float | None, ...]
+
+
+def beside_paper(result: Result) -> list[Beside]:
+    """The paper's table beside ours, one row a combination and estimator."""
+    printed = {
+        ("_".join(row.train_on), row.model): (row.train, row.test, row.unseen) for row in published.CLASSIFICATION
+    }
+    accuracies = {
+        (score.train_on, score.estimator, score.hold_out): 100.0 * score.accuracy
+        for score in result.scores
+        if score.whole
+    }
+    return [
+        Beside(
+            estimator=name,
+            train_on=train_on,
+            ours=tuple(accuracies.get((train_on, name, column)) for column in PAPER_COLUMNS),
+            paper=printed.get((train_on, name if name in ESTIMATORS else ""), (None,) * 3),
+        )
+        for train_on in result.settings.train_on
+        for name in result.settings.estimators
+    ]
