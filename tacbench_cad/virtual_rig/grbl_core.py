@@ -120,7 +120,7 @@ class GrblCore(Firmware):
             self._run(self._restart(late_ok=False, pause_s=0.0))
 
     def _abort(self, code: int) -> None:
-        """Kill the steppers, say so, and start anew; a line that was waiting still gets its ``ok``."""
+        """Kill the steppers, say so, and start again; a line that was waiting still gets its ``ok``."""
         self.carriage.halt(self.now_s)
         self.state = "Alarm"
         self._send(f"ALARM:{code}\r\n")

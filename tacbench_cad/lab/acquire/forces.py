@@ -11,7 +11,7 @@ from tacbench_cad.lab.rig.errors import ForceLimitError, GaugeError
 from tacbench_cad.lab.rig.gauge import Force, Gauge
 from tacbench_cad.lab.study.spec import Protocol
 
-#: A free sensor that reads more than this share of the hard limit is not free, or its gauge is faulty.
+#: A free sensor that reads more than this fraction of the hard limit is not free, or its gauge is faulty.
 FREE_FRACTION = 0.1
 #: The zero follows the free force once that has moved by so much of the narrowest band.
 DRIFT_FRACTION = 0.25

@@ -21,9 +21,9 @@ MARGIN_STEPS = 2.0
 #: A coarse step is taken only if the target stays out of reach should the force grow so many times as much as it did
 #: with the step before: contact stiffens with depth, and ``F ~ depth^2`` triples the gain from first to second step.
 GROWTH = 3.0
-#: Far from the band, in its half widths, only this share of the predicted step is taken: prediction lags behind.
+#: Far from the band, in its half widths, only this fraction of the predicted step is taken: prediction lags behind.
 FAR_BANDS = 4.0
-#: The share of the predicted step that is taken far from the band.
+#: The fraction of the predicted step that is taken far from the band.
 FAR_FRACTION = 0.8
 
 

@@ -21,11 +21,11 @@ FREE_READINGS = 8
 #: few markers in the middle of the image first.
 LARGEST_FRACTION = 0.001
 #: A reading shows touch if its change is larger than those of the free readings by so many times their scatter, and by
-#: this share at the least.
+#: this fraction at the least.
 CHANGE_SPREADS = 6.0
-#: How much larger it is at the least, as a share of the free readings' changes.
+#: How much larger it is at the least, as a fraction of the free readings' changes.
 MIN_CHANGE = 0.2
-#: Touch is found in steps of this share of an approach step, once an approach step has met it.
+#: Touch is found in steps of this fraction of an approach step, once an approach step has met it.
 FINE_FRACTION = 0.1
 
 #: Lowers the sensor by so many mm (an approach step at most) and returns the height.

@@ -201,7 +201,7 @@ class Teaching:
         try:
             return self._taught(protocol, block, tolerance_mm)
         except BaseException:
-            # Whatever went wrong, nothing shall be left pressed against the block.
+            # Whatever went wrong, nothing must be left pressed against the block.
             with contextlib.suppress(TacbenchError):
                 self.lift_off()
             raise

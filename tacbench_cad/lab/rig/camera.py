@@ -35,7 +35,7 @@ _OLDEST_S = 60.0
 _GLITCHES = 2
 #: Frames whose distances give the camera's pace when it is opened.
 _PACE_FRAMES = 12
-#: What an OpenCV property may differ from what was asked, as a share of it; cameras round to steps of their own.
+#: What an OpenCV property may differ from what was asked, as a fraction of it; cameras round to steps of their own.
 _CLOSE = 0.01
 
 # OpenCV's numbers of the properties (cv2.CAP_PROP_*); cv2 itself is only imported when a camera is opened.

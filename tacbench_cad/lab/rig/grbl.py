@@ -46,7 +46,7 @@ STANDING_S = 0.3
 ASIDE_MM = 0.05
 #: How often a line that was refused as unreadable, and nothing done, is sent again at most.
 RESENDS = 5
-#: How often homing is begun anew, where the order to home was not taken.
+#: How often homing is begun again, where the order to home was not taken.
 HOMINGS = 4
 #: Number of the error by which GRBL says that homing is not enabled.
 NO_HOMING = 5

@@ -18,7 +18,7 @@ class Greeting:
     Args:
         line: The open port.
         name: Who is talked to, for the messages.
-        wanted: What the board shall be, for the messages: ``GRBL 1.1``.
+        expected: What the board is expected to be, for the messages: ``GRBL 1.1``.
         limit_s: Longest wait for the answer: a reset that opening the port causes, and a boot loader.
         attempt_s: Pause before the question is asked again.
 
@@ -27,10 +27,10 @@ class Greeting:
         heard: What came instead, for the message that nothing did; the caller says what counts.
     """
 
-    def __init__(self, line: Line, name: str, wanted: str, *, limit_s: float, attempt_s: float) -> None:
+    def __init__(self, line: Line, name: str, expected: str, *, limit_s: float, attempt_s: float) -> None:
         self.answered = False
         self.heard = ""
-        self._line, self._name, self._wanted = line, name, wanted
+        self._line, self._name, self._expected = line, name, expected
         self._until, self._attempt_s = time.monotonic() + limit_s, attempt_s
         self._next_attempt = 0.0
 
@@ -54,7 +54,7 @@ class Greeting:
             if time.monotonic() >= self._until:
                 if self.heard:
                     raise ProtocolError(
-                        f"{self._name}: is not {self._wanted}, or the baud rate is wrong; it sent {self.heard!r}"
+                        f"{self._name}: is not {self._expected}, or the baud rate is wrong; it sent {self.heard!r}"
                     )
                 raise NoAnswerError(f"{self._name}: nothing answers; power, cable, baud rate, driver?{hint}")
             attempt += 1

@@ -2,7 +2,7 @@
 
 A port is anything that pyserial opens: a device's path, ``COM3``, or a URL (``socket://host:port``,
 ``rfc2217://host:port``). Reading waits with ``select`` on the port's descriptor where there is one, so that a timeout
-is exact and the port is never configured anew (setting pyserial's own timeout sets odd baud rates again).
+is exact and the port is never configured again (setting pyserial's own timeout sets odd baud rates again).
 """
 
 from __future__ import annotations

@@ -103,7 +103,7 @@ class MarlinLink(Link):
         return self._given_up > 0
 
     def renumber(self) -> None:
-        """Agree on the line numbers anew.
+        """Agree on the line numbers again.
 
         A garbled ``M110`` is refused by the old numbers, or taken for an unknown command and acknowledged. So a first
         line by the new numbers must prove that they hold.
@@ -134,7 +134,7 @@ class MarlinLink(Link):
         self.line.write_now(b"\nM410\n")
 
     def resume(self) -> None:
-        """After :meth:`stop`, or after a line that was cut: wait out the silence and agree on line numbers anew.
+        """After :meth:`stop`, or after a line that was cut: wait out the silence and agree on line numbers again.
 
         Raises:
             RigError: Silent, lost, reset, halted.
@@ -160,7 +160,7 @@ class MarlinLink(Link):
 
         A line that the firmware refuses is sent again; so is, once, a line that is met with silence. A firmware that
         has taken it already does not answer it twice: whether it lives then shows in its answer to ``M114``. Every
-        ``busy`` lets the silence begin anew.
+        ``busy`` lets the silence begin again.
 
         Args:
             text: The command.

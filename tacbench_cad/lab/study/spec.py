@@ -115,7 +115,7 @@ class Protocol:
         touch: How first touch is found in depth mode: by the gauge, by a change of the sensor, or taught by hand.
         repeats: Readings at each position and force.
         grid: The positions in the block frame at scale 1 of the paper's grid, already scaled.
-        order: Positions as in the paper or shuffled, anew for each force and repeat.
+        order: Positions as in the paper or shuffled again for each force and repeat.
         block_order: The study's blocks as written or shuffled.
         seed: Seed of both shuffles.
         reference_every_s: A new reading without contact after so long, to see drift.
