@@ -21,66 +21,60 @@ if TYPE_CHECKING:
 @options.runs
 @options.option(
     "--protocol",
-    kind=options.text("leak-free|paper"),
+    options.text("leak-free|paper"),
+    "Groups held out whole, or what the paper's text says.",
     default="leak-free",
-    help="Groups held out whole, or what the paper's text says.",
 )
 @options.option(
     "--estimator",
-    dest="estimators",
-    kind=options.NAMES,
-    help="forest, network, or your own scikit-learn estimator or pipeline as module:name. Default: forest; of the "
+    options.NAMES,
+    "forest, network, or your own scikit-learn estimator or pipeline as module:name. Default: forest; of the "
     "paper's protocol forest,network.",
+    dest="estimators",
 )
+@options.option("--trials", options.COUNT, "Trials that are averaged. Default: 5; of the paper's protocol 20.")
+@options.option("--seed", options.COUNT, "Fixes every number.", default="0")
 @options.option(
-    "--trials", kind=options.COUNT, help="Trials that are averaged. Default: 5; of the paper's protocol 20."
+    "--hold-out", options.NAMES, "Of press,position,force,copy,printer-filament. Default: all that the data support."
 )
-@options.option("--seed", kind=options.COUNT, default="0", help="Fixes every number.")
-@options.option(
-    "--hold-out",
-    kind=options.NAMES,
-    help="Of press,position,force,copy,printer-filament. Default: all that the data support.",
-)
-@options.option("--folds", kind=options.COUNT, default="5", help="Folds of presses and of positions.")
+@options.option("--folds", options.COUNT, "Folds of presses and of positions.", default="5")
 @options.option(
     "--train-on",
-    kind=options.NAMES,
-    help="Combinations that the paper's protocol trains on, one at a time: bambu-p1p_pla-minus. Default: the paper's "
+    options.NAMES,
+    "Combinations that the paper's protocol trains on, one at a time: bambu-p1p_pla-minus. Default: the paper's "
     "three where they are there, else all.",
 )
-@options.option("--force-level", kind=options.LEVEL, default="all", help="Use the presses of one force level only.")
+@options.option("--force-level", options.LEVEL, "Use the presses of one force level only.", default="all")
 @options.option(
     "--resolution",
-    kind=options.Value("FRACTION", options.number_of),
+    options.Value("FRACTION", options.number_of),
+    "Fraction of an image's width and height that is kept.",
     default="0.4",
-    help="Fraction of an image's width and height that is kept.",
 )
 @options.option(
     "--components",
-    kind=options.or_none(options.COUNT),
-    help="Principal components that the estimator gets; none: the readings themselves. Default: 25, and none for an "
+    options.or_none(options.COUNT),
+    "Principal components that the estimator gets; none: the readings themselves. Default: 25, and none for an "
     "estimator of your own.",
 )
 @options.option(
     "--noise",
-    kind=options.or_none(options.Value("SIGMA", options.number_of)),
-    help="Noise of one copy of each training reading. Default: 5 for images.",
+    options.or_none(options.Value("SIGMA", options.number_of)),
+    "Noise of one copy of each training reading. Default: 5 for images.",
 )
 @options.option(
     "--brightness",
-    kind=options.or_none(options.Value("A,B", options.numbers_of)),
-    help="Added to one more copy each. Default: 10,-10 for images.",
+    options.or_none(options.Value("A,B", options.numbers_of)),
+    "Added to one more copy each. Default: 10,-10 for images.",
 )
-@options.flag("--clip", help="Clip the copies to 0 to 255 (paper's protocol; the text leaves it open).")
-@options.option("--epochs", kind=options.COUNT, default="1500", help="Epochs of the network.")
-@options.option(
-    "--batch-size", kind=options.COUNT, default="200", help="Rows of a step of the network; the text gives none."
-)
-@options.option("--depth", kind=options.COUNT, default="50", help="Largest depth of the forest's trees.")
+@options.flag("--clip", "Clip the copies to 0 to 255 (paper's protocol; the text leaves it open).")
+@options.option("--epochs", options.COUNT, "Epochs of the network.", default="1500")
+@options.option("--batch-size", options.COUNT, "Rows of a step of the network; the text gives none.", default="200")
+@options.option("--depth", options.COUNT, "Largest depth of the forest's trees.", default="50")
 @options.option(
     "--sweep",
-    kind=options.text("NAME=LOW:HIGH"),
-    help="A curve over resolution, components, copies (in training) or forces: resolution=0.025:0.475; a third number "
+    options.text("NAME=LOW:HIGH"),
+    "A curve over resolution, components, copies (in training) or forces: resolution=0.025:0.475; a third number "
     "says how many values (10), A,B,C names them.",
 )
 @options.jobs

@@ -15,13 +15,9 @@ from tacbench_cad.util.text import counted
 @options.command("compare")
 @options.argument("a", options.file("A"), "Runs of one sensor, or what classify wrote of them.")
 @options.argument("b", options.file("B"), "The same of the other sensor.")
-@options.option(
-    "--estimator",
-    kind=options.text("NAME"),
-    help="Of those that both were classified with. Default: A's first.",
-)
-@options.flag("--unpaired", help="Run folders of one name are different prints, as another lab's own are.")
-@options.option("--trials", kind=options.COUNT, default="5", help="Trials, where runs are given.")
+@options.option("--estimator", options.text("NAME"), "Of those that both were classified with. Default: A's first.")
+@options.flag("--unpaired", "Run folders of one name are different prints, as another lab's own are.")
+@options.option("--trials", options.COUNT, "Trials, where runs are given.", default="5")
 @options.jobs
 @options.dask
 @options.out("DIR", "Folder of table, figure, and classifications of runs.", default="comparison")

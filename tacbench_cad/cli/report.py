@@ -15,14 +15,14 @@ from tacbench_cad.util.text import counted
 
 @options.command("report")
 @options.runs
-@options.option("--variance", kind=options.file("DIR"), help="What tacbench variance wrote. Default: computed.")
+@options.option("--variance", options.file("DIR"), "What tacbench variance wrote. Default: computed.")
 @options.option(
     "--classify",
-    kind=options.file("DIR"),
+    options.file("DIR"),
+    "What tacbench classify wrote; may be given twice. Default: computed, leak-free.",
     multiple=True,
-    help="What tacbench classify wrote; may be given twice. Default: computed, leak-free.",
 )
-@options.flag("--no-classify", help="Leave classification out; it takes most of the time.")
+@options.flag("--no-classify", "Leave classification out; it takes most of the time.")
 @options.jobs
 @options.dask
 @options.out("FILE.html", "The page.", default="report.html")

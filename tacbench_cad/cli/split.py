@@ -11,11 +11,9 @@ from tacbench_cad.util.text import counted
 
 @options.command("split")
 @options.runs
-@options.option(
-    "--hold-out", kind=options.words("A,B"), help="Of press, position, force, copy, printer-filament. Default: all."
-)
-@options.option("--folds", kind=options.COUNT, default="5", help="Folds of the levels press and position.")
-@options.option("--seed", kind=options.COUNT, default="0", help="Draws presses and positions into folds.")
+@options.option("--hold-out", options.words("A,B"), "Of press, position, force, copy, printer-filament. Default: all.")
+@options.option("--folds", options.COUNT, "Folds of the levels press and position.", default="5")
+@options.option("--seed", options.COUNT, "Draws presses and positions into folds.", default="0")
 @options.out("DIR", "Folder of the split files.", default="splits")
 @options.json
 def command(
