@@ -71,6 +71,10 @@ class RunInfo:
         for name in ("stage", "gauge", "sensor", "source"):
             # What comes back from a file must be equal to what went in: tuples are lists from the start.
             object.__setattr__(self, name, _plain(name, getattr(self, name)))
+            settings = getattr(self, name).get("settings", {})
+            inner = (settings.get(key, {}) for key in ("requested", "actual") if isinstance(settings, dict))
+            if not all(isinstance(table, dict) for table in (settings, *inner)):
+                raise InputError(f"{name} settings", None, "must be a table, and so must its requested and actual ones")
         shape = self.sensor.get("shape") or []
         if not isinstance(shape, list) or not all(type(side) is int and side > 0 for side in shape):
             raise InputError("sensor shape", shape, "must be whole numbers from 1")

@@ -103,6 +103,8 @@ def test_levels_outside_of_the_protocol_are_refused(levels: tuple[int, ...], mak
         (("stage",), [1]),
         (("holder",), {}),
         (("sensor", "shape"), 7),
+        (("sensor", "settings"), [1]),
+        (("sensor", "settings", "actual"), "none"),
         (("sensor", "shape"), [24, "x"]),
     ],
 )
