@@ -168,7 +168,7 @@ def study_of(study: Study, epochs: int) -> Any:
     from tacbench_cad.lab.analysis.classification.features import Features
     from tacbench_cad.lab.analysis.classification.outcomes import Study as Classified
     from tacbench_cad.lab.analysis.classification.pca import Products
-    from tacbench_cad.lab.analysis.classification.settings import Settings
+    from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
     from tacbench_cad.lab.analysis.classification.splits import PressTable
 
     count = np.arange(len(study.images))
@@ -177,7 +177,7 @@ def study_of(study: Study, epochs: int) -> Any:
         features=Features(rows=study.images, shape=study.images.shape[1:], units="counts"),
         products=Products(rows=study.images),
         presses=PressTable(run=count, texture=names[0], combination=names[1], copy=count, level=count, position=count),
-        settings=Settings(
+        settings=ClassificationSettings(
             protocol="paper", estimators=CLASSIFIERS, epochs=epochs, train_on=tuple(map(str, study.selected))
         ),
     )

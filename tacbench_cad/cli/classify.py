@@ -117,7 +117,7 @@ def command(
     """
     from tacbench_cad.lab.analysis.classification.classify import MODULES, TRIALS, classify, write_tables
     from tacbench_cad.lab.analysis.classification.figures import draw_result, draw_sweep
-    from tacbench_cad.lab.analysis.classification.settings import Settings
+    from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
     from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS
     from tacbench_cad.lab.analysis.classification.sweep import Sweep, at_level, run_sweep, write_sweep
     from tacbench_cad.lab.analysis.collection import Collection
@@ -140,7 +140,7 @@ def command(
     collection = Collection.open(runs)
     if isinstance(force_level, int):
         collection = at_level(collection, force_level)
-    how = Settings(
+    how = ClassificationSettings(
         protocol=protocol,
         estimators=estimators,
         components=(None if own else 25) if components is None else None if components == "none" else components,

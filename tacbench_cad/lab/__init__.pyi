@@ -8,7 +8,7 @@ from .acquire.session import acquire_study as acquire_study
 from .acquire.template import write_template as write_template
 from .analysis.classification.classify import classify as classify
 from .analysis.classification.score import score as score
-from .analysis.classification.settings import Settings as Settings
+from .analysis.classification.settings import ClassificationSettings as ClassificationSettings
 from .analysis.classification.split_files import Split as Split
 from .analysis.classification.split_files import make_splits as make_splits
 from .analysis.classification.split_files import read_split as read_split

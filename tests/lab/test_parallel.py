@@ -238,7 +238,7 @@ def test_a_study_is_simulated_and_analysed_on_a_cluster(
     from dataclasses import replace
 
     from tacbench_cad.lab.analysis.classification.classify import classify
-    from tacbench_cad.lab.analysis.classification.settings import Settings
+    from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.lab.analysis.variance.table import variance_table
     from tacbench_cad.lab.simulate.study import quick_study, simulate_study
@@ -256,7 +256,7 @@ def test_a_study_is_simulated_and_analysed_on_a_cluster(
     assert len(seen) == 8 and seen[-1] == sum(one.images for one in made)
     collection = Collection.open([Path("runs")])
     assert variance_table(collection, dask=elsewhere).cells == variance_table(collection).cells
-    settings = Settings(hold_out=("copy",), components=5)
+    settings = ClassificationSettings(hold_out=("copy",), components=5)
     for name in ("far", "near"):
         (tmp_path / name).mkdir()
     with workers(1, elsewhere) as executor:

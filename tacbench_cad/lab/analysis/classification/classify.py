@@ -17,7 +17,7 @@ from tacbench_cad.lab.analysis.classification.features import read_features
 from tacbench_cad.lab.analysis.classification.outcomes import ARRAYS, Outcome, Study
 from tacbench_cad.lab.analysis.classification.pca import Products
 from tacbench_cad.lab.analysis.classification.result import Result
-from tacbench_cad.lab.analysis.classification.settings import Settings, data_key, one_thread
+from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, data_key, one_thread
 from tacbench_cad.lab.analysis.classification.splits import UNITS, PressTable
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
@@ -41,7 +41,7 @@ Progress = Callable[[str, int, int], None]
 
 def classify(
     collection: Collection,
-    settings: Settings,
+    settings: ClassificationSettings,
     trials: int,
     out: Path,
     executor: Executor,
@@ -93,7 +93,7 @@ def default_train_on(collection: Collection) -> tuple[str, ...]:
 def _outcomes(
     collection: Collection,
     presses: PressTable,
-    settings: Settings,
+    settings: ClassificationSettings,
     trials: int,
     folder: Path,
     executor: Executor,
@@ -146,7 +146,7 @@ def _keep(path: Path, trial: int, outcomes: Sequence[Outcome]) -> None:
         temporary.write_text(json.dumps(document, separators=(",", ":")), encoding="utf-8")
 
 
-def _notes(collection: Collection, presses: PressTable, settings: Settings) -> tuple[str, ...]:
+def _notes(collection: Collection, presses: PressTable, settings: ClassificationSettings) -> tuple[str, ...]:
     """What a reader has to know; impossible settings are refused on the way."""
     notes: list[str] = []
     if settings.protocol == "leak-free":
@@ -174,7 +174,7 @@ def _notes(collection: Collection, presses: PressTable, settings: Settings) -> t
     return tuple(notes)
 
 
-def _paper_counts(presses: PressTable, settings: Settings) -> Iterator[str]:
+def _paper_counts(presses: PressTable, settings: ClassificationSettings) -> Iterator[str]:
     """Where the data differ from what the text says."""
     for train_on in settings.train_on:
         mine = presses.combination == train_on

@@ -17,11 +17,11 @@ import numpy as np
 from tacbench_cad.lab.analysis.classification.augment import trial_seed
 from tacbench_cad.lab.analysis.classification.outcomes import ALL, THE_OTHERS, Outcome, Study, guarded, predictions
 from tacbench_cad.lab.analysis.classification.pca import Noise, Pool, principal_scores
-from tacbench_cad.lab.analysis.classification.settings import Settings, one_thread
+from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, one_thread
 from tacbench_cad.lab.analysis.classification.splits import Fold, Folds, PressTable, folds_of, with_copies
 
 
-def trial_folds(presses: PressTable, settings: Settings, trial: int) -> Folds:
+def trial_folds(presses: PressTable, settings: ClassificationSettings, trial: int) -> Folds:
     """The folds of a trial, with as many prints in training as the settings say.
 
     Raises:

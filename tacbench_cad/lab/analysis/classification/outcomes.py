@@ -11,7 +11,7 @@ import numpy as np
 
 from tacbench_cad.lab.analysis.classification.features import Features
 from tacbench_cad.lab.analysis.classification.pca import Products
-from tacbench_cad.lab.analysis.classification.settings import Settings
+from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.classification.splits import PressTable
 from tacbench_cad.util.errors import InputError, TacbenchError
 from tacbench_cad.util.types import Bools, Ints
@@ -39,7 +39,7 @@ class Study:
     features: Features
     products: Products
     presses: PressTable
-    settings: Settings
+    settings: ClassificationSettings
 
     @property
     def textures(self) -> list[str]:

@@ -16,7 +16,12 @@ import numpy as np
 from tacbench_cad.lab.analysis.classification.augment import trial_seed
 from tacbench_cad.lab.analysis.classification.outcomes import ALL_OTHERS, Outcome, Study, guarded, predictions
 from tacbench_cad.lab.analysis.classification.pca import Noise, Scores, clipped_scores, principal_scores
-from tacbench_cad.lab.analysis.classification.settings import ESTIMATORS, TEST_FRACTION, Settings, one_thread
+from tacbench_cad.lab.analysis.classification.settings import (
+    ESTIMATORS,
+    TEST_FRACTION,
+    ClassificationSettings,
+    one_thread,
+)
 from tacbench_cad.lab.analysis.classification.splits import PressTable
 from tacbench_cad.util.errors import InputError
 
@@ -67,7 +72,7 @@ def calls(study: Study, train_on: str, trials: Sequence[int], jobs: int) -> list
     _require_possible(study)
     settings, copies = study.settings, study.settings.augmentation
     components = settings.components
-    assert components is not None  # Settings refuses it for this protocol
+    assert components is not None  # ClassificationSettings refuses it for this protocol
     chosen = np.flatnonzero(study.presses.combination == train_on)
     pool = None
     if not settings.clip:
@@ -92,7 +97,11 @@ def calls(study: Study, train_on: str, trials: Sequence[int], jobs: int) -> list
 
 @one_thread()
 def paper_trials(
-    settings: Settings, presses: PressTable, train_on: str, trials: Sequence[int], scores: Sequence[Scores]
+    settings: ClassificationSettings,
+    presses: PressTable,
+    train_on: str,
+    trials: Sequence[int],
+    scores: Sequence[Scores],
 ) -> list[list[Outcome]]:
     """Train and test every estimator in some trials.
 
@@ -142,7 +151,9 @@ def paper_trials(
     return outcomes
 
 
-def _fitted(settings: Settings, name: str, seeds: Sequence[int], sets: Sequence[tuple[Any, Any]]) -> list[Any]:
+def _fitted(
+    settings: ClassificationSettings, name: str, seeds: Sequence[int], sets: Sequence[tuple[Any, Any]]
+) -> list[Any]:
     """One fitted model for each trial."""
     models = [settings.estimator(name, seed) for seed in seeds]
     if name == ESTIMATORS[1]:

@@ -32,7 +32,7 @@ TEST_FRACTION = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Settings:
+class ClassificationSettings:
     """A classification; together with the data it decides every number.
 
     Args:

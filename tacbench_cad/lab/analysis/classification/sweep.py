@@ -13,7 +13,7 @@ import numpy as np
 from tacbench_cad.lab.analysis.classification.accuracy import Score
 from tacbench_cad.lab.analysis.classification.classify import Progress, classify
 from tacbench_cad.lab.analysis.classification.result import SCORE_COLUMNS, SHOWN, SWEEP_COLUMNS
-from tacbench_cad.lab.analysis.classification.settings import Settings
+from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.tables import Column, Table
 from tacbench_cad.lab.parallel import Executor
@@ -78,7 +78,9 @@ class Sweep:
             raise InputError("sweep", text, f"{name} must be above 0")
         return cls(parameter=name, values=tuple(sorted(set(numbers))))
 
-    def at(self, collection: Collection, settings: Settings, value: float) -> tuple[Collection, Settings]:
+    def at(
+        self, collection: Collection, settings: ClassificationSettings, value: float
+    ) -> tuple[Collection, ClassificationSettings]:
         """Data and settings for one value.
 
         Args:
@@ -124,7 +126,7 @@ class SweepResult:
     """
 
     sweep: Sweep
-    settings: Settings
+    settings: ClassificationSettings
     points: tuple[tuple[float, Score], ...]
     notes: tuple[str, ...]
     textures: int
@@ -167,7 +169,7 @@ class SweepResult:
 
 def run_sweep(
     collection: Collection,
-    settings: Settings,
+    settings: ClassificationSettings,
     sweep: Sweep,
     trials: int,
     out: Path,

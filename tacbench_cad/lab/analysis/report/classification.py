@@ -73,11 +73,11 @@ def classify_into(collection: Collection, folder: Path, trials: int, executor: E
     from tacbench_cad.lab.analysis.classification.augment import Augmentation
     from tacbench_cad.lab.analysis.classification.classify import classify, write_tables
     from tacbench_cad.lab.analysis.classification.figures import draw_result
-    from tacbench_cad.lab.analysis.classification.settings import Settings
+    from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
     from tacbench_cad.lab.rig.sensor import is_image
 
     image = is_image(collection.frame(0))
-    settings = Settings(augmentation=Augmentation() if image else Augmentation(noise=None, brightness=()))
+    settings = ClassificationSettings(augmentation=Augmentation() if image else Augmentation(noise=None, brightness=()))
 
     def show(what: str, done: int, total: int) -> None:
         progress(f"classification: {what}", done, total)

@@ -21,7 +21,7 @@ from tacbench_cad.lab.analysis.classification.features import Features, read_fea
 from tacbench_cad.lab.analysis.classification.leak_free import leak_free_trial, trial_folds
 from tacbench_cad.lab.analysis.classification.outcomes import Study
 from tacbench_cad.lab.analysis.classification.pca import Products
-from tacbench_cad.lab.analysis.classification.settings import Settings
+from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS, PressTable
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
@@ -57,7 +57,9 @@ def plain_rows(features: Features, train: np.ndarray, seed: int) -> np.ndarray:
 
 def test_predictions_are_those_of_plain_scikit_learn(study: Collection) -> None:
     presses = PressTable.of(study)
-    settings = Settings(estimators=("forest", "network"), resolution=1.0, components=12, epochs=15, seed=4)
+    settings = ClassificationSettings(
+        estimators=("forest", "network"), resolution=1.0, components=12, epochs=15, seed=4
+    )
     features = read_features(study, Preprocess(resolution=0.5))
     products = Products(rows=features.rows)
     task, pool = Study(features=features, products=products, presses=presses, settings=settings), products.pool()
@@ -104,7 +106,7 @@ def test_labels_of_noise_are_predicted_at_chance_at_every_level(tmp_path: Path) 
     write_study(tmp_path / "runs", textures=(1, 2, 3), levels=(1, 2), still=1, image=noise_image)
     found = Collection.open([tmp_path / "runs"])
     with workers() as executor:
-        settings = Settings(resolution=1.0, components=10)
+        settings = ClassificationSettings(resolution=1.0, components=10)
         result = classify(found, settings, 2, tmp_path, executor)
     whole = [one for one in result.scores if one.tested_on == "all"]
     assert [one.hold_out for one in whole] == list(HOLD_OUT_LEVELS)
@@ -140,7 +142,7 @@ def test_an_interval_says_nothing_from_one_unit_and_never_leaves_0_to_1() -> Non
 
 def run(found: Collection, out: Path, **changes: object) -> None:
     with workers() as executor:
-        classify(found, Settings(**{"resolution": 1.0, "components": 5, **changes}), 1, out, executor)  # type: ignore[arg-type]
+        classify(found, ClassificationSettings(**{"resolution": 1.0, "components": 5, **changes}), 1, out, executor)  # type: ignore[arg-type]
 
 
 def test_constant_images_are_refused(tmp_path: Path) -> None:
@@ -157,7 +159,7 @@ def test_a_damaged_image_is_named_and_finished_trials_stay(tmp_path: Path) -> No
     (folders[3] / "sensor_images" / "image_5.png").write_bytes(b"torn")
     (folders[5] / "sensor_images" / "image_2.png").write_bytes(b"torn")
     with workers() as executor, pytest.raises(CheckFailedError, match=r"sensor_images/image_[25]\.png.*1 more of 64"):
-        classify(found, Settings(resolution=1.0, components=5, hold_out=("copy",)), 2, tmp_path, executor)
+        classify(found, ClassificationSettings(resolution=1.0, components=5, hold_out=("copy",)), 2, tmp_path, executor)
     assert len(before) == 1 and sorted((tmp_path / "trials").iterdir()) == before
     run(found, tmp_path, hold_out=("copy",))
 
@@ -169,12 +171,14 @@ def test_readings_of_other_sensors_are_taken_and_nan_is_named(tmp_path: Path) ->
 
     write_study(tmp_path / "runs", still=1, image=taxels, shape=(4, 4), units="kPa")
     found = Collection.open([tmp_path / "runs"])
-    settings = Settings(components=5, augmentation=Augmentation(noise=None, brightness=()), hold_out=("copy",))
+    settings = ClassificationSettings(
+        components=5, augmentation=Augmentation(noise=None, brightness=()), hold_out=("copy",)
+    )
     with workers() as executor:
         result = classify(found, settings, 1, tmp_path, executor)
         assert result.scores[0].accuracy > 0.95
         with pytest.raises(InputError, match="is for images"):
-            classify(found, Settings(protocol="paper"), 1, tmp_path, executor)
+            classify(found, ClassificationSettings(protocol="paper"), 1, tmp_path, executor)
 
     def broken(printed: object, press: object, rng: np.random.Generator) -> np.ndarray:
         values = taxels(printed, press, rng)
@@ -194,13 +198,13 @@ def test_more_components_than_a_training_set_has_are_refused(study: Collection, 
 def test_one_print_of_each_texture_leaves_two_levels(study: Collection, tmp_path: Path) -> None:
     one = study.chosen((study.copy == 1) & (study.combination == study.combinations[0]) & (study.level == 1))
     with workers() as executor:
-        result = classify(one, Settings(resolution=1.0, components=5), 1, tmp_path, executor)
+        result = classify(one, ClassificationSettings(resolution=1.0, components=5), 1, tmp_path, executor)
     assert {score.hold_out for score in result.scores} == {"press", "position"}
     assert sum("is left out" in note for note in result.notes) == 3
 
 
 def test_a_process_of_its_own_gives_the_same(study: Collection, tmp_path: Path) -> None:
-    settings = Settings(resolution=0.5, components=5, hold_out=("copy", "press"))
+    settings = ClassificationSettings(resolution=0.5, components=5, hold_out=("copy", "press"))
 
     def accuracies(jobs: int, out: Path) -> list[float]:
         with workers(jobs) as executor:

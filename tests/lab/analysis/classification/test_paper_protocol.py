@@ -17,7 +17,7 @@ from tacbench_cad.lab.analysis.classification.augment import Augmentation, trial
 from tacbench_cad.lab.analysis.classification.classify import classify
 from tacbench_cad.lab.analysis.classification.features import read_features
 from tacbench_cad.lab.analysis.classification.result import Result, beside_paper
-from tacbench_cad.lab.analysis.classification.settings import Settings
+from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
 from tacbench_cad.lab.parallel import workers
@@ -25,7 +25,7 @@ from tacbench_cad.util.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("single_thread")
 
-PAPER = Settings(protocol="paper", resolution=1.0, components=6, epochs=20)
+PAPER = ClassificationSettings(protocol="paper", resolution=1.0, components=6, epochs=20)
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def study(make_study: Callable[..., Collection]) -> Collection:
     return make_study(textures=(1, 2, 3), still=1)
 
 
-def run(found: Collection, out: Path, settings: Settings, trials: int = 1) -> Result:
+def run(found: Collection, out: Path, settings: ClassificationSettings, trials: int = 1) -> Result:
     with workers() as executor:
         return classify(found, settings, trials, out, executor)
 

@@ -14,7 +14,7 @@ from tacbench_cad.lab.analysis.classification import figures as figures_classify
 from tacbench_cad.lab.analysis.classification.accuracy import Score
 from tacbench_cad.lab.analysis.classification.figures import draw_sweep
 from tacbench_cad.lab.analysis.classification.result import SWEEP_COLUMNS
-from tacbench_cad.lab.analysis.classification.settings import Settings
+from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.classification.sweep import Sweep, SweepResult, run_sweep, write_sweep
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.parallel import workers
@@ -22,7 +22,7 @@ from tacbench_cad.util.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("single_thread")
 
-SOUND = Settings(resolution=1.0, components=4, hold_out=("copy",))
+SOUND = ClassificationSettings(resolution=1.0, components=4, hold_out=("copy",))
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,9 @@ def study(make_study: Callable[..., Collection]) -> Collection:
     return make_study(levels=(1, 2), copies=3, still=1)
 
 
-def swept(study: Collection, out: Path, text: str, settings: Settings = SOUND, trials: int = 2) -> SweepResult:
+def swept(
+    study: Collection, out: Path, text: str, settings: ClassificationSettings = SOUND, trials: int = 2
+) -> SweepResult:
     with workers() as executor:
         return run_sweep(study, settings, Sweep.parsed(text), trials, out, executor)
 
@@ -139,13 +141,13 @@ def test_copies_and_forces_cut_the_data(study: Collection, tmp_path: Path) -> No
 
 def test_a_setting_that_the_protocol_does_not_have_is_refused(study: Collection, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="leak-free protocol"):
-        swept(study, tmp_path, "copies=1", Settings(protocol="paper"))
+        swept(study, tmp_path, "copies=1", ClassificationSettings(protocol="paper"))
     with pytest.raises(InputError, match="needs principal components"):
-        swept(study, tmp_path, "components=2,3", Settings(components=None))
+        swept(study, tmp_path, "components=2,3", ClassificationSettings(components=None))
 
 
 def test_the_papers_columns_can_be_swept(study: Collection, tmp_path: Path) -> None:
-    settings = Settings(protocol="paper", resolution=1.0, estimators=("forest",))
+    settings = ClassificationSettings(protocol="paper", resolution=1.0, estimators=("forest",))
     found = swept(study, tmp_path, "components=2,4", settings, trials=1)
     rungs = [(value, one.hold_out) for value, one in found.points]
     assert rungs == [(value, rung) for value in (2.0, 4.0) for rung in ("train", "test", "unseen")]
