@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from tacbench_cad.spec.waves import Wave, WaveSum
-from tacbench_cad.util.convert import Length, read_toml
+from tacbench_cad.util.convert import Bounds, Length, read_toml
 from tacbench_cad.util.errors import InputError, located, one_of
 
 Law = Literal["triangle", "square"]
@@ -17,7 +17,9 @@ Terms = Literal["highest", "count"]
 Axes = Literal["x", "y", "xy"]
 
 #: The highest odd multiple that is taken before a series is refused.
-MAX_TERMS = 100_001
+MAX_TERMS = 5_001
+#: The most waves of a texture file.
+MAX_WAVES = 1_000
 #: Names that a user's texture may not take, because other parts of a print set bear them.
 RESERVED = ("holder", "jig", "coupon", "preview", "manifest", "all")
 
@@ -215,23 +217,29 @@ def read_texture(path: Path) -> TextureFile:
     return TextureFile(texture=texture, block=document.block)
 
 
+_Amplitude = Annotated[float, Bounds(-1e6, 1e6)]
+_Frequency = Annotated[float, Bounds(-1e4, 1e4)]
+#: Beyond this the sine of a 64-bit number has few digits left.
+_Phase = Annotated[float, Bounds(-1e6, 1e6)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class _WaveTable:
-    amplitude: float
-    f: float
-    g: float
-    phase: float = 0.0
+    amplitude: _Amplitude
+    f: _Frequency
+    g: _Frequency
+    phase: _Phase = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Equation1:
     name: str
     family: Literal["equation1"]
-    A1: float = 1.0
-    A2: float = 1.0
-    f1: float
-    f2: float
-    phase: float = 0.0
+    A1: _Amplitude = 1.0
+    A2: _Amplitude = 1.0
+    f1: _Frequency
+    f2: _Frequency
+    phase: _Phase = 0.0
 
     def waves(self, _: tuple[_WaveTable, ...]) -> WaveSum:
         return equation1(self.A1, self.A2, self.f1, self.f2, self.phase)
@@ -276,4 +284,4 @@ class _Document:
 
     texture: _Equation1 | _Series | _PlaneWaves
     block: BlockTable = field(default_factory=BlockTable)
-    wave: Annotated[tuple[_WaveTable, ...], Length(high=MAX_TERMS)] = ()
+    wave: Annotated[tuple[_WaveTable, ...], Length(high=MAX_WAVES)] = ()
