@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,11 +33,13 @@ _GAP_MM, _NOTES_MM = 7.0, (84.0, 38.0)
 @cache
 def text_width_mm(text: str, points: float = TEXT_PT) -> float:
     """Width of a line of text on paper, in mm."""
-    from matplotlib.font_manager import FontProperties
-    from matplotlib.textpath import TextPath
+    from matplotlib.font_manager import findfont, get_font
 
-    font = FontProperties(family="DejaVu Sans")
-    return float(TextPath((0.0, 0.0), text, size=points, prop=font).get_extents().width) * 25.4 / 72.0
+    font = get_font(findfont("DejaVu Sans"))
+    # Measured large, where hinting to whole pixels does not count.
+    font.set_size(100.0, 72.0)
+    font.set_text(text, 0.0)
+    return float(font.get_width_height()[0]) / 64.0 * points / 100.0 * 25.4 / 72.0
 
 
 @dataclass(frozen=True)
@@ -60,13 +62,13 @@ class Placed:
     text_at: float
     inside: bool
 
-    @property
+    @cached_property
     def text(self) -> tuple[float, float]:
         """Where its text begins and ends."""
         half = text_width_mm(self.dimension.text) / 2.0 + 0.5
         return self.text_at - half, self.text_at + half
 
-    @property
+    @cached_property
     def line(self) -> tuple[float, float]:
         """Where what is drawn begins and ends: below a text beside it, the line goes on."""
         low, high = (self.low, self.high) if self.inside else (self.low - TAIL_MM, self.high + TAIL_MM)
@@ -98,9 +100,13 @@ def _stacked(dimensions: Sequence[Dimension], origin: float, scale: float) -> li
     stack: list[Placed] = []
     for dimension in dimensions:
         levels = range(len(stack) + 1)
-        places = [place for level in levels for place in _places(dimension, level, origin, scale)]
-        free = [place for place in places if not any(place.overlaps(other) for other in stack)]
-        stack.append(next((place for place in free if not any(place.crosses(other) for other in stack)), free[0]))
+        places = (place for level in levels for place in _places(dimension, level, origin, scale))
+        free = (place for place in places if not any(place.overlaps(other) for other in stack))
+        nearest = next(free)
+        clear = (
+            place for place in itertools.chain((nearest,), free) if not any(place.crosses(other) for other in stack)
+        )
+        stack.append(next(clear, nearest))
     return stack
 
 

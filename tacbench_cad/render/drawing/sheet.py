@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -65,7 +66,7 @@ class Dimension:
         """The length and the accepted deviation: ``23.3 ±0.1``."""
         return length(self.value_mm) + ("" if self.accept_mm is None else f" ±{length(self.accept_mm)}")
 
-    @property
+    @cached_property
     def text(self) -> str:
         """What is written on the drawing."""
         return self.form.format(self.number)
