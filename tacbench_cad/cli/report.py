@@ -40,7 +40,7 @@ def command(
     """One self-contained page on a study, fit to be sent, printed and quoted.
 
     What was pressed on what, the print records and what is missing in them, data quality, the variance table with maps
-    and matrices, the classification with its ladder and confusion matrices, and a methods paragraph with every
+    and matrices, the classification at each hold-out level with confusion matrices, and a methods paragraph with every
     parameter and the citations. report.html needs nothing else; beside it report_files/ has each figure as PNG and PDF
     and each table as CSV. Finished trials of a classification are kept there too: after an interruption the same
     command goes on. Simulated data are marked on every figure and table.
