@@ -244,7 +244,7 @@ def read_predictions(folder: Path) -> object:
     from tacbench_cad.lab.analysis.classification.score import score
     from tacbench_cad.lab.analysis.classification.split_files import read_split
 
-    return score(folder / "predictions.csv", read_split(folder / "split.json")).as_dict()
+    return str(score(folder / "predictions.csv", read_split(folder / "split.json")).accuracy)
 
 
 def make_calibration(folder: Path) -> None:
