@@ -164,7 +164,7 @@ def test_check_reports_it_instead_of_failing(name: str, tmp_path: Path) -> None:
 def test_no_file_and_a_folder_are_bad_input(form: str, tmp_path: Path) -> None:
     _need(form)
     (tmp_path / f"folder.{form}").mkdir()
-    for name, words in (("missing", "no such file"), ("folder", "is a folder")):
+    for name, words in (("missing", "No such file"), ("folder", "is a folder")):
         with pytest.raises(InputError, match=words) as caught:
             examine(tmp_path / f"{name}.{form}")
         assert caught.value.exit_code == 2
