@@ -1,1 +1,1 @@
-"""What every part of the project uses: errors, files, settings, processes, optional packages."""
+"""What every part of the project uses: errors, files and documents from outside, processes, optional packages."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from tacbench_cad.lab.acquire.block import BlockResult, press_block
 from tacbench_cad.lab.acquire.person import Person
@@ -19,9 +19,9 @@ from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.schema import STATIONARY
 from tacbench_cad.lab.study.presses import block_order
 from tacbench_cad.lab.study.spec import PlannedBlock, PrintedBlock, Protocol, RigSettings, Study, WorkFrame
+from tacbench_cad.util.convert import Length, read_toml
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, replacing
-from tacbench_cad.util.settings import Table, read_toml
 from tacbench_cad.util.text import counted
 
 #: File in a run folder with the heights of first touch that a person taught.
@@ -217,7 +217,7 @@ def _prepare(
         return ()
     path = place.folder / TAUGHT_FILE
     if path.exists():
-        return read_toml(path, "first touch", _heights)
+        return read_toml(path, _Taught, "first touch", within=place.folder).z_mm
     heights = person.first_touch(place.planned.printed, len(study.protocol.grid.positions_mm))
     place.folder.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
@@ -227,6 +227,8 @@ def _prepare(
     return heights
 
 
-def _heights(table: Table) -> tuple[float, ...]:
-    heights: tuple[float, ...] = table.only("z_mm").numbers("z_mm", None)
-    return heights
+@dataclass(frozen=True, kw_only=True)
+class _Taught:
+    """The file of the heights that a person taught."""
+
+    z_mm: Annotated[tuple[float, ...], Length(1)]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.tactip import FLICKER, SIMULATED, TacTip
 from tacbench_cad.lab.study.spec import HolderRim, Point, PrintedBlock, WorkFrame
-from tacbench_cad.util.settings import Table
+from tacbench_cad.util.convert import Bounds, from_plain
 
 #: Samples a second of the simulated load cell, and the noise of one of them in newtons: an HX711 on a 10 N cell.
 GAUGE_RATE_HZ = 80.0
@@ -79,6 +80,13 @@ class SimulatedGauge(_Follower):
         self._zero_n += self.read(1.0).mean_n
 
 
+@dataclass(frozen=True, kw_only=True)
+class _SensorOptions:
+    colour: bool = False
+    flicker: Annotated[float, Bounds(0.0, 1.0)] = FLICKER
+    seed: Annotated[int, Bounds(0, 2**32 - 1)] | None = None
+
+
 class SimulatedSensor(_Follower):
     """A TacTip; see :class:`tacbench_cad.lab.rig.sensor.Sensor`.
 
@@ -93,10 +101,9 @@ class SimulatedSensor(_Follower):
     """
 
     def __init__(self, position: Callable[[], Point], clock: Clock, options: Mapping[str, Any] | None = None) -> None:
-        table = Table(dict(options or {}), "[sensor] ").only("colour", "flicker", "seed")
-        super().__init__(position, clock, table.whole("seed", None, 0, 2**32 - 1))
-        colour, flicker = table.flag("colour", False), table.number("flicker", FLICKER, 0.0, 1.0)
-        self._tactip = TacTip(colour=colour, flicker=flicker)
+        chosen = from_plain(_SensorOptions, dict(options or {}), "[sensor] ")
+        super().__init__(position, clock, chosen.seed)
+        self._tactip = TacTip(colour=chosen.colour, flicker=chosen.flicker)
         self.name = SIMULATED
         self.units = "counts"
         self.shape = self._tactip.shape

@@ -14,7 +14,6 @@ from tacbench_cad.lab.study.file import StudyFile, read_study
 from tacbench_cad.lab.study.spec import GaugeSettings, HolderRim, Protocol, SensorSettings, StageSettings
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.settings import Table
 
 #: Begins the keys of a second sensor, which stand in place of those of the first.
 TAXELS = "# Taxels instead:"
@@ -124,7 +123,7 @@ def test_the_sensors_drivers_know_the_keys_that_are_shown() -> None:
 
     both = READY.partition("[sensor]")[2].split(TAXELS)
     for text, options in zip(both, (CameraOptions, TaxelOptions), strict=True):
-        values = Table(tomllib.loads(re.sub(r"(?m)^# (?=[a-z_]+ = )", "", f"# {text}"))).values
+        values = tomllib.loads(re.sub(r"(?m)^# (?=[a-z_]+ = )", "", f"# {text}"))
         from_plain(options, {key: value for key, value in values.items() if key not in ("driver", "device")})
 
 
