@@ -167,7 +167,6 @@ def study_of(study: Study, epochs: int) -> Any:
     """The images as the package's own study of the paper's protocol."""
     from tacbench_cad.lab.analysis.classification.features import Features
     from tacbench_cad.lab.analysis.classification.outcomes import Study as Classified
-    from tacbench_cad.lab.analysis.classification.pca import Products
     from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
     from tacbench_cad.lab.analysis.classification.splits import PressTable
 
@@ -175,7 +174,6 @@ def study_of(study: Study, epochs: int) -> Any:
     names = study.texture.astype(str), study.combination.astype(str)
     return Classified(
         features=Features(rows=study.images, shape=study.images.shape[1:], units="counts"),
-        products=Products(rows=study.images),
         presses=PressTable(run=count, texture=names[0], combination=names[1], copy=count, level=count, position=count),
         settings=ClassificationSettings(
             protocol="paper", estimators=CLASSIFIERS, epochs=epochs, train_on=tuple(map(str, study.selected))
@@ -190,10 +188,8 @@ def ours(study: Study, trials: int, epochs: int, cores: int) -> Result:
 
     result, classified = Result(), study_of(study, epochs)
     with workers(cores) as executor:
-        with result.timed("inner products"):
-            classified.products.compute(cores)
         for combination in classified.settings.train_on:
-            with result.timed("augmenting, PCA"):
+            with result.timed("inner products, PCA"):
                 parts = calls(classified, combination, range(1, trials + 1), cores)
             with result.timed("forest, network, predicting"):
                 trained = [outcomes for part in executor(call for _, call in parts) for outcomes in part]
@@ -216,7 +212,7 @@ def networks(study: Study, trials: int, epochs: int) -> None:
 
     from tacbench_cad.lab.analysis.classification.augment import Augmentation
     from tacbench_cad.lab.analysis.classification.network import TOGETHER, NetworkClassifier, fit_together
-    from tacbench_cad.lab.analysis.classification.pca import Noise, principal_scores
+    from tacbench_cad.lab.analysis.classification.pca import Noise, Pool, principal_scores
 
     warnings.simplefilter("ignore")
     seconds: dict[str, float] = {}
@@ -227,12 +223,10 @@ def networks(study: Study, trials: int, epochs: int) -> None:
         yield
         seconds[stage] = (time.process_time() - start) / count
 
-    products = study_of(study, epochs).products
     chosen = np.flatnonzero(study.combination == study.selected[0])
-    with timed("inner products", trials * len(study.selected)):
-        products.compute(1)
+    with timed("inner products", trials):
+        pool = Pool.of(study.images, chosen, components=25, seeds=range(TOGETHER))
     with timed("PCA", TOGETHER):
-        pool = products.pool(chosen)
         scores = [principal_scores(pool, Noise.of(pool, 5.0, seed), Augmentation(), 25) for seed in range(TOGETHER)]
     rows = [one.train[: int(0.8 * len(one.train))] for one in scores]
     labels = np.tile(study.texture[chosen], 4)[: len(rows[0])]

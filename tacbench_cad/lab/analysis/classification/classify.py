@@ -15,7 +15,6 @@ from tacbench_cad.lab.analysis.classification import leak_free, paper_protocol
 from tacbench_cad.lab.analysis.classification.accuracy import scores
 from tacbench_cad.lab.analysis.classification.features import read_features
 from tacbench_cad.lab.analysis.classification.outcomes import ARRAYS, Outcome, Study
-from tacbench_cad.lab.analysis.classification.pca import Products
 from tacbench_cad.lab.analysis.classification.result import Result
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, data_key, one_thread
 from tacbench_cad.lab.analysis.classification.splits import UNITS, PressTable
@@ -115,8 +114,7 @@ def _outcomes(
     if done < len(files):
         prepare = Preprocess(resolution=settings.resolution)
         features = read_features(collection, prepare, executor.jobs, lambda *counts: show("readings", *counts))
-        products = Products(rows=features.rows)
-        study = Study(features=features, products=products, presses=presses, settings=settings)
+        study = Study(features=features, presses=presses, settings=settings)
         calls_of = leak_free.calls if settings.protocol == "leak-free" else paper_protocol.calls
         show("trials", done, len(files))
         for group in (name for name in groups if missing[name]):

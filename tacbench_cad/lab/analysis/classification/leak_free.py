@@ -45,7 +45,10 @@ def calls(study: Study, _: str, trials: Sequence[int], jobs: int) -> list[tuple[
     from joblib import delayed
 
     settings = study.settings
-    pool = None if settings.components is None else study.products.pool(noise=settings.augmentation.noise is not None)
+    components, noise = settings.components, settings.augmentation.noise is not None
+    pool = None
+    if components is not None:
+        pool = Pool.of(study.features.rows, components=components, noise=noise, jobs=jobs)
     return [([trial], delayed(leak_free_trial)(study, pool, trial)) for trial in trials]
 
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.lab.analysis.classification.features import Features
-from tacbench_cad.lab.analysis.classification.pca import Products
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.classification.splits import PressTable
 from tacbench_cad.util.errors import InputError, TacbenchError
@@ -31,13 +30,11 @@ class Study:
 
     Args:
         features: All readings.
-        products: Their inner products.
         presses: What splits need of each press.
         settings: The settings.
     """
 
     features: Features
-    products: Products
     presses: PressTable
     settings: ClassificationSettings
 

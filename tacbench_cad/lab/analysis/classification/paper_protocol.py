@@ -15,7 +15,7 @@ import numpy as np
 
 from tacbench_cad.lab.analysis.classification.augment import trial_seed
 from tacbench_cad.lab.analysis.classification.outcomes import ALL_OTHERS, Outcome, Study, guarded, predictions
-from tacbench_cad.lab.analysis.classification.pca import Noise, Scores, clipped_scores, principal_scores
+from tacbench_cad.lab.analysis.classification.pca import Noise, Pool, Scores, clipped_scores, principal_scores
 from tacbench_cad.lab.analysis.classification.settings import (
     ESTIMATORS,
     TEST_FRACTION,
@@ -76,15 +76,16 @@ def calls(study: Study, train_on: str, trials: Sequence[int], jobs: int) -> list
     chosen = np.flatnonzero(study.presses.combination == train_on)
     pool = None
     if not settings.clip:
-        study.products.compute(jobs)
-        pool = study.products.pool(chosen, noise=copies.noise is not None)
+        noise = copies.noise is not None
+        seeds = [trial_seed(settings.seed, trial) for trial in trials]
+        pool = Pool.of(study.features.rows, chosen, components=components, noise=noise, seeds=seeds, jobs=jobs)
 
     def scores(trial: int) -> Scores:
         seed = trial_seed(settings.seed, trial)
         if pool is None:
             return clipped_scores(np.asarray(study.features.rows, np.uint8), chosen, copies, components, seed)
-        noise = None if copies.noise is None else Noise.of(pool, copies.noise, seed)
-        return principal_scores(pool, noise, copies, components)
+        drawn = None if copies.noise is None else Noise.of(pool, copies.noise, seed)
+        return principal_scores(pool, drawn, copies, components)
 
     # Each trial in a thread of its own: threads within each product would mostly wait for each other.
     parallel = Parallel(n_jobs=1 if pool is None else jobs, backend="threading")

@@ -18,9 +18,8 @@ rounding and to signs: here the training row with the largest score on a compone
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -46,89 +45,95 @@ JITTER = 1e-10
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Products:
-    """Inner products of the constant reading 1 and of all readings.
+class Pool:
+    """Readings that training sets are taken from, m of n, by their inner products, and the others beside them.
 
     Args:
-        rows: The readings, (n, numbers).
+        rows: All readings, (n, numbers).
+        inside: Indices of the pool's readings, (m,).
+        outside: Indices of the others, (n - m,).
+        plain: Inner products of 1 and the pool's readings with each other, (m + 1, m + 1).
+        outer: Inner products of the others with these, (n - m, m + 1).
+        factor: Coordinates of 1 and the pool's readings in an orthonormal frame, lower triangular, (m + 1, m + 1), if
+            noise is drawn along such coordinates; None if it is drawn for each number of a reading.
+        directions: Random vectors for each trial's seed, of which any part beside the frame is a uniform direction:
+            their inner products with 1, the pool's readings and the others (n + 1, components), and with each other.
     """
 
     rows: Rows
-
-    @cached_property
-    def plain(self) -> Floats:
-        """The products, the constant reading first, (n + 1, n + 1)."""
-        result = np.zeros((len(self.rows) + 1, len(self.rows) + 1))
-        for _, block in _blocks(self.rows, np.float32 if self.rows.dtype == np.uint8 else np.float64):
-            add_products(result, block)
-        return mirrored(result)
-
-    def compute(self, jobs: int) -> None:
-        """Compute the products now, on several threads: those of images are exact in any order."""
-        from threadpoolctl import threadpool_limits
-
-        with threadpool_limits(limits=jobs):
-            _ = self.plain
-
-    def pool(self, chosen: Ints | None = None, *, noise: bool = True) -> Pool:
-        """The readings that training sets are taken from.
-
-        Args:
-            chosen: Their indices; None for all.
-            noise: Whether noise will be drawn for them.
-        """
-        count, numbers = self.rows.shape
-        inside = np.arange(count) if chosen is None else np.asarray(chosen)
-        outside = np.setdiff1d(np.arange(count), inside)
-        order = np.concatenate([[0], 1 + inside, 1 + outside])
-        ends = len(inside) + 1
-        few = numbers <= count + ends
-        return Pool(
-            rows=self.rows[order[1:] - 1] if few and noise else None,
-            inside=inside,
-            outside=outside,
-            numbers=numbers,
-            plain=self.plain if chosen is None else self.plain[np.ix_(order[:ends], order[:ends])],
-            outer=self.plain[np.ix_(order[ends:], order[:ends])],
-            factor=_factor(self.plain, order) if noise and not few else None,
-        )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Pool:
-    """Readings that training sets are taken from, m of n, beside the others.
-
-    Args:
-        rows: All readings, those of the pool first, if they have so few numbers that noise is drawn for each.
-        inside: Indices of the pool's readings, (m,).
-        outside: Indices of the others, (n - m,).
-        numbers: Numbers of a reading.
-        plain: Inner products of 1 and the pool's readings with each other, (m + 1, m + 1).
-        outer: Inner products of the others with these, (n - m, m + 1).
-        factor: Coordinates of 1, of the pool's readings and of the others in an orthonormal frame, lower triangular,
-            (n + 1, n + 1), if noise is drawn along such coordinates.
-    """
-
-    rows: Rows | None
     inside: Ints
     outside: Ints
-    numbers: int
     plain: Floats
     outer: Floats
     factor: Floats | None
+    directions: Mapping[int, tuple[Floats, Floats]]
+
+    @classmethod
+    def of(
+        cls,
+        rows: Rows,
+        inside: Ints | None = None,
+        *,
+        components: int,
+        noise: bool = True,
+        seeds: Sequence[int] = (),
+        jobs: int = 1,
+    ) -> Pool:
+        """Compute the inner products.
+
+        Args:
+            rows: All readings, (n, numbers).
+            inside: Indices of the pool's readings; None for all.
+            components: Components that will be asked for.
+            noise: Whether noise will be drawn.
+            seeds: Seeds of the noise, if scores of readings outside of the pool will be asked for.
+            jobs: Threads for the products of images, which are exact in any order.
+        """
+        from threadpoolctl import threadpool_limits
+
+        chosen = np.arange(len(rows)) if inside is None else np.asarray(inside)
+        outside = np.setdiff1d(np.arange(len(rows)), chosen)
+        ends = len(chosen) + 1
+        plain, outer = np.zeros((ends, ends)), np.zeros((len(outside), ends))
+        along = noise and rows.shape[1] >= ends + max(ends, components)
+        needed = seeds if along and len(outside) else ()
+        inner, own = (
+            np.zeros((len(rows) + 1, len(needed) * components)),
+            np.zeros((len(needed), components, components)),
+        )
+        with threadpool_limits(limits=jobs if rows.dtype == np.uint8 else 1):
+            for first, block in _blocks(rows, np.concatenate([chosen, outside]), _exact(rows)):
+                add_products(plain, block[:ends])
+                add_products(outer, block[ends:], block[:ends])
+                drawn = [_vectors(seed, first, (block.shape[1], components), block.dtype) for seed in needed]
+                if drawn:
+                    with threadpool_limits(limits=1):  # these products are not exact: their rounding must not differ
+                        inner += block @ np.concatenate(drawn, axis=1)
+                    own += [vectors.T @ vectors for vectors in drawn]
+        mirrored(plain)
+        parts = np.split(inner, max(len(needed), 1), axis=1)
+        return cls(
+            rows=rows,
+            inside=chosen,
+            outside=outside,
+            plain=plain,
+            outer=outer,
+            factor=_factor(plain) if along else None,
+            directions=dict(zip(needed, zip(parts, own, strict=False), strict=False)),
+        )
 
     @property
     def beside(self) -> int:
         """Directions that neither 1 nor the pool's readings have, and along which noise has no coordinates."""
-        return 0 if self.factor is None else self.numbers - len(self.plain)
+        return 0 if self.factor is None else self.rows.shape[1] - len(self.plain)
 
     def coordinates(self) -> Iterator[tuple[int, Floats]]:
-        """Coordinates of 1 and of all readings, (n + 1, width), block by block with the first one's number."""
-        if self.rows is not None:
-            yield from _blocks(self.rows, np.float64)
-        elif self.factor is not None:
-            for first in range(0, len(self.plain), BLOCK):
-                yield first, self.factor[:, first : min(first + BLOCK, len(self.plain))]
+        """Coordinates of 1 and of the pool's readings, (m + 1, width), with the first one's place."""
+        if self.factor is None:
+            yield from _blocks(self.rows, self.inside, np.float64)
+        else:
+            for first in range(0, len(self.factor), BLOCK):
+                yield first, self.factor[:, first : min(first + BLOCK, len(self.factor))]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -155,7 +160,7 @@ class Noise:
         for first, block in pool.coordinates():
             drawn = sigma * noise_block(seed, first, count, block.shape[1]).astype(np.float64)
             top = 0 if pool.factor is None else first  # the factor is triangular
-            add_products(cross[top:], block[top : count + 1], drawn)
+            add_products(cross[top:], block[top:], drawn)
             add_products(own, drawn)
         for first in range(0, count if pool.beside else 0, BLOCK):
             random = np.random.default_rng([seed, 1, first])
@@ -172,20 +177,25 @@ class Noise:
             pool: The pool.
             weights: Weights of the noise of each of the pool's readings in each sum, (m, k).
         """
-        count = len(pool.inside)
-        result = np.zeros((len(pool.outside), weights.shape[1]))
-        left = weights.T @ self.own @ weights
-        for first, block in pool.coordinates():
-            along = self.sigma * (noise_block(self.seed, first, count, block.shape[1]).T @ weights)
-            result += block[count + 1 :] @ along
-            left -= along.T @ along
-        if pool.factor is not None and len(result):
-            squares, turn = np.linalg.eigh(left)
-            frame = (np.sqrt(np.maximum(squares, 0.0)) * turn).T[-pool.beside :]
-            random = np.random.default_rng([self.seed, 2])
-            directions = np.linalg.qr(random.standard_normal((pool.beside, weights.shape[1])))[0]
-            result += pool.factor[count + 1 :, count + 1 :] @ (directions[: len(result)] @ frame)
-        return result
+        ends = len(pool.plain)
+        if pool.factor is None:
+            result = np.zeros((len(pool.outside), weights.shape[1]))
+            for first, block in _blocks(pool.rows, pool.outside, np.float64):
+                result += block[1:] @ self._sums(weights, first, block.shape[1])
+            return result
+        along = np.concatenate([self._sums(weights, first, part.shape[1]) for first, part in pool.coordinates()])
+        # Of the part beside the pool's frame the inner products are known, and all directions are equally probable.
+        inner, own = pool.directions[self.seed]
+        inside = scipy.linalg.solve_triangular(pool.factor, inner[:ends], lower=True)
+        squares, turn = np.linalg.eigh(weights.T @ self.own @ weights - along.T @ along)
+        frame = np.sqrt(np.maximum(squares, 0.0))[:, None] * turn.T
+        mix = scipy.linalg.solve_triangular(np.linalg.cholesky(own - inside.T @ inside).T, frame)
+        kept = scipy.linalg.solve_triangular(pool.factor, along - inside @ mix, lower=True, trans=1)
+        return np.asarray(pool.outer @ kept + inner[ends:] @ mix)
+
+    def _sums(self, weights: Floats, first: int, width: int) -> Floats:
+        """Some coordinates of sums of noise, (width, k)."""
+        return np.asarray(self.sigma * (noise_block(self.seed, first, len(weights), width).T @ weights))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -222,7 +232,7 @@ def principal_scores(
     count, copies = len(places), augmentation.count
     offsets = np.array(augmentation.offsets)[:, None, None]
     rows = count * copies
-    require_components(components, rows, pool.numbers)
+    require_components(components, rows, pool.rows.shape[1])
 
     def sums(vectors: Floats) -> tuple[Floats, Floats]:
         """C' v: sums of the training set's rows as sums of 1 and readings, and of noise."""
@@ -289,7 +299,7 @@ def clipped_scores(images: Bytes, chosen: Ints, augmentation: Augmentation, comp
         copies[:, index] = np.clip(np.rint(changed), 0, 255)
     written = copies.reshape(-1, images.shape[1])
     require_components(components, *written.shape)
-    plain = Products(rows=written).plain[1:, 1:]
+    plain = Pool.of(written, components=components, noise=False).plain[1:, 1:]
     plain -= plain.mean(axis=0)
     plain -= plain.mean(axis=1)[:, None]
     squares, vectors = leading(lambda v: np.asarray(plain @ v), len(written), components)
@@ -375,25 +385,30 @@ def mirrored(products: Floats) -> Floats:
     return products
 
 
-def _blocks(rows: Rows, kind: type[np.floating[Any]]) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Columns of the constant reading 1 and of readings, moved towards 0, with the first one's number."""
+def _exact(rows: Rows) -> type[np.floating[Any]]:
+    """The type in which products of readings are summed within a block."""
+    return np.float32 if rows.dtype == np.uint8 else np.float64
+
+
+def _blocks(rows: Rows, order: Ints, kind: type[np.floating[Any]]) -> Iterator[tuple[int, NDArray[Any]]]:
+    """Columns of the constant reading 1 and of some readings, moved towards 0, with the first one's number."""
     middle = np.full(rows.shape[1], MIDDLE) if rows.dtype == np.uint8 else rows.mean(axis=0)
     for first in range(0, rows.shape[1], BLOCK):
         columns = slice(first, min(first + BLOCK, rows.shape[1]))
-        block = np.ones((len(rows) + 1, columns.stop - first), kind)
-        np.subtract(rows[:, columns], middle[columns], out=block[1:], casting="same_kind", dtype=kind)
+        block = np.ones((len(order) + 1, columns.stop - first), kind)
+        np.subtract(rows[order, columns], middle[columns], out=block[1:], casting="same_kind", dtype=kind)
         yield first, block
 
 
-def _factor(products: Floats, order: Ints) -> Floats:
-    """Cholesky's factor of a matrix of inner products, taken in some order: the vectors' coordinates."""
+def _vectors(seed: int, first: int, shape: tuple[int, int], kind: np.dtype[Any]) -> NDArray[Any]:
+    """Normal numbers that are the same whenever they are asked for."""
+    return np.random.default_rng([seed, 2, first]).standard_normal(shape, dtype=kind.type)
 
-    def factor(jitter: float) -> Floats:
-        ordered = products[np.ix_(order, order)]
-        ordered[np.diag_indices_from(ordered)] += jitter * np.trace(ordered) / len(ordered)
-        return np.asarray(scipy.linalg.cholesky(ordered.T, lower=True, overwrite_a=True, check_finite=False))
 
+def _factor(products: Floats) -> Floats:
+    """Cholesky's factor of a matrix of inner products: the vectors' coordinates."""
     try:
-        return factor(0.0)
+        return np.asarray(scipy.linalg.cholesky(products, lower=True, check_finite=False))
     except scipy.linalg.LinAlgError:  # readings that are alike are set apart by 1e-5 of their length
-        return factor(JITTER)
+        apart = products + JITTER * np.trace(products) / len(products) * np.eye(len(products))
+        return np.asarray(scipy.linalg.cholesky(apart, lower=True, check_finite=False))

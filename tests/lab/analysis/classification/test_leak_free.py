@@ -20,7 +20,7 @@ from tacbench_cad.lab.analysis.classification.classify import classify
 from tacbench_cad.lab.analysis.classification.features import Features, read_features
 from tacbench_cad.lab.analysis.classification.leak_free import leak_free_trial, trial_folds
 from tacbench_cad.lab.analysis.classification.outcomes import Study
-from tacbench_cad.lab.analysis.classification.pca import Products
+from tacbench_cad.lab.analysis.classification.pca import Pool
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS, PressTable
 from tacbench_cad.lab.analysis.collection import Collection
@@ -61,8 +61,7 @@ def test_predictions_are_those_of_plain_scikit_learn(study: Collection) -> None:
         estimators=("forest", "network"), resolution=1.0, components=12, epochs=15, seed=4
     )
     features = read_features(study, Preprocess(resolution=0.5))
-    products = Products(rows=features.rows)
-    task, pool = Study(features=features, products=products, presses=presses, settings=settings), products.pool()
+    task, pool = Study(features=features, presses=presses, settings=settings), Pool.of(features.rows, components=12)
     assert pool.factor is None  # few pixels: noise is drawn for each
     outcomes = leak_free_trial(task, pool, 1)[0]
     seed = trial_seed(4, 1)

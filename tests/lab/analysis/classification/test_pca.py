@@ -18,7 +18,6 @@ from tacbench_cad.lab.analysis.classification.pca import (
     WRITTEN_OUT,
     Noise,
     Pool,
-    Products,
     Scores,
     clipped_scores,
     leading,
@@ -76,42 +75,40 @@ def test_scores_are_those_of_the_set_written_out(
     rows = images_of(count, numbers).astype(kind)
     features = Features(rows=rows, shape=(numbers,), units="counts")
     chosen = np.random.default_rng(1).permutation(count)[: count // 2]
-    products = Products(rows=rows)
     # A fold of all readings: its noise is that of the copies which other estimators get.
-    pool = products.pool()
+    pool = Pool.of(rows, components=components)
     noise = None if augmentation.noise is None else Noise.of(pool, augmentation.noise, 7)
     found = principal_scores(pool, noise, augmentation, components, chosen)
     written = augmentation.rows(features, chosen, 7)
     assert_scikit_learns(found, written, rows.astype(float))
     # A pool beside other readings, with noise of its own.
-    found = scores_of(products.pool(chosen), augmentation, components)
+    found = scores_of(Pool.of(rows, chosen, components=components), augmentation, components)
     if augmentation.noise is not None:
         drawn = augmentation.noise * noise_block(7, 0, len(chosen), numbers).astype(float)
         written[len(chosen) : 2 * len(chosen)] = rows[chosen] + drawn
     assert_scikit_learns(found, written, rows.astype(float))
 
 
-def explicit_noise(products: Products, pool: Pool, noise: Noise) -> Floats:
+def explicit_noise(pool: Pool, noise: Noise) -> Floats:
     """Numbers of noise with the inner products of a draw, (m, numbers); its directions beside the readings are free."""
     assert pool.factor is not None
     count = len(pool.inside)
-    rows = np.vstack([np.ones(pool.numbers), products.rows[np.r_[pool.inside, pool.outside]].astype(float) - 128.0])
-    frame = scipy.linalg.solve_triangular(pool.factor, rows, lower=True)  # orthonormal, (n + 1, numbers)
+    rows = np.vstack([np.ones(pool.rows.shape[1]), pool.rows[pool.inside].astype(float) - 128.0])
+    frame = scipy.linalg.solve_triangular(pool.factor, rows, lower=True)  # orthonormal, (m + 1, numbers)
     along = noise.sigma * noise_block(noise.seed, 0, count, count + 1).astype(float)
     beside = scipy.linalg.cholesky(noise.own - along @ along.T, lower=True)
-    rest = scipy.linalg.null_space(frame[: count + 1]).T
-    return np.asarray(along @ frame[: count + 1] + beside @ rest[:count])
+    rest = scipy.linalg.null_space(frame).T
+    return np.asarray(along @ frame + beside @ rest[:count])
 
 
 def test_scores_of_the_training_set_are_those_of_noise_with_the_drawn_inner_products() -> None:
     """Where noise is not drawn number by number, any noise with the drawn products gives the same scores."""
     rows = images_of(45, 400)
-    products = Products(rows=rows)
-    pool = products.pool(np.arange(0, 45, 2))
+    pool = Pool.of(rows, np.arange(0, 45, 2), components=8, seeds=(3,))
     assert pool.factor is not None
     noise = Noise.of(pool, 5.0, 3)
     found = principal_scores(pool, noise, Augmentation(), 8)
-    drawn = explicit_noise(products, pool, noise)
+    drawn = explicit_noise(pool, noise)
     assert 0.95 < drawn.std() / 5.0 < 1.05
     train = rows[pool.inside].astype(float)
     np.testing.assert_allclose(noise.cross[1:], (train - 128) @ drawn.T, atol=1e-6)
@@ -124,7 +121,7 @@ def test_the_noise_has_the_law_of_drawn_pixels() -> None:
     """Means over many draws agree with those over explicit draws of all pixels, within their standard errors."""
     images = images_of(24, 90)
     train = images[:12].astype(float)
-    pool = Products(rows=images).pool(np.arange(12))
+    pool = Pool.of(images, np.arange(12), components=8, seeds=range(300))
     assert pool.factor is not None
     random = np.random.default_rng(9)
     ours, theirs = [], []
@@ -149,7 +146,7 @@ def features(variance: Floats, noisy: Floats, others: Floats) -> Floats:
 
 
 def test_a_draw_depends_on_its_seed_alone() -> None:
-    pool = Products(rows=images_of(40, 300)).pool(np.arange(0, 40, 2))
+    pool = Pool.of(images_of(40, 300), np.arange(0, 40, 2), components=5, seeds=(1, 2))
     one, again, other = (scores_of(pool, Augmentation(), 5, seed) for seed in (1, 1, 2))
     assert np.array_equal(one.train, again.train) and np.array_equal(one.plain, again.plain)
     assert np.abs(one.train - other.train).max() > 1
@@ -160,14 +157,14 @@ def test_inner_products_of_images_are_exact(pixels: int) -> None:
     images = np.random.default_rng(0).integers(0, 256, (9, pixels), dtype=np.uint8)
     images[0], images[1] = 0, 255
     shifted = np.vstack([np.ones(pixels, dtype=np.int64), images.astype(np.int64) - 128])
-    assert np.array_equal(Products(rows=images).plain, shifted @ shifted.T)
+    assert np.array_equal(Pool.of(images, components=1, noise=False).plain, shifted @ shifted.T)
 
 
 @pytest.mark.parametrize("numbers", [64, 4000])
 def test_a_trial_needs_two_matrices_beside_those_of_the_readings(numbers: int) -> None:
     """Readings with noise, and noise with noise; a study of the paper's size has 0.5 GB in each."""
     rows = np.random.default_rng(0).integers(0, 256, (1500, numbers), dtype=np.uint8)
-    pool = Products(rows=rows).pool()
+    pool = Pool.of(rows, components=5)
     tracemalloc.start()
     Noise.of(pool, 5.0, seed=1)
     peak = tracemalloc.get_traced_memory()[1]
@@ -183,7 +180,7 @@ def test_clipped_copies_are_those_of_the_set_written_out() -> None:
     train = images[:20].astype(float)
     written = np.concatenate([np.clip(train + level, 0, 255) for level in (0, 10, -10)])
     assert_scikit_learns(found, written, images.astype(float))
-    unclipped = scores_of(Products(rows=images).pool(np.arange(20)), augmentation, 5)
+    unclipped = scores_of(Pool.of(images, np.arange(20), components=5, seeds=(7,)), augmentation, 5)
     assert not np.allclose(found.variance, unclipped.variance, rtol=1e-3)
 
 
@@ -192,7 +189,7 @@ def test_clipped_noise_is_rounded_drawn_by_seed_and_near_the_unclipped_on_bright
     one, two, again = (clipped_scores(images, np.arange(40), Augmentation(), 4, seed=seed) for seed in (1, 2, 1))
     np.testing.assert_array_equal(one.train, again.train)
     assert np.abs(one.train[40:80] - two.train[40:80]).max() > 1
-    free = scores_of(Products(rows=images).pool(np.arange(40)), Augmentation(), 4)
+    free = scores_of(Pool.of(images, np.arange(40), components=4, seeds=(7,)), Augmentation(), 4)
     np.testing.assert_allclose(one.variance, free.variance, rtol=0.05)
     assert one.train.shape == free.train.shape == (160, 4)
 
@@ -244,14 +241,14 @@ def test_white_noise_takes_no_more_memory_than_its_eigenvectors() -> None:
 
 
 def test_more_components_than_directions_are_refused() -> None:
-    products = Products(rows=images_of(20, 50))
+    rows = images_of(20, 50)
     for components, augmentation, message in [
         (0, Augmentation(), "components = 0: must be from 1 to 50"),
         (51, Augmentation(), "components = 51"),
         (20, PLAIN, "components = 20: must be from 1 to 19"),
     ]:
         with pytest.raises(InputError, match=message):
-            scores_of(products.pool(), augmentation, components)
+            scores_of(Pool.of(rows, components=components), augmentation, components)
     with pytest.raises(InputError, match="components = 25: must be from 1 to 19"):
         clipped_scores(images_of(20, 50), np.arange(5), Augmentation(), 25, seed=1)
 
@@ -259,12 +256,11 @@ def test_more_components_than_directions_are_refused() -> None:
 def test_constant_images_have_no_directions_but_their_noise_and_brightness() -> None:
     """Images that are alike have no coordinates of full rank; they are set apart by a trifle."""
     images = np.full((10, 64), 80, np.uint8)
-    products = Products(rows=images)
     with pytest.raises(InputError, match="at most 1: so many directions"):
-        scores_of(products.pool(), Augmentation(noise=None), 2)
+        scores_of(Pool.of(images, components=2), Augmentation(noise=None), 2)
     with pytest.raises(InputError, match="at most 1: so many directions"):
         clipped_scores(images, np.arange(10), Augmentation(noise=None), 2, seed=0)
-    pool = products.pool(np.arange(6))
+    pool = Pool.of(images, np.arange(6), components=2, seeds=(7,))
     assert pool.factor is not None
     found = scores_of(pool, Augmentation(), 2)
     assert found.variance[0] > found.variance[1] > 0
