@@ -8,21 +8,22 @@ from pathlib import Path
 import pytest
 
 from tacbench_cad import __version__
-from tacbench_cad.lab.analysis.report.cite import PAPER, PROGRAM, citations
+from tacbench_cad.lab.analysis.report.cite import citations
 from tacbench_cad.util.errors import InputError
 
 CFF = Path(__file__).parents[3] / "CITATION.cff"
 
 
 def test_the_citations_are_those_of_the_cff_file() -> None:
-    text = CFF.read_text(encoding="utf-8")
+    text, bibtex = CFF.read_text(encoding="utf-8"), citations("bibtex")
     program, paper = text.split("preferred-citation:")
-    assert re.findall(r"^version: (.+)$", program, re.M) == [PROGRAM.version] == [__version__]
-    assert re.findall(r"^title: (.+)$", program, re.M) == [PROGRAM.title]
-    assert re.findall(r"- name: (.+)$", program, re.M) == [family for _, family in PROGRAM.authors]
-    assert re.findall(r'title: "(.+)"$', paper, re.M) == [PAPER.title]
+    assert re.findall(r"^version: (.+)$", program, re.M) == re.findall(r"version (.+)}", bibtex) == [__version__]
+    titles = re.findall(r'title: "(.+)"$', paper, re.M) + re.findall(r"^title: (.+)$", program, re.M)
+    assert titles == re.findall(r"title = {{(.+)}}", bibtex) and all(title in citations() for title in titles)
     given, family = (re.findall(rf"{name}-names: (.+)$", paper, re.M) for name in ("given", "family"))
-    assert list(zip(given, family, strict=True)) == list(PAPER.authors)
+    authors = [" and ".join(f"{last}, {first}" for first, last in zip(given, family, strict=True))]
+    authors += [f"{{{name}}}" for name in re.findall(r"- name: (.+)$", program, re.M)]
+    assert authors == re.findall(r"author = {(.+)}", bibtex)
 
 
 def test_text_has_all_authors_the_title_and_the_version() -> None:

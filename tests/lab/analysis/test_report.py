@@ -24,10 +24,8 @@ from tacbench_cad import __version__
 from tacbench_cad.cli import report as command
 from tacbench_cad.lab.analysis.classification.classify import TRIALS
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.report import pieces
-from tacbench_cad.lab.analysis.report.methods import design_text
 from tacbench_cad.lab.analysis.report.page import Options, write_report
-from tacbench_cad.lab.analysis.report.pieces import Piece, Section, Study
+from tacbench_cad.lab.analysis.report.rendering import macro, read_image
 from tacbench_cad.lab.analysis.tables import Column, Table
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
@@ -262,20 +260,18 @@ def test_a_page_must_be_html(runs: Path, tmp_path: Path, name: str) -> None:
 
 def test_what_stands_in_a_table_is_escaped() -> None:
     table = Table.of((Column("<h>"), Column("n")), [{"<h>": "<script>alert(1)</script>", "n": 1234}], "a < b")
-    section = Section(anchor="x", title="&", pieces=(Piece("table", table=table), Piece("verbatim", "<pre>")))
-    text = pieces.page("<title>", "", ["<sensor>"], [section])
-    assert "<script>" not in text and "<sensor>" not in text and "a &lt; b" in text and "&lt;pre&gt;" in text
+    text = macro("macros.j2", "table", simulated="<sensor>", folder=Path("f"))(table)
+    assert "<script>" not in text and "a &lt; b" in text and "simulated data" in text
     assert '<td class="n">1,234</td>' in text and '<th scope="col">&lt;h&gt;</th>' in text
     Page(text)
 
 
-def test_a_figure_must_be_a_png(runs: Path, tmp_path: Path) -> None:
-    study = Study(collection=Collection.open([runs]), files=tmp_path)
+def test_a_figure_must_be_a_png(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read"):
-        study.figure("f", "words")
+        read_image(tmp_path / "f.png")
     (tmp_path / "f.png").write_bytes(b"<svg>")
     with pytest.raises(InputError, match="is no PNG file"):
-        study.figure("f", "words")
+        read_image(tmp_path / "f.png")
 
 
 def test_without_jinja_nothing_is_begun(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -289,9 +285,9 @@ def test_depth_mode_is_said_to_be_another_thing(runs: Path) -> None:
     from dataclasses import replace
 
     collection = Collection.open([runs])
-    text = design_text(collection)
-    assert "Target forces were 0.08045 ± 0.00195 N" in text
+    design = macro("methods.j2", "design")
+    assert "Target forces were 0.08045 ± 0.00195 N" in design(collection)
     first = collection.runs[0]
     info = replace(first.info, protocol=replace(first.info.protocol, contact="depth", touch="sensor"))
     changed = replace(collection, runs=(replace(first, info=info), *collection.runs[1:]))
-    assert "0.35 mm below first touch (found by a change of the sensor)" in design_text(changed)
+    assert "0.35 mm below first touch (found by a change of the sensor)" in design(changed)

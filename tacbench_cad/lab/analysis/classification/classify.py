@@ -16,7 +16,7 @@ from tacbench_cad.lab.analysis.classification.accuracy import scores
 from tacbench_cad.lab.analysis.classification.features import read_features
 from tacbench_cad.lab.analysis.classification.outcomes import ARRAYS, Outcome, Study
 from tacbench_cad.lab.analysis.classification.result import Result
-from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, data_key, one_thread
+from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, one_thread
 from tacbench_cad.lab.analysis.classification.splits import UNITS, PressTable
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
@@ -99,7 +99,7 @@ def _outcomes(
     show: Progress,
 ) -> Iterator[Outcome]:
     """The outcomes of all trials, each read from its file or else computed and kept there."""
-    key = f"{settings.protocol}-{replace(settings, train_on=()).key(data_key(collection))}"
+    key = f"{settings.protocol}-{replace(settings, train_on=()).key(collection.data_key)}"
     groups = {name: f"{key}-{name}" for name in settings.train_on} or {"": key}
     files = {
         (group, trial): folder / f"{stem}-trial-{trial:03d}.json"

@@ -13,7 +13,7 @@ from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.classification.accuracy import Score, is_whole
 from tacbench_cad.lab.analysis.classification.outcomes import Outcome
 from tacbench_cad.lab.analysis.classification.paper_protocol import COLUMNS as PAPER_COLUMNS
-from tacbench_cad.lab.analysis.classification.settings import ESTIMATORS, ClassificationSettings, data_key
+from tacbench_cad.lab.analysis.classification.settings import ESTIMATORS, ClassificationSettings
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.tables import Column, Row, Table, percent
 from tacbench_cad.util.convert import to_plain
@@ -133,7 +133,7 @@ class Result:
             "sensor": str(self.collection.info.sensor.get("name", "")),
             "units": self.collection.units,
             "simulated": list(self.collection.simulated),
-            "data": data_key(self.collection),
+            "data": self.collection.data_key,
             "notes": list(self.notes),
         }
 

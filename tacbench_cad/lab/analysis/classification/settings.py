@@ -17,7 +17,6 @@ import numpy as np
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis.classification.augment import Augmentation
 from tacbench_cad.lab.analysis.classification.splits import FOLDS, HOLD_OUT_LEVELS
-from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.rig.plugin import is_plugin, load
 from tacbench_cad.util.errors import InputError, TacbenchError, nearest, one_of
 
@@ -100,7 +99,7 @@ class ClassificationSettings:
         """Names the numbers that follow from these settings, from the data and from the programs that compute them.
 
         Args:
-            data: Names the data, see :func:`data_key`.
+            data: Names the data, see :attr:`~tacbench_cad.lab.analysis.collection.Collection.data_key`.
         """
         import sklearn
 
@@ -173,12 +172,3 @@ def one_thread() -> Iterator[None]:
 
     with threadpool_limits(limits=1):
         yield
-
-
-def data_key(collection: Collection) -> str:
-    """Names the presses of a collection by the checksums of their readings."""
-    digest = hashlib.sha256()
-    sums = [{row.number: row.image_sha256 for row in run.rows} for run in collection.runs]
-    for run, number in zip(collection.run.tolist(), collection.number.tolist(), strict=True):
-        digest.update(f"{collection.runs[run].info.printed.name} {number} {sums[run][number]}\n".encode())
-    return digest.hexdigest()

@@ -11,20 +11,23 @@ import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tacbench_cad.lab.analysis.classification.classify import MODULES, Progress
 from tacbench_cad.lab.analysis.classification.classify import SETTINGS_FILE as CLASSIFY_SETTINGS
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.report import classification, methods, sections
-from tacbench_cad.lab.analysis.report.pieces import Piece, Section, Study, page
+from tacbench_cad.lab.analysis.report.classification import Classification, classify_here, refusal_of
+from tacbench_cad.lab.analysis.report.facts import open_points, write_facts
+from tacbench_cad.lab.analysis.report.rendering import template
 from tacbench_cad.lab.analysis.tables import read_settings
+from tacbench_cad.lab.analysis.variance.grade import grade
+from tacbench_cad.lab.analysis.variance.grade_limits import Context
 from tacbench_cad.lab.analysis.variance.view import SETTINGS_FILE as VARIANCE_SETTINGS
 from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.runs.checking import RunReport, check_run
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked, refusing, replacing
 from tacbench_cad.util.packages import require
-from tacbench_cad.util.text import counted
 
 #: Kinds of files that an analysis writes and a report copies.
 SUFFIXES = (".csv", ".png", ".pdf", ".json")
@@ -81,19 +84,16 @@ def write_report(
     for folder in chosen.classifications:
         _require_same("classify", folder / CLASSIFY_SETTINGS, collection)
     files = out.with_name(f"{out.stem}_files")
-    study = Study(collection=collection, files=files)
     with locked(files):
         reports = list(_checked(collection, progress))
-        parts = [
-            _section("design", "What was pressed on what", sections.design_section(study)),
-            _section("prints", "The prints, and what is missing in their records", sections.records_section(study)),
-            _section("quality", "Data quality", sections.quality_section(study, reports)),
-            *_analyses(study, chosen, progress),
-        ]
+        shown = {
+            **write_facts(collection, reports, files),
+            **_variance(collection, files / "variance", chosen, progress),
+            **_classifications(collection, files, chosen, progress),
+        }
         progress("writing the page", 0, 0)
-        title = f"{counted(len(collection), 'press')} on {counted(len(collection.runs), 'print')}"
-        subtitle = f"{', '.join(collection.combinations)}; {', '.join(collection.textures)}."
-        text = page(title, subtitle, collection.simulated, parts)
+        simulated = "; ".join(collection.simulated)
+        text = template("report.html.j2").render(collection=collection, folder=files, simulated=simulated, **shown)
         with replacing(out) as temporary:
             temporary.write_text(text, encoding="utf-8", newline="\n")
     return [out, *(path for folder in (files, *sorted(files.iterdir())) for path in _results(folder))]
@@ -117,71 +117,53 @@ def _require_same(option: str, path: Path, collection: Collection) -> None:
         )
 
 
-def _analyses(study: Study, options: Options, progress: Progress) -> Iterator[Section]:
-    """Variance, maps, classification, methods."""
-    paragraphs = [methods.design_text(study.collection)]
-    colour, ddof = False, 0
-    refusal = _variance(study, options, progress)
-    if refusal is None:
-        view = VarianceView.read(study.files / "variance", study.collection)
-        colour, ddof = view.settings.colour, view.settings.ddof
-        paragraphs.append(methods.variance_text(view))
-        yield _section("variance", "How well it printed", sections.variance_section(study, view))
-        yield _section("maps", "Which pixels, positions and textures vary", sections.maps_section(study))
-    else:
-        yield _section("variance", "How well it printed", _refused("variance table", refusal))
-    if options.classify:
-        classified, reason = _classifications(study, options, progress)
-        body = classification.section(study, classified) if classified else _refused("classification", reason)
-        yield _section("classification", "What the sensor can tell apart", body)
-        paragraphs += [classification.methods_text(done) for done in classified]
-    points = methods.open_points(study.collection, colour, ddof)
-    yield _section("methods", "Methods and citations", sections.methods_section(study, paragraphs, points))
-
-
-def _variance(study: Study, options: Options, progress: Progress) -> str | None:
-    """Have the files of the variance table.
-
-    Returns:
-        None, or why these data have no variance table.
-    """
-    folder = study.files / "variance"
-    if options.variance is not None:
-        copy_files(options.variance, folder)
-        return None
+def _variance(collection: Collection, folder: Path, options: Options, progress: Progress) -> dict[str, Any]:
+    """Have the files of the variance table, and give what the page shows of them, or why these data have none."""
     from tacbench_cad.lab.analysis.variance.table import variance_table
     from tacbench_cad.lab.analysis.variance.view import write_all
 
-    def show(done: int, total: int) -> None:
-        progress("variance", done, total)
-
+    if options.variance is not None:
+        copy_files(options.variance, folder)
+    else:
+        try:
+            result = variance_table(
+                collection,
+                jobs=options.jobs,
+                dask=options.dask,
+                progress=lambda done, total: progress("variance", done, total),
+            )
+        except InputError as error:
+            if error.field in ("dask", "jobs"):
+                raise
+            return {"no_variance": str(error), "open_points": open_points(collection, colour=False, ddof=0)}
+        write_all(result, folder)
+    view = VarianceView.read(folder, collection)
     try:
-        result = variance_table(study.collection, jobs=options.jobs, dask=options.dask, progress=show)
-    except InputError as error:
-        if error.field in ("dask", "jobs"):
-            raise
-        return str(error)
-    write_all(result, folder)
-    return None
+        grades = grade(view.cells, Context.of(collection, view.cells))
+    except InputError:
+        grades = ()  # none of the paper's textures: there is nothing to stand beside
+    points = open_points(collection, view.settings.colour, view.settings.ddof)
+    return {"no_variance": "", "view": view, "grades": grades, "open_points": points}
 
 
-def _classifications(
-    study: Study, options: Options, progress: Progress
-) -> tuple[list[classification.Classification], str]:
-    """Have the files of classifications; none, and the reason, where these data have none."""
-    classified = []
-    for i, source in enumerate(options.classifications, start=1):
-        name = "classification" if len(options.classifications) == 1 else f"classification_{i}"
-        copy_files(source, study.files / name)
-        settings = read_settings(study.files / name / CLASSIFY_SETTINGS)
-        classified.append(classification.Classification(folder=study.files / name, settings=settings))
-    if classified:
-        return classified, ""
-    clear(study.files / "classification")
-    try:
-        return [classification.computed(study, options.jobs, options.dask, progress)], ""
-    except (InputError, CheckFailedError) as error:
-        return [], classification.refusal_of(error)
+def _classifications(collection: Collection, files: Path, options: Options, progress: Progress) -> dict[str, Any]:
+    """Have the files of classifications, and give what the page shows of them, or why these data have none."""
+    refusal, folders = "", []
+    if options.classifications:
+        for i, source in enumerate(options.classifications, start=1):
+            name = "classification" if len(options.classifications) == 1 else f"classification_{i}"
+            copy_files(source, files / name)
+            folders.append(files / name)
+    elif options.classify:
+        folder = files / "classification"
+        clear(folder)
+        try:
+            classify_here(collection, folder, options.jobs, options.dask, progress)
+            folders.append(folder)
+        except (InputError, CheckFailedError) as error:
+            refusal = refusal_of(error)
+    classifications = [Classification.read(folder) for folder in folders]
+    return {"has_classification": options.classify, "classifications": classifications, "no_classification": refusal}
 
 
 def copy_files(source: Path, folder: Path) -> None:
@@ -213,11 +195,3 @@ def clear(folder: Path) -> None:
 def _results(folder: Path) -> list[Path]:
     """Tables, figures and settings in a folder."""
     return sorted(path for path in folder.glob("[!.]*") if path.suffix in SUFFIXES and path.is_file())
-
-
-def _refused(what: str, reason: str) -> Iterator[Piece]:
-    yield Piece("paragraph", f"These data have no {what}: {reason}.")
-
-
-def _section(anchor: str, title: str, pieces: Iterator[Piece]) -> Section:
-    return Section(anchor=anchor, title=title, pieces=tuple(pieces))

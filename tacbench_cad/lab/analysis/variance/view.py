@@ -248,6 +248,11 @@ class VarianceView:
         return squared(self.collection.units)
 
     @property
+    def floor_sources(self) -> list[str]:
+        """Where the noise floors come from."""
+        return sorted({cell.floor_from for cell in self.cells if cell.floor_from})
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What a reader must know, a sentence each."""
         return variance_warnings(self.collection, self.cells, self.settings.left_out)
@@ -259,9 +264,7 @@ class VarianceView:
             FRAMES: "stationary frames in contact, at the middle force",
             REPEATS: "repeats on one print, an upper bound",
         }
-        sources = "; or ".join(
-            words[source] for source in sorted({cell.floor_from for cell in self.cells} & words.keys())
-        )
+        sources = "; or ".join(words[source] for source in self.floor_sources if source in words)
         notes = [
             "Noise alone: what the table would show if a cell's readings differed by the sensor's noise only"
             f"{f' ({sources})' if sources else ''}. Interval: prints are its unit. Floor removed: variance with ddof 1 "

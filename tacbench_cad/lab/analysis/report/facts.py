@@ -1,0 +1,214 @@
+"""What a report says of the runs themselves: what was pressed, the print records, the quality of the data."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.tables import Column, Table
+from tacbench_cad.lab.runs.checking import RunReport
+from tacbench_cad.spec.printrecord import FIELDS, PrintRecord
+from tacbench_cad.spec.sampling import SampleGrid, Tolerance
+from tacbench_cad.util.convert import to_plain
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.text import counted
+
+#: Findings of a run that the page shows; all of them stand in the CSV file.
+MAX_FINDINGS = 5
+
+
+def prints_in_words(collection: Collection) -> str:
+    """The prints of each printer-filament."""
+    groups: dict[str, dict[str, set[int]]] = defaultdict(lambda: defaultdict(set))
+    for run in collection.runs:
+        printed = run.info.printed
+        groups[printed.combination][printed.texture].add(printed.copy)
+    parts = []
+    for combination in collection.combinations:
+        counts = sorted({len(copies) for copies in groups[combination].values()})
+        prints = counted(counts[0], "print") if len(counts) == 1 else f"{counts[0]} to {counts[-1]} prints"
+        textures = counted(len(groups[combination]), "texture")
+        parts.append(f"{prints} of {textures} on {combination.replace('_', ' in ')}")
+    return "; ".join(parts)
+
+
+def sampling_in_words(sampling: Tolerance | SampleGrid) -> str:
+    """How a block's surface was made."""
+    if isinstance(sampling, Tolerance):
+        return f"within {sampling.mm:g} mm of the formula"
+    return f"on a grid of {sampling.nx} x {sampling.ny} samples"
+
+
+def forces_in_words(collection: Collection) -> str:
+    """How hard, or how deep, the blocks were pressed: a sentence."""
+    protocol = collection.info.protocol
+    if protocol.contact == "depth":
+        depths = ", ".join(f"{protocol.depths_mm[level - 1]:g}" for level in collection.levels)
+        how = {
+            "gauge": "found by the force gauge",
+            "sensor": "found by a change of the sensor",
+            "taught": "taught by hand",
+        }
+        return (
+            f"The sensor's summit went {depths} mm below first touch ({how[protocol.touch]}); no force was controlled, "
+            "so the readings cannot be compared with those at the paper's forces."
+        )
+    forces = ", ".join(f"{protocol.forces_n[n - 1]:.6g} ± {protocol.bands_n[n - 1]:.3g}" for n in collection.levels)
+    measured: dict[int, list[float]] = defaultdict(list)
+    for row in (row for run in collection.runs for row in run.rows):
+        if row.measured_force_n is not None:
+            measured[row.force_level].append(row.measured_force_n)
+    text = f"Target forces were {forces} N"
+    if all(len(measured[level]) > 1 for level in collection.levels):
+        of_levels = (measured[level] for level in collection.levels)
+        shown = ", ".join(f"{np.mean(values):.4f} (SD {np.std(values, ddof=1):.2g})" for values in of_levels)
+        text += f"; measured just before the reading: {shown} N"
+    return text + "."
+
+
+def devices_in_words(collection: Collection, what: str) -> str:
+    """The stages, or gauges, of all runs."""
+    devices = [getattr(run.info, what) for run in collection.runs]
+    words = ["simulated" if d.get("simulated") else str(d.get("identity") or "not recorded") for d in devices]
+    return ", ".join(dict.fromkeys(words))
+
+
+def design_table(collection: Collection) -> Table:
+    """Prints and presses of each printer-filament and texture at each force level."""
+    rows = []
+    for combination in collection.combinations:
+        printer, filament = combination.split("_", 1)
+        for texture in collection.textures:
+            there = (collection.combination == combination) & (collection.texture == texture)
+            if there.any():
+                presses = Counter(collection.level[there].tolist())
+                counts = {f"presses_level_{level}": presses[level] for level in collection.levels}
+                prints = len(np.unique(collection.copy[there]))
+                rows.append({"printer": printer, "filament": filament, "texture": texture, "prints": prints, **counts})
+    levels = [Column(f"presses_level_{n}", head=f"presses, level {n}") for n in collection.levels]
+    return Table.of((*_columns("printer", "filament", "texture", "prints"), *levels), rows, "Prints and presses")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Records:
+    """The print records of a study.
+
+    Args:
+        total: Records that can be read.
+        all: Every field of each.
+        empty: The fields that are empty in some.
+        alike: What the others say, alike prints together.
+        damaged: Why the rest cannot be read.
+    """
+
+    total: int
+    all: Table
+    empty: Table
+    alike: Table
+    damaged: tuple[str, ...]
+
+    @classmethod
+    def of(cls, collection: Collection) -> Records:
+        """The records of all runs."""
+        records: list[tuple[str, PrintRecord]] = []
+        damaged: list[str] = []
+        for run in collection.runs:
+            try:
+                records.append((run.info.printed.name, run.print_record))
+            except InputError as error:
+                damaged.append(str(error))
+        rows = [
+            {"run": name, **{field: _plain(record.values.get(field)) for field in FIELDS}} for name, record in records
+        ]
+        total = len(records)
+        empty = Counter(field for _, record in records for field in record.empty)
+        filled = [field for field in FIELDS if any(record.values.get(field) for _, record in records)]
+        alike = Counter(tuple(row[field] for field in filled) for row in rows if filled)
+        return cls(
+            total=total,
+            all=Table.of(_columns("run", *FIELDS), rows),
+            empty=_table(
+                "Empty fields of the print records",
+                ("field", "what belongs there", "empty in", "of records"),
+                ((field, FIELDS[field], count, total) for field, count in empty.items()),
+            ),
+            alike=_table(
+                "What the print records say, alike prints together",
+                (*filled, "prints"),
+                ((*values, count) for values, count in alike.items()),
+            ),
+            damaged=tuple(damaged),
+        )
+
+
+def quality_table(reports: Iterable[RunReport]) -> Table:
+    """What `tacbench runs check` says of each run."""
+    counts = _columns("planned", "presses", "out_of_band", "references", "stationary")
+    findings = Column("findings", source=lambda report: len(report.findings))
+    return Table.of((Column("run", source="name"), *counts, findings), reports)
+
+
+def findings_table(reports: Iterable[RunReport], most: int | None = None) -> Table:
+    """The findings of all runs, or at most so many of each."""
+    findings = [{"run": report.name, **to_plain(finding)} for report in reports for finding in report.findings[:most]]
+    return Table.of(_columns("run", "kind", "where", "text"), findings, f"Findings, at most {most} of a run")
+
+
+def open_points(collection: Collection, colour: bool, ddof: int) -> Table:
+    """Where the paper's text leaves something open, what was taken, and what leads to the other reading."""
+    info = collection.info
+    positions = counted(len(info.protocol.grid.positions_mm), "position")
+    spacing = {"even": "18 to 23 mm in 1.25 mm steps", "1mm": "18 to 22 mm in 1 mm steps"}
+    preset = info.printed.block.preset
+    sizes = {"paper": "the text's 23.3 x 30 mm", "released": "the released files' 29.3 x 30 mm"}
+    levels = ", ".join(map(str, collection.levels))
+    rows = (
+        (
+            "size and scale of the block: the text's numbers cannot all hold",
+            f"preset {preset}: {sizes.get(preset, 'its own size')}",
+            "tacbench make --preset paper|released",
+        ),
+        (
+            '"5 equally spaced 1 mm positions between 18 and 23 mm"',
+            spacing.get(info.grid_spacing, f"the study's own grid, {positions}"),
+            "grid_spacing",
+        ),
+        ("variance of grey or colour images", "colour" if colour else "grey (BT.601)", "--colour"),
+        ("divisor of the variance (ddof)", str(ddof), "--ddof 0|1"),
+        (
+            "force of the 300 images of a cell",
+            f"each of the levels {levels}, and their mean",
+            "force_level in variance.csv",
+        ),
+    )
+    return _table("How it was read here", ("what is open", "taken here", "the other reading"), rows)
+
+
+def write_facts(collection: Collection, reports: Sequence[RunReport], folder: Path) -> dict[str, Any]:
+    """Write the tables on the runs, and give what the page's template shows of them."""
+    design, records = design_table(collection), Records.of(collection)
+    design.write(folder / "design.csv")
+    records.all.write(folder / "print_records.csv")
+    quality_table(reports).write(folder / "data_quality.csv")
+    findings_table(reports).write(folder / "findings.csv")
+    shown = findings_table(reports, MAX_FINDINGS)
+    return {"design": design, "records": records, "reports": reports, "findings": shown}
+
+
+def _columns(*names: str) -> tuple[Column, ...]:
+    return tuple(Column(name) for name in names)
+
+
+def _table(title: str, heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> Table:
+    records: list[Mapping[str, Any]] = [dict(zip(heads, row, strict=True)) for row in rows]
+    return Table(columns=_columns(*heads), rows=tuple(records), title=title)
+
+
+def _plain(entry: Any) -> Any:
+    return "; ".join(map(str, entry)) if isinstance(entry, list) else entry

@@ -1,0 +1,71 @@
+"""The templates of the page, and what they can call.
+
+The page has no script, no font of its own and no address in it; pictures stand in it as base64. On a narrow screen
+wide tables and figures scroll in their own box, so that letters keep their size; on paper they fit the page.
+"""
+
+from __future__ import annotations
+
+import base64
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tacbench_cad import __version__
+from tacbench_cad.lab.analysis.report import facts
+from tacbench_cad.lab.analysis.report.cite import citations
+from tacbench_cad.util.door import read_bytes
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.text import counted
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+#: Pixels of a screen for one of a figure: figures have 150 an inch, a page of HTML counts 96.
+_SCALE = 96.0 / 150.0
+_PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Image:
+    """A PNG in base64, and the width and height in pixels at which it is shown."""
+
+    data: str
+    width: int
+    height: int
+
+
+def read_image(path: Path) -> Image:
+    """A figure's PNG; its mark of simulated data is in the picture.
+
+    Raises:
+        InputError: It cannot be read, or is no PNG.
+    """
+    data = read_bytes(path, "figure", "image")
+    if not data.startswith(_PNG) or len(data) < 24:
+        raise InputError("figure", str(path), "is no PNG file; have it drawn again")
+    width, height = (round(side * _SCALE) for side in struct.unpack(">II", data[16:24]))
+    return Image(data=base64.b64encode(data).decode(), width=width, height=height)
+
+
+def template(name: str) -> Template:
+    """One of the templates in this folder; what they put into a page is escaped, and a name that is missing refused."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    words = (facts.prints_in_words, facts.sampling_in_words, facts.forces_in_words, facts.devices_in_words)
+    environment.globals.update({function.__name__: function for function in (*words, counted, citations, read_image)})
+    environment.globals["version"] = __version__
+    return environment.get_template(name)
+
+
+def macro(name: str, function: str, **context: Any) -> Any:
+    """A macro of a template, to be called from here."""
+    return getattr(template(name).make_module(context), function)
