@@ -18,9 +18,28 @@ from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run, find_runs
 from tacbench_cad.lab.study.names import COMBINATIONS
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.types import Bools, Ints, Strings
+from tacbench_cad.util.types import Bools, Ints
 
 Chosen = Ints | Bools
+
+
+def _of_print(name: str) -> cached_property[NDArray[Any]]:
+    """What each press was made on: an attribute of the printed block."""
+
+    def values(self: Collection) -> NDArray[Any]:
+        return np.array([getattr(run.info.printed, name) for run in self.runs])[self.run]
+
+    return cached_property(values)
+
+
+def _of_press(place: int) -> cached_property[NDArray[Any]]:
+    """What each press was: an entry of its row's key."""
+
+    def values(self: Collection) -> NDArray[Any]:
+        pairs = zip(self.run.tolist(), self.number.tolist(), strict=True)
+        return np.array([self._rows[run][number].key[place] for run, number in pairs], dtype=np.int64)
+
+    return cached_property(values)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,45 +109,17 @@ class Collection:
             digest.update(f"{self.runs[run].info.printed.name} {number} {row.image_sha256}\n".encode())
         return digest.hexdigest()
 
-    @cached_property
-    def texture(self) -> Strings:
-        """Name of the texture, (n,)."""
-        return self._of_run([run.info.printed.texture for run in self.runs])
-
-    @cached_property
-    def printer(self) -> Strings:
-        """Printer, (n,)."""
-        return self._of_run([run.info.printed.printer for run in self.runs])
-
-    @cached_property
-    def filament(self) -> Strings:
-        """Filament, (n,)."""
-        return self._of_run([run.info.printed.filament for run in self.runs])
-
-    @cached_property
-    def combination(self) -> Strings:
-        """Printer and filament: ``bambu-p1p_pla-minus``, (n,)."""
-        return self._of_run([run.info.printed.combination for run in self.runs])
-
-    @cached_property
-    def copy(self) -> Ints:
-        """Number of the print's copy, (n,)."""
-        return self._of_run([run.info.printed.copy for run in self.runs])
-
-    @cached_property
-    def level(self) -> Ints:
-        """Force level from 1, (n,)."""
-        return self._of_press(0)
-
-    @cached_property
-    def repeat(self) -> Ints:
-        """Repeat from 1, (n,)."""
-        return self._of_press(1)
-
-    @cached_property
-    def position(self) -> Ints:
-        """Position from 1, (n,)."""
-        return self._of_press(2)
+    #: Name of the texture, printer, filament, and both of these (``bambu-p1p_pla-minus``), each (n,).
+    texture = _of_print("texture")
+    printer = _of_print("printer")
+    filament = _of_print("filament")
+    combination = _of_print("combination")
+    #: Number of the print's copy, (n,).
+    copy = _of_print("copy")
+    #: Force level, repeat and position, each from 1, (n,).
+    level = _of_press(0)
+    repeat = _of_press(1)
+    position = _of_press(2)
 
     @property
     def textures(self) -> tuple[str, ...]:
@@ -162,13 +153,6 @@ class Collection:
     @cached_property
     def _rows(self) -> list[dict[int, schema.Row]]:
         return [{row.number: row for row in run.rows} for run in self.runs]
-
-    def _of_run(self, values: Sequence[Any]) -> NDArray[Any]:
-        return np.asarray(np.array(values)[self.run])
-
-    def _of_press(self, which: int) -> Ints:
-        pairs = zip(self.run.tolist(), self.number.tolist(), strict=True)
-        return np.array([self._rows[run][number].key[which] for run, number in pairs], dtype=np.int64)
 
 
 def _require_mixable(runs: Sequence[Run]) -> None:

@@ -18,16 +18,19 @@ not fitted. All presses are read twice more; at a time one cell's mean readings 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import contextlib
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
-from tacbench_cad.lab.analysis.variance.streaming import read_usable
+from tacbench_cad.lab.analysis.variance.streaming import Press, presses_of, read_usable, runs_to_send
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.spec.protocol import PressGrid
@@ -36,6 +39,9 @@ from tacbench_cad.util.types import Floats32, Ints
 
 #: An axis is fitted if its slopes have at least this fraction of the other axis's square.
 _MIN_SLOPE = 0.01
+#: How far a block lies from the mean of the cell's, along x and y; None along an axis that cannot be seen.
+Offset = tuple[float | None, float | None]
+_Reading = tuple[int, int, Floats32]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +53,7 @@ class Seating:
         filament: Filament.
         texture: Texture.
         force_level: Level from 1.
-        offsets_mm: For each copy how far its block lies from the mean of the cell's, along x and y of the block; None
-            along an axis that cannot be seen.
+        offsets_mm: For each copy how far its block lies from the mean of the cell's.
         variance: The cell's variance at this level (as in the table).
         seating: The part of it that offsets explain.
     """
@@ -57,7 +62,7 @@ class Seating:
     filament: str
     texture: str
     force_level: int
-    offsets_mm: dict[int, tuple[float | None, float | None]]
+    offsets_mm: dict[int, Offset]
     variance: float
     seating: float
 
@@ -71,15 +76,6 @@ class Seating:
         for copy, (x, y) in self.offsets_mm.items():
             offsets = {"copy": copy, "x_mm": x, "y_mm": y}
             yield {**vars(self), **offsets, "variance_without_seating": self.remaining}
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Task:
-    """The presses of one cell at one level: run, path, copy and position of each."""
-
-    runs: tuple[Run, ...]
-    level: int
-    presses: tuple[tuple[int, str, int, int], ...]
 
 
 def register(
@@ -105,119 +101,98 @@ def register(
     grid = collection.info.protocol.grid
     if len(grid.x_mm) < 2 and len(grid.y_mm) < 2:
         raise InputError("register", len(grid.positions_mm), "needs positions in two columns or rows to see a shift")
-    tasks = list(_tasks(collection))
-    if not tasks:
+    cells = list(_cells(collection))
+    if not cells:
         raise InputError(
             "register", None, "no printer-filament has two prints of one texture that could lie differently"
         )
-    work = partial(_seating, grid=grid, preprocess=preprocess or Preprocess(), ddof=ddof)
+    runs = runs_to_send(collection)
+    work = partial(_seating, runs=runs, grid=grid, preprocess=preprocess or Preprocess(), ddof=ddof)
     with workers(jobs, dask, [run.folder for run in collection.runs]) as team:
-        return tuple(seating for seating in team.map(work, tasks) if seating is not None)
+        return tuple(seating for seating in team.map(work, cells) if seating is not None)
 
 
-def _tasks(collection: Collection) -> Iterator[_Task]:
-    # Whole paths: the workers of a cluster stand in other folders.
-    runs = tuple(Run(folder=run.folder.absolute(), info=run.info) for run in collection.runs)
-    for level in collection.levels:
-        for combination in collection.combinations:
-            for texture in collection.textures:
-                mine = (collection.level == level) & (collection.combination == combination)
-                where = np.flatnonzero(mine & (collection.texture == texture))
-                if len(np.unique(collection.copy[where])) < 2:
-                    continue
-                numbers = np.unique(collection.run[where])
-                place = {int(run): i for i, run in enumerate(numbers)}
-                presses = tuple(
-                    (
-                        place[int(collection.run[i])],
-                        collection.path(int(i)),
-                        int(collection.copy[i]),
-                        int(collection.position[i]) - 1,
-                    )
-                    for i in where
-                )
-                yield _Task(runs=tuple(runs[i] for i in numbers), level=level, presses=presses)
+def _cells(collection: Collection) -> Iterator[list[Press]]:
+    """The presses of each cell of two or more prints at each level, position by position."""
+    cells: dict[tuple[int, str, str], list[Press]] = defaultdict(list)
+    for press in sorted(presses_of(collection), key=lambda press: (press.position, press.copy)):
+        cells[press.level, press.combination, press.texture].append(press)
+    for key in product(collection.levels, collection.combinations, collection.textures):
+        if len({press.copy for press in cells[key]}) > 1:
+            yield cells[key]
 
 
-def _seating(task: _Task, *, grid: PressGrid, preprocess: Preprocess, ddof: int) -> Seating | None:
+def _seating(
+    presses: Sequence[Press], *, runs: Sequence[Run], grid: PressGrid, preprocess: Preprocess, ddof: int
+) -> Seating | None:
     """One cell; None if too little of it can be read."""
     count = len(grid.positions_mm)
     sums: Floats32 | None = None
-    presses = np.zeros(count, dtype=np.int64)
+    numbers = np.zeros(count, dtype=np.int64)
     squares = np.zeros(count)
-    for _, position, values in _readings(task, preprocess):
+    for _, position, values in _readings(presses, runs, preprocess):
         if sums is None:
             sums = np.zeros((count, values.size), dtype=np.float32)
         sums[position] += values
-        presses[position] += 1
+        numbers[position] += 1
         squares[position] += float(np.einsum("i,i->", values, values, dtype=np.float64)) / values.size
-    usable = presses > ddof
-    if sums is None or not usable.all():
+    if sums is None or not (numbers > ddof).all():
         return None
-    sums /= presses[:, None]
+    sums /= numbers[:, None]
     # Sums of squares about the mean; 32 bits are enough for a fraction, the table itself is computed in 64.
-    squares -= presses * np.einsum("ij,ij->i", sums, sums, dtype=np.float64) / sums.shape[1]
-    copies = sorted({copy for _, _, copy, _ in task.presses})
-    fit = _fit(task, preprocess, sums, grid, {copy: i for i, copy in enumerate(copies)}, presses - ddof)
-    printed = task.runs[0].info.printed
+    squares -= numbers * np.einsum("ij,ij->i", sums, sums, dtype=np.float64) / sums.shape[1]
+    copies = sorted({press.copy for press in presses})
+    offsets, explained = _fit(_readings(presses, runs, preprocess), sums, grid, copies, numbers - ddof)
+    printed = runs[presses[0].run].info.printed
     return Seating(
         printer=printed.printer,
         filament=printed.filament,
         texture=printed.texture,
-        force_level=task.level,
-        offsets_mm={copy: fit.offsets[i] for i, copy in enumerate(copies)},
-        variance=float(np.mean(np.maximum(0.0, squares) / (presses - ddof))),
-        seating=fit.explained,
+        force_level=presses[0].level,
+        offsets_mm=offsets,
+        variance=float(np.mean(np.maximum(0.0, squares) / (numbers - ddof))),
+        seating=explained,
     )
 
 
-def _readings(task: _Task, preprocess: Preprocess) -> Iterator[tuple[int, int, Floats32]]:
-    """Copy, position and numbers of each reading, position by position; those that cannot be used are left out."""
-    for run, path, copy, position in sorted(task.presses, key=lambda press: (press[3], press[2])):
-        try:
-            yield copy, position, read_usable(task.runs[run], path, preprocess).reshape(-1).astype(np.float32)
-        except CheckFailedError:
-            continue  # the pass for the table has named it
-
-
-@dataclass(frozen=True)
-class _Fit:
-    offsets: Sequence[tuple[float | None, float | None]]
-    explained: float
+def _readings(presses: Sequence[Press], runs: Sequence[Run], preprocess: Preprocess) -> Iterator[_Reading]:
+    """Copy, position from 0 and numbers of each reading; those that cannot be used are left out."""
+    for press in presses:
+        with contextlib.suppress(CheckFailedError):  # the pass for the table has named it
+            values = read_usable(runs[press.run], press.path, preprocess)
+            yield press.copy, press.position - 1, values.reshape(-1).astype(np.float32)
 
 
 def _fit(
-    task: _Task,
-    preprocess: Preprocess,
-    means: Floats32,
-    grid: PressGrid,
-    order: dict[int, int],
-    divisors: Ints,
-) -> _Fit:
-    """Offsets of all prints by least squares; presses are weighted as in the table's mean over positions."""
-    k, count, pixels = len(order), *means.shape
-    normal, right = np.zeros((k, 2, 2)), np.zeros((k, 2))
+    readings: Iterable[_Reading], means: Floats32, grid: PressGrid, copies: Sequence[int], divisors: Ints
+) -> tuple[dict[int, Offset], float]:
+    """Offsets of all prints by least squares, and the variance that they explain.
+
+    Presses are weighted as in the table's mean over positions.
+    """
+    count, pixels = means.shape
+    normal, right = np.zeros((len(copies), 2, 2)), np.zeros((len(copies), 2))
     at, slopes, products = -1, np.zeros((2, pixels), dtype=np.float32), np.zeros((2, 2))
-    for copy, position, values in _readings(task, preprocess):
+    for copy, position, values in readings:
         if position != at:
             at, slopes = position, _slopes(means, grid, position)
             products = (slopes @ slopes.T).astype(np.float64) / pixels
         weight = 1.0 / (float(divisors[position]) * count)
-        normal[order[copy]] += weight * products
-        right[order[copy]] += weight * (slopes @ (values - means[position])).astype(np.float64) / pixels
+        normal[copies.index(copy)] += weight * products
+        right[copies.index(copy)] += weight * (slopes @ (values - means[position])).astype(np.float64) / pixels
     seen = np.diag(normal.sum(axis=0))
     axes = [i for i in (0, 1) if seen[i] > _MIN_SLOPE * seen.max()]
-    offsets: list[tuple[float | None, float | None]] = []
+    offsets: dict[int, Offset] = {}
     explained = 0.0
-    for i in range(k):
+    for i, copy in enumerate(copies):
         offset: list[float | None] = [None, None]
         if axes:
             shift = np.linalg.lstsq(normal[i][np.ix_(axes, axes)], right[i][axes], rcond=None)[0]
             explained += float(shift @ right[i][axes])
             for axis, value in zip(axes, shift, strict=True):
                 offset[axis] = -float(value)  # a block that lies further along is pressed at a place before
-        offsets.append((offset[0], offset[1]))
-    return _Fit(offsets, max(0.0, explained))
+        offsets[copy] = (offset[0], offset[1])
+    return offsets, max(0.0, explained)
 
 
 def _slopes(means: Floats32, grid: PressGrid, position: int) -> Floats32:

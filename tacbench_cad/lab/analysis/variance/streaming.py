@@ -21,9 +21,11 @@ A reading that is damaged, or holds NaN, is left out and named; everything else 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TypeVar
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,7 +42,6 @@ from tacbench_cad.util.types import Floats
 
 #: Printer-filament and texture.
 CellKey = tuple[str, str]
-T = TypeVar("T")
 
 #: Tasks for each process: some more than one, so that all end at about the same time.
 TASKS_PER_JOB = 4
@@ -81,9 +82,9 @@ class Floor:
     dof: int
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(kw_only=True, eq=False)
 class Pass:
-    """What one pass over a study gives.
+    """What one pass over a study gives, or a part of it.
 
     Args:
         places: Sums of each place, by level and position.
@@ -95,32 +96,46 @@ class Pass:
         seconds: Time of all processes: ``decode`` (reading and decoding files, grey), ``sums``.
     """
 
-    places: tuple[PlaceSums, ...]
-    maps: Mapping[CellKey, tuple[Floats, int]]
-    floors: tuple[Floor, ...]
-    left_out: tuple[str, ...]
-    readings: int
-    seconds: Mapping[str, float]
+    places: list[PlaceSums] = field(default_factory=list)
+    maps: dict[CellKey, tuple[Floats, int]] = field(default_factory=dict)
+    floors: list[Floor] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+    readings: int = 0
+    seconds: dict[str, float] = field(default_factory=lambda: {"decode": 0.0, "sums": 0.0})
+
+    def add_map(self, key: CellKey, picture: Floats, count: int = 1) -> None:
+        """Add a map of variances."""
+        before, places = self.maps.get(key, (0.0, 0))
+        self.maps[key] = (before + picture, places + count)
+
+    def add(self, part: Pass) -> None:
+        """Add another part of the same pass."""
+        self.places += part.places
+        self.floors += part.floors
+        self.left_out += part.left_out
+        self.readings += part.readings
+        for name, seconds in part.seconds.items():
+            self.seconds[name] += seconds
+        for key, (picture, count) in part.maps.items():
+            self.add_map(key, picture, count)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Press:
-    run: int
-    path: str
+class Press(NamedTuple):
+    """A press as it is handed to other processes."""
+
+    level: int
+    position: int
     combination: str
     texture: str
     copy: int
+    repeat: int
+    run: int
+    path: str
 
     @property
     def cell(self) -> CellKey:
+        """Printer-filament and texture."""
         return (self.combination, self.texture)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Place:
-    level: int
-    position: int
-    presses: tuple[_Press, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,16 +146,14 @@ class _Task:
         runs: The runs, with nothing read of them.
         preprocess: What is done to a reading.
         designs: Copy numbers of the presses of a place without holes, by level and cell.
-        drawn: Levels of each cell whose maps are summed.
-        places: Places to pass over.
+        places: The presses of each place to pass over.
         still: Indices of runs whose stationary frames are read.
     """
 
     runs: tuple[Run, ...]
     preprocess: Preprocess
     designs: Mapping[tuple[int, CellKey], tuple[int, ...]]
-    drawn: Mapping[CellKey, tuple[int, ...]]
-    places: tuple[_Place, ...]
+    places: tuple[tuple[Press, ...], ...]
     still: tuple[int, ...]
 
 
@@ -160,32 +173,14 @@ def stream(
     """
     tasks = _tasks(collection, preprocess, team.jobs)
     total = len(collection) + sum(_still_frames(run) for run in collection.runs)
-    places: list[PlaceSums] = []
-    maps: dict[CellKey, tuple[Floats, int]] = {}
-    floors: list[Floor] = []
-    left_out: list[str] = []
-    seconds = {"decode": 0.0, "sums": 0.0}
-    readings = 0
+    passed = Pass()
     for part in team.map(_work, tasks):
-        places += part.places
-        floors += part.floors
-        left_out += part.left_out
-        readings += part.readings
-        for name in seconds:
-            seconds[name] += part.seconds[name]
-        for key, (picture, count) in part.maps.items():
-            before = maps.get(key)
-            maps[key] = (picture, count) if before is None else (before[0] + picture, before[1] + count)
+        passed.add(part)
         if progress is not None:
-            progress(readings + len(left_out), total)
-    return Pass(
-        places=tuple(sorted(places, key=lambda place: (place.level, place.position))),
-        maps=maps,
-        floors=tuple(sorted(floors, key=lambda floor: floor.run)),
-        left_out=tuple(left_out),
-        readings=readings,
-        seconds=seconds,
-    )
+            progress(passed.readings + len(passed.left_out), total)
+    passed.places.sort(key=lambda place: (place.level, place.position))
+    passed.floors.sort(key=lambda floor: floor.run)
+    return passed
 
 
 def read_usable(run: Run, path: str, preprocess: Preprocess) -> Frame:
@@ -200,13 +195,22 @@ def read_usable(run: Run, path: str, preprocess: Preprocess) -> Frame:
     return values
 
 
-def designs_of(collection: Collection) -> dict[tuple[int, CellKey], tuple[int, ...]]:
-    """Copy numbers of the presses that a place of each cell has at each level, if none is missing."""
-    presses_of: dict[tuple[int, CellKey], set[tuple[int, int]]] = {}
-    columns = (collection.level, collection.combination, collection.texture, collection.copy, collection.repeat)
-    for level, combination, texture, copy, repeat in zip(*(column.tolist() for column in columns), strict=True):
-        presses_of.setdefault((level, (combination, texture)), set()).add((copy, repeat))
-    return {key: tuple(copy for copy, _ in sorted(presses)) for key, presses in presses_of.items()}
+def presses_of(collection: Collection) -> list[Press]:
+    """The presses of a study, in its own order."""
+    columns = (
+        *(collection.level, collection.position, collection.combination, collection.texture),
+        *(collection.copy, collection.repeat, collection.run),
+    )
+    values = zip(*(column.tolist() for column in columns), strict=True)
+    return [Press._make((*press, collection.path(i))) for i, press in enumerate(values)]
+
+
+def runs_to_send(collection: Collection) -> tuple[Run, ...]:
+    """The runs as other processes get them: what this process has read of them is not sent along.
+
+    They have whole paths, since the workers of a cluster stand in other folders.
+    """
+    return tuple(Run(folder=run.folder.absolute(), info=run.info) for run in collection.runs)
 
 
 def levels_with_most_prints(designs: Mapping[tuple[int, CellKey], Sequence[int]]) -> dict[CellKey, tuple[int, ...]]:
@@ -226,42 +230,21 @@ def _still_frames(run: Run) -> int:
 
 
 def _tasks(collection: Collection, preprocess: Preprocess, jobs: int) -> list[_Task]:
-    order = np.lexsort(
-        (
-            collection.repeat,
-            collection.copy,
-            collection.texture,
-            collection.combination,
-            collection.position,
-            collection.level,
-        )
-    )
-    places: dict[tuple[int, int], list[_Press]] = {}
-    for index in order.tolist():
-        press = _Press(
-            run=int(collection.run[index]),
-            path=collection.path(index),
-            combination=str(collection.combination[index]),
-            texture=str(collection.texture[index]),
-            copy=int(collection.copy[index]),
-        )
-        places.setdefault((int(collection.level[index]), int(collection.position[index])), []).append(press)
-    every = [
-        _Place(level=level, position=position, presses=tuple(presses)) for (level, position), presses in places.items()
-    ]
+    presses = sorted(presses_of(collection))
+    places = [tuple(members) for _, members in groupby(presses, lambda press: (press.level, press.position))]
+    there: dict[tuple[int, CellKey], set[tuple[int, int]]] = defaultdict(set)
+    for press in presses:
+        there[press.level, press.cell].add((press.copy, press.repeat))
+    designs = {key: tuple(copy for copy, _ in sorted(repeats)) for key, repeats in there.items()}
     still = [i for i, run in enumerate(collection.runs) if _still_frames(run)]
-    count = 1 if jobs == 1 else min(TASKS_PER_JOB * jobs, len(every))
-    # New objects: what this process has read of the runs is not sent along.
-    # Whole paths: the workers of a cluster stand in other folders.
-    runs = tuple(Run(folder=run.folder.absolute(), info=run.info) for run in collection.runs)
-    designs = designs_of(collection)
+    count = 1 if jobs == 1 else min(TASKS_PER_JOB * jobs, len(places))
+    runs = runs_to_send(collection)
     return [
         _Task(
             runs=runs,
             preprocess=preprocess,
             designs=designs,
-            drawn=levels_with_most_prints(designs),
-            places=tuple(every[i::count]),
+            places=tuple(places[i::count]),
             still=tuple(still[i::count]),
         )
         for i in range(count)
@@ -273,10 +256,8 @@ class _Worker:
 
     def __init__(self, task: _Task) -> None:
         self.task = task
-        self.left_out: list[str] = []
-        self.readings = 0
-        self.decode = 0.0
-        self.maps: dict[CellKey, tuple[Floats, int]] = {}
+        self.drawn = levels_with_most_prints(task.designs)
+        self.passed = Pass()
 
     def frame(self, run: int, path: str) -> Frame | None:
         """A reading, or None (and a line in ``left_out``) if it cannot be used."""
@@ -285,43 +266,40 @@ class _Worker:
         try:
             values = read_usable(self.task.runs[run], path, self.task.preprocess)
         except CheckFailedError as error:
-            self.left_out.append(str(error))
-        self.readings += values is not None
-        self.decode += time.perf_counter() - began
+            self.passed.left_out.append(str(error))
+        self.passed.readings += values is not None
+        self.passed.seconds["decode"] += time.perf_counter() - began
         return values
 
-    def place(self, place: _Place) -> PlaceSums | None:
-        """The sums of a place, or None if none of its readings can be used."""
-        names = {what: i for i, what in enumerate(sorted({p.texture for p in place.presses}))}
+    def place(self, presses: Sequence[Press]) -> None:
+        """Add the sums of a place, unless none of its readings can be used."""
+        level, position = presses[0].level, presses[0].position
+        names = {what: i for i, what in enumerate(sorted({press.texture for press in presses}))}
         cells: dict[CellKey, CellSums] = {}
         textures: dict[str, Running] = {}
         distances: dict[str, tuple[tuple[str, ...], Floats]] = {}
         labels: list[tuple[int, int, int]] = []
-        groups = _grouped(place.presses, lambda press: press.combination)
-        for number, (combination, presses) in enumerate(groups):
+        for number, (combination, of_combination) in enumerate(groupby(presses, lambda press: press.combination)):
             means: dict[str, Floats] = {}
-            for (_, texture), of_cell in _grouped(presses, lambda press: press.cell):
-                used = [
-                    (press.copy, values)
-                    for press in of_cell
-                    if (values := self.frame(press.run, press.path)) is not None
-                ]
+            for key, of_cell in groupby(of_combination, lambda press: press.cell):
+                read = ((press.copy, self.frame(press.run, press.path)) for press in of_cell)
+                used = [(copy, values) for copy, values in read if values is not None]
                 if not used:
                     continue
-                key = (combination, texture)
+                texture = key[1]
                 copies = [copy for copy, _ in used]
                 shape = used[0][1].shape
                 summed = moments([values for _, values in used])
-                cells[key] = CellSums.of(summed.gram, copies, self.task.designs[place.level, key])
+                cells[key] = CellSums.of(summed.gram, copies, self.task.designs[level, key])
                 labels += [(names[texture], number, copy) for copy in copies]
                 textures.setdefault(texture, Running()).add(len(used), summed.mean, 0.0)
                 means[texture] = summed.mean
-                if len(used) > 1 and place.level in self.task.drawn[key]:
-                    self.draw(key, small_map(summed.squares, shape) / len(used))
+                if len(used) > 1 and level in self.drawn[key]:
+                    self.passed.add_map(key, small_map(summed.squares, shape) / len(used))
             if means:
                 distances[combination] = (tuple(means), _distances(list(means.values())))
         if not cells:
-            return None
+            return
         grand = Running()
         for running in textures.values():
             grand.add(running.count, running.mean, 0.0)
@@ -331,21 +309,13 @@ class _Worker:
             sum(cell.between for cell in cells.values()),
             sum(cell.within for cell in cells.values()),
         )
-        return PlaceSums(
-            level=place.level,
-            position=place.position,
-            cells=cells,
-            nested=NestedSums.of(labels, squares),
-            distances=distances,
+        nested = NestedSums.of(labels, squares)
+        self.passed.places.append(
+            PlaceSums(level=level, position=position, cells=cells, nested=nested, distances=distances)
         )
 
-    def draw(self, key: CellKey, picture: Floats) -> None:
-        """Add a map of variances."""
-        before = self.maps.get(key)
-        self.maps[key] = (picture, 1) if before is None else (before[0] + picture, before[1] + 1)
-
-    def floor(self, number: int) -> Floor | None:
-        """The stationary frames of a run; each sitting has its own mean, since the sensor was lifted in between."""
+    def floor(self, number: int) -> None:
+        """Add the stationary frames of a run; each sitting has its own mean, since the sensor was lifted in between."""
         run = self.task.runs[number]
         squares, dof = 0.0, 0
         for when in ("start", "end"):
@@ -356,31 +326,21 @@ class _Worker:
             ]
             frames = running_moments(frame for path in paths if (frame := self.frame(number, path)) is not None)
             squares, dof = squares + frames.squares, dof + max(0, frames.count - 1)
-        return Floor(run=number, squares=squares, dof=dof) if dof else None
+        if dof:
+            self.passed.floors.append(Floor(run=number, squares=squares, dof=dof))
 
 
 def _work(task: _Task) -> Pass:
     """Do one task."""
     worker = _Worker(task)
     began = time.perf_counter()
-    places = [sums for sums in map(worker.place, task.places) if sums is not None]
-    floors = [floor for floor in map(worker.floor, task.still) if floor is not None]
-    return Pass(
-        places=tuple(places),
-        maps=worker.maps,
-        floors=tuple(floors),
-        left_out=tuple(worker.left_out),
-        readings=worker.readings,
-        seconds={"decode": worker.decode, "sums": time.perf_counter() - began - worker.decode},
-    )
-
-
-def _grouped(presses: Sequence[_Press], key: Callable[[_Press], T]) -> Iterator[tuple[T, list[_Press]]]:
-    """Runs of presses with the same key; they are sorted by it."""
-    from itertools import groupby
-
-    for value, members in groupby(presses, key):
-        yield value, list(members)
+    for presses in task.places:
+        worker.place(presses)
+    for number in task.still:
+        worker.floor(number)
+    seconds = worker.passed.seconds
+    seconds["sums"] = time.perf_counter() - began - seconds["decode"]
+    return worker.passed
 
 
 def _distances(means: Sequence[Floats]) -> Floats:

@@ -164,7 +164,7 @@ def variance_table(
         positions=_positions(collection, passed.places, ddof),
         maps={key: _map(passed, key, sums, ddof) for key in _keys(collection, sums)},
         sums=sums,
-        left_out=passed.left_out,
+        left_out=tuple(passed.left_out),
         warnings=variance_warnings(collection, cells, passed.left_out),
         passed=passed,
     )
