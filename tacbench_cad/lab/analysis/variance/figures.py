@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,7 +75,7 @@ def compared_levels(result: VarianceResult) -> tuple[Level, ...]:
     with_prints = [
         level for level in singles if any(cell.prints > 1 for cell in result.cells if cell.force_level == level)
     ]
-    if not with_prints or len(with_prints) == len(singles):
+    if len(with_prints) in (0, len(singles)):
         return shown_levels(result.cells)
     return tuple(with_prints)
 
@@ -101,20 +102,28 @@ def _title(result: VarianceResult, level: Level) -> str:
 def table_figure(result: VarianceResult) -> Figure:
     """The table as points with intervals, a panel a force, with the floor and the paper's own figures."""
     levels, combinations = compared_levels(result), compared(result)
-    columns = 1 if len(levels) == 1 else 2
-    rows = math.ceil(len(levels) / columns)
-    figure = new_figure(PAGE_IN, 0.55 + 2.35 * rows)
-    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    figure, panels = _panels(len(levels), 2, (PAGE_IN, 0.55), (0.0, 2.35), sharex=True, sharey=True)
     top = _CUT * max(cell.variance for cell in result.cells if cell.force_level in levels)
-    for axes, level in zip(panels, levels, strict=False):
+    for axes, level in zip(panels, levels, strict=True):
         _table_panel(axes, result, level, combinations, top)
         axes.set_title(_title(result, level), loc="left")
-    for axes in panels[len(levels) :]:
-        axes.set_visible(False)
     figure.supylabel(f"variance ({squared_unit(result)})", fontsize=8.0)
     figure.supxlabel("texture", fontsize=8.0)
     figure.legend(handles=_table_legend(result, combinations), loc="outside upper left", ncols=3)
     return figure
+
+
+def _panels(
+    count: int, most: int, margins: tuple[float, float], size: tuple[float, float], **options: Any
+) -> tuple[Figure, list[Axes]]:
+    """A figure with so many panels, at most ``most`` in a row; sizes in inches."""
+    columns = min(most, count)
+    rows = math.ceil(count / columns)
+    figure = new_figure(margins[0] + size[0] * columns, margins[1] + size[1] * rows)
+    panels = figure.subplots(rows, columns, squeeze=False, **options).ravel()
+    for axes in panels[count:]:
+        axes.set_visible(False)
+    return figure, panels[:count].tolist()
 
 
 def _table_panel(axes: Axes, result: VarianceResult, level: Level, combinations: Sequence[str], top: float) -> None:
@@ -122,21 +131,19 @@ def _table_panel(axes: Axes, result: VarianceResult, level: Level, combinations:
     step = 0.8 / len(combinations)
     lowest = math.inf
     for i, combination in enumerate(combinations):
-        colour, marker = _look(i)
+        look, papers = _look(i), []
         for j, texture in enumerate(textures):
             cell = result.cell(level, combination, texture)
             if cell is None:
                 continue
             x = j + (i - (len(combinations) - 1) / 2.0) * step
-            noise = cell.noise_alone
-            lowest = min([lowest, *(value for value in (cell.variance, noise) if value)])
-            _point(axes, cell, noise, x, step, colour, marker, top)
-        printer, filament = combination.split("_", 1)
-        for j, texture in enumerate(textures):
-            paper = variance_of(printer, filament, texture)
+            lowest = min([lowest, *(value for value in (cell.variance, cell.noise_alone) if value)])
+            _point(axes, cell, x, step, look, top)
+            paper = variance_of(cell.printer, cell.filament, texture)
             if paper is not None and _is_paper(result):
-                x = j + (i - (len(combinations) - 1) / 2.0) * step + 0.32 * step
-                axes.plot(x, paper, marker, markersize=4.0, color=colour, markerfacecolor="none")
+                papers.append((x + 0.32 * step, paper))
+        for place in papers:
+            axes.plot(*place, **look, linestyle="", markersize=4.0, markerfacecolor="none")
     _log_axes(axes, [short_texture(texture) for texture in textures])
     if math.isfinite(lowest):
         axes.set_ylim(0.7 * lowest, top)
@@ -144,23 +151,21 @@ def _table_panel(axes: Axes, result: VarianceResult, level: Level, combinations:
     axes.set_axisbelow(True)
 
 
-def _point(
-    axes: Axes, cell: Cell, noise: float | None, x: float, step: float, colour: str, marker: str, top: float
-) -> None:
+def _point(axes: Axes, cell: Cell, x: float, step: float, look: Mapping[str, Any], top: float) -> None:
     """A cell: its figure, its interval (cut, with an arrow, where it leaves the panel) and what noise alone gives."""
     if cell.low is not None and cell.high is not None:
         ends = [max(cell.low, 1e-12), min(cell.high, top)]
-        axes.plot([x, x], ends, color=colour, linewidth=0.9, alpha=0.6, zorder=2.0)
+        axes.plot([x, x], ends, color=look["color"], linewidth=0.9, alpha=0.6, zorder=2.0)
         if cell.high > top:
-            axes.plot(x, top / 1.04, "^", markersize=3.0, color=colour, zorder=2.0, clip_on=False)
-    if noise:
-        axes.plot([x - 0.4 * step, x + 0.4 * step], [noise] * 2, color=INK, linewidth=1.0, zorder=1.5)
+            axes.plot(x, top / 1.04, "^", markersize=3.0, color=look["color"], zorder=2.0, clip_on=False)
+    if cell.noise_alone:
+        axes.plot([x - 0.4 * step, x + 0.4 * step], [cell.noise_alone] * 2, color=INK, linewidth=1.0, zorder=1.5)
     if cell.variance > 0.0:
-        axes.plot(x, cell.variance, marker, markersize=4.5, color=colour, zorder=3.0)
+        axes.plot(x, cell.variance, **look, linestyle="", markersize=4.5, zorder=3.0)
 
 
-def _look(i: int) -> tuple[str, str]:
-    return COLOURS[i % (len(COLOURS) - 1)], _MARKERS[i % len(_MARKERS)]
+def _look(i: int) -> dict[str, Any]:
+    return {"color": COLOURS[i % (len(COLOURS) - 1)], "marker": _MARKERS[i % len(_MARKERS)]}
 
 
 def _is_paper(result: VarianceResult) -> bool:
@@ -171,10 +176,10 @@ def _is_paper(result: VarianceResult) -> bool:
 def _table_legend(result: VarianceResult, combinations: Sequence[str]) -> list[Any]:
     from matplotlib.lines import Line2D
 
-    handles = []
-    for i, combination in enumerate(combinations):
-        colour, marker = _look(i)
-        handles.append(Line2D([], [], color=colour, marker=marker, markersize=4.5, label=name_of(combination)))
+    handles = [
+        Line2D([], [], **_look(i), markersize=4.5, label=name_of(combination))
+        for i, combination in enumerate(combinations)
+    ]
     if any(cell.floor for cell in result.cells):
         handles.append(Line2D([], [], color=INK, linewidth=1.0, label="what noise alone gives"))
     if _is_paper(result) and any(tuple(combination.split("_", 1)) in PAPER_VARIANCE for combination in combinations):
@@ -186,8 +191,8 @@ def _table_legend(result: VarianceResult, combinations: Sequence[str]) -> list[A
 def _log_axes(axes: Axes, names: Sequence[str]) -> None:
     """Groups side by side, each with its name and a line between them, over a logarithmic axis of plain numbers."""
     axes.set_yscale("log")
-    axes.set(xlim=(-0.5, len(names) - 0.5), xticks=range(len(names)))
-    axes.set_xticklabels(names)
+    axes.set_xticks(range(len(names)), names)
+    axes.set_xlim(-0.5, len(names) - 0.5)
     for i in range(1, len(names)):
         axes.axvline(i - 0.5, color="#dddddd", linewidth=0.4)
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
@@ -254,66 +259,56 @@ def _mosaic(
     everything = np.concatenate([picture[np.isfinite(picture)].ravel() for picture in pictures.values()])
     high = float(np.percentile(everything, _SPAN)) if everything.size else 1.0
     low = float(everything.min()) if outline and everything.size else 0.0
-    drawn = None
-    for i, combination in enumerate(combinations):
-        for j, texture in enumerate(textures):
-            axes = panels[i, j]
-            axes.set(xticks=[], yticks=[])
-            axes.spines[:].set_visible(False)
-            picture = pictures.get((combination, texture))
-            if picture is None:
-                axes.text(0.5, 0.5, "none", ha="center", va="center", transform=axes.transAxes, color="#888888")
-            else:
-                aspect = ratio * picture.shape[1] / picture.shape[0]  # 1 for square pixels
-                drawn = axes.imshow(picture, vmin=low, vmax=max(high, low + 1e-12), aspect=aspect)
-            if i == 0:
-                axes.set_title(f"texture {short_texture(texture)}" if short_texture(texture).isdigit() else texture)
-            if j == 0:
-                axes.set_ylabel(
-                    "\n".join(name_of(combination).rsplit(" ", 1)), rotation=0, ha="right", va="center", labelpad=6.0
-                )
-    if drawn is not None:
-        above = "max" if everything.max() > high else "neither"
-        bar = figure.colorbar(
-            drawn, ax=panels, shrink=0.9, aspect=max(12.0, 9.0 * rows), extend=above, extendfrac=0.03, pad=0.01
-        )
-        bar.set_label(what)
-        bar.outline.set_linewidth(0.5)
+    for axes, (combination, texture) in zip(panels.flat, product(combinations, textures), strict=True):
+        picture = pictures.get((combination, texture))
+        if picture is None:
+            axes.text(0.5, 0.5, "none", ha="center", va="center", transform=axes.transAxes, color="#888888")
+        else:
+            aspect = ratio * picture.shape[1] / picture.shape[0]  # 1 for square pixels
+            axes.imshow(picture, vmin=low, vmax=max(high, low + 1e-12), aspect=aspect)
+        axes.set(xticks=[], yticks=[])
+        axes.spines[:].set_visible(False)
+    for axes, texture in zip(panels[0], textures, strict=True):
+        axes.set_title(f"texture {short_texture(texture)}" if short_texture(texture).isdigit() else texture)
+    for axes, combination in zip(panels[:, 0], combinations, strict=True):
+        name = "\n".join(name_of(combination).rsplit(" ", 1))
+        axes.set_ylabel(name, rotation=0, ha="right", va="center", labelpad=6.0)
+    above = "max" if everything.size and everything.max() > high else "neither"
+    _colour_bar(figure, what, shrink=0.9, aspect=max(12.0, 9.0 * rows), extend=above, extendfrac=0.03)
     return figure
+
+
+def _colour_bar(figure: Figure, label: str, **options: Any) -> None:
+    """The scale that all pictures of a figure share, if there are any."""
+    pictures = [picture for axes in figure.axes for picture in axes.images]
+    if pictures:
+        bar = figure.colorbar(pictures[-1], ax=figure.axes, pad=0.01, **options)
+        bar.set_label(label)
+        bar.outline.set_linewidth(0.5)
 
 
 def texture_figure(result: VarianceResult) -> Figure:
     """The matrices between textures, one for each combination, with one colour scale; mean over the forces."""
     level, shown = compared_levels(result)[-1], compared(result)
     matrices = [matrix for matrix in result.matrices if matrix.force_level == level and matrix.combination in shown]
-    columns = min(3, len(matrices))
-    rows = math.ceil(len(matrices) / columns)
-    side = min(2.6, (PAGE_IN - 0.8) / columns)
-    figure = new_figure(0.9 + side * columns, 0.5 + side * 1.1 * rows)
+    side = min(2.6, (PAGE_IN - 0.8) / min(3, len(matrices)))
+    figure, panels = _panels(len(matrices), 3, (0.9, 0.5), (side, side * 1.1))
     figure.set_layout_engine("constrained", h_pad=0.08)
-    panels = figure.subplots(rows, columns, squeeze=False).ravel()
     values = np.concatenate([matrix.variance[np.isfinite(matrix.variance)] for matrix in matrices])
     high = float(values.max()) if values.size and values.max() > 0.0 else 1.0
     names = [short_texture(texture) for texture in result.collection.textures]
-    drawn = None
-    for axes, matrix in zip(panels, matrices, strict=False):
-        drawn = axes.imshow(matrix.variance, vmin=0.0, vmax=high)
-        axes.set(xticks=range(len(names)), yticks=range(len(names)))
-        axes.set_xticklabels(names)
-        axes.set_yticklabels(names)
+    for axes, matrix in zip(panels, matrices, strict=True):
+        axes.imshow(matrix.variance, vmin=0.0, vmax=high)
+        axes.set_xticks(range(len(names)), names)
+        axes.set_yticks(range(len(names)), names)
         axes.tick_params(length=0.0)
         axes.set_title(name_of(matrix.combination), loc="left")
         axes.spines[:].set_visible(False)
         if len(names) <= 10:
             _numbers(axes, matrix.variance, high)
-    for axes in panels[len(matrices) :]:
-        axes.set_visible(False)
     figure.supxlabel("texture", fontsize=8.0)
     figure.supylabel("texture", fontsize=8.0)
-    if drawn is not None:
-        bar = figure.colorbar(drawn, ax=panels, shrink=0.8, pad=0.01, aspect=25.0)
-        bar.set_label(f"variance over both textures ({squared_unit(result)})")
-        bar.outline.set_linewidth(0.5)
+    _colour_bar(figure, f"variance over both textures ({squared_unit(result)})", shrink=0.8, aspect=25.0)
     figure.suptitle(_title(result, level), x=0.01, ha="left", fontsize=8.0)
     return figure
 
