@@ -29,16 +29,14 @@ def command(runs: tuple[Path, ...], force_level: int | Literal["all"], jobs: int
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.lab.analysis.preprocess import Preprocess
     from tacbench_cad.lab.analysis.variance.grade import grade
-    from tacbench_cad.lab.analysis.variance.grade_limits import Context
     from tacbench_cad.lab.analysis.variance.table import variance_table
     from tacbench_cad.util.convert import to_plain
 
     collection = Collection.open(runs)
     result = variance_table(collection, Preprocess(), ddof=0, jobs=jobs)
-    context = Context.of(collection, result.cells, result.left_out)
-    grades = grade(result.cells, context, force_level)
+    grades = grade(result.cells, collection, force_level, result.left_out)
     if json:
-        document = {"simulated": list(context.simulated), "units": context.units}
+        document = {"simulated": list(collection.simulated), "units": collection.units}
         print_json({**document, "grades": [to_plain(one) for one in grades]})
         return
     for one in grades:

@@ -100,6 +100,11 @@ class Collection:
         """The unit of a reading's numbers, ``counts`` for images."""
         return str(self.info.sensor.get("units", "counts"))
 
+    @property
+    def in_counts(self) -> bool:
+        """Whether readings are counts of an image, as the paper's are."""
+        return self.units == "counts"
+
     @cached_property
     def data_key(self) -> str:
         """Names the presses by the checksums of their readings."""

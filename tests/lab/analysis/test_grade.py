@@ -7,15 +7,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers.studies import write_study
 
 from tacbench_cad.cli import main
 from tacbench_cad.lab.analysis import published
-from tacbench_cad.lab.analysis.variance.cells import Cell
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.variance.cells import FRAMES, REPEATS, Cell
 from tacbench_cad.lab.analysis.variance.grade import Grade, grade
-from tacbench_cad.lab.analysis.variance.grade_limits import Context, factors
+from tacbench_cad.lab.analysis.variance.grade_limits import factors
+from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.names import SELECTED
+from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.util.errors import InputError
 
 ENDER, BAMBU, RESIN = published.PAPER_VARIANCE
@@ -33,6 +40,7 @@ def cell(texture: int | str, low: float | None, high: float | None, **changes: A
         "high": high,
         "prints": 6,
         "presses": 900,
+        "floor_from": FRAMES,
     }
     return Cell(**{**values, **changes})
 
@@ -41,8 +49,28 @@ def like(row: tuple[float, ...], low: float, high: float, **changes: Any) -> lis
     return [cell(i, low * value, high * value, **changes) for i, value in enumerate(row, start=1)]
 
 
-def graded(cells: list[Cell], context: Context | None = None) -> Grade:
-    found = grade(cells, context or Context())
+def study_of(*, sensor: dict[str, Any] | None = None, block: Block | None = None, **protocol: Any) -> Collection:
+    """A study as the paper's but for what is given; nothing of it is on the disk."""
+    info = RunInfo(
+        printed=PrintedBlock(block=block or Block.of(1, preset="released"), printer="mine", filament="petg", copy=1),
+        levels=(1,),
+        protocol=Protocol(**{"grid": PressGrid.paper(1.0, "even"), **protocol}),
+        grid_spacing="even",
+        holder=HolderRim(),
+        frame=WorkFrame(origin_mm=(0.0, 0.0, 0.0)),
+        slot=0,
+        stage={"identity": "stage", "simulated": ""},
+        gauge={"identity": "gauge", "simulated": "", "calibration": {}},
+        sensor={"name": "TacTip", "simulated": "", "units": "counts", "shape": [480, 640, 3], **(sensor or {})},
+    )
+    return Collection(runs=(Run(folder=Path("run"), info=info),), run=np.array([0]), number=np.array([1]))
+
+
+PAPER = study_of()
+
+
+def graded(cells: list[Cell], study: Collection = PAPER, **options: Any) -> Grade:
+    found = grade(cells, study, **options)
     assert len(found) == 1
     return found[0]
 
@@ -126,22 +154,31 @@ def test_one_print_has_no_verdict_and_says_why() -> None:
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"floor_source": "none"}, "No noise floor"),
-        ({"floor_source": "repeats"}, "The noise floor is an upper bound"),
-        ({"simulated": ("sensor: simulated TacTip",)}, "The data are simulated (sensor: simulated TacTip)"),
-        ({"contact": "depth", "forces_n": ()}, "Pressed to a depth"),
-        ({"forces_n": (0.5, 1.0)}, "Other forces (0.5, 1 N)"),
-        ({"shape": (240, 320, 3)}, "Images of 240 x 320 x 3"),
-        ({"same_grid": False}, "Other positions"),
-        ({"preset": "paper"}, "Blocks of preset paper"),
-        ({"scale": 2.0}, "at scale 2"),
+        ({"sensor": {"simulated": "simulated TacTip"}}, "The data are simulated (sensor: simulated TacTip)"),
+        ({"contact": "depth"}, "Pressed to a depth"),
+        ({"forces_n": (0.5, 1.0), "bands_n": (0.1, 0.1)}, "Other forces (0.5, 1 N)"),
+        ({"sensor": {"shape": [240, 320, 3]}}, "Images of 240 x 320 x 3"),
+        ({"grid": PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0))}, "Other positions"),
+        ({"block": Block.of(1, preset="paper")}, "Blocks of preset paper"),
+        ({"block": Block.of(1, preset="released", scale=2.0)}, "at scale 2"),
         ({"repeats": 5}, "5 repeats at each place"),
     ],
 )
 def test_what_differs_from_the_paper_is_said(changes: dict[str, Any], sentence: str) -> None:
     cells = like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9)
     assert not any(sentence in one for one in graded(cells).limits)
-    assert any(sentence in one for one in graded(cells, replace(Context(), **changes)).limits)
+    assert any(sentence in one for one in graded(cells, study_of(**changes)).limits)
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"floor": None, "floor_from": ""}, "No noise floor"),
+        ({"floor_from": REPEATS}, "The noise floor is an upper bound"),
+    ],
+)
+def test_a_floor_that_is_missing_or_a_bound_is_said(changes: dict[str, Any], sentence: str) -> None:
+    assert any(sentence in one for one in graded(like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9, **changes)).limits)
 
 
 def test_a_study_like_the_papers_still_cannot_take_off_the_papers_floor() -> None:
@@ -151,7 +188,7 @@ def test_a_study_like_the_papers_still_cannot_take_off_the_papers_floor() -> Non
 
 
 def test_another_sensors_unit_is_not_compared() -> None:
-    found = graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.9), Context(units="kPa", shape=(16,)))
+    found = graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.9), study_of(sensor={"units": "kPa", "shape": [16]}))
     assert differences(found) == [[None] * 3] * 6 and found.units == "kPa^2"
     assert {one.verdict for one in found.verdicts} == {"another unit"}
     assert not any("published" in one for one in found.limits)
@@ -172,7 +209,7 @@ def test_missing_and_own_textures_are_named() -> None:
 
 def test_each_printer_and_filament_has_its_own_grade_at_the_level_asked_for() -> None:
     cells = [cell(1, 0.5, 1.0, printer=printer, force_level=level) for printer in ("b", "a") for level in (1, 2, "all")]
-    found = grade(cells, Context(), 2)
+    found = grade(cells, PAPER, 2)
     assert [one.printer for one in found] == ["b", "a"]
     assert all(one.force_level == 2 and len(one.textures) == 1 for one in found)
     assert any("Force level 2 alone" in one for one in found[0].limits)
@@ -180,9 +217,9 @@ def test_each_printer_and_filament_has_its_own_grade_at_the_level_asked_for() ->
 
 def test_what_cannot_be_graded_is_refused() -> None:
     with pytest.raises(InputError, match="force_level"):
-        grade([cell(1, 0.5, 1.0)], Context(), 3)
+        grade([cell(1, 0.5, 1.0)], PAPER, 3)
     with pytest.raises(InputError, match="none of them is one of the paper's six"):
-        grade([cell("hex", 0.5, 1.0)], Context())
+        grade([cell("hex", 0.5, 1.0)], PAPER)
 
 
 @pytest.mark.parametrize(
@@ -253,6 +290,6 @@ def test_the_commands_options_are_refused_by_name(
 
 
 def test_readings_that_were_left_out_are_said() -> None:
-    context = Context(left_out=("run/a.png: is damaged", "run/b.png: is damaged"))
-    limits = graded(like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9), context).limits
+    left_out = ("run/a.png: is damaged", "run/b.png: is damaged")
+    limits = graded(like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9), left_out=left_out).limits
     assert limits[0] == "2 readings could not be used, the first: run/a.png: is damaged."

@@ -21,7 +21,6 @@ from tacbench_cad.lab.analysis.report.facts import open_points, write_facts
 from tacbench_cad.lab.analysis.report.rendering import template
 from tacbench_cad.lab.analysis.tables import read_settings
 from tacbench_cad.lab.analysis.variance.grade import grade
-from tacbench_cad.lab.analysis.variance.grade_limits import Context
 from tacbench_cad.lab.analysis.variance.view import SETTINGS_FILE as VARIANCE_SETTINGS
 from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.runs.checking import RunReport, check_run
@@ -139,7 +138,7 @@ def _variance(collection: Collection, folder: Path, options: Options, progress: 
         write_all(result, folder)
     view = VarianceView.read(folder, collection)
     try:
-        grades = grade(view.cells, Context.of(collection, view.cells))
+        grades = grade(view.cells, collection)
     except InputError:
         grades = ()  # none of the paper's textures: there is nothing to stand beside
     points = open_points(collection, view.settings.colour, view.settings.ddof)

@@ -140,7 +140,7 @@ def _table_panel(axes: Axes, result: VarianceResult, level: Level, combinations:
             lowest = min([lowest, *(value for value in (cell.variance, cell.noise_alone) if value)])
             _point(axes, cell, x, step, look, top)
             paper = variance_of(cell.printer, cell.filament, texture)
-            if paper is not None and _is_paper(result):
+            if paper is not None and result.collection.in_counts:
                 papers.append((x + 0.32 * step, paper))
         for place in papers:
             axes.plot(*place, **look, linestyle="", markersize=4.0, markerfacecolor="none")
@@ -168,11 +168,6 @@ def _look(i: int) -> dict[str, Any]:
     return {"color": COLOURS[i % (len(COLOURS) - 1)], "marker": _MARKERS[i % len(_MARKERS)]}
 
 
-def _is_paper(result: VarianceResult) -> bool:
-    """Whether the paper's own figures may stand beside ours: both are in squared counts of an image."""
-    return result.collection.units == "counts"
-
-
 def _table_legend(result: VarianceResult, combinations: Sequence[str]) -> list[Any]:
     from matplotlib.lines import Line2D
 
@@ -182,7 +177,9 @@ def _table_legend(result: VarianceResult, combinations: Sequence[str]) -> list[A
     ]
     if any(cell.floor for cell in result.cells):
         handles.append(Line2D([], [], color=INK, linewidth=1.0, label="what noise alone gives"))
-    if _is_paper(result) and any(tuple(combination.split("_", 1)) in PAPER_VARIANCE for combination in combinations):
+    if result.collection.in_counts and any(
+        tuple(combination.split("_", 1)) in PAPER_VARIANCE for combination in combinations
+    ):
         hollow: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 4.0, "markerfacecolor": "none"}
         handles.append(Line2D([], [], color=INK, label="hollow: the paper's table", **hollow))
     return handles

@@ -19,9 +19,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from tacbench_cad.lab.analysis import published
+from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.tables import Column, Row, Table, short
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, Cell, Level, squared
-from tacbench_cad.lab.analysis.variance.grade_limits import Context, factors, limits, texture_number
+from tacbench_cad.lab.analysis.variance.grade_limits import factors, limits, texture_number
 from tacbench_cad.util.errors import InputError, nearest
 from tacbench_cad.util.text import interval
 
@@ -160,13 +161,16 @@ class Grade:
         return Table(columns=columns, rows=tuple(rows), title=title)
 
 
-def grade(cells: Sequence[Cell], context: Context, force_level: Level = ALL_LEVELS) -> tuple[Grade, ...]:
+def grade(
+    cells: Sequence[Cell], collection: Collection, force_level: Level = ALL_LEVELS, left_out: Sequence[str] = ()
+) -> tuple[Grade, ...]:
     """Each printer-filament of a variance table beside the published table.
 
     Args:
         cells: The variance table's cells.
-        context: How they were taken.
+        collection: The study.
         force_level: The level to compare, or ``all`` for the pooled cells.
+        left_out: Readings that could not be used.
 
     Returns:
         One grade for each printer and filament, in the order of the cells.
@@ -184,29 +188,31 @@ def grade(cells: Sequence[Cell], context: Context, force_level: Level = ALL_LEVE
     grades = []
     for printer, filament in dict.fromkeys((cell.printer, cell.filament) for cell in chosen):
         mine = [cell for cell in chosen if (cell.printer, cell.filament) == (printer, filament)]
-        textures = [_texture(cell, number, context) for cell in mine if (number := texture_number(cell.texture))]
+        textures = [_texture(cell, number, collection) for cell in mine if (number := texture_number(cell.texture))]
         textures.sort(key=lambda texture: texture.texture)
         grades.append(
             Grade(
                 printer=printer,
                 filament=filament,
                 force_level=force_level,
-                units=squared(context.units),
+                units=squared(collection.units),
                 textures=tuple(textures),
-                verdicts=tuple(_judged(i, textures, context) for i in range(len(published.PAPER_VARIANCE))),
-                limits=limits(mine, context, force_level),
+                verdicts=tuple(
+                    _judged(i, textures, collection.in_counts) for i in range(len(published.PAPER_VARIANCE))
+                ),
+                limits=limits(mine, collection, left_out, force_level),
             )
         )
     return tuple(grades)
 
 
-def _texture(cell: Cell, number: int, context: Context) -> Texture:
+def _texture(cell: Cell, number: int, collection: Collection) -> Texture:
     compared = []
     for (printer, filament), values in published.PAPER_VARIANCE.items():
         value, ratio = values[number - 1], None
         ours_is: Difference | None = None
-        if cell.low is not None and cell.high is not None and context.comparable:
-            smaller, larger = factors(cell.prints, context.repeats)
+        if cell.low is not None and cell.high is not None and collection.in_counts:
+            smaller, larger = factors(cell.prints, collection.info.protocol.repeats)
             ratio = (smaller * cell.low / value, larger * cell.high / value)
             ours_is = "less" if ratio[1] < 1.0 else "more" if ratio[0] > 1.0 else "unclear"
         compared.append(Compared(printer=printer, filament=filament, variance=value, ours_is=ours_is, ratio=ratio))
@@ -214,7 +220,7 @@ def _texture(cell: Cell, number: int, context: Context) -> Texture:
     return Texture(texture=number, published=tuple(compared), **numbers)
 
 
-def _judged(row: int, textures: Sequence[Texture], context: Context) -> Judgement:
+def _judged(row: int, textures: Sequence[Texture], comparable: bool) -> Judgement:
     """What the textures say of one of the published rows."""
     by: dict[Difference, list[tuple[Texture, tuple[float, float]]]] = {"less": [], "more": [], "unclear": []}
     for texture in textures:
@@ -227,7 +233,7 @@ def _judged(row: int, textures: Sequence[Texture], context: Context) -> Judgemen
         for texture, ratio in by["more"]
     ]
     verdict: Verdict
-    if not context.comparable:
+    if not comparable:
         verdict = "another unit"
     elif any(beyond):
         verdict = "less consistent"

@@ -270,7 +270,7 @@ class VarianceView:
             f"{f' ({sources})' if sources else ''}. Interval: prints are its unit. Floor removed: variance with ddof 1 "
             "less the floor."
         ]
-        if self.collection.units == "counts":
+        if self.collection.in_counts:
             readings = ", ".join(f"{value:.3g} counts^2 if it is a {what}" for what, value in PAPER_FLOORS.items())
             notes.append(
                 f"The paper gives the average pixel variation of a stationary sensor as {FLOOR:g}, without a unit: "
@@ -300,7 +300,7 @@ class VarianceView:
 
         def paper(cell: Cell) -> str:
             value = variance_of(cell.printer, cell.filament, cell.texture)
-            return "" if value is None or collection.units != "counts" else f"{value:g}"
+            return "" if value is None or not collection.in_counts else f"{value:g}"
 
         lines: dict[str, Callable[[Cell], str]] = {
             "noise alone": lambda cell: number(cell.noise_alone),
@@ -324,7 +324,7 @@ class VarianceView:
         columns = [Column("name", head="printer, filament"), Column("what", head="")]
         columns += [Column(texture, head=short_texture(texture), right=True) for texture in collection.textures]
         columns += [Column(name, right=True) for name in ("prints", "presses")]
-        kind = f"; {'colour' if self.settings.colour else 'grey'}, full size" if collection.units == "counts" else ""
+        kind = f"; {'colour' if self.settings.colour else 'grey'}, full size" if collection.in_counts else ""
         title = f"variance, {self._level_name(level)} ({self.unit}{kind}, ddof {self.settings.ddof})"
         return _filled(columns, rows, title)
 
