@@ -20,7 +20,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -76,24 +76,16 @@ _SHOWN = (
 _PREDICTIONS = tuple(Column(name) for name in ("estimator", "hold_out", "run", "press", "texture", "predicted"))
 
 
-@dataclass(frozen=True, kw_only=True)
-class PrintAccuracy:
+class PrintAccuracy(NamedTuple):
     """The accuracy on one print.
 
     Args:
-        right: Readings whose texture was predicted, all trials.
-        readings: Readings that were tested, all trials.
+        value: Fraction of its readings whose texture was predicted, all trials.
         presses: Different presses.
     """
 
-    right: int
-    readings: int
+    value: float
     presses: int
-
-    @property
-    def value(self) -> float:
-        """The accuracy."""
-        return self.right / self.readings
 
 
 #: By hold-out level and texture, then by print.
@@ -227,19 +219,17 @@ def read_side(folder: Path, name: str, estimator: str | None = None) -> tuple[Si
     chosen = estimator or (known[0] if known else "")
     if chosen not in known:
         raise InputError("estimator", chosen, f"{folder} has {', '.join(known) or 'none'}")
-    right: dict[tuple[str, str, str], list[bool]] = defaultdict(list)
-    presses: dict[tuple[str, str, str], set[str]] = defaultdict(set)
+    readings: dict[tuple[str, str, str], list[Row]] = defaultdict(list)
     for row in Table.read(folder / "predictions.csv", _PREDICTIONS).rows:
         if row["estimator"] == chosen:
-            key = (row["hold_out"], row["texture"], row["run"])
-            right[key].append(row["texture"] == row["predicted"])
-            presses[key].add(row["press"])
-    if not right:
+            readings[row["hold_out"], row["texture"], row["run"]].append(row)
+    if not readings:
         raise InputError("predictions", str(folder / "predictions.csv"), f"has no row of the estimator {chosen}")
     accuracies: dict[tuple[str, str], dict[str, PrintAccuracy]] = defaultdict(dict)
-    for (hold_out, texture, run), answers in right.items():
-        count = len(presses[hold_out, texture, run])
-        accuracies[hold_out, texture][run] = PrintAccuracy(right=sum(answers), readings=len(answers), presses=count)
+    for (hold_out, texture, run), rows in readings.items():
+        right = sum(row["predicted"] == texture for row in rows)
+        presses = len({row["press"] for row in rows})
+        accuracies[hold_out, texture][run] = PrintAccuracy(right / len(rows), presses)
     try:
         side = Side(
             name=name,
@@ -407,8 +397,8 @@ def _figure(comparison: Comparison) -> Figure:
             accuracies.plot(i + 0.16 * (j - 0.5), 100.0 * accuracy, "os"[j], color=COLOURS[j], markersize=5.0)
     accuracies.axhline(100.0 / len(textures), color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
     accuracies.annotate("chance", (-0.48, 100.0 / len(textures)), ha="left", va="bottom", fontsize=7.0)
-    accuracies.set(xlim=(-0.5, len(levels) - 0.5), ylim=(0.0, 104.0), ylabel="accuracy (%)", xticks=range(len(levels)))
-    accuracies.set_xticklabels([level.replace("-", "-\n") for level in levels])
+    accuracies.set_xticks(range(len(levels)), [level.replace("-", "-\n") for level in levels])
+    accuracies.set(xlim=(-0.5, len(levels) - 0.5), ylim=(0.0, 104.0), ylabel="accuracy (%)")
     accuracies.set_title("by what is held out", loc="left")
     step = 0.8 / len(levels)
     labels = [ALL_TEXTURES, *textures]
@@ -421,9 +411,8 @@ def _figure(comparison: Comparison) -> Figure:
             recall.plot(100.0 * line.difference, y, "o", color=colour, markersize=3.5)
         recall.plot([], [], "o-", color=COLOURS[(i + 2) % (len(COLOURS) - 1)], markersize=3.5, label=hold_out)
     recall.axvline(0.0, color=INK, linewidth=0.8)
-    recall.set(yticks=range(len(labels)), xlabel="recall, B less A (percentage points)")
-    recall.set_yticklabels([label.removeprefix("texture-") for label in labels])
-    recall.set_ylabel("texture")
+    recall.set_yticks(range(len(labels)), [label.removeprefix("texture-") for label in labels])
+    recall.set(xlabel="recall, B less A (percentage points)", ylabel="texture")
     recall.invert_yaxis()
     recall.set_title("difference with 95 % interval over prints", loc="left")
     for j, side in enumerate((comparison.a, comparison.b)):

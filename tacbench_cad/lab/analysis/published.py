@@ -40,10 +40,8 @@ REPEATS = 2
 #: Positions behind a figure of :data:`PAPER_VARIANCE`: the 5 x 5 grid.
 POSITIONS = 25
 
-#: "Stationary sensor: 'average pixel variation' 2.6". PAPER.md, above the first table and weakness 2.
+#: "Stationary sensor: 'average pixel variation' 2.6". PAPER.md, above the first table and weakness 2. It has no unit.
 FLOOR = 2.6
-#: The unit of :data:`FLOOR`, which the text does not give.
-FLOOR_UNIT: str | None = None
 #: What :data:`FLOOR` is in counts^2 if it is a variance, and if it is a standard deviation.
 PAPER_FLOORS: Mapping[str, float] = {"variance": FLOOR, "standard deviation": FLOOR**2}
 
@@ -54,7 +52,7 @@ class Accuracy:
 
     Args:
         model: ``forest`` or ``network``.
-        train_on: Printer, and the filament that the text names for it (see :data:`TRAINED_ON_NOTE`).
+        train_on: Printer, and the filament that the text names for it (see :data:`CLASSIFICATION`).
         train: Accuracy on the training images.
         test: Accuracy on the 20 % split.
         unseen: Accuracy on every other combination.
@@ -67,7 +65,8 @@ class Accuracy:
     unseen: float
 
 
-#: PAPER.md, "Classification (train %, test %, unseen prints %)".
+#: PAPER.md, "Classification (train %, test %, unseen prints %)". The caption of a confusion matrix gives the Bambu
+#: forest 53 % instead of 63.98 %. The text names PLA- for the Ender-3 V3 SE classifiers, the variance table PLA+.
 CLASSIFICATION: tuple[Accuracy, ...] = (
     Accuracy(model="forest", train_on=("ender-3-v3-se", "pla-plus"), train=100.0, test=99.53, unseen=31.4),
     Accuracy(model="network", train_on=("ender-3-v3-se", "pla-plus"), train=99.7, test=99.3, unseen=33.21),
@@ -76,11 +75,5 @@ CLASSIFICATION: tuple[Accuracy, ...] = (
     Accuracy(model="forest", train_on=("form-3", "grey-v4"), train=100.0, test=99.3, unseen=70.66),
     Accuracy(model="network", train_on=("form-3", "grey-v4"), train=100.0, test=99.9, unseen=61.41),
 )
-#: "The combination called most variable is PLA- in the text and PLA+ in the table."
-TRAINED_ON_NOTE = "the text names PLA- for the Ender-3 V3 SE classifiers, the variance table PLA+"
-#: "Chance is 16.7 %": six textures.
-CHANCE_PERCENT = 100.0 / 6.0
 #: Trials that each accuracy is the average of.
 TRIALS = 20
-#: "The Bambu forest scores 63.98 % in the table and 53 % in the confusion matrix's caption."
-BAMBU_FOREST_CAPTION_PERCENT = 53.0

@@ -67,4 +67,4 @@ def test_a_texture_that_a_printer_lacks_has_no_entry(tmp_path: Path) -> None:
     lacking = next(one for one in result.matrices if one.combination == f"{printer}_{filament}")
     assert np.isnan(lacking.variance).tolist() == [[True, True], [True, False]]
     assert lacking.presses.tolist() == [[0, 0], [0, 8]]
-    assert any("no texture-1" in line for line in result.warnings)
+    assert any("no texture-1" in line for line in VarianceView.of(result).warnings)

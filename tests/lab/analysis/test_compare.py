@@ -37,8 +37,7 @@ def side(name: str, right: dict[str, Ints], start: int = 0) -> Side:
     """A sensor that told so many of the presses of each print right, by texture; prints are numbered from ``start``."""
     accuracies = {
         ("copy", texture): {
-            f"{texture}_{start + i}": PrintAccuracy(right=int(one), readings=PRESSES, presses=PRESSES)
-            for i, one in enumerate(counts)
+            f"{texture}_{start + i}": PrintAccuracy(int(one) / PRESSES, presses=PRESSES) for i, one in enumerate(counts)
         }
         for texture, counts in right.items()
     }

@@ -13,6 +13,7 @@ from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, shown_levels
 from tacbench_cad.lab.analysis.variance.table import VarianceResult, holm, variance_table
+from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
@@ -81,7 +82,7 @@ def test_without_stationary_frames_the_floor_is_an_upper_bound_from_repeats(resu
         assert one.floor_from == "repeats (upper bound)"
         assert one.floor == pytest.approx(APPROACH + NOISE, rel=0.05)
         assert one.floor is not None and one.noise_alone == pytest.approx(5.0 / 6.0 * one.floor)
-    assert any("only an upper bound" in line for line in result.warnings)
+    assert any("only an upper bound" in line for line in VarianceView.of(result).warnings)
 
 
 def test_stationary_frames_measure_the_sensor_alone(tmp_path: Path) -> None:
@@ -92,7 +93,7 @@ def test_stationary_frames_measure_the_sensor_alone(tmp_path: Path) -> None:
         assert one.floor == pytest.approx(4.0 + 1.0 / 12.0, rel=0.1)
         assert one.floor is not None and one.unbiased is not None
         assert one.floor_removed == pytest.approx(one.unbiased - one.floor)
-    assert not any("upper bound" in line for line in found.warnings)
+    assert not any("upper bound" in line for line in VarianceView.of(found).warnings)
 
 
 def test_ddof_1_divides_by_one_less(tmp_path: Path) -> None:
@@ -125,7 +126,7 @@ def test_one_print_has_a_variance_and_a_warning_but_no_interval(tmp_path: Path) 
     (cell, pooled) = found.cells
     assert cell.low is None and cell.high is None and cell.prints == 1 and pooled.force_level == ALL_LEVELS
     assert not found.tests
-    text = " ".join(found.warnings)
+    text = " ".join(VarianceView.of(found).warnings)
     assert "nothing of how prints differ" in text and "one printer-filament only" in text and "one texture only" in text
 
 
@@ -142,7 +143,7 @@ def test_constant_readings_have_no_variance_and_say_so(tmp_path: Path) -> None:
 
     found = table(tmp_path, image=image)
     assert {one.variance for one in found.cells} == {0.0} and {one.floor for one in found.cells} == {0.0}
-    assert any("check that the sensor was alive" in line for line in found.warnings)
+    assert any("check that the sensor was alive" in line for line in VarianceView.of(found).warnings)
 
 
 def test_levels_with_different_prints_are_not_pooled_into_an_interval(tmp_path: Path) -> None:
@@ -155,7 +156,7 @@ def test_levels_with_different_prints_are_not_pooled_into_an_interval(tmp_path: 
     assert (one.prints, two.prints, both.prints) == (1, 3, 3)
     assert one.low is None and two.low is not None and both.low is None
     assert both.variance == pytest.approx((one.variance + two.variance) / 2.0)
-    assert any("different numbers of prints (1, 3)" in line for line in found.warnings)
+    assert any("different numbers of prints (1, 3)" in line for line in VarianceView.of(found).warnings)
     # Maps and positions of the level with three prints only.
     assert found.passed.maps["ender-3_pla-plus", "texture-1"][1] == 4
 
@@ -194,8 +195,8 @@ def test_a_press_that_is_missing_is_allowed_for(tmp_path: Path) -> None:
     (folders[0] / "sensor_images" / "image_2.png").unlink()
     found = variance_table(Collection.open([tmp_path]))
     assert len(found.left_out) == 1 and "image_2.png" in found.left_out[0]
-    assert found.warnings[0].startswith("1 reading could not be used")
-    assert any("presses are missing" in line for line in found.warnings)
+    assert VarianceView.of(found).warnings[0].startswith("1 reading could not be used")
+    assert any("presses are missing" in line for line in VarianceView.of(found).warnings)
     for before, after in zip(whole.cells, found.cells, strict=True):
         hit = (after.combination, after.texture) == ("ender-3_pla-plus", "texture-1")
         assert after.presses == before.presses - hit

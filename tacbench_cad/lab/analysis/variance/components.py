@@ -218,34 +218,17 @@ def component_rows(
         intervals: Low and high by component, where there are some (print and repeat; printers and textures are chosen
             and few, so that an interval of their component would say nothing).
     """
-    ends = intervals or {}
-    rows: list[dict[str, Any]] = []
-    for component in estimates:
-        low, high = ends.get(component.name, (None, None))
-        rows.append(
-            {
-                "force_level": force_level,
-                "component": component.name,
-                "variance": component.variance,
-                "truncated": component.truncated,
-                "low": low,
-                "high": high,
-                "degrees_of_freedom": component.dof,
-                "includes": " ".join(component.includes),
-                "note": component.note,
-            }
-        )
+    ends, nothing = intervals or {}, (None, None)
+    rows: list[tuple[Any, ...]] = [
+        (part.name, part.variance, part.truncated, *ends.get(part.name, nothing), part.dof, part.includes, part.note)
+        for part in estimates
+    ]
     for name, sd in precision(estimates).items():
         variance = None if sd is None else sd**2
-        rows.append(
-            {
-                **dict.fromkeys(("low", "high", "degrees_of_freedom")),
-                "force_level": force_level,
-                "component": name,
-                "variance": variance,
-                "truncated": variance,
-                "includes": "",
-                "note": "" if sd is None else f"standard deviation {sd:.6g}, limit {LIMIT_FACTOR * sd:.6g} (ISO 5725)",
-            }
-        )
-    return rows
+        note = "" if sd is None else f"standard deviation {sd:.6g}, limit {LIMIT_FACTOR * sd:.6g} (ISO 5725)"
+        rows.append((name, variance, variance, *nothing, None, (), note))
+    heads = ("component", "variance", "truncated", "low", "high", "degrees_of_freedom", "includes", "note")
+    return [
+        {"force_level": force_level, **dict(zip(heads, row, strict=True)), "includes": " ".join(row[-2])}
+        for row in rows
+    ]

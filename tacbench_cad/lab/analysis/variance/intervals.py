@@ -57,8 +57,9 @@ of prints and repeats together. Without a position that has all presses nu is se
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -319,12 +320,7 @@ class _Traces:
         return cls(n, trace, max(0.0, n * float((gram**2).sum()) - trace**2) / weight, weight / 4.0)
 
     def __add__(self, other: _Traces) -> _Traces:
-        return _Traces(
-            self.contrasts + other.contrasts,
-            self.trace + other.trace,
-            self.square + other.square,
-            self.evidence + other.evidence,
-        )
+        return _Traces(*map(operator.add, astuple(self), astuple(other)))
 
     def draw_parts(self, random: np.random.Generator) -> Floats:
         """Draws of nu, shape (DRAWS,); 1 where it cannot be seen."""

@@ -29,7 +29,6 @@ from tacbench_cad.lab.analysis.variance.between import TextureMatrix, texture_ma
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, FRAMES, REPEATS, Cell, Level
 from tacbench_cad.lab.analysis.variance.components import component_rows, components
 from tacbench_cad.lab.analysis.variance.intervals import CellSums, component_interval, variance_interval
-from tacbench_cad.lab.analysis.variance.notes import variance_warnings
 from tacbench_cad.lab.analysis.variance.permutation import PermutationTest, dispersion_test
 from tacbench_cad.lab.analysis.variance.streaming import CellKey, Floor, Pass, PlaceSums, stream
 from tacbench_cad.lab.parallel import workers
@@ -76,7 +75,6 @@ class VarianceResult:
             the most prints, at a resolution for figures.
         sums: What intervals are made of, by level and cell.
         left_out: Readings that could not be used.
-        warnings: What a reader must know, a sentence each.
         passed: The pass over the readings: counts and times.
     """
 
@@ -92,7 +90,6 @@ class VarianceResult:
     maps: Mapping[CellKey, Floats]
     sums: Mapping[tuple[int, CellKey], CellSums]
     left_out: tuple[str, ...]
-    warnings: tuple[str, ...]
     passed: Pass
 
     def cell(self, level: Level, combination: str, texture: str) -> Cell | None:
@@ -165,7 +162,6 @@ def variance_table(
         maps={key: _map(passed, key, sums, ddof) for key in _keys(collection, sums)},
         sums=sums,
         left_out=tuple(passed.left_out),
-        warnings=variance_warnings(collection, cells, passed.left_out),
         passed=passed,
     )
 
@@ -208,13 +204,10 @@ def _floors(
         if key in dof:
             floors[key] = (dict.fromkeys(of_levels, squares[key] / dof[key]), FRAMES)
         else:
-            floors[key] = ({level: _repeat_variance(cell) for level, cell in of_levels.items()}, REPEATS)
+            # Variance between repeats on one print, pooled over prints and positions.
+            repeats = {at: cell.within / cell.dof[1] if cell.dof[1] else None for at, cell in of_levels.items()}
+            floors[key] = (repeats, REPEATS)
     return floors
-
-
-def _repeat_variance(cell: CellSums) -> float | None:
-    """Variance between repeats on one print, pooled over prints and positions; None with one repeat."""
-    return cell.within / cell.dof[1] if cell.dof[1] else None
 
 
 def _cell(key: CellKey, level: Level, sums: Mapping[int, CellSums], floors: _CellFloor, ddof: int, seed: int) -> Cell:
