@@ -16,11 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.tables import Column, Row, Table, short
+from tacbench_cad.lab.analysis.tables import Column, Table, short
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, Cell, Level, squared
 from tacbench_cad.lab.analysis.variance.grade_limits import factors, limits, texture_number
 from tacbench_cad.util.errors import InputError, nearest
@@ -140,25 +141,22 @@ class Grade:
     def table(self) -> Table:
         """The textures with the published figures beside them."""
         names = list(published.PAPER_ROW_NAMES.values())
-        rows: list[Row] = [
-            {
-                **vars(texture),
-                "interval": interval(texture.low, texture.high),
-                "floor": "none" if texture.floor is None else short(texture.floor),
-                **{n: f"{of.variance:.2f} {of.ours_is or '-'}" for n, of in zip(names, texture.published, strict=True)},
-            }
-            for texture in self.textures
-        ]
+
+        def beside(place: int, texture: Texture) -> str:
+            of = texture.published[place]
+            return f"{of.variance:.2f} {of.ours_is or '-'}"
+
         columns = (
             Column("texture"),
             Column("prints"),
             Column("variance", head=f"variance ({self.units})", text=short),
-            Column("interval", head="95 % interval", right=True),
-            *(Column(name, right=True) for name in ("floor", *names)),
+            Column("interval", head="95 % interval", source=lambda t: interval(t.low, t.high), right=True),
+            Column("floor", source=lambda t: "none" if t.floor is None else short(t.floor), right=True),
+            *(Column(name, source=partial(beside, place), right=True) for place, name in enumerate(names)),
         )
         level = "mean over the forces" if self.force_level == ALL_LEVELS else f"force level {self.force_level}"
         title = f"{self.printer}, {self.filament}: {level}; published figures with what yours is beside them"
-        return Table(columns=columns, rows=tuple(rows), title=title)
+        return Table.of(columns, self.textures, title)
 
 
 def grade(

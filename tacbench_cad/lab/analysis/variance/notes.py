@@ -22,89 +22,73 @@ def variance_warnings(collection: Collection, cells: Sequence[Cell], left_out: S
         cells: The table.
         left_out: Readings that could not be used.
     """
-    return tuple(_warnings(collection, cells, left_out))
-
-
-def _warnings(collection: Collection, cells: Sequence[Cell], left_out: Sequence[str]) -> Iterator[str]:
+    warnings = [f"{where}: {text}" for where, text in _warnings(collection, cells) if where]
     if left_out:
         more = f", and {len(left_out) - 1:,} more" if len(left_out) > 1 else ""
-        yield f"{counted(len(left_out), 'reading')} could not be used and left out: {left_out[0]}{more}"
+        warnings.insert(0, f"{counted(len(left_out), 'reading')} could not be used and left out: {left_out[0]}{more}")
+    return tuple(warnings)
+
+
+def _warnings(collection: Collection, cells: Sequence[Cell]) -> Iterator[tuple[str, str]]:
+    """What a warning is about, and its text; one that is about nothing does not hold."""
+    positions, repeats = len(collection.info.protocol.grid.positions_mm), collection.info.protocol.repeats
     of_level = [cell for cell in cells if cell.force_level != ALL_LEVELS]
     by_combination = _by(of_level, lambda cell: cell.combination)
-    prints = {combination: max(cell.prints for cell in members) for combination, members in by_combination}
-    fullest = [cell for cell in of_level if cell.prints == prints[cell.combination]]
-    yield from _prints(fullest)
-    mixed = [cell for _, members in by_combination if len({one.prints for one in members}) > 1 for cell in members]
-    if mixed:
-        counts = _listed(sorted({cell.prints for cell in mixed}))
-        yield (
-            f"{_where(mixed)}: the force levels have different numbers of prints ({counts}); the pooled column "
-            "averages what is not alike and has no interval"
-        )
-    yield from _floors(cells)
-    yield from _counts(collection, fullest)
-    yield from _holes(collection, of_level)
-    constant = [cell for cell in of_level if cell.variance == 0.0]
-    if constant:
-        yield f"{_where(constant)}: all readings are equal, so the variance is 0; check that the sensor was alive"
-
-
-def _prints(fullest: Sequence[Cell]) -> Iterator[str]:
-    """What too few prints do, from the cells of each combination with the most prints."""
+    most = {combination: max(cell.prints for cell in members) for combination, members in by_combination}
+    fullest = [cell for cell in of_level if cell.prints == most[cell.combination]]
     for prints, members in _by(fullest, lambda cell: cell.prints):
         if prints == 1:
             yield (
-                f"{_where(members)}: one print of each texture; its variance holds noise and re-approach but nothing "
-                "of how prints differ, and has no interval"
+                _where(members),
+                "one print of each texture; its variance holds noise and re-approach but nothing of how prints differ, "
+                "and has no interval",
             )
         elif prints < PRINTS:
             wide = "; with two, an interval can only be very wide" if prints == 2 else ""
-            yield f"{_where(members)}: {prints} prints of each texture, the paper has {PRINTS}{wide}"
-
-
-def _floors(cells: Sequence[Cell]) -> Iterator[str]:
-    bound = [cell for cell in cells if cell.floor_from == REPEATS]
-    if bound:
-        yield (
-            f"{_where(bound)}: no stationary frames in contact; the floor comes from repeats on one print and is only "
-            "an upper bound, because re-approach is in it"
-        )
-    without = [cell for cell in cells if not cell.floor_from]
-    if without:
-        yield (
-            f"{_where(without)}: no noise floor (no stationary frames in contact and no second repeat); how much of "
-            "the variance is noise is not known"
-        )
-
-
-def _counts(collection: Collection, cells: Sequence[Cell]) -> Iterator[str]:
-    protocol = collection.info.protocol
-    positions, repeats = len(protocol.grid.positions_mm), protocol.repeats
-    for (presses, prints), members in _by(cells, lambda cell: (cell.presses, cell.prints)):
+            yield _where(members), f"{prints} prints of each texture, the paper has {PRINTS}{wide}"
+    mixed = [cell for _, members in by_combination if len({one.prints for one in members}) > 1 for cell in members]
+    counts = _listed(sorted({cell.prints for cell in mixed}))
+    yield (
+        _where(mixed),
+        f"the force levels have different numbers of prints ({counts}); the pooled column averages what is not alike "
+        "and has no interval",
+    )
+    yield (
+        _where(cell for cell in cells if cell.floor_from == REPEATS),
+        "no stationary frames in contact; the floor comes from repeats on one print and is only an upper bound, "
+        "because re-approach is in it",
+    )
+    yield (
+        _where(cell for cell in cells if not cell.floor_from),
+        "no noise floor (no stationary frames in contact and no second repeat); how much of the variance is noise is "
+        "not known",
+    )
+    for (presses, prints), members in _by(fullest, lambda cell: (cell.presses, cell.prints)):
         design = (prints, positions, repeats)
         if design != (PRINTS, POSITIONS, PAPER_REPEATS) and presses == prints * positions * repeats:
             yield (
-                f"{_where(members)}: {counted(presses, 'press')} in a cell ({prints} x {counted(positions, 'position')}"
-                f" x {counted(repeats, 'repeat')}), the paper's table has {PRINTS * POSITIONS * PAPER_REPEATS} "
-                f"({PRINTS} x {POSITIONS} x {PAPER_REPEATS})"
+                _where(members),
+                f"{counted(presses, 'press')} in a cell ({prints} x {counted(positions, 'position')} x "
+                f"{counted(repeats, 'repeat')}), the paper's table has {PRINTS * POSITIONS * PAPER_REPEATS} "
+                f"({PRINTS} x {POSITIONS} x {PAPER_REPEATS})",
             )
-
-
-def _holes(collection: Collection, cells: Sequence[Cell]) -> Iterator[str]:
-    protocol = collection.info.protocol
-    places = len(protocol.grid.positions_mm) * protocol.repeats
-    short = [cell for cell in cells if cell.presses < cell.prints * places]
-    if short:
-        yield f"{_where(short)}: presses are missing; the estimates allow for it, the paper's plain mean does not"
-    there = {(cell.combination, cell.texture) for cell in cells}
+    yield (
+        _where(cell for cell in of_level if cell.presses < cell.prints * positions * repeats),
+        "presses are missing; the estimates allow for it, the paper's plain mean does not",
+    )
+    there = {(cell.combination, cell.texture) for cell in of_level}
     for combination in collection.combinations:
         missing = [texture for texture in collection.textures if (combination, texture) not in there]
         if missing:
-            yield f"{combination}: no {_listed(missing)}"
+            yield combination, f"no {_listed(missing)}"
     if len(collection.combinations) == 1:
-        yield "one printer-filament only: nothing can be said about differences between printers"
+        yield "one printer-filament only", "nothing can be said about differences between printers"
     if len(collection.textures) == 1:
-        yield "one texture only: nothing can be said about differences between textures"
+        yield "one texture only", "nothing can be said about differences between textures"
+    yield (
+        _where(cell for cell in of_level if cell.variance == 0.0),
+        "all readings are equal, so the variance is 0; check that the sensor was alive",
+    )
 
 
 def _by(cells: Iterable[Cell], key: Callable[[Cell], K]) -> list[tuple[K, list[Cell]]]:
@@ -114,7 +98,7 @@ def _by(cells: Iterable[Cell], key: Callable[[Cell], K]) -> list[tuple[K, list[C
     return list(groups.items())
 
 
-def _where(cells: Sequence[Cell]) -> str:
+def _where(cells: Iterable[Cell]) -> str:
     """The combinations of some cells: by name up to three."""
     names = list(dict.fromkeys(cell.combination for cell in cells))
     return _listed(names) if len(names) <= 3 else f"{len(names)} printer-filaments"

@@ -215,14 +215,10 @@ def runs_to_send(collection: Collection) -> tuple[Run, ...]:
 
 def levels_with_most_prints(designs: Mapping[tuple[int, CellKey], Sequence[int]]) -> dict[CellKey, tuple[int, ...]]:
     """The force levels at which each cell has the most prints: what figures that pool levels are made of."""
-    prints = {key: len(set(copies)) for key, copies in designs.items()}
-    most: dict[CellKey, int] = {}
-    for (_, cell), count in prints.items():
-        most[cell] = max(most.get(cell, 0), count)
-    return {
-        cell: tuple(sorted(level for (level, of), n in prints.items() if of == cell and n == count))
-        for cell, count in most.items()
-    }
+    prints: dict[CellKey, dict[int, int]] = defaultdict(dict)
+    for (level, cell), copies in sorted(designs.items()):
+        prints[cell][level] = len(set(copies))
+    return {cell: tuple(level for level in of if of[level] == max(of.values())) for cell, of in prints.items()}
 
 
 def _still_frames(run: Run) -> int:

@@ -19,6 +19,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -288,14 +289,11 @@ def _tests(collection: Collection, sums: Mapping[tuple[int, CellKey], CellSums],
             if whole is not None and whole.prints > 1 and whole.whole:
                 grams[key] = whole.print_gram()
         of_level: list[tuple[str, str, PermutationTest]] = []
-        for i, first in enumerate(collection.combinations):
-            for second in collection.combinations[i + 1 :]:
-                shared = [t for t in collection.textures if (first, t) in grams and (second, t) in grams]
-                if shared:
-                    test = dispersion_test(
-                        [grams[first, t] for t in shared], [grams[second, t] for t in shared], seed=seed
-                    )
-                    of_level.append((first, second, test))
+        for first, second in combinations(collection.combinations, 2):
+            shared = [t for t in collection.textures if (first, t) in grams and (second, t) in grams]
+            if shared:
+                pair = ([grams[combination, t] for t in shared] for combination in (first, second))
+                of_level.append((first, second, dispersion_test(*pair, seed=seed)))
         adjusted = holm([test.p for *_, test in of_level])
         tests += [
             PrinterTest(force_level=level, first=first, second=second, outcome=test, p_holm=p)
