@@ -24,7 +24,7 @@ from tacbench_cad.util.types import Bools
 #: Triangles that cut each other are looked for where at most so many pairs have overlapping boxes ...
 MAX_PAIRS = 5e7
 #: ... and for so many seconds, and for so many more for each triangle.
-MAX_SECONDS, MAX_SECONDS_PER_TRIANGLE = 30.0, 3e-5
+MAX_SECONDS, MAX_SECONDS_PER_TRIANGLE = 12.0, 4e-5
 #: A triangle whose height is below this share of its longest side has no area to speak of.
 DEGENERATE_SHARE = 1e-9
 
