@@ -11,6 +11,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import importlib
+import math
 import os
 import pickle
 import signal
@@ -29,6 +30,10 @@ from tacbench_cad.util.errors import CheckFailedError, TacbenchError
 
 #: A child of :func:`isolated` may use this much memory, in MB, times the user's factor of all limits.
 MAX_ISOLATED_MB = 8000
+
+
+#: Processor time, in s, that a child may use beyond its time limit before the system ends it.
+PROCESSOR_MARGIN_S = 10
 
 
 class LostProcessError(CheckFailedError):
@@ -201,7 +206,7 @@ class Workers:
         try:
             if timer is not None:
                 timer.start()
-            pickle.dump((call.module, call.function, call.arguments), child.stdin)
+            pickle.dump((call.module, call.function, call.arguments, call.seconds), child.stdin)
             child.stdin.flush()
             outcome, value = pickle.load(child.stdout)
         except (EOFError, BrokenPipeError, pickle.UnpicklingError):
@@ -248,9 +253,10 @@ def serve(max_mb: float | None = None) -> None:
     os.dup2(quiet, 1)
     while True:
         try:
-            module, name, arguments = pickle.load(sys.stdin.buffer)
+            module, name, arguments, seconds = pickle.load(sys.stdin.buffer)
         except EOFError:
             return
+        _limit_processor_time(seconds)
         try:
             outcome = ("done", getattr(importlib.import_module(module), name)(*arguments))
         except (TacbenchError, OSError) as error:
@@ -271,6 +277,21 @@ def _limit_memory(max_mb: float) -> None:
     if soft == resource.RLIM_INFINITY or limit < soft:  # a child of a limited process stays within its limit
         with contextlib.suppress(OSError, ValueError):
             resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
+
+
+def _limit_processor_time(seconds: float | None) -> None:
+    """Let the system end this child if its parent was killed and cannot do it: a kernel that loops hears nothing."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
+    limit = hard
+    if seconds is not None:
+        limit = math.ceil(used.ru_utime + used.ru_stime + cpu_count() * seconds) + PROCESSOR_MARGIN_S
+    with contextlib.suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_CPU, (limit, hard))
 
 
 def _portable(error: TacbenchError | OSError) -> Exception:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -184,3 +185,15 @@ def test_a_count_of_processors_is_taken_from_the_environment(
     assert own >= 1
     monkeypatch.setenv("PYTHON_CPU_COUNT", told)
     assert cpu_count() == (int(told) if obeyed else own)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of processor time")
+def test_a_child_that_nobody_can_end_any_more_is_ended_by_the_system() -> None:
+    script = (
+        "from tacbench_cad.util import processes\n"
+        "processes.PROCESSOR_MARGIN_S, processes.cpu_count = 0, lambda: 1\n"
+        "processes._limit_processor_time(0.9)\n"
+        "while True: pass"
+    )
+    done = subprocess.run([sys.executable, "-c", script], timeout=60, check=False)
+    assert done.returncode == -signal.SIGXCPU
