@@ -284,14 +284,14 @@ def _difference(
     hold_out: str, texture: str, a: Mapping[str, PrintAccuracy], b: Mapping[str, PrintAccuracy], same_prints: bool
 ) -> Difference:
     paired = same_prints and a.keys() == b.keys()
-    x, y = np.array([accuracy.value for accuracy in a.values()]), np.array([accuracy.value for accuracy in b.values()])
+    x, y = (np.array([accuracy.value for accuracy in side.values()]) for side in (a, b))
     if paired:
         y = np.array([b[run].value for run in a])
         least = (_least(a) + _least(b)) / len(a)
-        error, dof = _paired(y - x)
+        error, dof = _error(y - x)
     else:
         least = _least(a) / len(a) + _least(b) / len(b)
-        error, dof = _welch(x, y)
+        error, dof = _error(x, y)
     difference = float(y.mean() - x.mean())
     low = high = smallest = None
     if dof > 0.0:
@@ -316,21 +316,19 @@ def _difference(
     )
 
 
-def _paired(differences: Floats) -> tuple[float, float]:
-    """Squared standard error of the mean difference, and its degrees of freedom."""
-    k = len(differences)
-    return (float(differences.var(ddof=1)) / k, k - 1.0) if k > 1 else (0.0, 0.0)
+def _error(*samples: Floats) -> tuple[float, float]:
+    """Squared standard error of a mean, or of the difference of two, and its degrees of freedom (Welch 1947).
 
-
-def _welch(x: Floats, y: Floats) -> tuple[float, float]:
-    """The same of two independent samples; no degrees of freedom where one has a single print."""
-    if len(x) < 2 or len(y) < 2:
+    There are none where a sample has a single print.
+    """
+    least = min(map(len, samples))
+    if least < 2:
         return 0.0, 0.0
-    parts = [float(values.var(ddof=1)) / len(values) for values in (x, y)]
+    parts = [float(values.var(ddof=1)) / len(values) for values in samples]
     total = sum(parts)
-    if total == 0.0:
-        return 0.0, float(min(len(x), len(y)) - 1)
-    return total, total**2 / sum(part**2 / (len(values) - 1) for part, values in zip(parts, (x, y), strict=True))
+    if total == 0.0 or len(samples) == 1:
+        return total, least - 1.0
+    return total, total**2 / sum(part**2 / (len(values) - 1) for part, values in zip(parts, samples, strict=True))
 
 
 def _least(prints: Mapping[str, PrintAccuracy]) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -95,56 +94,39 @@ def design_table(collection: Collection) -> Table:
     return Table.of((*_columns("printer", "filament", "texture", "prints"), *levels), rows, "Prints and presses")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Records:
+def record_tables(collection: Collection) -> dict[str, Any]:
     """The print records of a study.
 
-    Args:
-        total: Records that can be read.
-        all: Every field of each.
-        empty: The fields that are empty in some.
-        alike: What the others say, alike prints together.
-        damaged: Why the rest cannot be read.
+    Returns:
+        ``total``: how many can be read; ``all``: every field of each; ``empty``: the fields that are empty in some;
+        ``alike``: what the others say, alike prints together; ``damaged``: why the rest cannot be read.
     """
-
-    total: int
-    all: Table
-    empty: Table
-    alike: Table
-    damaged: tuple[str, ...]
-
-    @classmethod
-    def of(cls, collection: Collection) -> Records:
-        """The records of all runs."""
-        records: list[tuple[str, PrintRecord]] = []
-        damaged: list[str] = []
-        for run in collection.runs:
-            try:
-                records.append((run.info.printed.name, run.print_record))
-            except InputError as error:
-                damaged.append(str(error))
-        rows = [
-            {"run": name, **{field: _plain(record.values.get(field)) for field in FIELDS}} for name, record in records
-        ]
-        total = len(records)
-        empty = Counter(field for _, record in records for field in record.empty)
-        filled = [field for field in FIELDS if any(record.values.get(field) for _, record in records)]
-        alike = Counter(tuple(row[field] for field in filled) for row in rows if filled)
-        return cls(
-            total=total,
-            all=Table.of(_columns("run", *FIELDS), rows),
-            empty=_table(
-                "Empty fields of the print records",
-                ("field", "what belongs there", "empty in", "of records"),
-                ((field, FIELDS[field], count, total) for field, count in empty.items()),
-            ),
-            alike=_table(
-                "What the print records say, alike prints together",
-                (*filled, "prints"),
-                ((*values, count) for values, count in alike.items()),
-            ),
-            damaged=tuple(damaged),
-        )
+    records: list[tuple[str, PrintRecord]] = []
+    damaged: list[str] = []
+    for run in collection.runs:
+        try:
+            records.append((run.info.printed.name, run.print_record))
+        except InputError as error:
+            damaged.append(str(error))
+    rows = [{"run": name, **{field: _plain(record.values.get(field)) for field in FIELDS}} for name, record in records]
+    empty = Counter(field for _, record in records for field in record.empty)
+    filled = [field for field in FIELDS if any(record.values.get(field) for _, record in records)]
+    alike = Counter(tuple(row[field] for field in filled) for row in rows if filled)
+    return {
+        "total": len(records),
+        "all": Table.of(_columns("run", *FIELDS), rows),
+        "empty": _table(
+            "Empty fields of the print records",
+            ("field", "what belongs there", "empty in", "of records"),
+            ((field, FIELDS[field], count, len(records)) for field, count in empty.items()),
+        ),
+        "alike": _table(
+            "What the print records say, alike prints together",
+            (*filled, "prints"),
+            ((*values, count) for values, count in alike.items()),
+        ),
+        "damaged": damaged,
+    }
 
 
 def quality_table(reports: Iterable[RunReport]) -> Table:
@@ -192,9 +174,9 @@ def open_points(collection: Collection, colour: bool, ddof: int) -> Table:
 
 def write_facts(collection: Collection, reports: Sequence[RunReport], folder: Path) -> dict[str, Any]:
     """Write the tables on the runs, and give what the page's template shows of them."""
-    design, records = design_table(collection), Records.of(collection)
+    design, records = design_table(collection), record_tables(collection)
     design.write(folder / "design.csv")
-    records.all.write(folder / "print_records.csv")
+    records["all"].write(folder / "print_records.csv")
     quality_table(reports).write(folder / "data_quality.csv")
     findings_table(reports).write(folder / "findings.csv")
     shown = findings_table(reports, MAX_FINDINGS)
