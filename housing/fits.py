@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from tacbench_cad.spec.fits import FITS as FITS
+from tacbench_cad.spec import fits
 from tacbench_cad.spec.fits import clearance_mm as clearance_mm
 from tacbench_cad.util.errors import InputError
+
+#: Clearances of the named fits, in mm per side.
+FITS = fits.FITS
 
 #: Least thickness below a pocket, in mm.
 MIN_FLOOR_MM = 1.2

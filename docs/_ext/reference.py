@@ -37,7 +37,7 @@ MOST_LETTERS = 300
 #: Names of other projects are no links: they have no pages here, and the build asks no network for theirs.
 OTHERS = re.compile(
     r"(abc|argparse|collections|concurrent|contextlib|datetime|functools|pathlib|random|socket|subprocess|typing|build123d"
-    r"|cadquery|cv2|dask|distributed|joblib|lib3mf|manifold3d|matplotlib|numpy|OCP|pymeshlab|serial|sklearn)\."
+    r"|cadquery|cv2|dask|distributed|jinja2|joblib|lib3mf|manifold3d|matplotlib|numpy|OCP|pymeshlab|serial|sklearn)\."
 )
 
 

@@ -39,7 +39,7 @@ def check(
         full: Add pymeshlab's checks; None adds them to a foreign file where pymeshlab is installed.
 
     Returns:
-        The report: ``report.ok``, and one line for each check when it is printed.
+        A report, whose ``ok`` says whether all is well and which prints one line for each check.
 
     Raises:
         InputError: There is no such file, its format is not known, or an argument is not allowed.

@@ -4,7 +4,7 @@
 is not 1, and only a whole number may stand for a number with decimals. A key that no field has is refused with the
 nearest one. What a dataclass allows is said by its types (``Literal``, ``tuple[float, float]``, ``float | None``), by
 :class:`Bounds` and :class:`Length` in ``Annotated``, and by its own ``__post_init__``; every message has the table and
-the key: ``[protocol] depth_mm = 'x': must be a finite number``.
+the key: ``[protocol] depth_mm = 'x': must be a finite number``::
 
     @dataclass(frozen=True, kw_only=True)
     class Holder:

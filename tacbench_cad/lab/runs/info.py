@@ -194,7 +194,7 @@ def _shown(values: Mapping[str, Any], key: str) -> str:
 
 
 def printed_from(values: Any, where: str = "") -> PrintedBlock:
-    """The printed block of :meth:`PrintedBlock.as_dict`, its texture made from the waves: it may be a user's own.
+    """The printed block of ``PrintedBlock.as_dict()``, its texture made from the waves: it may be a user's own.
 
     Raises:
         InputError: A key is missing, or a value is not allowed.

@@ -40,7 +40,7 @@ class Dimension:
         start: One end, in mm of the view.
         end: The other end.
         side: On which side of the view its line lies: ``top`` and ``bottom`` measure across, the others up.
-        accept_mm: Accepted deviation of a print; None for :data:`ACCEPTED_MM`.
+        accept_mm: Accepted deviation of a print; None for 0.3 mm.
         form: Text with ``{}`` for the number.
     """
 
@@ -80,7 +80,7 @@ def sides(name: str, low: Point, high: Point, at: tuple[Side, Side], *accept_mm:
         low: Its lower corner.
         high: Its upper corner.
         at: Where the lines lie that measure across and up.
-        accept_mm: Accepted deviations along both axes; none for :data:`ACCEPTED_MM`.
+        accept_mm: Accepted deviations along both axes; none for 0.3 mm.
     """
     a, b = (low[0] + high[0]) / 2.0, (low[1] + high[1]) / 2.0
     accept_x, accept_y = accept_mm or (None, None)

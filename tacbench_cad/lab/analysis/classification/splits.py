@@ -27,6 +27,7 @@ UNITS = {
     "copy": ("prints", "run"),
     "printer-filament": ("printer-filament combinations", "combination"),
 }
+#: Names of the hold-out levels, from the easiest claim to the hardest.
 HOLD_OUT_LEVELS = tuple(UNITS)
 #: Folds of the levels whose groups are many: presses and positions.
 FOLDS = 5

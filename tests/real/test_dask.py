@@ -17,6 +17,7 @@ joblib = pytest.importorskip("joblib")
 
 from tacbench_cad.lab import parallel
 from tacbench_cad.lab.parallel import workers
+from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
 
@@ -263,4 +264,4 @@ def test_a_study_is_simulated_and_analysed_on_a_cluster(
         far = classify(collection, settings, 2, Path("far"), executor)
     with workers(1) as executor:
         near = classify(collection, settings, 2, Path("near"), executor)
-    assert [one.as_dict() for one in far.outcomes] == [one.as_dict() for one in near.outcomes]
+    assert to_plain(far.outcomes) == to_plain(near.outcomes)
