@@ -65,7 +65,8 @@ def as_part(thing: Any) -> Part:
     """The part that something describes; nothing is built before it is asked for.
 
     Args:
-        thing: A block, a :class:`~tacbench_cad.geometry.part.Part`, or anything with a method ``part()`` that returns one, as a holder has.
+        thing: A block, a :class:`~tacbench_cad.geometry.part.Part`, or anything with a method ``part()`` that
+            returns one, as a holder has.
 
     Raises:
         InputError: It is none of these.
