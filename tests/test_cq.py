@@ -78,8 +78,9 @@ def test_registered_method_combines_like_box() -> None:
     assert len(apart.vals()) == 2
 
 
-def test_a_hole_through_texture_4() -> None:
-    block = Block.of(4)
+@pytest.mark.parametrize("number", [2, pytest.param(4, marks=pytest.mark.long)])
+def test_a_hole_through_a_texture(number: int) -> None:
+    block = Block.of(number)
     solid = plugin.solid(block)
     made = cq.Workplane(solid).pushPoints([(11.0, 15.0)]).circle(3.0).cutThruAll()
     assert made.val().isValid()

@@ -93,7 +93,7 @@ def test_every_key_of_the_analysis_documents_is_explained(tmp_path: Path, capsys
     pytest.importorskip("matplotlib")
     runs = tmp_path / "runs"
     folders = write_study(runs, grid=PressGrid(x_mm=(4.0, 9.0), y_mm=(20.0,)))
-    quick = ("--trials", "1", "--hold-out", "copy", "--components", "2", "--jobs", "1")
+    quick = ("--trials", "1", "--hold-out", "copy", "--components", "2", "--jobs", "1", "--epochs", "100")
     splits, predictions = tmp_path / "splits", tmp_path / "predictions.csv"
     assert main(["runs", "check", *map(str, folders), "--json"]) == 1  # they lack references: findings are shown, too
     assert _unexplained(capsys) == set()

@@ -144,6 +144,7 @@ def test_json_and_exit_code_when_something_is_broken(monkeypatch: pytest.MonkeyP
     assert "BROKEN: kernel wheels: mixed" in out and "repair: pip install x" in out
 
 
+@pytest.mark.long
 def test_this_install_is_reported_with_its_versions(capsys: Capture) -> None:
     main(["doctor", "--json"])
     packages = {one["name"]: one["version"] for one in json.loads(capsys.readouterr().out)["packages"]}

@@ -109,7 +109,9 @@ def test_what_a_user_asks_first_is_right(name: str) -> None:
     assert box_mm(solid) == pytest.approx([0, 0, 0, *block.size_mm, top], abs=1e-3)
 
 
-@pytest.mark.parametrize("name", FEATURES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=pytest.mark.long if one == "4-key-label" else ()) for one in FEATURES]
+)
 def test_key_and_label(name: str) -> None:
     block = FEATURES[name]
     solid, certificate = solid_block(block)

@@ -36,7 +36,9 @@ def placed(block: Block, place: Placement, shift: tuple[float, float] = (0.0, 0.
     return block_prism(block).rotate((0.0, 0.0, 90.0 * place.quarter_turns)).translate((x + shift[0], y + shift[1], z))
 
 
-@pytest.mark.parametrize("holder", [*CASES, TRAY], ids=lambda holder: holder.name)
+@pytest.mark.parametrize(
+    "holder", [*CASES, pytest.param(TRAY, marks=pytest.mark.long)], ids=lambda holder: getattr(holder, "name", None)
+)
 def test_nothing_collides_and_markers_are_over_their_positions(holder: Holder) -> None:
     jig = Jig(holder=holder)
     plate = manifold(holder.part().mesh[0])

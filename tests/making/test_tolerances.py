@@ -38,7 +38,7 @@ def test_the_mesh_tolerance_does_not_change_the_solid(preset: str) -> None:
     assert Block.of(2, step_tolerance_mm=0.002).datum_mm == Block.of(2).datum_mm
 
 
-@pytest.mark.parametrize("tolerance", [0.0005, 0.01])
+@pytest.mark.parametrize("tolerance", [pytest.param(0.0005, marks=pytest.mark.long), 0.01])
 def test_the_checks_follow_the_tolerance_of_a_step_file(tolerance: float, tmp_path: Path) -> None:
     pytest.importorskip("OCP")
     block = Block.of(3, scale=0.5, step_tolerance_mm=tolerance)

@@ -126,7 +126,7 @@ def test_sheet_has_a_tile_and_a_caption_for_each_part(tmp_path: Path) -> None:
     assert (tmp_path / "sheet.png").read_bytes() == (tmp_path / "again.png").read_bytes()
 
 
-@pytest.mark.parametrize("count", [1, 2, 4, 8, 17, 40])
+@pytest.mark.parametrize("count", [1, 2, 4, 8, 17, pytest.param(40, marks=pytest.mark.long)])
 def test_sheets_of_any_length(tmp_path: Path, count: int) -> None:
     """Every part is drawn, none over the other: the ink grows with the parts."""
     pictures.preview_sheet([("box", box(3.0, 4.0, 2.0))] * count, tmp_path / "sheet.png")

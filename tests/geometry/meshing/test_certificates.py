@@ -65,7 +65,7 @@ def test_tight_within_a_tolerance(number: int) -> None:
     assert vertical <= certificate.vertical_mm <= 1.05 * vertical
 
 
-@pytest.mark.parametrize("number", [1, 2, 3, 4, 5, 6])
+@pytest.mark.parametrize("number", [1, 2, 4, *(pytest.param(n, marks=pytest.mark.long) for n in (3, 5, 6))])
 def test_tight_on_a_grid(number: int) -> None:
     block = Block.of(number, sampling="grid")
     mesh, certificate = mesh_block(block)

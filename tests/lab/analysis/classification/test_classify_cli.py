@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("single_thread")
 
 Capture = pytest.CaptureFixture[str]
 #: Small enough to be quick.
-QUICK = ("--resolution", "1", "--components", "4", "--jobs", "1", "--trials", "2")
+QUICK = ("--resolution", "1", "--components", "4", "--jobs", "1", "--trials", "2", "--epochs", "200")
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +87,7 @@ def test_finished_trials_are_kept_and_numbers_follow_from_the_seed(runs: Path, t
 
 
 def test_paper_prints_the_papers_figures_and_the_warning(runs: Path, tmp_path: Path, capsys: Capture) -> None:
-    command = ["classify", str(runs), "-o", str(tmp_path), *QUICK, "--protocol", "paper", "--epochs", "20"]
+    command = ["classify", str(runs), "-o", str(tmp_path), *QUICK, "--protocol", "paper"]
     assert main(command) == 0
     said = capsys.readouterr().out
     assert "63.98" in said and "inflated" in said and "the text says 300" in said

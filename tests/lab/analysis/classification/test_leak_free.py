@@ -105,7 +105,7 @@ def test_labels_of_noise_are_predicted_at_chance_at_every_level(tmp_path: Path) 
     write_study(tmp_path / "runs", textures=(1, 2, 3), levels=(1, 2), still=1, image=noise_image)
     found = Collection.open([tmp_path / "runs"])
     with workers() as executor:
-        settings = ClassificationSettings(resolution=1.0, components=10)
+        settings = ClassificationSettings(resolution=1.0, components=10, epochs=200)
         result = classify(found, settings, 2, tmp_path, executor)
     whole = [one for one in result.scores if one.tested_on == "all"]
     assert [one.hold_out for one in whole] == list(HOLD_OUT_LEVELS)
