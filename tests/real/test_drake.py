@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.resting import BALL_MM, NEAR_MM, Exported, centre_height_mm, places_mm, steel_kg, valley_mm
 
-from tacbench_cad.formats.simulators.asset import Asset
+from tacbench_cad.formats.simulators.asset import SimulatorAsset
 from tacbench_cad.spec.block import Block
 
 pytest.importorskip("pydrake", reason="Drake is not installed: pip install drake")
@@ -66,7 +66,7 @@ def test_heights(number: str, exported: Exported) -> None:
     places = places_mm(block, 100)
     points = np.column_stack([places, block.height_at(*places.T)]) / 1e3
     distances = [query.ComputeSignedDistanceToPoint(point, threshold=1e-3)[0].distance * 1e3 for point in points]
-    assert np.abs(distances).max() <= Asset(block).mesh_certificate.vertical_mm + 1e-5
+    assert np.abs(distances).max() <= SimulatorAsset(block).mesh_certificate.vertical_mm + 1e-5
     up = np.array([0.0, 0.0, 1e-3])
     above = [query.ComputeSignedDistanceToPoint(p + up, threshold=1.0)[0].distance for p in points]
     below = [query.ComputeSignedDistanceToPoint(p - up, threshold=1.0)[0].distance for p in points]

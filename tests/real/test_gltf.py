@@ -10,7 +10,7 @@ import pytest
 from helpers.resting import NEAR_MM, Exported, places_mm, valley_mm
 from helpers.triangles import heights_mm, rest_on_triangles
 
-from tacbench_cad.formats.simulators.asset import Asset
+from tacbench_cad.formats.simulators.asset import SimulatorAsset
 from tacbench_cad.spec.block import Block
 
 pygltflib = pytest.importorskip("pygltflib", reason="pygltflib is not installed: pip install pygltflib")
@@ -43,7 +43,7 @@ def test_heights(number: str, exported: Exported) -> None:
     block = Block.of(number)
     places = places_mm(block)
     top = heights_mm(*mesh_of(number, exported), places)
-    assert np.abs(top - block.height_at(*places.T)).max() <= Asset(block).mesh_certificate.vertical_mm + 1e-4
+    assert np.abs(top - block.height_at(*places.T)).max() <= SimulatorAsset(block).mesh_certificate.vertical_mm + 1e-4
 
 
 @pytest.mark.parametrize("number", "24")

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from helpers.resting import BALL_MM, NEAR_MM, Exported, centre_height_mm, places_mm, steel_kg, valley_mm
 
-from tacbench_cad.formats.simulators.asset import Asset
-from tacbench_cad.formats.simulators.folder import export
+from tacbench_cad.formats.simulators.asset import SimulatorAsset
+from tacbench_cad.formats.simulators.folder import export_to_simulators
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.waves import Wave, WaveSum
@@ -73,7 +73,7 @@ def test_heights(number: str, kind: str, exported: Exported) -> None:
         20.0 - 1e3 * mujoco.mj_ray(model, data, [x / 1e3, y / 1e3, 0.02], down, None, 1, -1, hit) for x, y in places
     ]
     error = np.abs(np.array(found) - block.height_at(*places.T))
-    assert error.max() <= Asset(block).heights.certificate.vertical_mm + 1e-5
+    assert error.max() <= SimulatorAsset(block).heights.certificate.vertical_mm + 1e-5
 
 
 @pytest.mark.parametrize("kind", FILES)
@@ -90,7 +90,7 @@ def test_contact_of_a_ball_on_oblique_waves_at_twice_the_size(tmp_path: Path) ->
     """Three waves at 60 degrees: not the sum of a profile along x and one along y."""
     waves = WaveSum(tuple(Wave(amplitude=0.4, f=f, g=g) for f, g in ((1.0, 0.0), (-0.5, 0.866), (-0.5, -0.866))))
     block = Block.of(Texture(name="hexagonal", equation="three waves", waves=waves), scale=2.0)
-    folder = export([block], ["mjcf"], tmp_path)[0].folder
+    folder = export_to_simulators([block], ["mjcf"], tmp_path)[0].folder
     x, y, z = valley_mm(block)
     for kind in FILES:
         found = rest_of_ball(folder / f"hexagonal{kind}.xml", (x + 0.05, y + 0.03, z + 0.3))

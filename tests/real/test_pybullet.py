@@ -9,7 +9,7 @@ import pytest
 from helpers.resting import BALL_MM, NEAR_MM, Exported, centre_height_mm, places_mm, settled_mm, valley_mm
 from helpers.triangles import NO_PYBULLET, STEP_S, drop
 
-from tacbench_cad.formats.simulators.asset import Asset
+from tacbench_cad.formats.simulators.asset import SimulatorAsset
 from tacbench_cad.spec.block import Block
 
 pybullet = pytest.importorskip("pybullet", reason=NO_PYBULLET)
@@ -42,7 +42,7 @@ def test_heights(number: str, exported: Exported, world: int) -> None:
     ]
     assert all(hit[0] == body for hit in hits), "a ray missed the block"
     error = np.abs(np.array([hit[3][2] * 1e3 for hit in hits]) - block.height_at(*places.T))
-    assert error.max() <= Asset(block).mesh_certificate.vertical_mm + 1e-5
+    assert error.max() <= SimulatorAsset(block).mesh_certificate.vertical_mm + 1e-5
 
 
 @pytest.mark.parametrize("number", "123456")

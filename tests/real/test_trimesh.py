@@ -12,7 +12,7 @@ import pytest
 from helpers.resting import NEAR_MM, Exported, places_mm, valley_mm
 from helpers.triangles import heights_mm, rest_on_triangles
 
-from tacbench_cad.formats.simulators.asset import Asset
+from tacbench_cad.formats.simulators.asset import SimulatorAsset
 from tacbench_cad.spec.block import Block
 
 trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed: pip install trimesh")
@@ -30,7 +30,7 @@ def test_heights(number: str, exported: Exported) -> None:
     np.testing.assert_allclose(body.bounds, [[0, 0, 0], [*block.size_mm, block.height_mm]], atol=2e-6)
     places = places_mm(block)
     top = heights_mm(body.vertices, body.faces, places)
-    assert np.abs(top - block.height_at(*places.T)).max() <= Asset(block).mesh_certificate.vertical_mm + 1e-4
+    assert np.abs(top - block.height_at(*places.T)).max() <= SimulatorAsset(block).mesh_certificate.vertical_mm + 1e-4
 
 
 @pytest.mark.parametrize("number", "24")

@@ -12,7 +12,7 @@ import pytest
 from helpers.resting import NEAR_MM, Exported, places_mm, valley_mm
 from helpers.triangles import heights_mm, rest_on_triangles
 
-from tacbench_cad.formats.simulators.asset import Asset
+from tacbench_cad.formats.simulators.asset import SimulatorAsset
 from tacbench_cad.spec.block import Block
 
 pytest.importorskip("pxr", reason="usd-core is not installed: pip install usd-core")
@@ -47,7 +47,7 @@ def test_heights(number: str, exported: Exported) -> None:
     np.testing.assert_allclose(extent, solid.bounds, atol=1e-5)
     places = places_mm(block)
     top = heights_mm(points, triangles, places)
-    assert np.abs(top - block.height_at(*places.T)).max() <= Asset(block).mesh_certificate.vertical_mm + 1e-4
+    assert np.abs(top - block.height_at(*places.T)).max() <= SimulatorAsset(block).mesh_certificate.vertical_mm + 1e-4
 
 
 @pytest.mark.parametrize("number", "24")
