@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,6 +46,12 @@ class Assembly:
                 raise InputError("blocks", block.name, f"does not go into {self.holder.name}")
         if self.jig is not None and self.jig.holder.name != self.holder.name:
             raise InputError("jig", self.jig.name, f"is not made for {self.holder.name}")
+
+    @classmethod
+    def filled(cls, holder: Holder, blocks: Sequence[Block] | None, jig: Jig | None) -> Assembly:
+        """An assembly with a block in every slot: the holder's own where no blocks are given."""
+        chosen = [holder.block] * holder.slots if blocks is None else blocks
+        return cls(holder=holder, blocks=tuple(chosen), jig=jig)
 
     @property
     def name(self) -> str:

@@ -133,11 +133,10 @@ def assembled(
         InputError: There are more blocks than slots, a block has other sides, height or key than the holder is for,
             or the jig is for another holder.
     """
-    chosen = [holder.block] * holder.slots if blocks is None else list(blocks)
-    together = Assembly(holder=holder, blocks=tuple(chosen), jig=jig)  # refuses what does not go together
+    together = Assembly.filled(holder, blocks, jig)  # refuses what does not go together
     base = HolderPart(holder)
     parts = [base]
-    for number, block in enumerate(chosen, 1):
+    for number, block in enumerate(together.blocks, 1):
         parts.append(TextureBlock(block))
         base.joints[f"slot {number}"].connect_to(parts[-1].joints["underside"])
     if jig is not None:

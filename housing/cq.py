@@ -58,11 +58,10 @@ def assembled(holder: Holder, blocks: Sequence[Block] | None = None, jig: Jig | 
         InputError: There are more blocks than slots, a block has other sides, height or key than the holder is for,
             or the jig is for another holder.
     """
-    chosen = [holder.block] * holder.slots if blocks is None else list(blocks)
-    together = Assembly(holder=holder, blocks=tuple(chosen), jig=jig)  # refuses what does not go together
+    together = Assembly.filled(holder, blocks, jig)  # refuses what does not go together
     whole = cq.Assembly(name=together.name)
     whole.add(solid(holder), name=holder.name, color=_colour(holder.kind))
-    for number, (block, place) in enumerate(zip(chosen, holder.block_placements(), strict=False), 1):
+    for number, (block, place) in enumerate(zip(together.blocks, holder.block_placements(), strict=False), 1):
         at = cq.Location(place.origin_mm, (0.0, 0.0, 1.0), 90.0 * place.quarter_turns)
         whole.add(block_solid(block), loc=at, name=f"{block.name} in slot {number}", color=_colour("block"))
     if jig is not None:
