@@ -11,9 +11,6 @@ from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bytes, Floats
 
-#: Weights of blue, green and red in a grey value (ITU-R BT.601).
-BT601_BGR = (0.114, 0.587, 0.299)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Preprocess:
