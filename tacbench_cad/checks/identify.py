@@ -28,7 +28,7 @@ from tacbench_cad.spec.label import LABEL_DEPTH_MM
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import CheckFailedError
-from tacbench_cad.util.text import decimal
+from tacbench_cad.util.text import decimal, mm
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
@@ -257,14 +257,14 @@ def _identity(look: Look, wanted: Wanted) -> tuple[list[Check], float | None]:
 
 def _no_texture(look: Look, match: Match | None, asked: bool) -> Check:
     """A fixture, which is no fault unless a texture was asked for; or a relief at a size that no block can have."""
-    size = " x ".join(f"{side:.6g}" for side in look.size_mm)
+    size = mm(*look.size_mm)
     if look.is_block and match is None:
-        detail = f"a relief over {size} mm, a size at which no texture makes a block; is its unit the millimetre?"
+        detail = f"a relief over {size}, a size at which no texture makes a block; is its unit the millimetre?"
         return Check(name="texture", ok=False, detail=detail)
     near = ""
     if match is not None:
         near = f"; the nearest is {_name(match.candidate)}, {match.rms_mm:.3g} mm rms from it"
-    return Check(name="texture", ok=not asked, detail=f"none: a part of {size} mm without a relief over its top{near}")
+    return Check(name="texture", ok=not asked, detail=f"none: a part of {size} without a relief over its top{near}")
 
 
 def _name(candidate: Candidate) -> str:
@@ -318,18 +318,17 @@ def _size(look: Look, match: Match) -> list[Check]:
     found = (*match.placement.sides(look.size_mm), look.size_mm[2])
     sides = (*block.size_mm, block.height_mm)
     off = [one - want for one, want in zip(found, sides, strict=True)]
-    text = " x ".join(f"{one:.6g}" for one in found)
+    text = mm(*found)
     # The highest point of a solid is as near to the height as the solid is to the formula.
     height_mm = max(SIDE_MM, _allowed(match.candidate)) if match.candidate.as_solid and look.is_solid else SIDE_MM
     if max(map(abs, off[:2])) <= SIDE_MM and abs(off[2]) <= height_mm:
-        return [Check(name="size", ok=True, detail=f"{text} mm")]
+        return [Check(name="size", ok=True, detail=text)]
     shares = stretch_of(block, look, match.placement)
     if max(shares) - min(shares) <= 1e-4:
         how = f"{(sum(shares) / 3.0):.5g} times as large as wanted"
     else:
         how = ", ".join(f"{name} by {one:+.4g} mm" for name, one in zip("xyz", off, strict=True) if abs(one) > SIDE_MM)
-    wanted = " x ".join(f"{one:.6g}" for one in sides)
-    return [Check(name="size", ok=False, detail=f"wrong size: {text} mm, {wanted} mm is wanted ({how})")]
+    return [Check(name="size", ok=False, detail=f"wrong size: {text}, {mm(*sides)} is wanted ({how})")]
 
 
 def _corner(look: Look, match: Match, wanted: Wanted) -> list[Check]:

@@ -22,6 +22,7 @@ from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.util.errors import CheckFailedError
+from tacbench_cad.util.text import mm
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
@@ -135,15 +136,13 @@ def _box(
 ) -> Check:
     """The box against the size; the upper face may have an allowance of its own."""
     off = np.concatenate([low, high - np.array(size_mm)])
-    found = " x ".join(f"{side:.6g}" for side in (high - low).tolist())
+    found = mm(*(high - low).tolist())
     limits = np.array([allowed] * 5 + [upper_mm or allowed])
     if bool(np.all(np.abs(off) <= limits)):
-        return Check(name="box", ok=True, detail=f"{found} mm, lower corner at the origin")
+        return Check(name="box", ok=True, detail=f"{found}, lower corner at the origin")
     i = int(np.argmax(np.abs(off) - limits))
     name = f"{'lower' if i < 3 else 'upper'} {'xyz'[i % 3]}"
-    return Check(
-        name="box", ok=False, detail=f"{found} mm; {name} is off by {off[i]:+.4g} mm (allowed {limits[i]:.1e})"
-    )
+    return Check(name="box", ok=False, detail=f"{found}; {name} is off by {off[i]:+.4g} mm (allowed {limits[i]:.1e})")
 
 
 def _mesh_relief(part: Part, mesh: Mesh, expected: ExpectedGeometry) -> tuple[list[Check], float | None]:

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import end_check, lengths, one_line, print_json, print_lines, print_table
+from tacbench_cad.cli.common import end_check, one_line, print_json, print_lines, print_table
 from tacbench_cad.util.errors import InputError, TacbenchError
-from tacbench_cad.util.text import counted
+from tacbench_cad.util.text import counted, mm
 
 if TYPE_CHECKING:
     from tacbench_cad.checks.report import Report
@@ -69,7 +69,7 @@ def _print(report: Report) -> None:
     print_table(str(report.path), ("check", "", "what was found"), checks)
     facts = []
     if report.size_mm is not None:
-        facts.append(f"{lengths(report.size_mm)} mm")
+        facts.append(mm(*report.size_mm))
     if report.triangles is not None:
         facts.append(f"{report.triangles:,} triangles")
     if report.volume_mm3 is not None:

@@ -149,8 +149,3 @@ def end_check(reports: Iterable[Report | RunReport], refusals: Sequence[Tacbench
         raise Exit(1)
     if refusals:
         raise Exit(max(refusal.exit_code for refusal in refusals))
-
-
-def lengths(values: Sequence[float]) -> str:
-    """Lengths for people: ``23.3 x 30 x 7``."""
-    return " x ".join(f"{value:.6g}" for value in values)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 from click.exceptions import Exit
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import lengths, note, print_json, print_lines, print_table
+from tacbench_cad.cli.common import note, print_json, print_lines, print_table
 from tacbench_cad.cli.progress import ProgressLine
-from tacbench_cad.util.text import counted
+from tacbench_cad.util.text import by, counted
 
 if TYPE_CHECKING:
     from tacbench_cad.making.printset import PrintSet
@@ -74,7 +74,7 @@ def _print(result: PrintSet) -> None:
     rows = [
         (
             row["file"],
-            lengths([round(side, 2) for side in row["size_mm"]]),
+            by(*(round(side, 2) for side in row["size_mm"])),
             "" if row["triangles"] is None else f"{row['triangles']:,}",
             "" if row["deviation_mm"] is None else f"{row['deviation_mm']:.2g}",
             f"{len(row['checks'])} passed",

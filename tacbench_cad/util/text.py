@@ -79,6 +79,11 @@ def report_rows(text: str) -> dict[str, str]:
     return {name: value.strip() for name, _, value in rows}
 
 
+def by(*values: float) -> str:
+    """Lengths for people, without their unit: ``45.6 x 52.3 x 7.47``."""
+    return " x ".join(f"{value:.6g}" for value in values)
+
+
 def mm(*values: float) -> str:
     """Lengths for people: ``45.6 x 52.3 x 7.47 mm``."""
-    return " x ".join(f"{value:.6g}" for value in values) + " mm"
+    return f"{by(*values)} mm"
