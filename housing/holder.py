@@ -28,7 +28,7 @@ from housing.layout import RELEASED, SCREW_HOLE_MM, Layout, PushOut, fitted
 from housing.placement import Placement, block_stem, turned_size_mm
 from housing.shapes import Bore, Rectangle, box, one_solid, prism, wrapped
 from tacbench_cad.spec.block import Block
-from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.text import decimal, mm, report
 from tacbench_cad.util.types import Floats
 
@@ -130,8 +130,7 @@ class Holder(Fixture):
         return cls(block=block, **own)
 
     def __post_init__(self) -> None:
-        if self.preset not in PRESETS:
-            raise InputError("holder preset", self.preset, nearest(str(self.preset), PRESETS))
+        one_of("holder preset", self.preset, PRESETS)
         require_nozzle(self.nozzle_mm)
         if self.quarter_turns not in (None, 0, 1, 2, 3):
             raise InputError("quarter turns", self.quarter_turns, "must be 0, 1, 2 or 3")

@@ -45,7 +45,7 @@ from housing.seat import AIR_MM, LIP_MM, ROOF_MM, Seat
 from housing.shapes import Bore, box, one_solid, prism, wrapped
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PER_SIDE, PressGrid
-from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.text import decimal, mm, report
 from tacbench_cad.util.types import Floats
 
@@ -114,8 +114,7 @@ class Jig(Fixture):
         return cls(holder=Holder.requested(block, options), **own)
 
     def __post_init__(self) -> None:
-        if self.marks not in _MARKERS:
-            raise InputError("jig", self.marks, nearest(str(self.marks), MARKS))
+        one_of("jig", self.marks, MARKS)
         require_nozzle(self.nozzle_mm)
         if self.fit is not None:
             clearance_mm(self.fit)

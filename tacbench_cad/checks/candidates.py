@@ -17,7 +17,7 @@ from tacbench_cad.spec.presets import PRESETS
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.textures import BlockTable, Texture, catalogue, read_texture
 from tacbench_cad.spec.textures import texture as find_texture
-from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.util.errors import InputError, one_of
 
 #: Sides that give the same scale within this share are a scaled preset's.
 SAME_SCALE = 2e-3
@@ -51,8 +51,8 @@ class Wanted:
     claim: str | None = None
 
     def __post_init__(self) -> None:
-        if self.preset is not None and self.preset not in PRESETS:
-            raise InputError("preset", self.preset, nearest(self.preset, PRESETS))
+        if self.preset is not None:
+            one_of("preset", self.preset, PRESETS)
         self.textures("paper")
 
     @property

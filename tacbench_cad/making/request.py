@@ -17,7 +17,7 @@ from tacbench_cad.making.plan import FIXTURE_MODULES, LeftOut, Plan, Source
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, SampleGrid, Tolerance
 from tacbench_cad.spec.textures import Texture
-from tacbench_cad.util.errors import InputError, MissingToolError, nearest
+from tacbench_cad.util.errors import InputError, MissingToolError, one_of
 from tacbench_cad.util.packages import require, why_missing
 
 #: What ``--parts`` may name.
@@ -125,8 +125,7 @@ def _chosen(option: str, given: Sequence[str], allowed: Iterable[str]) -> tuple[
     """The given words in the order of the allowed ones."""
     words = list(allowed)
     for word in given:
-        if word not in words:
-            raise InputError(option, word, nearest(word, words))
+        one_of(option, word, words)
     if not given:
         raise InputError(option, "", "allowed: " + ", ".join(words))
     return tuple(word for word in words if word in given)

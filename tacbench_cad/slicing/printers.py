@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 from tacbench_cad.util.convert import Length, Word, read_toml
-from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.util.errors import InputError, one_of
 
 #: The paper's printers.
 OWN_FILE = Path(__file__).with_name("printers.toml")
@@ -77,6 +77,4 @@ def printer_named(name: str, known: dict[str, Printer]) -> Printer:
     Raises:
         InputError: There is none of this name; the message has the nearest one.
     """
-    if name not in known:
-        raise InputError("printer", name, nearest(name, known))
-    return known[name]
+    return known[one_of("printer", name, known)]

@@ -20,7 +20,7 @@ from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, SampleGrid, Tolerance,
 from tacbench_cad.spec.textures import BlockTable, Texture
 from tacbench_cad.spec.textures import texture as find_texture
 from tacbench_cad.spec.waves import WaveSum
-from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.text import decimal, mm, report
 from tacbench_cad.util.types import Floats
 
@@ -104,8 +104,7 @@ class Block:
         Raises:
             InputError: A value is not allowed.
         """
-        if preset not in PRESETS:
-            raise InputError("preset", preset, nearest(preset, PRESETS))
+        one_of("preset", preset, PRESETS)
         surface = texture if isinstance(texture, Texture) else find_texture(texture, preset)
         values = VALUES[preset]
         start = with_table(values, table or BlockTable())
@@ -136,6 +135,7 @@ class Block:
         )
 
     def __post_init__(self) -> None:
+        one_of("preset", self.preset, PRESETS)
         if not (math.isfinite(self.scale) and 0.01 <= self.scale <= 100.0):
             raise InputError("scale", self.scale, "must be between 0.01 and 100")
         sides = (*self.nominal_size_mm, self.nominal_height_mm)

@@ -20,6 +20,8 @@ Axes = Literal["x", "y", "xy"]
 MAX_TERMS = 5_001
 #: The most waves of a texture file.
 MAX_WAVES = 1_000
+#: What the numbers of a wave may be. Beyond these phases the sine of a 64-bit number has few digits left.
+_BOUNDS = {"amplitude": Bounds(-1e6, 1e6), "f": Bounds(-1e4, 1e4), "g": Bounds(-1e4, 1e4), "phase": Bounds(-1e6, 1e6)}
 #: Names that a user's texture may not take, because other parts of a print set bear them.
 RESERVED = ("holder", "jig", "coupon", "preview", "manifest", "all")
 
@@ -35,7 +37,7 @@ class Texture:
         number: 1 to 6 for the paper's own, else None.
 
     Raises:
-        InputError: The name is not allowed or is taken, or the surface is flat.
+        InputError: The name is not allowed or is taken, the surface is flat, or a number of a wave is out of bounds.
     """
 
     name: str
@@ -56,6 +58,10 @@ class Texture:
             )
         if all(w.amplitude == 0.0 or (w.f, w.g) == (0.0, 0.0) for w in self.waves.waves):
             raise InputError("texture", self.name, "is flat; at least one wave needs an amplitude and a frequency")
+        for wave in self.waves.waves:
+            for name, bounds in _BOUNDS.items():
+                if refusal := bounds.refusal(value := getattr(wave, name)):
+                    raise InputError(f"texture {self.name} wave {name}", value, refusal)
         if not self.equation:
             object.__setattr__(self, "equation", str(self.waves))
 
@@ -217,10 +223,9 @@ def read_texture(path: Path) -> TextureFile:
     return TextureFile(texture=texture, block=document.block)
 
 
-_Amplitude = Annotated[float, Bounds(-1e6, 1e6)]
-_Frequency = Annotated[float, Bounds(-1e4, 1e4)]
-#: Beyond this the sine of a 64-bit number has few digits left.
-_Phase = Annotated[float, Bounds(-1e6, 1e6)]
+_Amplitude = Annotated[float, _BOUNDS["amplitude"]]
+_Frequency = Annotated[float, _BOUNDS["f"]]
+_Phase = Annotated[float, _BOUNDS["phase"]]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,10 +9,14 @@ from collections.abc import Mapping, Sequence
 
 
 def decimal(value: float) -> str:
-    """The shortest decimals that give the number back exactly, without an exponent: ``0.5``, ``1``, ``0.00001``."""
+    """The shortest decimals that give the number back, without an exponent: ``0.5``, ``1``, ``0.00001``.
+
+    The rounding of a product is left out: ``30.4`` for 30.400000000000002.
+    """
     import numpy as np  # here: a command that counts must not wait for it
 
-    return np.format_float_positional(value, trim="-")
+    exact, rounded = (np.format_float_positional(x, trim="-") for x in (value, float(f"{value:.12g}")))
+    return rounded if len(rounded) <= len(exact) - 8 else exact
 
 
 def short_name(name: str) -> str:

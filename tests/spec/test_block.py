@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -219,6 +220,20 @@ def test_only_the_published_grids_of_4_and_6_alias() -> None:
 )
 def test_names_say_what_is_not_default(options: dict[str, object], name: str) -> None:
     assert Block.of(**{"texture": 4, **options}).name == name  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("size", "text"), [(38.0 * 0.8, "30.4"), (23.3 * 1.1, "25.63")])
+def test_the_rounding_of_a_product_is_left_out_of_names(size: float, text: str) -> None:
+    block = Block.of(4, size_mm=(size, 40.0))
+    assert len(repr(size)) > 16
+    assert block.name == f"texture-4_paper_x1_{text}x40x7"
+    assert block_part(block).stem("mesh") == block.name
+
+
+def test_a_block_made_without_of_needs_a_known_preset_too() -> None:
+    block = Block.of(4)
+    with pytest.raises(InputError, match=r"preset = 'anything': allowed: paper, released"):
+        replace(block, preset="anything")
 
 
 @pytest.mark.parametrize(("value", "text"), [(1.0, "1"), (0.1, "0.1"), (1e-5, "0.00001"), (12.0, "12"), (2.50, "2.5")])

@@ -163,6 +163,16 @@ def test_a_flat_texture_is_refused() -> None:
         Texture(name="flat", equation="0", waves=WaveSum(()))
 
 
+@pytest.mark.parametrize(
+    ("wave", "field", "value"),
+    [((1e7, 1.0, 0.0), "amplitude", 1e7), ((1.0, 1e308, 0.0), "f", 1e308), ((1.0, 0.0, -2e4), "g", -2e4)],
+)
+def test_numbers_that_no_texture_has_are_refused(wave: tuple[float, float, float], field: str, value: float) -> None:
+    with pytest.raises(InputError, match=f"texture far wave {field} = .*must be from -1") as refusal:
+        Texture(name="far", waves=plane_waves(wave))
+    assert refusal.value.value == value
+
+
 def test_a_function_is_no_sum_of_waves() -> None:
     with pytest.raises(InputError, match=r"texture bumps waves = 'function': must be a sum of waves: plane_waves"):
         Texture(name="bumps", waves=lambda u, v: u * v)  # type: ignore[arg-type]
