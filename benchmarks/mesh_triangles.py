@@ -178,10 +178,10 @@ class Race:
         return self._fewest(pydelatin_peer(self.block, self.start, self.distance_mm), 200.0, np.nan)
 
     def _by_count(self, reduce: Callable[[float], Mesh]) -> Result:
-        share = len(self.start.triangles) / self.ours
+        share = len(self.start.faces) / self.ours
         mesh = reduce(share)
         # some stop short of the count that they are given
-        at_ours = self.ruler.distance(mesh) if len(mesh.triangles) <= 1.01 * self.ours else np.nan
+        at_ours = self.ruler.distance(mesh) if len(mesh.faces) <= 1.01 * self.ours else np.nan
         # where it is worse with our count it needs more: the search is between ours and the start
         return self._fewest(reduce, share if at_ours > self.distance_mm else 12.0 * share, at_ours)
 
@@ -194,10 +194,10 @@ class Race:
             mesh = reduce(middle)
             spent = max(spent, time.perf_counter() - begin)
             if self.ruler.distance(mesh, self.distance_mm) <= self.distance_mm:
-                best, low = min(best, len(mesh.triangles)), middle
+                best, low = min(best, len(mesh.faces)), middle
             else:
                 high = middle
-        return Result(best, spent, at_ours, len(self.start.triangles))
+        return Result(best, spent, at_ours, len(self.start.faces))
 
 
 def pymeshlab_peer(start: Mesh) -> Callable[[float], Mesh]:
@@ -205,9 +205,9 @@ def pymeshlab_peer(start: Mesh) -> Callable[[float], Mesh]:
 
     def reduce(factor: float) -> Mesh:
         work = pymeshlab.MeshSet()
-        work.add_mesh(pymeshlab.Mesh(start.vertices, start.triangles))
+        work.add_mesh(pymeshlab.Mesh(start.vertices, start.faces))
         work.meshing_decimation_quadric_edge_collapse(
-            targetfacenum=int(len(start.triangles) / factor),
+            targetfacenum=int(len(start.faces) / factor),
             preservenormal=True,
             preservetopology=True,
             optimalplacement=True,
@@ -224,9 +224,9 @@ def fast_simplification_peer(start: Mesh, aggression: float) -> Callable[[float]
     import fast_simplification  # type: ignore[import-untyped, unused-ignore]
 
     def reduce(factor: float) -> Mesh:
-        target = int(len(start.triangles) / factor)
+        target = int(len(start.faces) / factor)
         points, faces = fast_simplification.simplify(
-            start.vertices.astype(np.float32), start.triangles, target_count=target, agg=aggression
+            start.vertices.astype(np.float32), start.faces, target_count=target, agg=aggression
         )
         return Mesh(points.astype(np.float64), faces.astype(np.int32))
 
@@ -236,7 +236,7 @@ def fast_simplification_peer(start: Mesh, aggression: float) -> Callable[[float]
 def manifold_peer(start: Mesh, distance_mm: float) -> Callable[[float], Mesh]:
     import manifold3d
 
-    body = manifold3d.Manifold(manifold3d.Mesh(start.vertices.astype(np.float32), start.triangles.astype(np.uint32)))
+    body = manifold3d.Manifold(manifold3d.Mesh(start.vertices.astype(np.float32), start.faces.astype(np.uint32)))
 
     def reduce(factor: float) -> Mesh:
         found = body.simplify(distance_mm * factor / 100.0).to_mesh()
@@ -289,7 +289,7 @@ def main() -> None:
         spent = time.perf_counter() - start_time
         ruler = Ruler(block)
         distance = ruler.distance(mesh)
-        ours = len(mesh.triangles)
+        ours = len(mesh.faces)
         proved = f"{distance:.5f} mm measured, {certificate.distance_mm:.5f} proved"
         print(f"{number:8}{'ours':22}{ours:10}{1:8.2f}{spent:9.3f}   {proved}", flush=True)
         flat = not all(ruler.waves_along)

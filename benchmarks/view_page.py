@@ -56,7 +56,7 @@ def main() -> int:
         write_page(scene, page)
         written = time.perf_counter()
         size = page.stat().st_size
-        print(f"{len(scene.things)} parts, {sum(len(one.mesh.triangles) for one in scene.things):,} triangles")
+        print(f"{len(scene.things)} parts, {sum(len(one.mesh.faces) for one in scene.things):,} triangles")
         print(f"parts built in {built - start:.1f} s, page written in {written - built:.1f} s")
         print(f"page: {size / 1e6:.2f} MB (claim: below {MOST_BYTES / 1e6:g})")
         held = size < MOST_BYTES

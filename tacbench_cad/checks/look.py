@@ -78,7 +78,7 @@ def look_at_mesh(mesh: Mesh) -> Look:
     normals = np.abs(mesh.doubled_normals)
     length = np.linalg.norm(normals, axis=1)
     wall = normals[:, 2] <= relief.WALL_SHARE * length
-    height = (mesh.vertices[:, 2] - low[2])[mesh.triangles]
+    height = (mesh.vertices[:, 2] - low[2])[mesh.faces]
     bottom = ~wall & (height.max(axis=1) <= PLANE_MM)
     top = ~wall & (height.min(axis=1) >= size[2] - PLANE_MM)
     footprint = max(float(size[0] * size[1]), 1e-300)
@@ -98,9 +98,9 @@ def look_at_mesh(mesh: Mesh) -> Look:
         upside_down=upside_down,
         points=place(relief.points_on(mesh, rest)),
         is_block=covered and max(shares) >= UNDERSIDE_SHARE,
-        outline=place(mesh.vertices[np.unique(mesh.triangles[underside])])[:, :2],
+        outline=place(mesh.vertices[np.unique(mesh.faces[underside])])[:, :2],
         engraved=bool(pocket.any()),
-        off_sides_mm=_off_sides(place(mesh.vertices), mesh.triangles[wall], size),
+        off_sides_mm=_off_sides(place(mesh.vertices), mesh.faces[wall], size),
         is_solid=False,
     )
 

@@ -62,8 +62,8 @@ def edges(mesh: Mesh) -> Edges:
         mesh: The mesh.
     """
     count = np.int64(len(mesh.vertices))
-    tail = mesh.triangles.astype(np.int64).ravel()
-    head = np.roll(mesh.triangles, -1, axis=1).astype(np.int64).ravel()
+    tail = mesh.faces.astype(np.int64).ravel()
+    head = np.roll(mesh.faces, -1, axis=1).astype(np.int64).ravel()
     forward, backward = np.sort(tail * count + head), np.sort(head * count + tail)
     if np.array_equal(forward, backward) and not np.any(forward[1:] == forward[:-1]):
         return Edges()
@@ -113,12 +113,12 @@ def oriented(mesh: Mesh) -> Mesh | None:
     from scipy.sparse.csgraph import connected_components
 
     count = np.int64(len(mesh.vertices))
-    tail = mesh.triangles.astype(np.int64).ravel()
-    head = np.roll(mesh.triangles, -1, axis=1).astype(np.int64).ravel()
+    tail = mesh.faces.astype(np.int64).ravel()
+    head = np.roll(mesh.faces, -1, axis=1).astype(np.int64).ravel()
     order = np.argsort(np.minimum(tail, head) * count + np.maximum(tail, head), kind="stable")
     first, second = order[0::2], order[1::2]
     # Each triangle is there twice: as it is (i) and flipped (m + i). Neighbours are linked in the way that fits.
-    m = len(mesh.triangles)
+    m = len(mesh.faces)
     turned = np.where(tail[first] == tail[second], m, 0)
     a, b = first // 3, second // 3
     rows, columns = np.concatenate([a, a + m]), np.concatenate([b + turned, (b + m + turned) % (2 * m)])
@@ -126,7 +126,7 @@ def oriented(mesh: Mesh) -> Mesh | None:
     components, label = connected_components(links, directed=False)
     if components != 2:
         return None
-    triangles = np.where(label[:m, None] == 0, mesh.triangles, mesh.triangles[:, ::-1])
+    triangles = np.where(label[:m, None] == 0, mesh.faces, mesh.faces[:, ::-1])
     outwards = Mesh(mesh.vertices, triangles)
     return outwards if outwards.volume_mm3 >= 0.0 else Mesh(mesh.vertices, triangles[:, ::-1])
 
@@ -159,10 +159,10 @@ def bodies(mesh: Mesh) -> int:
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
-    tail, head = mesh.triangles.ravel(), np.roll(mesh.triangles, -1, axis=1).ravel()
+    tail, head = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
     links = coo_matrix((np.ones(len(tail), dtype=np.int8), (tail, head)), shape=(len(mesh.vertices),) * 2)
     _, label = connected_components(links, directed=False)
-    return len(np.unique(label[mesh.triangles[:, 0]]))
+    return len(np.unique(label[mesh.faces[:, 0]]))
 
 
 def edge_checks(found: Edges) -> list[Check]:
@@ -226,7 +226,7 @@ def full_checks(mesh: Mesh) -> list[Check]:
     with contextlib.ExitStack() as stack:
         meshes: Any = pymeshlab.MeshSet(verbose=False)
         stack.callback(meshes.clear)
-        meshes.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.triangles.astype(np.int32)))
+        meshes.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces.astype(np.int32)))
         shape: dict[str, Any] = meshes.get_topological_measures()
         meshes.compute_selection_by_self_intersections_per_face()
         cut = int(meshes.current_mesh().selected_face_number())
@@ -249,7 +249,7 @@ def foreign_full_checks(mesh: Mesh) -> list[Check]:
         mesh: As of :func:`full_checks`, and its errors are the same.
     """
     pairs, factor = overlapping_pairs(mesh), limits_factor()
-    seconds = factor * (MAX_SECONDS + MAX_SECONDS_PER_TRIANGLE * len(mesh.triangles))
+    seconds = factor * (MAX_SECONDS + MAX_SECONDS_PER_TRIANGLE * len(mesh.faces))
     reason = f"the boxes of about {pairs:.1g} pairs of triangles overlap"
     if pairs <= factor * MAX_PAIRS:
         try:

@@ -57,7 +57,7 @@ class Report:
             path=path,
             checks=tuple(checks),
             deviation_mm=deviation_mm,
-            triangles=len(mesh.triangles),
+            triangles=len(mesh.faces),
             volume_mm3=volume_mm3,
             size_mm=(x, y, z),
         )

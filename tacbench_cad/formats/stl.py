@@ -37,7 +37,7 @@ def write_stl(part: Part, path: Path) -> None:
     mesh, _ = part.mesh
     with path.open("wb") as stream:
         stream.write(_header(part.name))
-        stream.write(np.uint32(len(mesh.triangles)).astype("<u4").tobytes())
+        stream.write(np.uint32(len(mesh.faces)).astype("<u4").tobytes())
         stream.write(_facets(mesh).view(np.uint8).data)  # unlike tofile, it says why a disk takes no more
 
 
@@ -48,8 +48,8 @@ def _header(name: str) -> bytes:
 
 def _facets(mesh: Mesh) -> NDArray[np.void]:
     """The file's records, shape (m,). Normals come from float64 and have length one (zero for a facet without area)."""
-    facets = np.empty(len(mesh.triangles), dtype=_FACET)
-    corners = mesh.vertices[mesh.triangles.ravel()].reshape(-1, 9)
+    facets = np.empty(len(mesh.faces), dtype=_FACET)
+    corners = mesh.vertices[mesh.faces.ravel()].reshape(-1, 9)
     facets["corners"] = corners
     ax, ay, az = (corners[:, 3 + i] - corners[:, i] for i in range(3))
     bx, by, bz = (corners[:, 6 + i] - corners[:, i] for i in range(3))

@@ -169,7 +169,7 @@ def _write(
 def _set_geometry(wrapper: Any, module: Any, thing: Any, mesh: Mesh) -> None:
     """Hand over whole arrays: the wrapper's own method converts vertex by vertex in Python."""
     vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float32)
-    triangles = np.ascontiguousarray(mesh.triangles, dtype=np.uint32)
+    triangles = np.ascontiguousarray(mesh.faces, dtype=np.uint32)
     wrapper.checkError(
         thing,
         wrapper.lib.lib3mf_meshobject_setgeometry(
@@ -304,7 +304,7 @@ def _placed(path: Path, wrapper: Any, module: Any, model: Any) -> list[tuple[str
             points = (points @ fields[:3] + fields[3]).astype(np.float32).astype(np.float64)
         require_finite(path, points)
         parts.append((thing.GetName(), Mesh(points if factor == 1.0 else points * factor, indices)))
-    if not parts or not all(len(mesh.triangles) for _, mesh in parts):
+    if not parts or not all(len(mesh.faces) for _, mesh in parts):
         raise CheckFailedError(f"{path}: the 3MF has no triangles in its build, or none in one of its objects")
     return parts
 

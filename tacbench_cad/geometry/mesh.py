@@ -21,17 +21,17 @@ class Mesh:
     Args:
         vertices: Shape (n, 3). Every coordinate is a float32 value held as float64, so that what is checked in memory
             is what an STL file holds.
-        triangles: Vertex indices, shape (m, 3), counter-clockwise seen from outside.
+        faces: Vertex indices of each triangle, shape (m, 3), counter-clockwise seen from outside.
     """
 
     vertices: Floats
-    triangles: Indices
+    faces: Indices
 
     @classmethod
     def joined(cls, meshes: Sequence[Mesh]) -> Mesh:
         """Some meshes as one, the vertices and the triangles of each after those of the one before."""
         ends = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])[:-1].tolist()
-        triangles = [mesh.triangles + np.int32(end) for mesh, end in zip(meshes, ends, strict=True)]
+        triangles = [mesh.faces + np.int32(end) for mesh, end in zip(meshes, ends, strict=True)]
         return cls(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(triangles))
 
     def transformed(self, matrix: Floats) -> Mesh:
@@ -40,12 +40,12 @@ class Mesh:
         Args:
             matrix: Homogeneous, shape (4, 4), in mm.
         """
-        return Mesh(self.vertices @ matrix[:3, :3].T + matrix[:3, 3], self.triangles)
+        return Mesh(self.vertices @ matrix[:3, :3].T + matrix[:3, 3], self.faces)
 
     @property
     def triangle_points(self) -> Floats:
         """Corner coordinates of every triangle, shape (m, 3, 3)."""
-        return self.vertices[self.triangles]
+        return self.vertices[self.faces]
 
     @property
     def doubled_normals(self) -> Floats:
@@ -69,7 +69,7 @@ class Mesh:
         """The mesh as a body of manifold3d. Only for finite coordinates: it hangs on infinite ones."""
         import manifold3d
 
-        triangles = np.ascontiguousarray(self.triangles, dtype=np.uint32)
+        triangles = np.ascontiguousarray(self.faces, dtype=np.uint32)
         return manifold3d.Manifold(manifold3d.Mesh(self.vertices.astype(np.float32), triangles))
 
 

@@ -66,7 +66,7 @@ def points_on(mesh: Mesh, which: Bools, points: int = POINTS) -> Floats:
     Returns:
         Points, shape (k, 3).
     """
-    triangles = mesh.triangles[which]
+    triangles = mesh.faces[which]
     wanted = points / max(len(triangles), 1)
     steps = int(np.clip(2 * round(np.sqrt(2.0 * wanted) / 2.0), 2, MAX_STEPS))
     first, second = np.meshgrid(np.arange(steps + 1), np.arange(steps + 1), indexing="ij")

@@ -52,7 +52,7 @@ def tessellate(shape: TopoDS_Shape, deflection_mm: float = DEFLECTION_MM) -> Mes
     nodes, triangles = triangulate(shape, deflection_mm, ANGLE_RAD)
     vertices, triangles = _weld(nodes, triangles)
     _require_closed(vertices, triangles)
-    return Mesh(vertices=vertices, triangles=triangles)
+    return Mesh(vertices=vertices, faces=triangles)
 
 
 @dataclass(frozen=True, eq=False)

@@ -191,7 +191,7 @@ class _Making:
     def _share_light(self) -> dict[Source, Future[Any]]:
         """Offer large meshes to the children as well: they take from the end what this process has not begun."""
         light = [source for source in self._wanted.sources if source.own_formats and not source.foreign]
-        triangles = sum(len(source.part.mesh[0].triangles) * len(source.own_formats) for source in light)
+        triangles = sum(len(source.part.mesh[0].faces) * len(source.own_formats) for source in light)
         if triangles < SHARED_FROM or len(light) < 2:
             return {}
         return {source: self._submit([source], _own_formats) for source in reversed(light)}

@@ -96,7 +96,7 @@ def assembly_picture(assembly: Any, path: Path, apart_mm: float = 0.0) -> None:
         lift = np.eye(4)
         lift[2, 3] = apart_mm * kinds.index(part.kind)
         meshes.append(mesh.transformed(lift @ matrix))
-        colours.append(np.tile(np.array(rgb_of(part.kind)) ** 2.2, (len(mesh.triangles), 1)))
+        colours.append(np.tile(np.array(rgb_of(part.kind)) ** 2.2, (len(mesh.faces), 1)))
     whole = Mesh.joined(meshes)
 
     def draw(width: int, height: int) -> Bytes:

@@ -77,7 +77,7 @@ def render(mesh: Mesh, width: int, height: int, camera: Camera = ABOVE, material
     pixels_per_mm = min((w - 4.0) / max(high[0] - low[0], 1e-9), (h - 4.0) / max(high[1] - low[1], 1e-9))
     centre = (low + high) / 2.0
     points = (seen - centre) * pixels_per_mm * np.array([1.0, -1.0, 1.0]) + np.array([w / 2.0, h / 2.0, 0.0])
-    depth, owner = _raster(points, mesh.triangles, w, h)
+    depth, owner = _raster(points, mesh.faces, w, h)
     light, cover = _light(depth, owner, mesh, axes), _averaged((owner >= 0).astype(np.float64))
     if materials is None:
         image = _averaged(light)[:, :, None] * np.array(_MATERIAL)
@@ -151,10 +151,10 @@ def _light(depth: Floats, owner: Ints, mesh: Mesh, axes: Floats) -> Floats:
     from scipy.ndimage import uniform_filter
 
     solid = owner >= 0
-    seen = np.zeros(len(mesh.triangles), dtype=bool)
+    seen = np.zeros(len(mesh.faces), dtype=bool)
     seen[owner[solid]] = True
     visible, inverse = np.flatnonzero(seen), (np.cumsum(seen) - 1)[owner[solid]]
-    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles[visible]], 1, 0)
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces[visible]], 1, 0)
     normals = cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     lamp = np.array([-0.55, 0.65, 0.55]) @ axes

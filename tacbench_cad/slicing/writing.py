@@ -124,9 +124,9 @@ def _require_as_meant(placed: Sequence[tuple[Part, tuple[float, float]]], path: 
     """Read the file back: every part's vertices lie where they belong, and all triangles are there."""
     mesh, _ = threemf.read_3mf(path)
     expected = [np.add(part.mesh[0].vertices, (*place, 0.0)) for part, place in placed]
-    triangles = sum(len(part.mesh[0].triangles) for part, _ in placed)
+    triangles = sum(len(part.mesh[0].faces) for part, _ in placed)
     vertices = np.concatenate(expected)
-    if mesh.vertices.shape != vertices.shape or len(mesh.triangles) != triangles:
+    if mesh.vertices.shape != vertices.shape or len(mesh.faces) != triangles:
         raise CheckFailedError(f"{path.name}: the plate came back with other triangles than it was written with")
     if float(np.abs(mesh.vertices - vertices).max()) > _PLACE_MM:
         raise CheckFailedError(f"{path.name}: a block came back at another place than it was put")

@@ -103,14 +103,14 @@ def test_upside_down_is_named(quarters: int, tmp_path: Path) -> None:
 
 def test_mirrored_is_named(tmp_path: Path) -> None:
     mesh = changed(_part(3).mesh[0], lambda vertices: vertices * [-1.0, 1.0, 1.0])
-    mesh = Mesh(mesh.vertices, np.ascontiguousarray(mesh.triangles[:, ::-1]))
+    mesh = Mesh(mesh.vertices, np.ascontiguousarray(mesh.faces[:, ::-1]))
     report = examine(_anonymous(mesh, tmp_path / "a.stl"), full=False)
     assert _faults(report) == {"placement"}
     assert "mirrored" in _line(report, "placement").detail
 
 
 def _flip(mesh: Mesh) -> Mesh:
-    triangles = mesh.triangles.copy()
+    triangles = mesh.faces.copy()
     triangles[11] = triangles[11][::-1]
     return Mesh(mesh.vertices, triangles)
 
@@ -143,9 +143,9 @@ def _dent_wall(mesh: Mesh) -> Mesh:
 @pytest.mark.parametrize(
     ("fault", "name", "words"),
     [
-        (lambda mesh: Mesh(mesh.vertices, mesh.triangles[1:]), "closed", "3 open edges"),
+        (lambda mesh: Mesh(mesh.vertices, mesh.faces[1:]), "closed", "3 open edges"),
         (_flip, "winding", "inconsistent winding along 3 edges"),
-        (lambda mesh: Mesh(mesh.vertices, mesh.triangles[:, ::-1].copy()), "volume", "inside out"),
+        (lambda mesh: Mesh(mesh.vertices, mesh.faces[:, ::-1].copy()), "volume", "inside out"),
         (_raise_vertex, "relief", "wrong relief"),
         (_thicker, "size", "z by +0.3 mm"),
         (_thicker, "relief", "stands 0.3 mm too high"),

@@ -72,35 +72,35 @@ def test_our_own_files_pass(block: Block, form: str, tmp_path: Path) -> None:
     assert certificate is not None
     assert report.deviation_mm is not None
     assert 0.2 * certificate.distance_mm < report.deviation_mm <= certificate.distance_mm + 1e-5
-    assert report.triangles == len(part.mesh[0].triangles)
+    assert report.triangles == len(part.mesh[0].faces)
     np.testing.assert_allclose(report.size_mm, part.size_mm, rtol=1e-6)
 
 
 def _drop_triangle(mesh: Mesh) -> Mesh:
-    return Mesh(mesh.vertices, mesh.triangles[1:])
+    return Mesh(mesh.vertices, mesh.faces[1:])
 
 
 def _flip_triangle(mesh: Mesh) -> Mesh:
-    triangles = mesh.triangles.copy()
+    triangles = mesh.faces.copy()
     triangles[7] = triangles[7][::-1]
     return Mesh(mesh.vertices, triangles)
 
 
 def _inside_out(mesh: Mesh) -> Mesh:
-    return Mesh(mesh.vertices, np.ascontiguousarray(mesh.triangles[:, ::-1]))
+    return Mesh(mesh.vertices, np.ascontiguousarray(mesh.faces[:, ::-1]))
 
 
 def _repeat_triangle(mesh: Mesh) -> Mesh:
-    return Mesh(mesh.vertices, np.vstack([mesh.triangles, mesh.triangles[:1]]))
+    return Mesh(mesh.vertices, np.vstack([mesh.faces, mesh.faces[:1]]))
 
 
 def _flat_triangle(mesh: Mesh) -> Mesh:
     """One edge gets a triangle of no area on each side: still closed and wound."""
-    a, b, c = mesh.triangles[0].tolist()
+    a, b, c = mesh.faces[0].tolist()
     middle = ((mesh.vertices[a] + mesh.vertices[b]) / 2.0).astype(np.float32).astype(np.float64)
     n = len(mesh.vertices)
     extra = [[a, n, c], [n, b, c], [a, b, n]]
-    return Mesh(np.vstack([mesh.vertices, middle]), np.vstack([mesh.triangles[1:], np.array(extra, np.int32)]))
+    return Mesh(np.vstack([mesh.vertices, middle]), np.vstack([mesh.faces[1:], np.array(extra, np.int32)]))
 
 
 def _move_top_vertex(mesh: Mesh) -> Mesh:

@@ -75,7 +75,7 @@ def test_binary_that_begins_with_solid_is_read_as_binary(tmp_path: Path) -> None
     write_stl(mesh_part(box_mesh()), tmp_path / "a.stl")
     data = (tmp_path / "a.stl").read_bytes()
     (tmp_path / "a.stl").write_bytes(b"solid thing".ljust(80, b" ") + data[80:])
-    assert len(read_stl(tmp_path / "a.stl").triangles) == 12
+    assert len(read_stl(tmp_path / "a.stl").faces) == 12
 
 
 def test_weld_joins_equal_corners_only() -> None:

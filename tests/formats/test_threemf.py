@@ -26,7 +26,7 @@ def test_round_trip_is_exact_and_strict(number: int, tmp_path: Path) -> None:
     write_3mf(part, tmp_path / "a.3mf")
     mesh, _ = read_3mf(tmp_path / "a.3mf")
     np.testing.assert_array_equal(mesh.vertices, part.mesh[0].vertices)
-    np.testing.assert_array_equal(mesh.triangles, part.mesh[0].triangles)
+    np.testing.assert_array_equal(mesh.faces, part.mesh[0].faces)
 
 
 def test_every_float32_comes_back(tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def test_within_a_tolerance(number: int, preset: str, scale: float) -> None:
     tolerance = 0.05 * scale if number in (4, 6) else 0.01
     block = Block.of(number, preset, scale=scale, sampling=Tolerance(mm=tolerance))
     mesh = closed_to_the_height(block)
-    distance, _ = deviations(block, mesh, 64 if len(mesh.triangles) < 3000 else 6)
+    distance, _ = deviations(block, mesh, 64 if len(mesh.faces) < 3000 else 6)
     assert 0.9 * tolerance < distance <= tolerance
 
 
@@ -74,7 +74,7 @@ def test_on_the_sample_grid(number: int, preset: str, scale: float) -> None:
     mesh, certificate = closed_to_the_height(block), mesh_block(block)[1]
     assert isinstance(block.sampling, SampleGrid)
     nx, ny = block.sampling.nx, block.sampling.ny
-    assert len(mesh.triangles) == 2 * (nx - 1) * (ny - 1) + 2 * (nx + ny) + 2
+    assert len(mesh.faces) == 2 * (nx - 1) * (ny - 1) + 2 * (nx + ny) + 2
     x, y = block.samples_mm
     z = block.height_at(x[:, None], y[None, :])
     places = np.stack(np.broadcast_arrays(x[:, None], y[None, :], z), axis=-1).reshape(-1, 3).astype(np.float32)
@@ -97,7 +97,7 @@ def test_texture_2_takes_few_triangles(tolerance: float) -> None:
     mesh, _ = mesh_block(Block.of(2, sampling=Tolerance(mm=tolerance)))
     # for a sine of amplitude 1 under a tube of half width tolerance / 2, integral of sqrt(|p''| / 16 w) is about
     links = 0.25 / np.sqrt(tolerance / 2.0) * 1.2 * 20.0
-    assert len(mesh.triangles) < 2.0 * (links + 8.0) ** 2
+    assert len(mesh.faces) < 2.0 * (links + 8.0) ** 2
 
 
 def test_a_flat_axis_takes_two_lines() -> None:

@@ -31,9 +31,9 @@ def test_closed_and_welded() -> None:
     assert solid.status().name == "NoError"
     assert solid.genus() == 1
     assert len(np.unique(mesh.vertices, axis=0)) == len(mesh.vertices)
-    assert len(np.unique(mesh.triangles)) == len(mesh.vertices)
+    assert len(np.unique(mesh.faces)) == len(mesh.vertices)
     # Euler's formula for a closed surface with one handle.
-    assert len(mesh.vertices) - len(mesh.triangles) / 2 == 0
+    assert len(mesh.vertices) - len(mesh.faces) / 2 == 0
 
 
 @pytest.mark.parametrize("deflection", [0.1, 0.01, 0.001])
@@ -64,7 +64,7 @@ def test_same_bytes_every_time_and_after_another_mesh() -> None:
     other = tessellate(bored_plate(), 0.01)
     for mesh in (again, other):
         assert mesh.vertices.tobytes() == first.vertices.tobytes()
-        assert mesh.triangles.tobytes() == first.triangles.tobytes()
+        assert mesh.faces.tobytes() == first.faces.tobytes()
 
 
 def test_same_bytes_in_another_process() -> None:
@@ -72,13 +72,13 @@ def test_same_bytes_in_another_process() -> None:
         "import hashlib\nfrom housing.holder import Holder\nfrom housing.jig import Jig\n"
         "from tacbench_cad.spec.block import Block\n"
         "mesh, _ = Jig(holder=Holder(block=Block.of(1))).part().mesh\n"
-        "print(hashlib.sha256(mesh.vertices.tobytes() + mesh.triangles.tobytes()).hexdigest())\n"
+        "print(hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest())\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     import hashlib
 
     mesh, _ = Jig(holder=Holder(block=Block.of(1))).part().mesh
-    assert done.stdout.strip() == hashlib.sha256(mesh.vertices.tobytes() + mesh.triangles.tobytes()).hexdigest()
+    assert done.stdout.strip() == hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()
 
 
 def test_fixtures_have_no_self_intersection() -> None:
@@ -86,7 +86,7 @@ def test_fixtures_have_no_self_intersection() -> None:
     for part in (Holder(block=Block.of(1, key_mm=3.0)).part(), Jig(holder=Holder(block=Block.of(1))).part()):
         mesh, _ = part.mesh
         meshes = pymeshlab.MeshSet()
-        meshes.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.triangles))
+        meshes.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))
         meshes.compute_selection_by_self_intersections_per_face()
         assert meshes.current_mesh().selected_face_number() == 0
         topology = meshes.get_topological_measures()

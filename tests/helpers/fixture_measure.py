@@ -16,7 +16,7 @@ STEEPEST_OVERHANG = -np.cos(np.radians(45.0)) - 0.02
 
 def manifold(mesh: Mesh) -> manifold3d.Manifold:
     """The mesh in manifold3d."""
-    return manifold3d.Manifold(manifold3d.Mesh(mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32)))
+    return manifold3d.Manifold(manifold3d.Mesh(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32)))
 
 
 def outline_of(block: Block) -> Floats:

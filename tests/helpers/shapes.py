@@ -75,4 +75,4 @@ def published(number: int, flipped_walls: bool = True) -> Floats:
 def changed(mesh: Mesh, change: Callable[[Floats], Floats]) -> Mesh:
     """The mesh with its vertices moved, rounded to float32."""
     vertices = change(mesh.vertices.copy()).astype(np.float32).astype(np.float64)
-    return Mesh(vertices, mesh.triangles)
+    return Mesh(vertices, mesh.faces)

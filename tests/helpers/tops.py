@@ -19,9 +19,9 @@ def faults(mesh: Mesh) -> list[str]:
         found.append("a coordinate is no float32 value")
     if len(np.unique(mesh.vertices, axis=0)) != len(mesh.vertices):
         found.append("two vertices at one place")
-    if not np.array_equal(np.unique(mesh.triangles), np.arange(len(mesh.vertices))):
+    if not np.array_equal(np.unique(mesh.faces), np.arange(len(mesh.vertices))):
         found.append("a vertex is not used")
-    a, b, c = mesh.triangles.astype(np.int64).T
+    a, b, c = mesh.faces.astype(np.int64).T
     count = len(mesh.vertices)
     edges = np.concatenate([a * count + b, b * count + c, c * count + a])
     backward = np.concatenate([b * count + a, c * count + b, a * count + c])
@@ -31,7 +31,7 @@ def faults(mesh: Mesh) -> list[str]:
         found.append("an edge is open or wound inconsistently")
     if not np.all(areas(mesh) > 0.0):
         found.append("a triangle without area")
-    body = manifold3d.Manifold(manifold3d.Mesh(mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32)))
+    body = manifold3d.Manifold(manifold3d.Mesh(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32)))
     if body.status() != manifold3d.Error.NoError:
         found.append(f"manifold3d: {body.status()}")
     elif body.genus() != 0 or not np.isclose(body.volume(), mesh.volume_mm3, rtol=1e-9) or body.volume() <= 0.0:

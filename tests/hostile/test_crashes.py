@@ -121,7 +121,7 @@ def test_the_volume_of_a_file_with_inconsistent_winding_is_that_of_the_surface(t
     sound = examine(write_soup(tmp_path / "sound.stl", mesh.triangle_points), full=False)
     low = mesh.bounds_mm[0]
     walls = (mesh.triangle_points[:, :, 0] == low[0]).all(axis=1)
-    flipped = np.where(walls[:, None], mesh.triangles[:, ::-1], mesh.triangles)
+    flipped = np.where(walls[:, None], mesh.faces[:, ::-1], mesh.faces)
     report = examine(write_soup(tmp_path / "walls.stl", mesh.vertices[flipped]), full=False)
     assert {check.name for check in report.faults} - {check.name for check in sound.faults} == {"winding"}
     assert report.volume_mm3 == pytest.approx(sound.volume_mm3, rel=1e-9)
@@ -132,7 +132,7 @@ def test_a_mesh_is_oriented_whichever_triangles_are_flipped() -> None:
     box = box_mesh((2.0, 3.0, 4.0))
     for seed in range(20):
         flip = np.random.default_rng(seed).random(12) < 0.5
-        mesh = oriented(Mesh(box.vertices, np.where(flip[:, None], box.triangles[:, ::-1], box.triangles)))
+        mesh = oriented(Mesh(box.vertices, np.where(flip[:, None], box.faces[:, ::-1], box.faces)))
         assert mesh is not None and mesh.volume_mm3 == pytest.approx(24.0)
     two = Mesh.joined([box, box_mesh(at=(10.0, 0.0, 0.0))])
     assert oriented(two) is None

@@ -124,9 +124,7 @@ def test_printed_and_seated_are_the_same_part() -> None:
     turned = jig.to_print(seated.vertices)
     order, other = np.lexsort(turned.round(3).T), np.lexsort(printed.vertices.round(3).T)
     assert turned[order] == pytest.approx(printed.vertices[other], abs=2e-5)
-    assert Mesh(turned, seated.triangles).transformed(jig.from_print).vertices == pytest.approx(
-        seated.vertices, abs=1e-9
-    )
+    assert Mesh(turned, seated.faces).transformed(jig.from_print).vertices == pytest.approx(seated.vertices, abs=1e-9)
 
 
 def test_a_real_block_of_the_formula_fits() -> None:

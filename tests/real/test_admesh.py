@@ -38,7 +38,7 @@ def test_finds_nothing_to_fix(admesh: Run, written: Written, name: str) -> None:
     rows = dict(re.findall(r"([A-Z][A-Za-z0-9 ]*?) +: +([\d.]+(?: +[\d.]+)?)", output))
     counts = {name: int(rows[name].split()[0]) for name in REPAIRS}
     assert counts == dict.fromkeys(REPAIRS, 0)
-    assert rows["Number of facets"].split() == [str(len(mesh.triangles))] * 2
+    assert rows["Number of facets"].split() == [str(len(mesh.faces))] * 2
     assert rows["Number of parts"].split()[0] == "1"
     slack = body.volume_slack_mm3 + 2e-5 * body.volume_mm3
     assert float(rows["Volume"]) == pytest.approx(body.volume_mm3, abs=slack)

@@ -222,7 +222,7 @@ def test_the_browser_has_the_meshes_bit_by_bit(wide: tuple[Scene, Opened]) -> No
         "(id) => { const json = tacbench.K3D.getWorld().ObjectsListJson[id]; return [Array.from(%s.data), %s.shape]; }"
     )
     for thing, number in zip(scene.things, one.page.evaluate("tacbench.things.map((one) => one.id)"), strict=True):
-        for name, table in (("vertices", thing.mesh.vertices), ("indices", thing.mesh.triangles)):
+        for name, table in (("vertices", thing.mesh.vertices), ("indices", thing.mesh.faces)):
             numbers, shape = one.page.evaluate(tables.replace("%s", f"json.{name}"), number)
             assert np.array_equal(np.reshape(numbers, shape), table), name
 

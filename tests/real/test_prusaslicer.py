@@ -33,7 +33,7 @@ def test_reads_it_as_manifold(prusa_slicer: Run, written: Written, name: str, fo
     output = prusa_slicer(["--info", written(name, form)])
     info = _info(output)
     assert info["manifold"].strip() == "yes"
-    assert int(info["number_of_facets"]) == len(mesh.triangles) > 0
+    assert int(info["number_of_facets"]) == len(mesh.faces) > 0
     assert int(info["number_of_parts"]) == 1
     for axis, side in zip("xyz", part.size_mm, strict=True):
         assert float(info[f"size_{axis}"]) == pytest.approx(side, abs=2e-5)

@@ -22,7 +22,7 @@ def test_is_a_closed_manifold(written: Written, name: str) -> None:
     mesh, _ = part.mesh
     meshes = pymeshlab.MeshSet()
     meshes.load_new_mesh(str(written(name, "stl")))
-    assert meshes.current_mesh().face_number() == len(mesh.triangles)
+    assert meshes.current_mesh().face_number() == len(mesh.faces)
     meshes.meshing_remove_duplicate_vertices()
     assert meshes.current_mesh().vertex_number() == len(mesh.vertices)
     measures = meshes.get_topological_measures()

@@ -76,7 +76,7 @@ def test_nearer_parts_hide_farther_ones() -> None:
     def scene(y: float, order: int) -> Bytes:
         moved = small.vertices + np.array([8.0, y, 8.0])
         vertices = np.concatenate([large.vertices, moved])
-        triangles = np.concatenate([large.triangles, small.triangles + 8])[::order]
+        triangles = np.concatenate([large.faces, small.faces + 8])[::order]
         return render(Mesh(vertices, np.ascontiguousarray(triangles)), 200, 200, front)
 
     alone = render(large, 200, 200, front)

@@ -158,15 +158,15 @@ def test_a_mesh_comes_back_from_its_differences() -> None:
     mesh = seen("6").things[0].mesh
     packed = np.frombuffer(page._differences(mesh), dtype=np.uint8).reshape(4, -1)
     steps = np.ascontiguousarray(packed.T).view("<i4").ravel()
-    n, m = len(mesh.vertices), len(mesh.triangles)
+    n, m = len(mesh.vertices), len(mesh.faces)
     vertices = np.cumsum(steps[: 3 * n].reshape(3, n), axis=1, dtype=np.int32).view(np.float32).T
     triangles = np.cumsum(steps[3 * n :].reshape(3, m), axis=1, dtype=np.int32).T
-    assert np.array_equal(vertices, mesh.vertices) and np.array_equal(triangles, mesh.triangles)
+    assert np.array_equal(vertices, mesh.vertices) and np.array_equal(triangles, mesh.faces)
 
 
 def test_even_fine_meshes_make_a_small_page() -> None:
     shown = seen("4", options=Request(sampling=Tolerance(mm=0.003)))
-    assert len(shown.things[0].mesh.triangles) > 200_000
+    assert len(shown.things[0].mesh.faces) > 200_000
     assert len(page.page_of(shown)) < 2_500_000
 
 

@@ -43,7 +43,7 @@ def test_a_ceiling_is_as_wide_as_the_circle_in_it() -> None:
     count = len(foot.vertices)
     joined = Mesh(
         np.concatenate([one.vertices for one in meshes]),
-        np.concatenate([one.triangles + i * count for i, one in enumerate(meshes)]),
+        np.concatenate([one.faces + i * count for i, one in enumerate(meshes)]),
     )
     found = overhangs(joined)
     assert found.ceiling_mm2 == pytest.approx(720.0)

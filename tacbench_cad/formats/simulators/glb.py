@@ -25,7 +25,7 @@ def write_glb(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     file = f"{asset.name}.glb"
     x, y, z = (asset.mesh.vertices / 1e3).T
     points = np.column_stack([x, z, -y]).astype("<f4")
-    indices = asset.mesh.triangles.astype("<u4").ravel()
+    indices = asset.mesh.faces.astype("<u4").ravel()
     binary = points.tobytes() + indices.tobytes()
     document = {
         "asset": {"version": "2.0", "generator": f"tacbench-cad {__version__}"},
@@ -67,7 +67,7 @@ def write_glb(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     chunks = struct.pack("<I4s", len(header), b"JSON") + header + struct.pack("<I4s", len(binary), b"BIN\0") + binary
     (folder / file).write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
     note = f"""\
-- `{file}`: one mesh, {len(asset.mesh.triangles):,} triangles, without normals, so that viewers shade the facets flat.
+- `{file}`: one mesh, {len(asset.mesh.faces):,} triangles, without normals, so that viewers shade the facets flat.
 - Units and axes: metres, y up, as glTF lays down: the block frame's (x, y, z) is (x, z, -y) here.
 - {mesh_error(asset)}
 - Contact: glTF says nothing of it. Tell your engine to collide the triangles; most begin with the convex hull, which

@@ -16,7 +16,7 @@ def write_obj(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     """
     file = write_mesh(asset, folder)
     note = f"""\
-- `{file}`: the closed mesh that is printed, {len(asset.mesh.triangles):,} triangles, wound outwards, without normals.
+- `{file}`: the closed mesh that is printed, {len(asset.mesh.faces):,} triangles, wound outwards, without normals.
 - Units and axes: millimetres, z up (an OBJ names no unit: give your reader the scale 0.001 for metres).
 - {mesh_error(asset)}
 - Contact: most engines collide a mesh as its convex hull unless told otherwise, and lose the relief in silence.
@@ -33,7 +33,7 @@ def write_mesh(asset: SimulatorAsset, folder: Path) -> str:
     with (folder / file).open("w", encoding="ascii", newline="\n") as stream:
         stream.write(f"# {asset.block.name}: millimetres, z up\no {asset.name}\n")
         stream.write("".join(f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in mesh.vertices.tolist()))
-        stream.write("".join(f"f {a} {b} {c}\n" for a, b, c in (mesh.triangles + 1).tolist()))
+        stream.write("".join(f"f {a} {b} {c}\n" for a, b, c in (mesh.faces + 1).tolist()))
     return file
 
 
@@ -50,7 +50,7 @@ def write_with_mesh(asset: SimulatorAsset, folder: Path, suffix: str, model: str
     mesh, file = write_mesh(asset, folder), f"{asset.name}{suffix}"
     (folder / file).write_text(model, encoding="utf-8")
     about = f"""\
-- `{file}` with `{mesh}` ({len(asset.mesh.triangles):,} triangles), which has to lie beside it.
+- `{file}` with `{mesh}` ({len(asset.mesh.faces):,} triangles), which has to lie beside it.
 - Units and axes: metres, z up, block frame (the OBJ's millimetres are scaled by 0.001). """
     return TargetFiles(files=(file, mesh), note=about + note)
 

@@ -45,8 +45,8 @@ def Xform "{prim}" (
         uniform bool doubleSided = 0
         float3[] extent = [({low}), ({high})]
         color3f[] primvars:displayColor = [(0.26, 0.34, 0.45)]
-        int[] faceVertexCounts = [{", ".join(["3"] * len(mesh.triangles))}]
-        int[] faceVertexIndices = [{", ".join(map(str, mesh.triangles.ravel().tolist()))}]
+        int[] faceVertexCounts = [{", ".join(["3"] * len(mesh.faces))}]
+        int[] faceVertexIndices = [{", ".join(map(str, mesh.faces.ravel().tolist()))}]
         point3f[] points = [{points}]
     }}
 
@@ -62,7 +62,7 @@ def Xform "{prim}" (
 """
     (folder / file).write_text(text, encoding="utf-8")
     note = f"""\
-- `{file}`: one mesh, {len(asset.mesh.triangles):,} triangles, as text; reference it by its default prim.
+- `{file}`: one mesh, {len(asset.mesh.faces):,} triangles, as text; reference it by its default prim.
 - Units and axes: metres (`metersPerUnit = 1`), z up (`upAxis = "Z"`), block frame. No rigid body: it stands still.
 - {mesh_error(asset)}
 - `subdivisionScheme = "none"`: else a viewer smooths the relief away. Collision with the triangles themselves

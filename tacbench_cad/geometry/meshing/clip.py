@@ -19,12 +19,12 @@ class Sheet:
 
     Args:
         vertices: Shape (n, 3), float32 values in mm.
-        triangles: Counter-clockwise seen from above, shape (m, 3).
+        faces: Vertex indices of each triangle, counter-clockwise seen from above, shape (m, 3).
         sides: The outline counter-clockwise, one run of vertices for each straight side, corners in both runs.
     """
 
     vertices: Floats
-    triangles: Indices
+    faces: Indices
     sides: tuple[Indices, ...]
 
 

@@ -25,7 +25,7 @@ def close(sheet: Sheet, engraving: Engraving | None) -> Mesh:
     count = len(sheet.vertices)
     corners = sheet.vertices[[side[0] for side in sheet.sides]]
     corners[:, 2] = 0.0
-    faces = [sheet.triangles]
+    faces = [sheet.faces]
     for k, side in enumerate(sheet.sides):
         start, end = count + k, count + (k + 1) % len(sheet.sides)
         faces.append(_wall(sheet.vertices, side, start, end))

@@ -112,7 +112,7 @@ def _differences(mesh: Mesh) -> bytes:
     thirtieth of what the plain tables take once compressed.
     """
     bits = mesh.vertices.astype("<f4").view("<i4")
-    columns = [*bits.T, *mesh.triangles.astype("<i4").T]
+    columns = [*bits.T, *mesh.faces.astype("<i4").T]
     steps = np.concatenate([np.diff(column, prepend=np.zeros(1, "<i4")) for column in columns]).astype("<i4")
     return steps.view(np.uint8).reshape(-1, 4).T.tobytes()
 
@@ -146,7 +146,7 @@ def _plain(number: int, thing: Thing) -> dict[str, Any]:
         "colour": f"#{colour_of(thing.kind):06x}",
         "set": thing.set_number,
         "slot": thing.slot,
-        "counts": [len(thing.mesh.vertices), len(thing.mesh.triangles)],
+        "counts": [len(thing.mesh.vertices), len(thing.mesh.faces)],
         "low": low.tolist(),
         "high": high.tolist(),
         "matrix": thing.to_world.T.ravel().tolist(),

@@ -124,7 +124,7 @@ def block_thing(part: Part, to_world: Floats, set_number: int | None, slot: int)
     rows = report_rows(str(block))
     facts: Facts = (
         *((name, rows[name]) for name in ("z", "size", "relief", "base", "mm per unit", "mesh")),
-        ("triangles", f"{len(mesh.triangles):,}"),
+        ("triangles", f"{len(mesh.faces):,}"),
         ("proved", f"nowhere farther than {1000.0 * bound:.4g} µm from the formula"),
     )
     if formula.scale_mm < bound:

@@ -156,7 +156,7 @@ def test_the_obj_is_the_printed_mesh_bit_by_bit(tmp_path: Path) -> None:
     rows = [line.split() for line in (folder / "texture-2.obj").read_text().splitlines()]
     mesh = SimulatorAsset(block).mesh
     np.testing.assert_array_equal(np.float32([row[1:] for row in rows if row[0] == "v"]), mesh.vertices)
-    np.testing.assert_array_equal(np.int64([row[1:] for row in rows if row[0] == "f"]) - 1, mesh.triangles)
+    np.testing.assert_array_equal(np.int64([row[1:] for row in rows if row[0] == "f"]) - 1, mesh.faces)
 
 
 def test_glb_is_laid_out_in_aligned_chunks(tmp_path: Path) -> None:

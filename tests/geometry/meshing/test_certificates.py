@@ -35,7 +35,7 @@ def check(seed: int) -> None:
     mesh, certificate = mesh_block(block)
     assert faults(mesh) == []
     assert mesh.vertices[:, 2].max() == np.float32(block.height_mm)
-    order = int(np.clip(np.sqrt(400_000 / len(mesh.triangles)), 6, 60))
+    order = int(np.clip(np.sqrt(400_000 / len(mesh.faces)), 6, 60))
     distance, vertical = deviations(block, mesh, order, seed)
     assert distance <= certificate.distance_mm
     assert vertical <= certificate.vertical_mm
@@ -60,7 +60,7 @@ def test_tight_within_a_tolerance(number: int) -> None:
     block = Block.of(number, sampling=Tolerance(mm=0.02))
     mesh, certificate = mesh_block(block)
     # strips along a flat axis are 30 mm long: the lattice has to be fine across them
-    distance, vertical = deviations(block, mesh, 96 if len(mesh.triangles) < 2000 else 10)
+    distance, vertical = deviations(block, mesh, 96 if len(mesh.faces) < 2000 else 10)
     assert distance <= certificate.distance_mm <= 1.03 * distance
     assert vertical <= certificate.vertical_mm <= 1.05 * vertical
 
