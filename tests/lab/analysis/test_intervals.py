@@ -116,7 +116,7 @@ def test_intervals_cover_in_a_hundred_studies(kind: str, prints: int) -> None:
 def test_intervals_cover_92_to_97_of_100_in_500_studies(kind: str, prints: int, repeat: float) -> None:
     held, bias = coverage(prints, FIELDS[kind], 500, seed=10 * prints, repeat=repeat)
     print(f"{kind}, {prints} prints, repeats {repeat:g}: {held}")
-    # With three prints whose images move as one there is little to see their number of parts from: 87 to 91.
+    # With three prints whose images move as one there is little to see their number of parts from: 87 to 93 %.
     assert (0.85 if (kind, prints) == ("as one", 3) else 0.91) <= held.min() <= held.max() <= 0.98
     assert bias == pytest.approx(1.0, abs=0.15)
 

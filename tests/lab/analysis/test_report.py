@@ -24,7 +24,7 @@ from tacbench_cad import __version__
 from tacbench_cad.cli import report as command
 from tacbench_cad.lab.analysis.classification.classify import TRIALS
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.report.page import Options, write_report
+from tacbench_cad.lab.analysis.report.page import Options, copy_files, write_report
 from tacbench_cad.lab.analysis.report.rendering import macro, read_image
 from tacbench_cad.lab.analysis.tables import Column, Table
 from tacbench_cad.lab.study.presses import Press
@@ -212,6 +212,16 @@ def test_folders_of_other_runs_are_refused(runs: Path, report: Path, tmp_path: P
     with pytest.raises(InputError, match=r"classification_settings\.json.*cannot be read"):
         write_report([runs], tmp_path / "r.html", Options(classifications=(files / "variance", tmp_path)))
     assert not (tmp_path / "r.html").exists()
+
+
+def test_a_file_of_an_analysis_that_is_a_link_out_of_its_folder_is_refused(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    source.mkdir()
+    (tmp_path / "secret.csv").write_text("1")
+    (source / "variance.csv").symlink_to(tmp_path / "secret.csv")
+    with pytest.raises(InputError, match="is a link that leads out of"):
+        copy_files(source, tmp_path / "copy")
+    assert not list((tmp_path / "copy").iterdir())
 
 
 def test_a_study_that_supports_little_gets_a_page_that_says_why(tmp_path: Path) -> None:

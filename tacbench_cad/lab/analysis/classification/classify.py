@@ -22,6 +22,7 @@ from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
 from tacbench_cad.lab.parallel import Executor
 from tacbench_cad.util.convert import to_plain
+from tacbench_cad.util.door import parse_json, read_bytes
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import refusing, replacing
 
@@ -132,9 +133,10 @@ def _outcomes(
 def _read(path: Path) -> list[Outcome] | None:
     """A trial's outcomes; None if there is no such file or it cannot be read."""
     try:
-        rows: list[dict[str, Any]] = json.loads(path.read_bytes())["outcomes"]
+        document = parse_json(read_bytes(path, "trial", "json", within=path.parent), "trial", str(path))
+        rows: list[dict[str, Any]] = document["outcomes"]
         return [Outcome(**{**row, **{key: np.array(row[key], np.int64) for key in ARRAYS}}) for row in rows]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (InputError, ValueError, KeyError, TypeError):
         return None
 
 

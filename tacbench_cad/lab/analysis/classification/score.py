@@ -17,8 +17,6 @@ difference between prints is seen, and each print counts as one trial.
 
 from __future__ import annotations
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,7 +30,7 @@ from tacbench_cad.lab.analysis.classification.accuracy import interval
 from tacbench_cad.lab.analysis.classification.split_files import Key, Split, named
 from tacbench_cad.lab.analysis.tables import Column, Row, Table, percent
 from tacbench_cad.util.convert import to_plain
-from tacbench_cad.util.door import read_text
+from tacbench_cad.util.door import read_table
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.text import interval as percent_interval
 from tacbench_cad.util.types import Ints
@@ -243,13 +241,11 @@ def _matched(path: Path, split: Split) -> dict[tuple[str, int], str]:
 
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
-    """Line numbers and rows of a file of predictions."""
-    reader = csv.DictReader(io.StringIO(read_text(path, "predictions", "table"), newline=""), restval="")
-    try:
-        lacking = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
-        if lacking:
-            raise InputError("predictions", str(path), f"has no column {lacking[0]}; columns: {', '.join(COLUMNS)}")
-        for row in reader:
-            yield reader.line_num, {name: (row[name] or "").strip() for name in COLUMNS}
-    except csv.Error as error:
-        raise InputError("predictions", str(path), f"is not a CSV file: {error}") from None
+    """Line numbers (blank lines are not counted) and rows of a file of predictions."""
+    heads, rows = read_table(path, "predictions")
+    lacking = [name for name in COLUMNS if name not in heads]
+    if lacking:
+        raise InputError("predictions", str(path), f"has no column {lacking[0]}; columns: {', '.join(COLUMNS)}")
+    places = {name: heads.index(name) for name in COLUMNS}
+    for line, row in enumerate(rows, start=2):
+        yield line, {name: row[place].strip() for name, place in places.items()}

@@ -18,6 +18,7 @@ from tacbench_cad import __version__
 from tacbench_cad.lab.analysis.classification.augment import Augmentation
 from tacbench_cad.lab.analysis.classification.splits import FOLDS, HOLD_OUT_LEVELS
 from tacbench_cad.lab.rig.plugin import is_plugin, load
+from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import InputError, TacbenchError, nearest, one_of
 
 #: The protocols: ``leak-free`` keeps all of the test set out of training, ``paper`` does as the paper's text says.
@@ -26,6 +27,9 @@ PROTOCOLS = ("leak-free", "paper")
 ESTIMATORS = ("forest", "network")
 #: Units in the hidden layer of the network.
 HIDDEN = 50
+#: Version of what computes a trial. Raise it with every change that gives other numbers for the same settings and data:
+#: trials that an older version kept are then computed again.
+ALGORITHM = 1
 #: Fraction of the augmented rows that the paper's protocol holds back.
 TEST_FRACTION = 0.2
 
@@ -103,7 +107,7 @@ class ClassificationSettings:
         """
         import sklearn
 
-        programs = [__version__, np.__version__, sklearn.__version__]
+        programs = [ALGORITHM, __version__, np.__version__, sklearn.__version__]
         sources = [_source(name) for name in self.estimators if is_plugin(name)]
         text = json.dumps([asdict(self), data, programs, sources], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -133,20 +137,20 @@ def _own(name: str, seed: int) -> Any:
     """A user's estimator: an object, or a class or function that makes one when it is called with nothing."""
     from sklearn.base import clone
 
-    made = _loaded(name)
+    thing = _loaded(name)
     try:
-        made = made() if inspect.isclass(made) or not hasattr(made, "fit") else clone(made)
-        seeds = [one for one in made.get_params() if one == "random_state" or one.endswith("__random_state")]
-        made.set_params(**dict.fromkeys(seeds, seed))
+        model = thing() if inspect.isclass(thing) or not hasattr(thing, "fit") else clone(thing)
+        seeds = [key for key in model.get_params() if key == "random_state" or key.endswith("__random_state")]
+        model.set_params(**dict.fromkeys(seeds, seed))
     except TacbenchError:
         raise
     except Exception as error:
         what = f"{type(error).__name__}: {error}".splitlines()[0]
         raise InputError("estimator", name, f"is no scikit-learn estimator and makes none: {what}") from error
     for needed in ("fit", "predict"):
-        if not callable(getattr(made, needed, None)):
-            raise InputError("estimator", name, f"gives a {type(made).__name__}, which has no {needed}")
-    return made
+        if not callable(getattr(model, needed, None)):
+            raise InputError("estimator", name, f"gives a {type(model).__name__}, which has no {needed}")
+    return model
 
 
 def _loaded(name: str) -> Any:
@@ -160,9 +164,10 @@ def _source(name: str) -> str:
     """The SHA-256 of the file that a user's estimator comes from, so that a changed one is computed anew."""
     thing = _loaded(name)
     module = inspect.getmodule(thing if inspect.isclass(thing) or inspect.isfunction(thing) else type(thing))
-    names = (name.partition(":")[0], module.__name__ if module else "")
-    files = {getattr(sys.modules.get(one), "__file__", None) for one in names}
-    return " ".join(hashlib.sha256(Path(one).read_bytes()).hexdigest() for one in sorted(filter(None, files)))
+    modules = (name.partition(":")[0], module.__name__ if module else "")
+    files = {getattr(sys.modules.get(module), "__file__", None) for module in modules}
+    sources = (read_bytes(Path(path), "estimator") for path in sorted(filter(None, files)))
+    return " ".join(hashlib.sha256(source).hexdigest() for source in sources)
 
 
 @contextmanager

@@ -24,6 +24,7 @@ from tacbench_cad.lab.analysis.variance.grade import grade
 from tacbench_cad.lab.analysis.variance.view import SETTINGS_FILE as VARIANCE_SETTINGS
 from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.runs.checking import RunReport, check_run
+from tacbench_cad.util.door import open_input
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked, refusing, replacing
 from tacbench_cad.util.packages import require
@@ -175,8 +176,12 @@ def copy_files(source: Path, folder: Path) -> None:
         return
     clear(folder)
     for path in _results(source):
-        with replacing(folder / path.name) as temporary:
-            shutil.copyfile(path, temporary)
+        with (
+            open_input(path, "file of an analysis", within=source) as original,
+            replacing(folder / path.name) as temporary,
+            temporary.open("wb") as copy,
+        ):
+            shutil.copyfileobj(original, copy)
 
 
 def clear(folder: Path) -> None:

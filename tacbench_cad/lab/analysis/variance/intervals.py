@@ -37,7 +37,7 @@ a chi-squared variable over its degrees of freedom, the generalized pivotal quan
 and so E[V]; the ends are quantiles of what is drawn. kappa is sigma_P^2's coefficient in E[B]. Cells of different
 prints are pooled before anything is drawn: B, W, n and a add, and so do the estimated variances of the traces.
 
-Measured coverage of the 95 % intervals: 92 to 97 %, and 87 to 91 % for three prints whose images move as one
+Measured coverage of the 95 % intervals: 92 to 97 %, and 87 to 93 % for three prints whose images move as one
 (tests/lab/analysis/test_intervals.py: 500 studies for each of 6 and 3 prints, four fields from finely grained to an
 image that moves as one, and repeats with 0.1, 0.5 and 2 times the variance of prints).
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +18,7 @@ pytest.importorskip("scipy")
 from tacbench_cad.cli import score as command
 from tacbench_cad.lab.analysis.classification.score import COLUMNS, Accuracy, PredictionsError, accuracy_of, score
 from tacbench_cad.lab.analysis.classification.split_files import Split, SplitFold, SplitPress, write_split
+from tacbench_cad.util import door
 from tacbench_cad.util.errors import InputError
 
 Rows = list[dict[str, str]]
@@ -199,3 +201,16 @@ def test_the_command_prints_the_score_or_names_every_fault(split: Split, tmp_pat
     bad = CliRunner().invoke(command.command, [str(write_rows(tmp_path / "p.csv", rows)), str(path)])
     assert isinstance(bad.exception, PredictionsError)
     assert bad.stderr.count("missing: ") == 2
+
+
+def test_predictions_come_through_the_door(split: Split, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    good = write_rows(tmp_path / "p.csv", right_rows(split))
+    os.mkfifo(tmp_path / "pipe.csv")
+    with pytest.raises(InputError, match="is not a regular file but a pipe"):
+        score(tmp_path / "pipe.csv", split)
+    (tmp_path / "short.csv").write_text(good.read_text() + "copy 1,texture-1_copy01\n")
+    with pytest.raises(InputError, match="line 22: has 2 fields, the header 6"):
+        score(tmp_path / "short.csv", split)
+    monkeypatch.setattr(door, "MAX_MB", {**door.MAX_MB, "table": 1e-6})
+    with pytest.raises(InputError, match="more than the 1e-06 allowed"):
+        score(good, split)
