@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from tacbench_cad.cli import options
 from tacbench_cad.cli.common import print_json, print_lines, print_simulated, show_table
@@ -83,7 +83,7 @@ if TYPE_CHECKING:
 @options.json
 def command(
     runs: tuple[Path, ...],
-    protocol: str,
+    protocol: Literal["leak-free", "paper"],
     estimators: tuple[str, ...] | None,
     trials: int | None,
     hold_out: tuple[str, ...] | None,

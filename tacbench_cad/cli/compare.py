@@ -70,7 +70,7 @@ def command(
 
 def _is_classified(folder: Path) -> bool:
     """Whether a folder is one that tacbench classify wrote."""
-    from tacbench_cad.lab.analysis.classification.classify import SETTINGS_FILE
+    from tacbench_cad.lab.analysis.classification.settings import SETTINGS_FILE
 
     return (folder / SETTINGS_FILE).is_file()
 

@@ -37,10 +37,10 @@ def command(runs: tuple[Path, ...], force_level: int | Literal["all"], jobs: int
     grades = grade(result.cells, collection, force_level, result.left_out)
     if json:
         document = {"simulated": list(collection.simulated), "units": collection.units}
-        print_json({**document, "grades": [to_plain(one) for one in grades]})
+        print_json({**document, "grades": to_plain(grades)})
         return
-    for one in grades:
-        show_table(one.table)
-        for head, lines in (("Verdicts", [verdict.text for verdict in one.verdicts]), ("Limits", one.limits)):
+    for each in grades:
+        show_table(each.table)
+        for head, lines in (("Verdicts", [verdict.text for verdict in each.verdicts]), ("Limits", each.limits)):
             print_lines(f"{head}:", *(f"  - {line}" for line in lines))
         print_lines("")

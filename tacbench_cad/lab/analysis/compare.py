@@ -24,8 +24,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from tacbench_cad.lab.analysis.classification.classify import SETTINGS_FILE
-from tacbench_cad.lab.analysis.tables import Column, Row, Table, percent, read_settings, truth
+from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
+from tacbench_cad.lab.analysis.tables import Column, Row, Table, percent, truth
+from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import interval
 from tacbench_cad.util.types import Floats
@@ -98,18 +99,12 @@ class Side:
 
     Args:
         name: What it is called in tables.
-        sensor: Name of the sensor.
-        simulated: What was simulated.
-        textures: The textures.
-        settings: What was asked for.
+        record: What was asked for, and of which data.
         accuracies: The accuracy on each print.
     """
 
     name: str
-    sensor: str
-    simulated: tuple[str, ...]
-    textures: tuple[str, ...]
-    settings: Mapping[str, Any]
+    record: ClassificationRecord
     accuracies: Accuracies
 
 
@@ -172,7 +167,7 @@ class Comparison:
     @property
     def simulated(self) -> tuple[str, ...]:
         """What of either was simulated, each once."""
-        return tuple(dict.fromkeys((*self.a.simulated, *self.b.simulated)))
+        return tuple(dict.fromkeys((*self.a.record.simulated, *self.b.record.simulated)))
 
     @property
     def table(self) -> Table:
@@ -183,14 +178,16 @@ class Comparison:
     def shown(self) -> Table:
         """The lines as people see them, each with which sensor is better."""
         table = Table.of((*COLUMNS, Column("verdict", head="")), self.rows)
-        a, b = (f"{letter}: {side.name} ({side.sensor})" for letter, side in zip("AB", (self.a, self.b), strict=True))
+        a, b = (
+            f"{letter}: {side.name} ({side.record.sensor})" for letter, side in zip("AB", (self.a, self.b), strict=True)
+        )
         return table.select(*_SHOWN, "verdict", title=f"{a}, {b}; per cent, {self.estimator}")
 
     def document(self) -> dict[str, Any]:
         """The values of ``--json``."""
         return {
-            "a": {"name": self.a.name, "sensor": self.a.sensor},
-            "b": {"name": self.b.name, "sensor": self.b.sensor},
+            "a": {"name": self.a.name, "sensor": self.a.record.sensor},
+            "b": {"name": self.b.name, "sensor": self.b.record.sensor},
             "estimator": self.estimator,
             "simulated": list(self.simulated),
             "notes": list(self.notes),
@@ -212,13 +209,12 @@ def read_side(folder: Path, name: str, estimator: str | None = None) -> tuple[Si
     Raises:
         InputError: The folder is not what ``tacbench classify --protocol leak-free`` wrote, or lacks the estimator.
     """
-    settings = read_settings(folder / SETTINGS_FILE)
-    if settings.get("analysis") != "classification" or settings.get("protocol") != "leak-free":
+    record = ClassificationRecord.read(folder)
+    if record.protocol != "leak-free":
         raise InputError("classification", str(folder), "must be of tacbench classify --protocol leak-free")
-    known = [str(known) for known in settings.get("estimators", ())]
-    chosen = estimator or (known[0] if known else "")
-    if chosen not in known:
-        raise InputError("estimator", chosen, f"{folder} has {', '.join(known) or 'none'}")
+    chosen = estimator or record.estimators[0]
+    if chosen not in record.estimators:
+        raise InputError("estimator", chosen, f"{folder} has {', '.join(record.estimators)}")
     readings: dict[tuple[str, str, str], list[Row]] = defaultdict(list)
     for row in Table.read(folder / "predictions.csv", _PREDICTIONS).rows:
         if row["estimator"] == chosen:
@@ -230,18 +226,7 @@ def read_side(folder: Path, name: str, estimator: str | None = None) -> tuple[Si
         right = sum(row["predicted"] == texture for row in rows)
         presses = len({row["press"] for row in rows})
         accuracies[hold_out, texture][run] = PrintAccuracy(right / len(rows), presses)
-    try:
-        side = Side(
-            name=name,
-            sensor=str(settings["sensor"]),
-            simulated=tuple(settings["simulated"]),
-            textures=tuple(settings["textures"]),
-            settings=settings,
-            accuracies=accuracies,
-        )
-    except (KeyError, TypeError) as error:
-        raise InputError("settings", str(folder / SETTINGS_FILE), f"lacks a value: {error}") from None
-    return side, chosen
+    return Side(name=name, record=record, accuracies=accuracies), chosen
 
 
 def compare(a: Side, b: Side, estimator: str, *, same_prints: bool = True) -> Comparison:
@@ -256,8 +241,9 @@ def compare(a: Side, b: Side, estimator: str, *, same_prints: bool = True) -> Co
     Raises:
         InputError: They are of different textures, or have no hold-out level in common.
     """
-    if a.textures != b.textures:
-        only = sorted(set(a.textures) ^ set(b.textures))
+    textures = a.record.textures
+    if textures != b.record.textures:
+        only = sorted(set(textures) ^ set(b.record.textures))
         raise InputError(
             "textures",
             ", ".join(only),
@@ -271,12 +257,12 @@ def compare(a: Side, b: Side, estimator: str, *, same_prints: bool = True) -> Co
         )
     rows = []
     for hold_out in levels:
-        of_a, of_b = ({t: side.accuracies.get((hold_out, t), {}) for t in a.textures} for side in (a, b))
+        of_a, of_b = ({t: side.accuracies.get((hold_out, t), {}) for t in textures} for side in (a, b))
         every_a, every_b = (
             {run: accuracy for of in side.values() for run, accuracy in of.items()} for side in (of_a, of_b)
         )
         rows.append(_difference(hold_out, ALL_TEXTURES, every_a, every_b, same_prints))
-        rows += [_difference(hold_out, t, of_a[t], of_b[t], same_prints) for t in a.textures if of_a[t] and of_b[t]]
+        rows += [_difference(hold_out, t, of_a[t], of_b[t], same_prints) for t in textures if of_a[t] and of_b[t]]
     return Comparison(a=a, b=b, estimator=estimator, rows=tuple(rows), notes=tuple(_notes(a, b, rows)))
 
 
@@ -287,20 +273,20 @@ def _difference(
     x, y = (np.array([accuracy.value for accuracy in side.values()]) for side in (a, b))
     if paired:
         y = np.array([b[run].value for run in a])
-        least = (_least(a) + _least(b)) / len(a)
+        smallest = (_min_variance(a) + _min_variance(b)) / len(a)
         error, dof = _error(y - x)
     else:
-        least = _least(a) / len(a) + _least(b) / len(b)
+        smallest = _min_variance(a) / len(a) + _min_variance(b) / len(b)
         error, dof = _error(x, y)
     difference = float(y.mean() - x.mean())
-    low = high = smallest = None
+    low = high = shown = None
     if dof > 0.0:
         from scipy.stats import t
 
-        error = math.sqrt(max(error, least))
+        error = math.sqrt(max(error, smallest))
         reach, power = float(t.ppf(0.5 + LEVEL / 2.0, dof)), float(t.ppf(POWER, dof))
         low, high = max(-1.0, difference - reach * error), min(1.0, difference + reach * error)
-        smallest = min(1.0, (reach + power) * error)
+        shown = min(1.0, (reach + power) * error)
     return Difference(
         hold_out=hold_out,
         texture=texture,
@@ -309,7 +295,7 @@ def _difference(
         difference=difference,
         low=low,
         high=high,
-        smallest_difference=smallest,
+        smallest_difference=shown,
         paired=paired,
         prints_a=len(a),
         prints_b=len(b),
@@ -321,17 +307,17 @@ def _error(*samples: Floats) -> tuple[float, float]:
 
     There are none where a sample has a single print.
     """
-    least = min(map(len, samples))
-    if least < 2:
+    fewest = min(map(len, samples))
+    if fewest < 2:
         return 0.0, 0.0
     parts = [float(values.var(ddof=1)) / len(values) for values in samples]
     total = sum(parts)
     if total == 0.0 or len(samples) == 1:
-        return total, least - 1.0
+        return total, fewest - 1.0
     return total, total**2 / sum(part**2 / (len(values) - 1) for part, values in zip(parts, samples, strict=True))
 
 
-def _least(prints: Mapping[str, PrintAccuracy]) -> float:
+def _min_variance(prints: Mapping[str, PrintAccuracy]) -> float:
     """Mean over prints of the smallest variance that the accuracy on a print can have with its number of presses."""
     values = []
     for accuracy in prints.values():
@@ -353,8 +339,9 @@ def _notes(a: Side, b: Side, rows: Sequence[Difference]) -> list[str]:
             "differ counts against every difference; pressing the same prints with both shows smaller ones"
         )
     for key in ("resolution", "components", "augmentation", "folds", "trials", "copies", "seed"):
-        if a.settings.get(key) != b.settings.get(key):
-            notes.append(f"{key}: {a.settings.get(key)} for A, {b.settings.get(key)} for B")
+        of_a, of_b = (to_plain(getattr(side.record, key)) for side in (a, b))
+        if of_a != of_b:
+            notes.append(f"{key}: {of_a} for A, {of_b} for B")
     if any(row.smallest_difference is None for row in rows):
         notes.append("where a sensor has a single print of a texture at a hold-out level, no difference can be shown")
     notes.append(
@@ -386,7 +373,7 @@ def _figure(comparison: Comparison) -> Figure:
     from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure
 
     levels = list(dict.fromkeys(row.hold_out for row in comparison.rows))
-    textures = comparison.a.textures
+    textures = comparison.a.record.textures
     figure = new_figure(PAGE_IN, 0.9 + max(2.4, 0.42 * len(levels) * max(1, len(textures) // 3)))
     accuracies, recall = figure.subplots(1, 2, width_ratios=(1.0, 1.35))
     whole = {row.hold_out: row for row in comparison.rows if row.texture == ALL_TEXTURES}

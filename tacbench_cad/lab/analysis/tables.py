@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import csv
+import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from tacbench_cad.lab.runs import schema
+from tacbench_cad.util.convert import from_plain, to_plain
 from tacbench_cad.util.door import parse_json, read_bytes, read_table
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import replacing
+
+T = TypeVar("T")
 
 #: What columns and settings in the files of earlier versions are called now.
 FORMER_NAMES = {"rung": "hold_out", "rungs": "hold_out", "share": "fraction", "spread": "standard_deviation"}
@@ -198,15 +202,30 @@ def _parsed(column: Column, text: str) -> Any:
     return column.kind(text) if text else None
 
 
-def read_settings(path: Path) -> dict[str, Any]:
+def read_settings(path: Path, kind: type[T]) -> T:
     """What an analysis was asked for, from the file that it left beside its tables.
 
     Raises:
         InputError: The file is missing or damaged.
     """
     document = parse_json(read_bytes(path, "settings", "json"), "settings", str(path))
-    if not isinstance(document, dict):
-        raise InputError("settings", str(path), "is no JSON object; run the analysis again")
-    if document.get("protocol") == "sound":
-        document["protocol"] = "leak-free"
-    return {str(FORMER_NAMES.get(key, key)): value for key, value in document.items()}
+    if isinstance(document, dict):
+        document = {FORMER_NAMES.get(key, key): value for key, value in document.items()}
+        if document.get("protocol") == "sound":
+            document["protocol"] = "leak-free"
+    return from_plain(kind, document, f"{path}: ")
+
+
+def write_settings(path: Path, settings: object) -> Path:
+    """Write what an analysis was asked for, which and of what version first.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    document = {"analysis": "", "version": "", **to_plain(settings)}
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    return path

@@ -17,6 +17,7 @@ pytest.importorskip("matplotlib")
 threadpoolctl = pytest.importorskip("threadpoolctl")
 
 from tacbench_cad.cli import compare as command
+from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
 from tacbench_cad.lab.analysis.compare import (
     ALL_TEXTURES,
     COLUMNS,
@@ -41,7 +42,13 @@ def side(name: str, right: dict[str, Ints], start: int = 0) -> Side:
         }
         for texture, counts in right.items()
     }
-    return Side(name=name, sensor=name, simulated=(), textures=TEXTURES, settings={}, accuracies=accuracies)
+    return Side(name=name, record=record(name), accuracies=accuracies)
+
+
+def record(sensor: str, textures: tuple[str, ...] = TEXTURES) -> ClassificationRecord:
+    return ClassificationRecord(
+        trials=1, textures=textures, sensor=sensor, units="counts", simulated=(), data="", notes=()
+    )
 
 
 def both(a: Ints, b: Ints, start: int = 0, same_prints: bool = True) -> Difference:
@@ -100,7 +107,7 @@ def test_the_smallest_difference_is_found_four_times_in_five(start: int) -> None
 
 def test_other_textures_are_refused_by_name() -> None:
     a = side("a", {"texture-1": np.array([1, 2])})
-    b = Side(name="b", sensor="b", simulated=(), textures=("texture-1", "wave"), settings={}, accuracies=a.accuracies)
+    b = Side(name="b", record=record("b", ("texture-1", "wave")), accuracies=a.accuracies)
     with pytest.raises(InputError, match="textures = 'texture-2, wave': only one of a and b has it"):
         compare(a, b, "forest")
 
@@ -108,7 +115,7 @@ def test_other_textures_are_refused_by_name() -> None:
 def test_no_common_level_is_refused() -> None:
     a = side("a", {"texture-1": np.array([1, 2])})
     accuracies = {("force", texture): prints for (_, texture), prints in a.accuracies.items()}
-    b = Side(name="b", sensor="b", simulated=(), textures=TEXTURES, settings={}, accuracies=accuracies)
+    b = Side(name="b", record=record("b"), accuracies=accuracies)
     with pytest.raises(InputError, match="share no level"):
         compare(a, b, "forest")
 

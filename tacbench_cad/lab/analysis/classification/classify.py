@@ -32,8 +32,6 @@ TRIALS = {"leak-free": 5, "paper": published.TRIALS}
 MODULES = ("sklearn", "joblib", "cv2", "matplotlib")
 #: Where finished trials are kept, in the output folder.
 TRIALS_FOLDER = "trials"
-#: What was asked for, beside the tables.
-SETTINGS_FILE = "classification_settings.json"
 
 #: Called with what is counted, how many are done, and how many there are (0: unknown).
 Progress = Callable[[str, int, int], None]
@@ -189,6 +187,4 @@ def _paper_counts(presses: PressTable, settings: ClassificationSettings) -> Iter
 
 def write_tables(result: Result, out: Path) -> list[Path]:
     """Write ``classification.csv``, ``confusion.csv``, ``predictions.csv`` and ``classification_settings.json``."""
-    with replacing(out / SETTINGS_FILE) as temporary:
-        temporary.write_text(json.dumps(result.settings_document(), indent=1) + "\n", encoding="utf-8")
-    return [*(table.write(out / name) for name, table in result.tables.items()), out / SETTINGS_FILE]
+    return [*(table.write(out / name) for name, table in result.tables.items()), result.record.write(out)]

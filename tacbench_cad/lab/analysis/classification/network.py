@@ -99,7 +99,7 @@ class _Task:
         values = np.asarray(rows, dtype=kind)
         index = np.searchsorted(network.classes_, np.ravel(labels))
         classes = range(1, 2) if network.n_outputs_ == 1 else range(network.n_outputs_)
-        targets = np.stack([index == one for one in classes]).astype(kind)
+        targets = np.stack([index == number for number in classes]).astype(kind)
         ones = np.ones((len(values), 1), dtype=kind)
         return cls(network=network, rows=np.concatenate([values, ones], axis=1), targets=targets)
 
@@ -241,8 +241,8 @@ def _log_loss(fitted: Numbers, targets: Numbers) -> NDArray[np.float64]:
         true = np.where(targets[:, 0] == 1, fitted[:, 0], 1 - fitted[:, 0])
     else:
         true = np.einsum("tkn,tkn->tn", fitted, targets)
-    least = np.finfo(fitted.dtype).eps
-    return cast(NDArray[np.float64], -np.log(np.clip(true, least, 1 - least)).sum(axis=1))
+    epsilon = np.finfo(fitted.dtype).eps
+    return cast(NDArray[np.float64], -np.log(np.clip(true, epsilon, 1 - epsilon)).sum(axis=1))
 
 
 class _Adam:

@@ -127,15 +127,15 @@ def paper_trials(
     for name in settings.estimators:
         where = f"trials {trials[0]} to {trials[-1]} on {train_on}"
         with guarded(name, where):
-            sets = [(one.train[train], labels[train]) for one, (train, _) in zip(scores, splits, strict=True)]
+            sets = [(rows.train[train], labels[train]) for rows, (train, _) in zip(scores, splits, strict=True)]
             models = _fitted(settings, name, seeds, sets)
-        for trial, model, split, one, results in zip(trials, models, splits, scores, outcomes, strict=True):
+        for trial, model, split, drawn, results in zip(trials, models, splits, scores, outcomes, strict=True):
             tested = [
-                (column, train_on, one.train[which], chosen[which % len(chosen)], which // len(chosen))
+                (column, train_on, drawn.train[which], chosen[which % len(chosen)], which // len(chosen))
                 for column, which in zip(COLUMNS, split, strict=False)
             ]
             if len(unseen):
-                tested.append((COLUMNS[2], ALL_OTHERS, one.plain[unseen], unseen, 0 * unseen))
+                tested.append((COLUMNS[2], ALL_OTHERS, drawn.plain[unseen], unseen, 0 * unseen))
             for column, tested_on, rows, press, copied in tested:
                 results.append(
                     Outcome(

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad import __version__
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.classification.accuracy import Score, is_whole
 from tacbench_cad.lab.analysis.classification.outcomes import Outcome
 from tacbench_cad.lab.analysis.classification.paper_protocol import COLUMNS as PAPER_COLUMNS
-from tacbench_cad.lab.analysis.classification.settings import ESTIMATORS, ClassificationSettings
+from tacbench_cad.lab.analysis.classification.settings import ESTIMATORS, ClassificationRecord, ClassificationSettings
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.tables import Column, Row, Table, percent
 from tacbench_cad.util.convert import to_plain
@@ -122,20 +121,19 @@ class Result:
             "notes": list(self.notes),
         }
 
-    def settings_document(self) -> dict[str, Any]:
-        """What was asked for and of which data: reports and comparisons name it."""
-        return {
-            "analysis": "classification",
-            "version": __version__,
-            **to_plain(self.settings),
-            "trials": max(outcome.trial for outcome in self.outcomes),
-            "textures": list(self.textures),
-            "sensor": str(self.collection.info.sensor.get("name", "")),
-            "units": self.collection.units,
-            "simulated": list(self.collection.simulated),
-            "data": self.collection.data_key,
-            "notes": list(self.notes),
-        }
+    @property
+    def record(self) -> ClassificationRecord:
+        """What was asked for and of which data."""
+        return ClassificationRecord(
+            **vars(self.settings),
+            trials=max(outcome.trial for outcome in self.outcomes),
+            textures=self.textures,
+            sensor=str(self.collection.info.sensor.get("name", "")),
+            units=self.collection.units,
+            simulated=self.collection.simulated,
+            data=self.collection.data_key,
+            notes=self.notes,
+        )
 
     def _confusions(self) -> Iterator[Row]:
         for score in self.scores:

@@ -10,19 +10,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis.classification.augment import Augmentation
 from tacbench_cad.lab.analysis.classification.splits import FOLDS, HOLD_OUT_LEVELS
+from tacbench_cad.lab.analysis.tables import read_settings, write_settings
 from tacbench_cad.lab.rig.plugin import is_plugin, load
+from tacbench_cad.util.convert import Bounds, Length, check_fields
 from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import InputError, TacbenchError, nearest, one_of
 
-#: The protocols: ``leak-free`` keeps all of the test set out of training, ``paper`` does as the paper's text says.
-PROTOCOLS = ("leak-free", "paper")
 #: Estimators of our own: the paper's two.
 ESTIMATORS = ("forest", "network")
 #: Units in the hidden layer of the network.
@@ -30,6 +30,8 @@ HIDDEN = 50
 #: Version of what computes a trial. Raise it with every change that gives other numbers for the same settings and data:
 #: trials that an older version kept are then computed again.
 ALGORITHM = 1
+#: What was asked for, beside the tables.
+SETTINGS_FILE = "classification_settings.json"
 #: Fraction of the augmented rows that the paper's protocol holds back.
 TEST_FRACTION = 0.2
 
@@ -39,7 +41,7 @@ class ClassificationSettings:
     """A classification; together with the data it decides every number.
 
     Args:
-        protocol: ``leak-free`` or ``paper``.
+        protocol: ``leak-free`` keeps all of the test set out of training, ``paper`` does as the paper's text says.
         estimators: ``forest``, ``network`` or ``module:name``.
         resolution: Fraction of an image's width and height that is kept.
         components: Principal components that the estimators get; None: the readings themselves.
@@ -58,23 +60,23 @@ class ClassificationSettings:
         InputError: A value is not allowed.
     """
 
-    protocol: str = "leak-free"
+    protocol: Literal["leak-free", "paper"] = "leak-free"
     estimators: tuple[str, ...] = ("forest",)
     resolution: float = 0.4
-    components: int | None = 25
+    components: Annotated[int, Bounds(1)] | None = 25
     augmentation: Augmentation = field(default_factory=Augmentation)
     clip: bool = False
-    seed: int = 0
+    seed: Annotated[int, Bounds(0)] = 0
     hold_out: tuple[str, ...] = HOLD_OUT_LEVELS
-    folds: int = FOLDS
-    copies: int | None = None
-    epochs: int = 1500
-    batch_size: int = 200
-    depth: int = 50
+    folds: Annotated[int, Bounds(2)] = FOLDS
+    copies: Annotated[int, Bounds(1)] | None = None
+    epochs: Annotated[int, Bounds(1)] = 1500
+    batch_size: Annotated[int, Bounds(1)] = 200
+    depth: Annotated[int, Bounds(1)] = 50
     train_on: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        one_of("protocol", self.protocol, PROTOCOLS)
+        check_fields(self)
         for name in self.estimators:
             if not is_plugin(name) and name not in ESTIMATORS:
                 hint = nearest(name, ESTIMATORS)
@@ -83,17 +85,6 @@ class ClassificationSettings:
             raise InputError("estimator", list(self.estimators), "must be names, each once")
         for level in self.hold_out:
             one_of("hold-out", level, HOLD_OUT_LEVELS)
-        for key, value, least in (
-            ("components", self.components, 1),
-            ("seed", self.seed, 0),
-            ("folds", self.folds, 2),
-            ("copies", self.copies, 1),
-            ("epochs", self.epochs, 1),
-            ("batch-size", self.batch_size, 1),
-            ("depth", self.depth, 1),
-        ):
-            if value is not None and value < least:
-                raise InputError(key, value, f"must be at least {least}")
         if self.protocol == "paper" and self.components is None:
             raise InputError("components", "none", "the paper's protocol has principal components; 25 of them")
         if self.clip and self.protocol == "leak-free":
@@ -131,6 +122,50 @@ class ClassificationSettings:
 
             return NetworkClassifier((HIDDEN,), max_iter=self.epochs, batch_size=self.batch_size, random_state=seed)
         return _own(name, seed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClassificationRecord(ClassificationSettings):
+    """What was asked for and of which data. Reports and comparisons read it; its fields are the keys of its file.
+
+    Args:
+        analysis: What the file is of.
+        version: Of this program.
+        trials: Trials.
+        textures: The textures, sorted.
+        sensor: Name of the sensor.
+        units: Unit of the readings.
+        simulated: What of the data was simulated.
+        data: Names the data, see :attr:`~tacbench_cad.lab.analysis.collection.Collection.data_key`.
+        notes: What a reader must know.
+    """
+
+    analysis: Literal["classification"] = "classification"
+    version: str = __version__
+    trials: int
+    textures: Annotated[tuple[str, ...], Length(2)]
+    sensor: str
+    units: str
+    simulated: tuple[str, ...]
+    data: str
+    notes: tuple[str, ...]
+
+    @classmethod
+    def read(cls, folder: Path) -> ClassificationRecord:
+        """That of a folder that ``tacbench classify`` wrote.
+
+        Raises:
+            InputError: It is missing or damaged.
+        """
+        return read_settings(folder / SETTINGS_FILE, cls)
+
+    def write(self, folder: Path) -> Path:
+        """Write it into a folder.
+
+        Raises:
+            InputError: It cannot be written.
+        """
+        return write_settings(folder / SETTINGS_FILE, self)
 
 
 def _own(name: str, seed: int) -> Any:

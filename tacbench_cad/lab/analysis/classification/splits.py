@@ -133,8 +133,8 @@ def _groups(presses: PressTable, level: str, seed: int, folds: int) -> tuple[Int
     random = np.random.default_rng([seed, HOLD_OUT_LEVELS.index(level)])
     if level == "press":
         _, counts = np.unique(presses.texture, return_counts=True)
-        least = int(counts.min())
-        return _stratified(presses.texture, min(folds, least), random), [], "a texture has one press" * (least < 2)
+        fewest = int(counts.min())
+        return _stratified(presses.texture, min(folds, fewest), random), [], "a texture has one press" * (fewest < 2)
     if level == "position":
         places, index = np.unique(presses.position, return_inverse=True)
         drawn = random.permutation(len(places)) % min(folds, len(places))

@@ -69,11 +69,11 @@ class Sweep:
             values = None
         if not equals or values is None or re.search(r"nan|inf", rest, re.IGNORECASE):
             raise InputError("sweep", text, how)
-        numbers = [round(float(one), 6) for one in values]
+        numbers = [round(float(value), 6) for value in values]
         if name != "resolution":
-            if ":" not in rest and any(one != int(one) for one in numbers):
+            if ":" not in rest and any(not number.is_integer() for number in numbers):
                 raise InputError("sweep", text, f"{name} must be whole numbers")
-            numbers = [float(round(one)) for one in numbers]
+            numbers = [float(round(number)) for number in numbers]
         if numbers[0] <= 0:
             raise InputError("sweep", text, f"{name} must be above 0")
         return cls(parameter=name, values=tuple(sorted(set(numbers))))
@@ -108,7 +108,7 @@ def at_level(collection: Collection, level: int) -> Collection:
     """
     which = collection.level == level
     if not which.any():
-        raise InputError("force-level", level, f"the runs have {', '.join(str(one) for one in collection.levels)}")
+        raise InputError("force-level", level, f"the runs have {', '.join(map(str, collection.levels))}")
     return collection.chosen(which)
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from tacbench_cad.lab.analysis.classification.classify import SETTINGS_FILE, Progress
+from tacbench_cad.lab.analysis.classification.classify import Progress
 from tacbench_cad.lab.analysis.classification.result import COLUMNS, CONFUSION_COLUMNS, recall_table
+from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.rendering import macro
-from tacbench_cad.lab.analysis.tables import Table, read_settings
+from tacbench_cad.lab.analysis.tables import Table
 from tacbench_cad.lab.parallel import Executor, workers
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked
@@ -23,16 +24,14 @@ class Classification:
 
     Args:
         folder: Folder of its files within the report's.
-        protocol: ``leak-free`` or ``paper``.
-        notes: What a reader must know.
+        record: What was asked for.
         methods: How it was computed: a paragraph.
         scores: Accuracies with intervals.
         recall: Recall of each texture.
     """
 
     folder: Path
-    protocol: str
-    notes: tuple[str, ...]
+    record: ClassificationRecord
     methods: str
     scores: Table
     recall: Table
@@ -44,22 +43,13 @@ class Classification:
         Raises:
             InputError: A file is missing or damaged, or the settings lack something.
         """
-        from jinja2 import UndefinedError
-
-        settings = read_settings(folder / SETTINGS_FILE)
-        try:
-            methods = macro("methods.j2", "classification")(settings)
-            chance = 100.0 / len(settings["textures"])
-        except (UndefinedError, KeyError, TypeError, ValueError, ZeroDivisionError) as error:
-            path = str(folder / SETTINGS_FILE)
-            raise InputError("settings", path, f"holds a wrong or missing value: {error}") from None
-        protocol = str(settings["protocol"])
-        title = f"Accuracy in per cent with 95 % intervals, protocol {protocol}; chance is {chance:.1f} %"
+        record = ClassificationRecord.read(folder)
+        chance = 100.0 / len(record.textures)
+        title = f"Accuracy in per cent with 95 % intervals, protocol {record.protocol}; chance is {chance:.1f} %"
         return cls(
             folder=folder,
-            protocol=protocol,
-            notes=tuple(map(str, settings.get("notes", ()))),
-            methods=methods,
+            record=record,
+            methods=macro("methods.j2", "classification")(record),
             scores=Table.read(folder / "classification.csv", COLUMNS, title).select(*_SHOWN),
             recall=recall_table(Table.read(folder / "confusion.csv", CONFUSION_COLUMNS)),
         )

@@ -14,15 +14,14 @@ from pathlib import Path
 from typing import Any
 
 from tacbench_cad.lab.analysis.classification.classify import MODULES, Progress
-from tacbench_cad.lab.analysis.classification.classify import SETTINGS_FILE as CLASSIFY_SETTINGS
+from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.classification import Classification, classify_here, refusal_of
 from tacbench_cad.lab.analysis.report.facts import open_points, write_facts
 from tacbench_cad.lab.analysis.report.rendering import template
 from tacbench_cad.lab.analysis.tables import read_settings
 from tacbench_cad.lab.analysis.variance.grade import grade
-from tacbench_cad.lab.analysis.variance.view import SETTINGS_FILE as VARIANCE_SETTINGS
-from tacbench_cad.lab.analysis.variance.view import VarianceView
+from tacbench_cad.lab.analysis.variance.view import SETTINGS_FILE, Settings, VarianceView
 from tacbench_cad.lab.runs.checking import RunReport, check_run
 from tacbench_cad.util.door import open_input
 from tacbench_cad.util.errors import CheckFailedError, InputError
@@ -80,9 +79,10 @@ def write_report(
     collection = Collection.open(runs)
     # Folders that are not of these runs are refused before anything is computed.
     if chosen.variance is not None:
-        _require_same("variance", chosen.variance / VARIANCE_SETTINGS, collection)
+        settings = read_settings(chosen.variance / SETTINGS_FILE, Settings)
+        _require_same("variance", chosen.variance, settings.data, collection)
     for folder in chosen.classifications:
-        _require_same("classify", folder / CLASSIFY_SETTINGS, collection)
+        _require_same("classify", folder, ClassificationRecord.read(folder).data, collection)
     files = out.with_name(f"{out.stem}_files")
     with locked(files):
         reports = list(_checked(collection, progress))
@@ -105,16 +105,14 @@ def _checked(collection: Collection, progress: Progress) -> Iterator[RunReport]:
         yield check_run(run.folder)
 
 
-def _require_same(option: str, path: Path, collection: Collection) -> None:
+def _require_same(option: str, folder: Path, data: str, collection: Collection) -> None:
     """Refuse the folder of an analysis that is not of these presses.
 
     Raises:
-        InputError: It is of others, or its files are damaged.
+        InputError: It is of others.
     """
-    if read_settings(path).get("data") != collection.data_key:
-        raise InputError(
-            option, str(path.parent), "is not of these runs, all of their presses; run the analysis on them"
-        )
+    if data != collection.data_key:
+        raise InputError(option, str(folder), "is not of these runs, all of their presses; run the analysis on them")
 
 
 def _variance(collection: Collection, folder: Path, options: Options, progress: Progress) -> dict[str, Any]:

@@ -81,7 +81,7 @@ def texture_matrices(
                         variance[pair] += squares / (total - ddof)
                         count[pair] += 1
                         presses[pair] += total
-    found = []
+    matrices = []
     for combination in combinations:
         of_levels = []
         for level in sorted(level for name, level in sums if name == combination):
@@ -98,10 +98,10 @@ def texture_matrices(
                     presses=np.where(np.isnan(mean), 0, presses),
                 )
             )
-        found += of_levels
+        matrices += of_levels
         if of_levels:
-            found.append(_pooled(of_levels))
-    return found
+            matrices.append(_pooled(of_levels))
+    return matrices
 
 
 def _squares(cell: CellSums) -> float:

@@ -46,7 +46,7 @@ def _warnings(collection: Collection, cells: Sequence[Cell]) -> Iterator[tuple[s
         elif prints < PRINTS:
             wide = "; with two, an interval can only be very wide" if prints == 2 else ""
             yield _where(members), f"{prints} prints of each texture, the paper has {PRINTS}{wide}"
-    mixed = [cell for _, members in by_combination if len({one.prints for one in members}) > 1 for cell in members]
+    mixed = [cell for _, members in by_combination if len({cell.prints for cell in members}) > 1 for cell in members]
     counts = _listed(sorted({cell.prints for cell in mixed}))
     yield (
         _where(mixed),

@@ -89,14 +89,14 @@ def dispersion_test(
         logs.append(math.log(a / b) if a > 0.0 and b > 0.0 else math.nan)
     ratio = math.exp(float(np.mean(logs)))
     # With as many prints on both sides, changing all of them over turns the sign and is as extreme.
-    least = min(1.0, max((2 if mirrored else 1) / arrangements, 1.0 / (1.0 + draws)))
+    smallest_p = min(1.0, max((2 if mirrored else 1) / arrangements, 1.0 / (1.0 + draws)))
     extreme = float((np.abs(drawn) >= abs(observed) * (1.0 - _SAME)).sum())
     return PermutationTest(
         statistic=observed / len(first),
         ratio=None if math.isnan(ratio) else ratio,
         # Drawn permutations may by chance be less often extreme than all of them would be.
-        p=max(least, (1.0 + extreme) / (1.0 + draws)),
-        least_p=least,
+        p=max(smallest_p, (1.0 + extreme) / (1.0 + draws)),
+        least_p=smallest_p,
         textures=len(first),
         prints=(int(prints[0]), int(prints[1])),
     )

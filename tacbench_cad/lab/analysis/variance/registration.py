@@ -108,8 +108,8 @@ def register(
         )
     runs = runs_to_send(collection)
     work = partial(_seating, runs=runs, grid=grid, preprocess=preprocess or Preprocess(), ddof=ddof)
-    with workers(jobs, dask, [run.folder for run in collection.runs]) as team:
-        return tuple(seating for seating in team.map(work, cells) if seating is not None)
+    with workers(jobs, dask, [run.folder for run in collection.runs]) as executor:
+        return tuple(seating for seating in executor.map(work, cells) if seating is not None)
 
 
 def _cells(collection: Collection) -> Iterator[list[Press]]:

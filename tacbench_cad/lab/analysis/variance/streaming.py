@@ -160,7 +160,7 @@ class _Task:
 def stream(
     collection: Collection,
     preprocess: Preprocess,
-    team: Executor,
+    executor: Executor,
     progress: Callable[[int, int], None] | None = None,
 ) -> Pass:
     """Pass once over all presses and stationary frames of a study.
@@ -168,13 +168,13 @@ def stream(
     Args:
         collection: The study.
         preprocess: What is done to a reading first.
-        team: The processes that do it.
+        executor: The processes that do it.
         progress: Called with the readings that were passed and with all of them.
     """
-    tasks = _tasks(collection, preprocess, team.jobs)
+    tasks = _tasks(collection, preprocess, executor.jobs)
     total = len(collection) + sum(_still_frames(run) for run in collection.runs)
     passed = Pass()
-    for part in team.map(_work, tasks):
+    for part in executor.map(_work, tasks):
         passed.add(part)
         if progress is not None:
             progress(passed.readings + len(passed.left_out), total)

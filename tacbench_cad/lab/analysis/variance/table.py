@@ -129,8 +129,8 @@ def variance_table(
     if ddof not in (0, 1):
         raise InputError("ddof", ddof, "allowed: 0, 1")
     settings = preprocess or Preprocess()
-    with workers(jobs, dask, [run.folder for run in collection.runs]) as team:
-        passed = stream(collection, settings, team, progress)
+    with workers(jobs, dask, [run.folder for run in collection.runs]) as executor:
+        passed = stream(collection, settings, executor, progress)
     sums = _summed(passed.places)
     if not sums:
         raise InputError("presses", 1, _NOT_REPEATED)
@@ -304,10 +304,10 @@ def _tests(collection: Collection, sums: Mapping[tuple[int, CellKey], CellSums],
 
 def holm(values: Sequence[float]) -> list[float]:
     """Values of p adjusted for their number: any of them below 5 % is wrong in 5 % of studies at most (Holm 1979)."""
-    adjusted, least = [0.0] * len(values), 0.0
+    adjusted, highest = [0.0] * len(values), 0.0
     for rank, i in enumerate(sorted(range(len(values)), key=lambda i: values[i])):
-        least = max(least, min(1.0, (len(values) - rank) * values[i]))
-        adjusted[i] = least
+        highest = max(highest, min(1.0, (len(values) - rank) * values[i]))
+        adjusted[i] = highest
     return adjusted
 
 

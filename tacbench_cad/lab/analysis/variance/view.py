@@ -6,7 +6,6 @@ reads those files again and shows the same tables.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ import numpy as np
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.published import FLOOR, PAPER_FLOORS, variance_of
-from tacbench_cad.lab.analysis.tables import Column, Row, Table, short
+from tacbench_cad.lab.analysis.tables import Column, Row, Table, read_settings, short, write_settings
 from tacbench_cad.lab.analysis.variance.cells import (
     ALL_LEVELS,
     FRAMES,
@@ -35,9 +34,8 @@ from tacbench_cad.lab.analysis.variance.components import LIMIT_FACTOR
 from tacbench_cad.lab.analysis.variance.notes import variance_warnings
 from tacbench_cad.lab.analysis.variance.registration import Seating
 from tacbench_cad.lab.analysis.variance.table import VarianceResult
-from tacbench_cad.util.convert import read_json, to_plain
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.files import locked, replacing
+from tacbench_cad.util.files import locked
 from tacbench_cad.util.text import interval
 
 #: What was asked for, beside the tables.
@@ -182,7 +180,7 @@ class VarianceView:
         Raises:
             InputError: A file is missing or damaged.
         """
-        settings = read_json(folder / SETTINGS_FILE, Settings, "settings")
+        settings = read_settings(folder / SETTINGS_FILE, Settings)
         names = ("variance", "floor_removed", "components", "permutation", *["registration"] * settings.registered)
         tables = {name: Table.read(folder / f"{name}.csv", COLUMNS[name]) for name in names}
         try:
@@ -209,9 +207,7 @@ class VarianceView:
         """
         names = [name for name in COLUMNS if name != "registration" or self.settings.registered]
         paths = [self.tables[name].write(folder / f"{name}.csv") for name in names]
-        with replacing(folder / SETTINGS_FILE) as temporary:
-            temporary.write_text(json.dumps(to_plain(self.settings), indent=1) + "\n", encoding="utf-8")
-        return [*paths, folder / SETTINGS_FILE]
+        return [*paths, write_settings(folder / SETTINGS_FILE, self.settings)]
 
     def document(self) -> dict[str, Any]:
         """The values of ``--json``."""
@@ -365,7 +361,7 @@ class VarianceView:
         for row in self.tables["registration"].rows:
             cell = cells.setdefault(tuple(row[column.name] for column in _CELL), {**row, "x_mm": None, "y_mm": None})
             for axis in ("x_mm", "y_mm"):
-                offsets = [abs(one[axis]) for one in (cell, row) if one[axis] is not None]
+                offsets = [abs(values[axis]) for values in (cell, row) if values[axis] is not None]
                 cell[axis] = max(offsets, default=None)
         table = Table(columns=COLUMNS["registration"], rows=tuple(cells.values()))
         return table.select(
