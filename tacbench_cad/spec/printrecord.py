@@ -89,13 +89,17 @@ def form(about: str, printer: str, filament: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def read_record(path: Path) -> PrintRecord:
+def read_record(path: Path, *, within: Path | None = None) -> PrintRecord:
     """Read a record.
+
+    Args:
+        path: The file.
+        within: A folder out of which no link may lead.
 
     Raises:
         InputError: It is missing or not TOML, or a field is unknown or not of its kind.
     """
-    document = door.parse_toml(door.read_text(path, "print record", "toml"), "print record", str(path))
+    document = door.read_document(path, "print record", "toml", within=within)
     values = {name: value for name, value in document.items() if name not in FIELDS or value not in ("", [])}
     from_plain(_Fields, values, f"{path}: ")
     empty = tuple(name for name in FIELDS if name not in values)

@@ -178,14 +178,12 @@ def read_toml(path: Path, cls: type[T], what: str, *, within: Path | None = None
     Raises:
         InputError: The file cannot be read, or holds what is not allowed; the message names file, table and key.
     """
-    document = door.parse_toml(door.read_text(path, what, "toml", within=within), what, str(path))
-    return from_plain(cls, document, f"{path}: ")
+    return from_plain(cls, door.read_document(path, what, "toml", within=within), f"{path}: ")
 
 
 def read_json(path: Path, cls: type[T], what: str, *, within: Path | None = None) -> T:
     """Read a JSON file from outside into a dataclass; arguments and errors as of :func:`read_toml`."""
-    document = door.parse_json(door.read_bytes(path, what, "json", within=within), what, str(path))
-    return from_plain(cls, document, f"{path}: ")
+    return from_plain(cls, door.read_document(path, what, "json", within=within), f"{path}: ")
 
 
 def to_plain(value: Any, *, without_none: bool = False, without_defaults: bool = False) -> Any:

@@ -137,6 +137,17 @@ def read_text(path: Path, what: str = "file", kind: str = "any", *, within: Path
         raise InputError(what, str(path), "is not UTF-8 text") from None
 
 
+def read_document(path: Path, what: str, kind: str, *, within: Path | None = None) -> Any:
+    """The plain values of a TOML or JSON file from outside; ``kind`` is ``toml`` or ``json``.
+
+    Raises:
+        InputError: As :func:`open_input` and :func:`parse_toml`.
+    """
+    if kind == "toml":
+        return parse_toml(read_text(path, what, kind, within=within), what, str(path))
+    return parse_json(read_bytes(path, what, kind, within=within), what, str(path))
+
+
 def parse_toml(text: str, what: str, name: str) -> dict[str, Any]:
     """A TOML document as plain values, all of them bounded.
 

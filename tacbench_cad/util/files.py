@@ -5,10 +5,12 @@ from __future__ import annotations
 import contextlib
 import errno
 import hashlib
+import json
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from tacbench_cad.util.door import open_input
 from tacbench_cad.util.errors import CheckFailedError, InputError
@@ -82,6 +84,17 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a UTF-8 file that is whole or not there; arguments and errors as of :func:`replacing`."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(text.encode())
+
+
+def write_json(path: Path, document: Mapping[str, Any]) -> None:
+    """Write a JSON file that is whole or not there; errors as of :func:`replacing`."""
+    write_text(path, json.dumps(document, indent=2, allow_nan=False) + "\n")
 
 
 @contextlib.contextmanager

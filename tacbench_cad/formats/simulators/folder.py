@@ -16,7 +16,7 @@ from tacbench_cad.formats.simulators.asset import SimulatorAsset
 from tacbench_cad.formats.simulators.readme import readme
 from tacbench_cad.geometry.block_part import block_spec
 from tacbench_cad.spec.block import Block
-from tacbench_cad.util.door import parse_json, read_bytes
+from tacbench_cad.util.door import read_document
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.files import TEMPORARY_PREFIX, locked, refusing, sha256
 
@@ -110,7 +110,7 @@ def _record_of(folder: Path, asset: SimulatorAsset) -> dict[str, Any]:
             raise InputError("out", str(folder), f"holds files but no {RECORD}; empty it or choose another --out")
         return {}
     try:
-        document = parse_json(read_bytes(record, "out", "json"), "out", str(record))
+        document = read_document(record, "out", "json")
         block, targets = document["block"], document["targets"]
         what = f"{block['texture']}, preset {block['preset']}, scale {block['scale']:g}"
         known = {name: targets[name] for name in SIMULATOR_TARGETS if name in targets}

@@ -21,7 +21,7 @@ from tacbench_cad.lab.study.presses import block_order
 from tacbench_cad.lab.study.spec import PlannedBlock, PrintedBlock, Protocol, RigSettings, Study, WorkFrame
 from tacbench_cad.util.convert import Length, read_toml
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.files import locked, replacing
+from tacbench_cad.util.files import locked, write_text
 from tacbench_cad.util.text import counted
 
 #: File in a run folder with the heights of first touch that a person taught.
@@ -220,10 +220,8 @@ def _prepare(
         return read_toml(path, _Taught, "first touch", within=place.folder).z_mm
     heights = person.first_touch(place.planned.printed, len(study.protocol.grid.positions_mm))
     place.folder.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        numbers = ", ".join(f"{height:.4f}" for height in heights)
-        head = "# Heights of first touch, taught by hand, in mm of the work frame."
-        temporary.write_text(f"{head}\nz_mm = [{numbers}]\n", encoding="utf-8")
+    head = "# Heights of first touch, taught by hand, in mm of the work frame."
+    write_text(path, f"{head}\nz_mm = [{', '.join(f'{height:.4f}' for height in heights)}]\n")
     return heights
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.files import replacing
+from tacbench_cad.util.files import write_text
 
 #: The file.
 TEMPLATE_FILE = Path(__file__).with_name("template.toml")
@@ -21,5 +20,4 @@ def write_template(path: Path) -> None:
     if path.exists() or path.is_symlink():
         raise InputError("init", str(path), "is there already; name a new file")
     path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        shutil.copyfile(TEMPLATE_FILE, temporary)
+    write_text(path, TEMPLATE_FILE.read_text("utf-8"))

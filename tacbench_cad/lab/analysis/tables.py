@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.util.convert import from_plain, to_plain
-from tacbench_cad.util.door import parse_json, read_bytes, read_table
+from tacbench_cad.util.door import read_document, read_table
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import replacing
 
@@ -208,7 +208,7 @@ def read_settings(path: Path, kind: type[T]) -> T:
     Raises:
         InputError: The file is missing or damaged.
     """
-    document = parse_json(read_bytes(path, "settings", "json"), "settings", str(path))
+    document = read_document(path, "settings", "json")
     if isinstance(document, dict):
         document = {FORMER_NAMES.get(key, key): value for key, value in document.items()}
         if document.get("protocol") == "sound":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,9 +10,10 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from tacbench_cad.util import door, files
+from tacbench_cad.util import door
 from tacbench_cad.util.convert import Bounds, Length, check_fields, from_plain, to_plain
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.files import write_json
 
 #: Standard acceleration of free fall, m/s^2: a mass of 1 kg weighs so many newtons.
 STANDARD_GRAVITY = 9.80665
@@ -158,9 +158,7 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
     Raises:
         InputError: The folder cannot be written.
     """
-    document = {"kind": _KIND, "schema": _SCHEMA, **to_plain(calibration)}
-    with files.replacing(path) as temporary:
-        temporary.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(path, {"kind": _KIND, "schema": _SCHEMA, **to_plain(calibration)})
 
 
 def read_calibration(path: Path) -> Calibration:
@@ -172,7 +170,7 @@ def read_calibration(path: Path) -> Calibration:
     hint = "`tacbench rig calibrate-force` writes one"
     if not path.exists():
         raise InputError("calibration", str(path), f"there is no such file; {hint}")
-    document = door.parse_json(door.read_bytes(path, "calibration", "json"), "calibration", str(path))
+    document = door.read_document(path, "calibration", "json")
     if not isinstance(document, dict) or document.pop("kind", None) != _KIND:
         raise InputError("calibration", str(path), f"is no force calibration; {hint}")
     schema = document.pop("schema", None)

@@ -16,8 +16,8 @@ from tacbench_cad.lab.runs import params, schema
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.pictures import decoded, sha256
 from tacbench_cad.lab.runs.reading import Run, planned, shape_fault
-from tacbench_cad.lab.runs.table import cut_torn_line, read_lines, read_table
-from tacbench_cad.util import door
+from tacbench_cad.lab.runs.schema import Reference, Row, Stationary
+from tacbench_cad.lab.runs.table import cut_torn_line, read_table
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked
@@ -41,11 +41,6 @@ class Finding:
     kind: str
     where: str
     text: str
-
-    def as_dict(self) -> dict[str, str]:
-        """Plain values."""
-        plain: dict[str, str] = to_plain(self)
-        return plain
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,34 +127,30 @@ class _Check:
 
     def tables(self, report: RunReport, repair: bool) -> RunReport:
         """Examine the three CSV files and compare them with the protocol."""
-        rows: dict[str, tuple[Any, ...]] = {}
-        for name, kind in schema.TABLES.items():
-            path = self.run.folder / name
+        rows: dict[type[Any], tuple[Any, ...]] = {}
+        for kind in schema.TABLES:
             faults: list[InputError] = []
-            check = planned(self.run.info) if name == schema.TARGETS_FILE else lambda line, row: None
             try:
-                table = read_table(path, kind, check, faults)
-                rows[name] = table.rows
+                table = read_table(self.run.folder, kind, planned(self.run.info) if kind is Row else None, faults)
+                rows[kind] = table.rows
                 if table.text.torn and repair:
-                    cut = f"{name}: cut off a torn last row of {_cut(self.run.folder, path, kind)} bytes"
+                    cut = f"{kind.FILE}: cut off a torn last row of {_cut(self.run.folder, kind)} bytes"
                     report = replace(report, repaired=(*report.repaired, cut))
                 elif table.text.torn:
-                    self.add("torn", name, "ends in a torn row; --repair cuts it off, and its press is then made again")
+                    text = "ends in a torn row; --repair cuts it off, and its press is then made again"
+                    self.add("torn", kind.FILE, text)
             except InputError as error:
                 faults.append(error)
-            if name == schema.TARGETS_FILE and name in rows:
-                self._press_gaps({row.number for row in rows[name]})
+            if kind is Row and kind in rows:
+                self._press_gaps({row.number for row in rows[kind]})
             for fault in faults:
                 kind_of_fault = "duplicate" if "already" in fault.allowed else "row"
-                self.add(kind_of_fault, name, str(fault).removeprefix(f"{self.run.folder}{os.sep}"))
-        targets, references, still = (rows.get(name, ()) for name in schema.TABLES)
-        self.expected = [
-            *((schema.frame_path(row.sensor_image), row.image_sha256) for row in targets),
-            *((row.path, row.image_sha256) for row in (*references, *still)),
-        ]
-        if schema.REFERENCES_FILE in rows and not references and not self.run.info.source:
+                self.add(kind_of_fault, kind.FILE, str(fault).removeprefix(f"{self.run.folder}{os.sep}"))
+        targets, references, still = (rows.get(kind, ()) for kind in schema.TABLES)
+        self.expected = [(row.path, row.image_sha256) for row in (*targets, *references, *still)]
+        if Reference in rows and not references and not self.run.info.source:
             self.add("gap", "references", "there is no reading without contact")
-        if schema.STATIONARY_FILE in rows:
+        if Stationary in rows:
             self._stationary_gaps({row.key for row in still})
         return replace(
             report,
@@ -196,7 +187,7 @@ class _Check:
             if not sub.is_dir():
                 continue
             for path in (f"{name}/{entry.name}" for entry in sorted(sub.iterdir())):
-                if path not in named and path not in schema.TABLES:
+                if path not in named and path not in (kind.FILE for kind in schema.TABLES):
                     self.add(
                         "extra", path, "has no row: an interrupted press (made again when the run goes on) or yours"
                     )
@@ -233,21 +224,20 @@ class _Check:
     def parameters(self) -> None:
         """Examine the files that TacTip toolchains look for."""
         for name in params.PARAMETERS:
-            path = self.run.folder / name
-            if not path.is_file():
+            if not (self.run.folder / name).is_file():
                 self.add("missing", name, "is not there; TacTip toolchains look for it")
                 continue
             try:
-                door.parse_json(door.read_bytes(path, kind="json"), "parameters", name)
+                self.run.parameters(name)
             except InputError:
                 self.add("unreadable", name, "is not valid JSON")
 
 
-def _cut(folder: Path, path: Path, kind: type[Any]) -> int:
+def _cut(folder: Path, kind: type[Any]) -> int:
     """Cut off a torn last row while nobody else writes; return its length."""
     with locked(folder):
-        text = read_lines(path, schema.columns(kind), [])
-        cut_torn_line(path, text)
+        text = read_table(folder, kind, None, []).text
+        cut_torn_line(folder / kind.FILE, text)
         return len(text.torn)
 
 

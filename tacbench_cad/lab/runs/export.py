@@ -16,10 +16,8 @@ from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs import params, schema
 from tacbench_cad.lab.runs.pictures import encoded
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.runs.writing import write_json
-from tacbench_cad.util import door
 from tacbench_cad.util.errors import CheckFailedError, InputError
-from tacbench_cad.util.files import locked, refusing, replacing
+from tacbench_cad.util.files import locked, refusing, replacing, write_json
 from tacbench_cad.util.packages import require
 
 #: Where the toolchains look for images.
@@ -117,12 +115,10 @@ def export_tactile_data(
         images = target / PROCESSED_FOLDER
         with refusing(target):
             images.mkdir(exist_ok=True)
-        done = 0
         for reference in run.references[:1]:
-            shape = _process(run, reference.path, reference.image_sha256, images, processing)
-        for row in run.rows:
-            shape = _process(run, schema.frame_path(row.sensor_image), row.image_sha256, images, processing)
-            done += 1
+            shape = _process(run, reference, images, processing)
+        for done, row in enumerate(run.rows, start=1):
+            shape = _process(run, row, images, processing)
             if progress is not None:
                 progress(done, len(names))
         assert shape is not None
@@ -131,16 +127,16 @@ def export_tactile_data(
             writer = csv.writer(stream, lineterminator="\n")
             writer.writerow(schema.COLUMNS)
             writer.writerows([values[column] for column in schema.COLUMNS] for _, values in run.targets.text.rows)
-    return done
+    return len(names)
 
 
-def _process(run: Run, path: str, digest: str, images: Path, processing: Processing) -> tuple[int, ...]:
-    image = run.read(path, digest)
+def _process(run: Run, row: schema.Row | schema.Reference, images: Path, processing: Processing) -> tuple[int, ...]:
+    image = run.read(row.path, row.image_sha256)
     if not is_image(image):
-        raise CheckFailedError(f"{run.folder / path}: is no image of uint8, grey or BGR")
+        raise CheckFailedError(f"{run.folder / row.path}: is no image of uint8, grey or BGR")
     data, _ = encoded(processing(image), run.info.simulated)
     with refusing(images):
-        (images / Path(path).name).write_bytes(data)
+        (images / Path(row.path).name).write_bytes(data)
     return image.shape
 
 
@@ -163,7 +159,7 @@ def _parameters(run: Run, target: Path, processing: Processing, shape: tuple[int
 def _json_of(run: Run, name: str) -> dict[str, Any]:
     path = run.folder / name
     try:
-        document = door.parse_json(door.read_bytes(path, kind="json"), "parameters", name)
+        document = run.parameters(name)
     except InputError:
         raise InputError("run", str(path), "is missing or damaged; put a copy of it back") from None
     if not isinstance(document, dict):

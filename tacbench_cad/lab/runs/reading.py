@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
@@ -18,8 +18,6 @@ from tacbench_cad.lab.runs.table import RunTable, read_table
 from tacbench_cad.spec.printrecord import PrintRecord, read_record
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import CheckFailedError, InputError
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class Run:
         _require_folder(folder)
         if not path.is_file():
             raise InputError("run", str(folder), f"is no run folder: it has no {schema.RUN_FILE}")
-        document = door.parse_json(door.read_bytes(path, "run", "json", within=folder), "run", str(path))
+        document = door.read_document(path, "run", "json", within=folder)
         if not isinstance(document, dict) or document.get("schema") != SCHEMA:
             raise InputError("run", str(path), f'is of another kind: "schema" must be "{SCHEMA}"')
         version = document.get("version")
@@ -64,7 +62,7 @@ class Run:
         Raises:
             InputError: A row cannot be read, contradicts the run, or occurs twice; the message names its line.
         """
-        return read_table(self.folder / schema.TARGETS_FILE, Row, planned(self.info))
+        return read_table(self.folder, Row, planned(self.info))
 
     @property
     def rows(self) -> tuple[Row, ...]:
@@ -87,7 +85,7 @@ class Run:
         Raises:
             InputError: ``references.csv`` cannot be read.
         """
-        return read_table(self.folder / schema.REFERENCES_FILE, Reference).rows
+        return read_table(self.folder, Reference).rows
 
     @cached_property
     def stationary_frames(self) -> tuple[Stationary, ...]:
@@ -96,7 +94,7 @@ class Run:
         Raises:
             InputError: ``stationary.csv`` cannot be read.
         """
-        return read_table(self.folder / schema.STATIONARY_FILE, Stationary).rows
+        return read_table(self.folder, Stationary).rows
 
     @cached_property
     def print_record(self) -> PrintRecord:
@@ -105,7 +103,15 @@ class Run:
         Raises:
             InputError: It is missing or damaged.
         """
-        return read_record(self.folder / schema.PRINT_FILE)
+        return read_record(self.folder / schema.PRINT_FILE, within=self.folder)
+
+    def parameters(self, name: str) -> Any:
+        """The plain values of one of the JSON files that TacTip toolchains look for.
+
+        Raises:
+            InputError: It is missing or damaged.
+        """
+        return door.read_document(self.folder / name, "parameters", "json", within=self.folder)
 
     def frame(self, row: Row, verify: bool = False) -> Frame:
         """The frame of a press.
@@ -120,7 +126,7 @@ class Run:
         Raises:
             CheckFailedError: The file is missing, damaged, or of another shape; with ``verify`` also if it was changed.
         """
-        return self.read(schema.frame_path(row.sensor_image), row.image_sha256 if verify else None)
+        return self.read(row.path, row.image_sha256 if verify else None)
 
     def reference(self, number: int = 0) -> Frame:
         """A frame without contact: the first one, or a later one.
@@ -207,12 +213,7 @@ def planned(info: RunInfo) -> Callable[[int, Any], None]:
                 row.key,
                 f"contradicts the protocol, where press {press.number} is {key}",
             )
-        if (row.texture, row.printer, row.filament, row.copy) != (
-            block.texture,
-            block.printer,
-            block.filament,
-            block.copy,
-        ):
+        if any(getattr(row, name) != getattr(block, name) for name in ("texture", "printer", "filament", "copy")):
             raise InputError("texture", row.texture, f"the run is of {block.name}")
         if seen.setdefault(row.key, line) != line:
             raise InputError("sensor_image", row.sensor_image, f"stands in line {seen[row.key]} already")

@@ -12,12 +12,10 @@ from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from functools import cache, cached_property
 from types import NoneType
-from typing import Any, Literal, TypeVar, cast, get_args, get_type_hints
+from typing import Any, ClassVar, Literal, TypeVar, get_args, get_type_hints
 
-from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.lab.study.spec import Point, PrintedBlock
 from tacbench_cad.util.errors import InputError, one_of
-
-T = TypeVar("T")
 
 #: What stays the same in a run, one row for each press, and what the person at the printer fills in.
 RUN_FILE, TARGETS_FILE, PRINT_FILE = "run.json", "targets.csv", "print.toml"
@@ -66,8 +64,17 @@ def stationary_path(when: str, in_contact: bool, index: int, image: bool) -> str
     return f"{STATIONARY_FOLDER}/{when}_{contact}_{index:02d}.{'png' if image else 'npy'}"
 
 
+class TableRow:
+    """A row of one of a run's tables, whose path in the run folder is ``FILE``."""
+
+    FILE: ClassVar[str]
+
+
+T = TypeVar("T", bound=TableRow)
+
+
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class Row(TableRow):
     """One press, as ``targets.csv`` has it; the first fourteen columns are those of the TacTip toolchains.
 
     Args:
@@ -94,6 +101,7 @@ class Row:
         reference_age_s: Age of the last reference, None without one.
     """
 
+    FILE = TARGETS_FILE
     sensor_image: str
     object_label: int | str
     pose_x: float
@@ -138,6 +146,11 @@ class Row:
         return int(name["image"] or name["data"]) if name else 0
 
     @property
+    def path(self) -> str:
+        """The file of its frame, from the run folder."""
+        return frame_path(self.sensor_image)
+
+    @property
     def pose_mm(self) -> Point:
         """The sensor's summit in the work frame; z is nan where nobody measured it."""
         return (self.pose_x, self.pose_y, math.nan if self.pose_z is None else self.pose_z)
@@ -149,7 +162,7 @@ class Row:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reference:
+class Reference(TableRow):
     """A frame without contact.
 
     Args:
@@ -159,6 +172,7 @@ class Reference:
         image_sha256: SHA-256 of the file.
     """
 
+    FILE = REFERENCES_FILE
     path: str = field(metadata={"column": "reference"})
     time_utc: datetime
     after_press: int = field(metadata={"low": 0})
@@ -169,7 +183,7 @@ class Reference:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stationary:
+class Stationary(TableRow):
     """A frame without motion.
 
     Args:
@@ -180,6 +194,7 @@ class Stationary:
         image_sha256: SHA-256 of the file.
     """
 
+    FILE = STATIONARY_FILE
     path: str = field(metadata={"column": "reading"})
     when: When
     in_contact: bool
@@ -202,13 +217,20 @@ def _require_inside(path: str) -> None:
         raise InputError("path", path, "must be a file in one of the run's own folders")
 
 
+def block_values(printed: PrintedBlock) -> dict[str, Any]:
+    """What each row of ``targets.csv`` says of the run's block."""
+    block = printed.block
+    names = ("object_label", "texture", "printer", "filament", "copy")
+    return {"preset": block.preset, "scale": block.scale, **{name: getattr(printed, name) for name in names}}
+
+
 def columns(kind: type[Any]) -> tuple[str, ...]:
     """The columns of a table whose rows are of a dataclass."""
     return tuple(column.metadata.get("column", column.name) for column in fields(kind))
 
 
-#: The three tables of a run and what their rows are.
-TABLES: Mapping[str, type[Any]] = {TARGETS_FILE: Row, REFERENCES_FILE: Reference, STATIONARY_FILE: Stationary}
+#: What the rows of a run's three tables are.
+TABLES: tuple[type[Any], ...] = (Row, Reference, Stationary)
 #: The columns of ``targets.csv``.
 COLUMNS = columns(Row)
 
@@ -219,7 +241,9 @@ def parse_row(kind: type[T], texts: Mapping[str, str]) -> T:
     Raises:
         InputError: A text is not one that this program writes; the message names the column.
     """
-    return kind(**{name: parse(column, texts[column]) for name, column, parse in _parsers(cast(Any, kind))})
+    factory: Any = kind
+    row: T = factory(**{name: parse(column, texts[column]) for name, column, parse in _parsers(factory)})
+    return row
 
 
 @cache

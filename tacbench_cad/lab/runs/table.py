@@ -9,15 +9,13 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Generic
 
 from tacbench_cad.lab.rig.stage import Closing
-from tacbench_cad.lab.runs.schema import cells, columns, parse_row
+from tacbench_cad.lab.runs.schema import T, cells, columns, parse_row
 from tacbench_cad.util import door
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.errors import InputError, located
 from tacbench_cad.util.files import refusing
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,11 +23,13 @@ class TableText:
     """The text of a CSV file.
 
     Args:
+        header: The columns.
         rows: Line number (from 1, the header is line 1) and the columns' texts of every whole line after the header.
         torn: The bytes behind the last whole line; empty if the file ends as it should.
         whole_bytes: End of the last whole line.
     """
 
+    header: tuple[str, ...]
     rows: tuple[tuple[int, dict[str, str]], ...]
     torn: bytes
     whole_bytes: int
@@ -49,15 +49,15 @@ class RunTable(Generic[T]):
 
 
 def read_table(
-    path: Path,
+    folder: Path,
     kind: type[T],
-    check: Callable[[int, T], None] = lambda line, row: None,
+    check: Callable[[int, T], None] | None = None,
     faults: list[InputError] | None = None,
 ) -> RunTable[T]:
-    """Read a table of a run.
+    """Read a table of a run. A file that does not exist, or is empty, has no rows.
 
     Args:
-        path: The file. One that does not exist, or is empty, has no rows.
+        folder: The run folder.
         kind: What its rows are.
         check: Called with the line number and the row; raises an InputError where the row contradicts the others.
         faults: A list that takes the faults of single rows instead of their being raised.
@@ -65,23 +65,26 @@ def read_table(
     Raises:
         InputError: As :func:`read_lines`, or a row cannot be read; the message names its line.
     """
-    text = read_lines(path, columns(kind), faults)
+    path = folder / kind.FILE
+    text = read_lines(path, columns(kind), faults, within=folder)
     rows = []
     for line, values in text.rows:
         try:
-            row = parse_row(kind, values)
-            check(line, row)
-        except InputError as error:
-            fault = InputError(f"{path} line {line}: {error.field}", error.value, error.allowed)
-            if faults is None:
-                raise fault from None
-            faults.append(fault)
-        else:
+            with located(f"{path} line {line}: "):
+                row = parse_row(kind, values)
+                if check is not None:
+                    check(line, row)
             rows.append(row)
+        except InputError as fault:
+            if faults is None:
+                raise
+            faults.append(fault)
     return RunTable(rows=tuple(rows), text=text)
 
 
-def read_lines(path: Path, names: Sequence[str], faults: list[InputError] | None = None) -> TableText:
+def read_lines(
+    path: Path, names: Sequence[str], faults: list[InputError] | None = None, *, within: Path | None = None
+) -> TableText:
     """Read the lines of a CSV file.
 
     A line counts as torn if its newline is missing, or if zero bytes stand in it: both are what a power cut leaves of
@@ -91,11 +94,12 @@ def read_lines(path: Path, names: Sequence[str], faults: list[InputError] | None
         path: The file. One that does not exist, or is empty, has no rows.
         names: The columns that it must have; further ones are ignored.
         faults: A list that takes the faults of lines with another number of fields instead of their being raised.
+        within: A folder out of which no link may lead.
 
     Raises:
         InputError: It cannot be read, is not UTF-8, lacks a column, or a line has another number of fields.
     """
-    content = door.read_bytes(path, kind="table") if os.path.lexists(path) else b""
+    content = door.read_bytes(path, kind="table", within=within) if os.path.lexists(path) else b""
     end = content.rfind(b"\n") + 1
     zero = content.find(b"\0")
     if zero >= 0:
@@ -122,7 +126,7 @@ def read_lines(path: Path, names: Sequence[str], faults: list[InputError] | None
         if faults is None:
             raise fault
         faults.append(fault)
-    return TableText(rows=tuple(rows), torn=content[end:], whole_bytes=end)
+    return TableText(header=tuple(header), rows=tuple(rows), torn=content[end:], whole_bytes=end)
 
 
 def cut_torn_line(path: Path, text: TableText) -> None:
@@ -137,10 +141,10 @@ def cut_torn_line(path: Path, text: TableText) -> None:
 
 
 class GrowingTable(Closing, Generic[T]):
-    """A CSV file to append to.
+    """A CSV file to append to; it is made with its header if it does not exist.
 
     Args:
-        path: The file; it is made with its header if it does not exist.
+        folder: The run folder.
         kind: What its rows are.
         check: As of :func:`read_table`.
         durable: Force every line to the disk before :meth:`append` returns.
@@ -149,26 +153,27 @@ class GrowingTable(Closing, Generic[T]):
         InputError: What is there cannot be appended to; nothing was changed.
 
     Attributes:
+        path: The file.
         rows: The rows that were there.
         torn: What was cut off its end, as bytes.
     """
 
     def __init__(
-        self, path: Path, kind: type[T], check: Callable[[int, T], None] = lambda line, row: None, *, durable: bool
+        self, folder: Path, kind: type[T], check: Callable[[int, T], None] | None = None, *, durable: bool
     ) -> None:
-        table = read_table(path, kind, check)
-        self.path, self.rows, self.torn = path, table.rows, table.text.torn
+        table = read_table(folder, kind, check)
+        self.path = path = folder / kind.FILE
+        self.rows, self.torn = table.rows, table.text.torn
         self._durable = durable
-        header = columns(kind)
         with refusing(path.parent):
             if self.torn:
                 cut_torn_line(path, table.text)
             self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o666)
             try:
                 if table.text.whole_bytes == 0:
-                    self._write(header)
+                    self._write(columns(kind))
                     sync_folder(path.parent)
-                elif self._header() != header:
+                elif table.text.header != columns(kind):
                     raise InputError(str(path), None, "has its columns in another order than this program appends")
             except BaseException:
                 os.close(self._handle)
@@ -197,10 +202,6 @@ class GrowingTable(Closing, Generic[T]):
         except BaseException:
             os.ftruncate(self._handle, before)
             raise
-
-    def _header(self) -> tuple[str, ...]:
-        with self.path.open(encoding="utf-8-sig", newline="") as stream:
-            return tuple(next(csv.reader(stream)))
 
     def close(self) -> None:
         """Let go of the file."""

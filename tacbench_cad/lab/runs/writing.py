@@ -6,16 +6,14 @@ the next press may begin. A frame without a row therefore counts as never taken,
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, TypeVar
 
 from tacbench_cad import __version__
 from tacbench_cad.lab.rig.errors import SensorError
@@ -25,17 +23,15 @@ from tacbench_cad.lab.runs import params, schema
 from tacbench_cad.lab.runs.info import SCHEMA, SCHEMA_VERSION, RunInfo
 from tacbench_cad.lab.runs.pictures import encoded, sha256
 from tacbench_cad.lab.runs.reading import Run, planned
-from tacbench_cad.lab.runs.schema import Reference, Row, Stationary, When
+from tacbench_cad.lab.runs.schema import Reference, Row, Stationary, T, When
 from tacbench_cad.lab.runs.table import GrowingTable, sync_folder
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.spec.printrecord import form
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.files import locked, refusing, replacing
+from tacbench_cad.util.files import locked, refusing, write_json, write_text
 from tacbench_cad.util.packages import version
-
-T = TypeVar("T")
 
 
 class RunWriter:
@@ -56,16 +52,16 @@ class RunWriter:
     """
 
     def __init__(self, folder: Path, info: RunInfo, durable: bool, stack: ExitStack) -> None:
-        def table(name: str, kind: type[T], **check: Any) -> GrowingTable[T]:
-            return stack.enter_context(GrowingTable(folder / name, kind, durable=durable, **check))
+        def table(kind: type[T], check: Callable[[int, T], None] | None = None) -> GrowingTable[T]:
+            return stack.enter_context(GrowingTable(folder, kind, check, durable=durable))
 
         self.folder = folder
         self.info = info
         self.seconds = {"encode": 0.0, "sync": 0.0}
         self._durable = durable
-        self._targets = table(schema.TARGETS_FILE, Row, check=planned(info))
-        self._references = table(schema.REFERENCES_FILE, Reference)
-        self._stationary = table(schema.STATIONARY_FILE, Stationary)
+        self._targets = table(Row, planned(info))
+        self._references = table(Reference)
+        self._stationary = table(Stationary)
         rows, references = self._targets.rows, self._references.rows
         self.done = {row.number for row in rows}
         self._last_press = rows[-1].number if rows else 0
@@ -189,19 +185,13 @@ class RunWriter:
         age_s = None
         if time_utc is not None and self.reference_time is not None:
             age_s = (time_utc - self.reference_time).total_seconds()
-        printed, (x, y, z) = self.info.printed, (round(float(value), 6) for value in pose_mm)
+        x, y, z = (round(float(value), 6) for value in pose_mm)
         row = Row(
+            **schema.block_values(self.info.printed),
             sensor_image=path.rpartition("/")[2],
-            object_label=printed.object_label,
             pose_x=x,
             pose_y=y,
             pose_z=z,
-            texture=printed.texture,
-            preset=printed.block.preset,
-            scale=printed.block.scale,
-            printer=printed.printer,
-            filament=printed.filament,
-            copy=printed.copy,
             position=press.position,
             force_level=press.force_level,
             target_force_n=press.target_n,
@@ -298,8 +288,7 @@ def _begin(folder: Path, info: RunInfo) -> None:
     if not (folder / schema.PRINT_FILE).is_file():
         printed = info.printed
         record = form(f"Record of the print {printed.name}.", printed.printer, printed.filament)
-        with replacing(folder / schema.PRINT_FILE) as path:
-            path.write_text(record, encoding="utf-8")
+        write_text(folder / schema.PRINT_FILE, record)
     head = {"schema": SCHEMA, "version": SCHEMA_VERSION, "name": info.printed.name, "simulated": list(info.simulated)}
     write_json(folder / schema.RUN_FILE, {**head, **info.as_dict(), "sittings": []})
     with refusing(folder):
@@ -309,7 +298,7 @@ def _begin(folder: Path, info: RunInfo) -> None:
 def _record_session(folder: Path, info: RunInfo) -> None:
     """Note in ``run.json`` when, and with which software and devices, the run was resumed."""
     path = folder / schema.RUN_FILE
-    document = door.parse_json(door.read_bytes(path, "run", "json", within=folder), "run", str(path))
+    document = door.read_document(path, "run", "json", within=folder)
     sessions = document["sittings"]
     devices = {"stage": info.stage, "gauge": info.gauge, "sensor": info.sensor}
     session = {
@@ -320,13 +309,3 @@ def _record_session(folder: Path, info: RunInfo) -> None:
         return
     sessions.append({"begun_utc": schema.cell(datetime.now(UTC)), **session})
     write_json(path, document)
-
-
-def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Write a JSON file that is whole or not there.
-
-    Raises:
-        InputError: The folder cannot be written, or is full.
-    """
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")

@@ -24,7 +24,7 @@ from tacbench_cad.lab.study.spec import PlannedBlock, Point, Study, WorkFrame
 from tacbench_cad.spec.printrecord import FIELDS
 from tacbench_cad.util.convert import Bounds, check_fields, to_plain
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.files import locked, replacing
+from tacbench_cad.util.files import locked, write_text
 
 #: Simulated runs have times so that a reference has an age; they begin at a date that nobody takes for a real one.
 BEGIN = datetime(2000, 1, 1, tzinfo=UTC)
@@ -242,5 +242,4 @@ def _record_print(folder: Path, info: RunInfo, options: SimulationOptions) -> No
         lines.append(f"{name} = {json.dumps(known.get(name, empty))}")
     with locked(folder):
         if not (folder / schema.RUN_FILE).exists() and not (folder / schema.PRINT_FILE).exists():
-            with replacing(folder / schema.PRINT_FILE) as path:
-                path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+            write_text(folder / schema.PRINT_FILE, "\n".join(lines) + "\n")

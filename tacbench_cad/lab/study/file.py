@@ -80,7 +80,7 @@ def read_study(path: Path, *, teaching: bool = False) -> StudyFile:
         InputError: The file cannot be read, or something in it is empty or not allowed; the message names key and
             value.
     """
-    document = door.parse_toml(door.read_text(path, "study", "toml"), "study", str(path))
+    document = door.read_document(path, "study", "toml")
     with located(f"{path}: "):
         return _study_file(document, path.parent, teaching)
 

@@ -23,7 +23,7 @@ from typing import Any
 from tacbench_cad.lab.analysis.classification.splits import FOLDS, HOLD_OUT_LEVELS, PressTable, folds_of
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.util.convert import from_plain, to_plain
-from tacbench_cad.util.door import parse_json, read_bytes
+from tacbench_cad.util.door import read_document
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import replacing
 
@@ -226,7 +226,7 @@ def read_split(path: Path) -> Split:
     Raises:
         InputError: It cannot be read, is of another kind or version, or does not have the hashes that it names.
     """
-    document = parse_json(read_bytes(path, "split", "json"), "split", str(path))
+    document = read_document(path, "split", "json")
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         raise InputError("split", str(path), f'is no split file: "schema" must be "{SCHEMA}"')
     if document.get("version") != SCHEMA_VERSION:
