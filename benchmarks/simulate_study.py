@@ -19,7 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command sets it
 
 import psutil
 
-from tacbench_cad.cli.simulate import SHARES
+from tacbench_cad.cli.simulate import TIME_SPENT
 from tacbench_cad.lab.simulate.blockrun import SimulationOptions
 from tacbench_cad.lab.simulate.study import estimate_simulation, require_room, simulate_study, study_of
 
@@ -55,12 +55,12 @@ def main() -> int:
         if given.out is None:
             shutil.rmtree(out)
     images = sum(block.images for block in blocks)
-    spent = {name: sum(block.seconds[name] for block in blocks) for name in SHARES}
+    spent = {name: sum(block.seconds[name] for block in blocks) for name in TIME_SPENT}
     total = sum(spent.values())
     print(f"{given.study}: {needed.blocks} blocks, {needed.presses:,} presses, {images:,} images, {size / 1e9:.2f} GB")
     print(f"estimated {needed.gb:.2f} GB and {needed.minutes:.1f} minutes; took {seconds / 60:.2f} minutes", end=" ")
     print(f"in {given.jobs} processes, {1e3 * seconds * given.jobs / images:.1f} ms of a process for each image")
-    for name, what in SHARES.items():
+    for name, what in TIME_SPENT.items():
         print(f"  {what:<18}{100 * spent[name] / total:5.1f} %  {1e3 * spent[name] / images:6.2f} ms an image")
     print(f"worst force error {1e3 * max(block.worst_n for block in blocks):.4f} mN")
     early = max(rss for count, rss in memory if count <= images / 4)

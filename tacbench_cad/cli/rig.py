@@ -50,7 +50,7 @@ def probe(ask: tuple[str, ...], json: bool) -> None:
       tacbench rig probe --json
     """
     from tacbench_cad.lab.rig.ports import candidates
-    from tacbench_cad.lab.rig.probing import found_cameras, identify
+    from tacbench_cad.lab.rig.probing import identify, plugged_cameras
     from tacbench_cad.util.convert import to_plain
 
     ports = candidates()
@@ -58,7 +58,7 @@ def probe(ask: tuple[str, ...], json: bool) -> None:
     for port in ask:
         note(f"asking {port}; a silent one takes half a minute")
         answers[port] = identify(port)
-    cameras = found_cameras()
+    cameras = plugged_cameras()
     if json:
         listed = [{name: value for name, value in to_plain(port).items() if name != "hardware"} for port in ports]
         print_json({"ports": listed, "asked": answers, "cameras": to_plain(cameras)})

@@ -46,7 +46,7 @@ def _whole_numbers(separator: str, count: int, allowed: str) -> options.Value:
 @options.flag("--repair", "Cut off a torn last row. Nothing else is changed.")
 @options.json
 def check(folders: tuple[Path, ...], repair: bool, json: bool) -> None:
-    """Examine run folders and every reading in them.
+    """Examine run folders and every frame in them.
 
     Missing, extra, doubled, unreadable, dark, blurred and stuck (identical) images, wrong checksums and gaps in the
     protocol are named, one line a run and then one a finding; the exit code is then 1. The order of the rows of

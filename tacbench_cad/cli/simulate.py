@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tacbench_cad.lab.study.spec import Study
 
 #: What the time went to, in the words of the result.
-SHARES = {
+TIME_SPENT = {
     "encode": "PNG encoding",
     "draw": "drawing and noise",
     "press": "forces and pins",
@@ -130,9 +130,9 @@ def _plan(study: Study, infos: Sequence[RunInfo], needed: SimulationEstimate, co
     return lines
 
 
-def _shares(blocks: Sequence[SimulatedBlock]) -> dict[str, float]:
+def _time_spent(blocks: Sequence[SimulatedBlock]) -> dict[str, float]:
     """Seconds of all processes by what they went to."""
-    return {name: sum(block.seconds[name] for block in blocks) for name in SHARES}
+    return {name: sum(block.seconds[name] for block in blocks) for name in TIME_SPENT}
 
 
 def _print(folder: Path, infos: Sequence[RunInfo], blocks: Sequence[SimulatedBlock], seconds: float) -> None:
@@ -154,9 +154,11 @@ def _print(folder: Path, infos: Sequence[RunInfo], blocks: Sequence[SimulatedBlo
             for group, members in groups.items()
         ],
     )
-    spent = _shares(blocks)
+    spent = _time_spent(blocks)
     images = sum(block.images for block in blocks)
-    percents = [f"{what} {100.0 * spent[name] / sum(spent.values()):.0f} %" for name, what in SHARES.items() if images]
+    percents = [
+        f"{what} {100.0 * spent[name] / sum(spent.values()):.0f} %" for name, what in TIME_SPENT.items() if images
+    ]
     print_lines(
         "; ".join([f"{counted(images, 'image')} in {seconds:.1f} s", *([", ".join(percents)] if images else [])])
     )
@@ -172,7 +174,7 @@ def _document(
         "images_made": sum(block.images for block in blocks),
         "bytes_each": needed.bytes_each,
         "seconds": seconds,
-        "process_seconds": _shares(blocks),
+        "process_seconds": _time_spent(blocks),
         "runs": [
             {
                 "name": block.name,

@@ -113,7 +113,7 @@ def locked(folder: Path) -> Iterator[None]:
         InputError: Another process holds the folder, or it cannot be written.
     """
     try:
-        made = [one for one in (folder, *folder.parents) if not one.exists()]
+        created = [level for level in (folder, *folder.parents) if not level.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         handle = _take(folder / LOCK_NAME)
     except OSError as error:
@@ -128,8 +128,8 @@ def locked(folder: Path) -> Iterator[None]:
     finally:
         _leave(folder / LOCK_NAME, handle)
         with contextlib.suppress(OSError):  # one that holds something
-            for one in made:
-                one.rmdir()
+            for level in created:
+                level.rmdir()
 
 
 def sha256(path: Path) -> str:

@@ -51,13 +51,6 @@ class Arduino(Firmware):
         self._listening = False
         self._run(iter(()))
 
-    def _forget(self) -> None:
-        self._homing: int | None = None
-
-    def _end_stop(self, axis: int) -> None:
-        if axis == self._homing:
-            self.carriage.halt(self.now_s)
-
     def _main(self) -> Program:
         line = ""
         while True:

@@ -54,6 +54,7 @@ class Firmware(ABC):
         self._wait: Wait | None = None
         self._wake_s: float | None = None
         self._program: Program = iter(())
+        self._homing: int | None = None
         self.power_up(0.0)
 
     # For whoever drives it
@@ -97,6 +98,7 @@ class Firmware(ABC):
         self.carriage.count_as((0.0, 0.0, 0.0))
         self._listening = False
         self._rx.clear()
+        self._homing = None
         self._forget()
         self._run(self._boot())
 
@@ -111,8 +113,7 @@ class Firmware(ABC):
 
     # For the firmware itself
 
-    @abstractmethod
-    def _forget(self) -> None:
+    def _forget(self) -> None:  # noqa: B027
         """Put everything that lies in volatile memory back."""
 
     @abstractmethod
@@ -124,9 +125,10 @@ class Firmware(ABC):
         if len(self._rx) < self.rx_bytes:
             self._rx.append(byte)
 
-    @abstractmethod
     def _end_stop(self, axis: int) -> None:
-        """An end stop closed during motion."""
+        """An end stop closed during motion; to most firmwares it means nothing but in homing."""
+        if axis == self._homing:
+            self.carriage.halt(self.now_s)
 
     def _stopped(self) -> None:  # noqa: B027
         """The last stroke ended; most firmwares need not know."""

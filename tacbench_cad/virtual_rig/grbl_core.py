@@ -5,10 +5,10 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 
-from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.lab.study.spec import Point, minus, plus
 from tacbench_cad.virtual_rig.base import Firmware, Program, earliest
 from tacbench_cad.virtual_rig.grbl_gcode import Modal
-from tacbench_cad.virtual_rig.grbl_memory import Dialect, Memory, triple
+from tacbench_cad.virtual_rig.grbl_memory import GRBL, Dialect, Memory, triple
 from tacbench_cad.virtual_rig.machine import Carriage, Stroke
 
 #: Lines that the planner holds, and signs that a line may have.
@@ -28,7 +28,7 @@ class GrblCore(Firmware):
         carriage: What it moves; its axes tell the machine frame, with the origin set at the homing switches' side
             (``[OPT:VZ``: compiled with HOMING_FORCE_SET_ORIGIN).
         settings: ``$`` settings that differ from :data:`tacbench_cad.virtual_rig.grbl_memory.SETTINGS`.
-        boot_s: Seconds from a reset to the banner.
+        boot_s: Seconds from a reset to the banner; None for the dialect's own.
         dialect: GRBL itself, or a descendant.
     """
 
@@ -39,13 +39,14 @@ class GrblCore(Firmware):
         carriage: Carriage,
         *,
         settings: Mapping[int, float] | None = None,
-        boot_s: float = 1.2,
-        dialect: Dialect | None = None,
+        boot_s: float | None = None,
+        dialect: Dialect = GRBL,
     ) -> None:
-        self.dialect = dialect or Dialect()
+        self.dialect = dialect
+        self.rx_bytes = dialect.rx_bytes
         self.settings = Memory(carriage.axes, settings or {})
-        self._fresh = bool(self.dialect.fresh_memory)
-        super().__init__(carriage, boot_s=boot_s)
+        self._fresh = bool(dialect.fresh_memory)
+        super().__init__(carriage, boot_s=dialect.boot_s if boot_s is None else boot_s)
 
     # What others see
 
@@ -79,7 +80,7 @@ class GrblCore(Firmware):
         self._status_s: float | None = None
         self._idle_s: float | None = None
         self._position = self.carriage.counted(self.now_s)
-        self._homing: int | None = None
+        self._homing = None
         self._rx.clear()
 
     # The receive interrupt
@@ -169,8 +170,7 @@ class GrblCore(Firmware):
 
     def _end_stop(self, axis: int) -> None:
         if self._homing is not None:
-            if axis == self._homing:
-                self.carriage.halt(self.now_s)
+            super()._end_stop(axis)
         elif self.settings[21]:
             self._run(self._critical(1))
 
@@ -247,14 +247,9 @@ class GrblCore(Firmware):
         if state == "Hold":
             state = "Hold:1" if self.carriage.moving else "Hold:0"
         offset = self.settings.offsets[self.modal.system_index]
-        work: Point = tuple(a + b for a, b in zip(offset, self._shift, strict=True))  # type: ignore[assignment]
-        position = self.reported
-        fields = [state]
-        if int(self.settings[10]) & 1:
-            fields.append(f"MPos:{triple(position)}")
-        else:
-            shown: Point = tuple(a - b for a, b in zip(position, work, strict=True))  # type: ignore[assignment]
-            fields.append(f"WPos:{triple(shown)}")
+        work = plus(offset, self._shift)
+        machine = bool(int(self.settings[10]) & 1)
+        fields = [state, f"MPos:{triple(self.reported)}" if machine else f"WPos:{triple(minus(self.reported, work))}"]
         if int(self.settings[10]) & 2 or self.dialect.buffer_field:
             room = PLANNER_LINES - self.carriage.queued - len(self._held)
             fields.append(f"Bf:{max(0, room)},{self.rx_bytes - len(self._rx)}")

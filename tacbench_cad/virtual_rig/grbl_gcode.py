@@ -73,9 +73,7 @@ class Modal:
 
     def after(self, commands: Mapping[str, str]) -> Modal:
         """The state with a line's commands, by modal group."""
-        kept = ("motion", "plane", "distance", "units", "system", "spindle", "coolant")
-        values = {name: commands.get(name, getattr(self, name)) for name in kept}
-        return Modal(feed_mm_min=self.feed_mm_min, **values)
+        return replace(self, **{name: word for name, word in commands.items() if hasattr(self, name)})  # type: ignore[arg-type]
 
     def report(self) -> str:
         """The answer to ``$G``."""

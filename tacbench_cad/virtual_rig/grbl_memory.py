@@ -42,6 +42,29 @@ class Dialect:
     buffer_field: bool = False
     #: From the question mark to the report; another one within it is the same one.
     status_s: float = 0.0005
+    #: Slots of the serial receive buffer.
+    rx_bytes: int = 128
+    #: Seconds from a reset to the banner.
+    boot_s: float = 1.2
+
+
+#: GRBL 1.1h itself.
+GRBL = Dialect()
+#: How grblHAL 1.1f differs: it answers in ALARM:2, resets in motion without an alarm, reports more, and has more room.
+GRBLHAL = Dialect(
+    banner="GrblHAL 1.1f ['$' or '$HELP' for help]",
+    version="[VER:1.1f.20200818:SIMULATED]",
+    options="[OPT:VNMZSL,35,1024,3,0]",
+    fresh_memory="error:7",
+    status_in_alarm=True,
+    alarm_pause_s=0.0,
+    abort_alarm=False,
+    more_fields="|A:|H:0|TLR:0",
+    buffer_field=True,
+    status_s=0.005,
+    rx_bytes=1024,
+    boot_s=0.3,
+)
 
 
 class Memory:

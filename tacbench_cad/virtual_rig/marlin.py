@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.lab.study.spec import Point, minus
 from tacbench_cad.virtual_rig.base import Program
 from tacbench_cad.virtual_rig.gcode import words
 from tacbench_cad.virtual_rig.machine import along_path, replaced
@@ -111,8 +111,7 @@ class Marlin(MarlinCore):
             value = values.get(letter)
             if value is not None:
                 self._planned = replaced(self._planned, i, value)
-        x, y, z = (a - b for a, b in zip(native, self._planned, strict=True))
-        self._shift = (x, y, z)
+        self._shift = minus(native, self._planned)
 
     def _home(self, axes: list[int]) -> Program:
         yield self._at_rest

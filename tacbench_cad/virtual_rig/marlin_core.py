@@ -8,7 +8,7 @@ from collections import deque
 from functools import reduce
 from operator import xor
 
-from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.lab.study.spec import Point, minus, plus
 from tacbench_cad.virtual_rig.base import Firmware, Program, earliest
 from tacbench_cad.virtual_rig.machine import Carriage
 
@@ -82,7 +82,6 @@ class MarlinCore(Firmware):
         self._busy_s: float | None = None
         self._auto_s: float | None = None
         self._auto_every_s = 0.0
-        self._homing: int | None = None
         self._killed = False
         self._seen = bytearray()
 
@@ -192,11 +191,6 @@ class MarlinCore(Firmware):
             if self._quiet_until_s is None:
                 self._report()
 
-    def _end_stop(self, axis: int) -> None:
-        # Outside of homing a closed end stop means nothing.
-        if axis == self._homing:
-            self.carriage.halt(self.now_s)
-
     # The program
 
     def _main(self) -> Program:
@@ -246,12 +240,10 @@ class MarlinCore(Firmware):
     # The plan
 
     def _native(self, logical: Point) -> Point:
-        x, y, z = (a + b for a, b in zip(logical, self._shift, strict=True))
-        return (x, y, z)
+        return plus(logical, self._shift)
 
     def _logical(self, native: Point) -> Point:
-        x, y, z = (a - b for a, b in zip(native, self._shift, strict=True))
-        return (x, y, z)
+        return minus(native, self._shift)
 
     def _report(self, native: Point | None = None) -> None:
         native = self._native(self._planned) if native is None else native

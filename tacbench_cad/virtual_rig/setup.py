@@ -6,7 +6,8 @@ import inspect
 import random
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
-from typing import Annotated, Any, Literal
+from functools import partial
+from typing import Annotated, Any, Literal, get_args
 
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.util.convert import Bounds, check_fields, from_plain
@@ -16,20 +17,14 @@ from tacbench_cad.virtual_rig.base import Firmware
 from tacbench_cad.virtual_rig.board import Board
 from tacbench_cad.virtual_rig.faults import Fault
 from tacbench_cad.virtual_rig.grbl import Grbl
-from tacbench_cad.virtual_rig.grblhal import GrblHal
+from tacbench_cad.virtual_rig.grbl_memory import GRBLHAL
 from tacbench_cad.virtual_rig.loadcell import CellSettings
 from tacbench_cad.virtual_rig.machine import Carriage, MotorAxis
 from tacbench_cad.virtual_rig.marlin import Marlin
 
+Kind = Literal["grbl", "grblhal", "marlin", "arduino"]
 #: The firmware that there is.
-KINDS = ("grbl", "grblhal", "marlin", "arduino")
-#: Where the carriage stands when the power comes on, in the frame after homing, unless told.
-_START_MM = {
-    "grbl": (60.0, 45.0, -20.0),
-    "grblhal": (60.0, 45.0, -20.0),
-    "marlin": (60.0, 45.0, 80.0),
-    "arduino": (60.0, 45.0, -20.0),
-}
+KINDS: tuple[str, ...] = get_args(Kind)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +50,7 @@ class Setup:
         firmware: Keyword arguments of the firmware: ``settings`` of ``grbl``, ``emergency_parser`` of ``marlin``.
     """
 
-    kind: Literal["grbl", "grblhal", "marlin", "arduino"]
+    kind: Kind
     speed: Annotated[float, Bounds(0.01, 1000.0)] = 1.0
     seed: int = 0
     faults: tuple[Fault, ...] = ()
@@ -95,21 +90,16 @@ class Setup:
 
     def board(self) -> Board:
         """The board, with its firmware, carriage and faults; the load cell's faults are not its own."""
-        start = self.start_mm or _START_MM[self.kind]
-        random_ = random.Random(self.seed)
-        faults = [fault for fault in self.faults if not fault.of_gauge]
-        return Board(_firmware(self.kind, start, random_, dict(self.firmware)), seed=self.seed + 1, faults=faults)
-
-
-def _firmware(kind: str, start: Point, random_: random.Random, options: dict[str, Any]) -> Firmware:
-    factory, axes = _FACTORIES[kind]
-    allowed = list(inspect.signature(factory).parameters)[1:]
-    for key in options:
-        if key not in allowed:
-            raise InputError(f"option of {kind}", key, nearest(key, allowed))
-        if isinstance(options[key], str):
-            raise InputError(f"option {key} of {kind}", options[key], "must be a number")
-    return factory(Carriage(axes, start, random_), **options)
+        factory, axes = _FACTORIES[self.kind]
+        allowed = list(inspect.signature(factory).parameters)[1:]
+        for key, value in self.firmware.items():
+            if key not in allowed:
+                raise InputError(f"option of {self.kind}", key, nearest(key, allowed))
+            if isinstance(value, str):
+                raise InputError(f"option {key} of {self.kind}", value, "must be a number")
+        start = self.start_mm or (60.0, 45.0, axes[2].low_mm + 80.0)
+        firmware = factory(Carriage(axes, start, random.Random(self.seed)), **self.firmware)
+        return Board(firmware, seed=self.seed + 1, faults=[fault for fault in self.faults if not fault.of_gauge])
 
 
 def _axes(
@@ -123,7 +113,7 @@ def _axes(
 #: GRBL's machine frame has z = 0 at the top; Marlin's has z = 100 there.
 _FACTORIES: Mapping[str, tuple[Callable[..., Firmware], tuple[MotorAxis, ...]]] = {
     "grbl": (Grbl, _axes(-100.0, 0.0, 1.0, 400.0, 1600.0)),
-    "grblhal": (GrblHal, _axes(-100.0, 0.0, 1.0, 400.0, 1600.0)),
+    "grblhal": (partial(Grbl, dialect=GRBLHAL), _axes(-100.0, 0.0, 1.0, 400.0, 1600.0)),
     "marlin": (Marlin, _axes(0.0, 100.0, 0.0, 80.0, 400.0)),
     "arduino": (Arduino, _axes(-100.0, 0.0, 0.0, 400.0, 400.0)),
 }

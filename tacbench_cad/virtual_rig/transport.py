@@ -38,7 +38,7 @@ class Endpoint(ABC):
         """Notice hosts that come and go; whether one has come since the last look."""
 
     @abstractmethod
-    def read(self, most: int) -> bytes:
+    def read(self, limit: int) -> bytes:
         """At most so many bytes that the host wrote; nothing if there are none."""
 
     @abstractmethod
@@ -89,12 +89,12 @@ class Pty(Endpoint):
         self.opened = not events or bool(events[0][1] & select.POLLIN)
         return self.opened
 
-    def read(self, most: int) -> bytes:
+    def read(self, limit: int) -> bytes:
         """See :class:`Endpoint`."""
-        if self._master is None or most <= 0:
+        if self._master is None or limit <= 0:
             return b""
         try:
-            data = os.read(self._master, most)
+            data = os.read(self._master, limit)
         except BlockingIOError:
             return b""
         except OSError as error:
@@ -180,12 +180,12 @@ class Tcp(Endpoint):
         self.opened = True
         return True
 
-    def read(self, most: int) -> bytes:
+    def read(self, limit: int) -> bytes:
         """See :class:`Endpoint`."""
-        if self._host is None or most <= 0:
+        if self._host is None or limit <= 0:
             return b""
         try:
-            data = self._host.recv(most)
+            data = self._host.recv(limit)
         except BlockingIOError:
             return b""
         except OSError:

@@ -23,7 +23,6 @@ from tacbench_cad.lab.runs.schema import frame_name, frame_path
 from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import Protocol
-from tacbench_cad.util.errors import InputError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,6 +205,5 @@ class _BlockSession:
             return Taught(taught_mm, len(self.protocol.grid.positions_mm))
         if self.protocol.touch == "sensor":
             return by_sensor(self.carriage, self.protocol, self.rig.sensor, self.rig.clock)
-        if self.force is None:
-            raise InputError("[protocol] touch", "gauge", 'needs a gauge; without one use "sensor" or "taught"')
+        assert self.force is not None, "touch by the gauge without one is refused before any device is opened"
         return by_gauge(self.carriage, self.protocol, self.force)

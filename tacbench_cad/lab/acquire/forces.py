@@ -1,4 +1,4 @@
-"""The contact force: the gauge without its zero, and the hard limit at every reading."""
+"""The contact force: the gauge without its zero, and the hard limit whenever it is read."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class ContactForce:
 
     Args:
         gauge: The gauge.
-        carriage: Is asked before each reading whether a signal came.
+        carriage: Is asked before the force is read whether a signal came.
         protocol: Hard limit, bands and window.
         clock: Waits until a step has settled.
     """
@@ -61,11 +61,11 @@ class ContactForce:
         """
         self.clock.sleep(self.protocol.settle_s)
         free = self._raw(self.protocol.force_window_s)
-        most = FREE_FRACTION * self.protocol.hard_limit_n
-        if abs(free.mean_n) > most:
+        max_free_n = FREE_FRACTION * self.protocol.hard_limit_n
+        if abs(free.mean_n) > max_free_n:
             raise GaugeError(
                 f"the gauge reads {free.mean_n:z.3f} N at the travel height, where the sensor is free (at most "
-                f"{most:g} N is taken for drift); tare or repair it"
+                f"{max_free_n:g} N is taken for drift); tare or repair it"
             )
         if abs(free.mean_n - self.zero_n) > DRIFT_FRACTION * min(self.protocol.bands_n):
             self.zero_n = free.mean_n

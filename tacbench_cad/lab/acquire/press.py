@@ -48,12 +48,12 @@ class Slope:
 
     Args:
         reach_mm: How far from that height a force still counts.
-        least_mm: Heights that lie closer together than this say nothing.
+        min_mm: Heights that lie closer together than this say nothing.
         seen: Heights in mm and the forces in newtons that were read there.
     """
 
     reach_mm: float
-    least_mm: float
+    min_mm: float
     seen: list[tuple[float, float]] = field(default_factory=list)
 
     def add(self, z_mm: float, force_n: float) -> None:
@@ -63,7 +63,7 @@ class Slope:
     def at(self, z_mm: float) -> float | None:
         """Stiffness in N/mm round a height, or None where too little is known or the force falls with depth."""
         near = [(z, f) for z, f in self.seen if abs(z - z_mm) <= self.reach_mm]
-        if not near or max(z for z, _ in near) - min(z for z, _ in near) < self.least_mm:
+        if not near or max(z for z, _ in near) - min(z for z, _ in near) < self.min_mm:
             return None
         mean_z = sum(z for z, _ in near) / len(near)
         mean_f = sum(f for _, f in near) / len(near)
@@ -112,11 +112,11 @@ class Presser:
         force, step = self._gauge, self.protocol.approach_step_mm
         assert press.target_n is not None
         assert press.band_n is not None
-        least = press.target_n - press.band_n
-        slope = Slope(reach_mm=step, least_mm=2.0 * self.protocol.fine_step_mm)
+        low_n = press.target_n - press.band_n
+        slope = Slope(reach_mm=step, min_mm=2.0 * self.protocol.fine_step_mm)
         self._start(press.position)
         before, now = 0.0, force.glance().mean_n
-        while now + GROWTH * max(now - before, 0.0) < least:
+        while now + GROWTH * max(now - before, 0.0) < low_n:
             z = self.carriage.to_height(self.carriage.aim_mm - step)
             before, now = now, force.glance().mean_n
             slope.add(z, now)
@@ -128,7 +128,7 @@ class Presser:
         """Small steps to the target from where the approach ended; the best one is kept."""
         protocol, carriage, force = self.protocol, self.carriage, self._gauge
         stiffness: float | None = None
-        least = protocol.fine_step_mm
+        min_step_mm = protocol.fine_step_mm
         best: tuple[float, float] | None = None
         for _ in range(protocol.search_steps):
             z = carriage.at[2]
@@ -143,11 +143,12 @@ class Presser:
             needed_mm = abs(miss) / stiffness if stiffness else protocol.approach_step_mm
             if miss > 0.0:
                 fraction = FAR_FRACTION if miss > FAR_BANDS * band_n else 1.0
-                self._lower(min(max(fraction * needed_mm, least), protocol.approach_step_mm))
+                self._lower(min(max(fraction * needed_mm, min_step_mm), protocol.approach_step_mm))
                 # A stage with coarser steps than ours does not move at all: the next step is then a longer one.
-                least = 2.0 * least if abs(carriage.at[2] - z) < protocol.fine_step_mm / 2.0 else protocol.fine_step_mm
+                stands = abs(carriage.at[2] - z) < protocol.fine_step_mm / 2.0
+                min_step_mm = 2.0 * min_step_mm if stands else protocol.fine_step_mm
             else:
-                self._from_above(z + max(needed_mm, least))
+                self._from_above(z + max(needed_mm, min_step_mm))
         assert best is not None
         self._from_above(best[1])
         read = force.settled()

@@ -83,7 +83,7 @@ class Carriage:
         self._interrupted = ""
 
     def interrupt(self, reason: str) -> None:
-        """Stop at once; the loop is left at its next move or reading. Made for signal handlers.
+        """Stop at once; the loop is left at its next move or frame. Made for signal handlers.
 
         A retreat that is under way is not disturbed.
         """

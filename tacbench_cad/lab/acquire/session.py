@@ -18,9 +18,8 @@ from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.schema import STATIONARY
 from tacbench_cad.lab.study.presses import block_order
-from tacbench_cad.lab.study.spec import PlannedBlock, PrintedBlock, Protocol, RigSettings, Study, WorkFrame
+from tacbench_cad.lab.study.spec import PlannedBlock, PrintedBlock, RigSettings, Study, WorkFrame
 from tacbench_cad.util.convert import Length, read_toml
-from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, write_text
 from tacbench_cad.util.text import counted
 
@@ -103,7 +102,7 @@ def acquire_study(
         RunInterruptedError: A signal came; likewise. It says whether the sensor is lifted and how many presses are
             saved.
     """
-    _require_gauge(study.protocol, rig)
+    rig.require_gauge_for(study.protocol)
     slots = rig.stage.frames
     require_reach(study.protocol, rig.holder, slots, rig.stage.limits_mm)
     results: list[BlockResult] = []
@@ -149,13 +148,6 @@ def _counting(study: Study, blocks: Sequence[Place]) -> Iterator[None]:
         runs = [Run.open(place.folder) for place in blocks if (place.folder / "run.json").exists()]
         error.saved, error.planned = sum(len(run.rows) for run in runs), study.presses
         raise
-
-
-def _require_gauge(protocol: Protocol, rig: RigSettings) -> None:
-    if rig.gauge.driver == "none" and (protocol.contact == "force" or protocol.touch == "gauge"):
-        raise InputError(
-            "[gauge] driver", "none", 'pressing to a force needs a gauge; use contact = "depth" with touch = "sensor"'
-        )
 
 
 def _trays(blocks: Sequence[Place], slots: int) -> Iterator[tuple[Place, ...]]:

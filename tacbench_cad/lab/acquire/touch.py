@@ -15,15 +15,15 @@ from tacbench_cad.lab.study.spec import Protocol
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats32
 
-#: Readings of the free sensor from which its noise is taken.
-FREE_READINGS = 8
-#: The change of a reading is the mean of its largest changes, so many of all its numbers (at least one): touch moves a
+#: Frames of the free sensor from which its noise is taken.
+FREE_FRAMES = 8
+#: The change of a frame is the mean of its largest changes, so many of all its numbers (at least one): touch moves a
 #: few markers in the middle of the image first.
 LARGEST_FRACTION = 0.001
-#: A reading shows touch if its change is larger than those of the free readings by so many times their scatter, and by
+#: A frame shows touch if its change is larger than those of the free frames by so many times their scatter, and by
 #: this fraction at the least.
 CHANGE_SPREADS = 6.0
-#: How much larger it is at the least, as a fraction of the free readings' changes.
+#: How much larger it is at the least, as a fraction of the free frames' changes.
 MIN_CHANGE = 0.2
 #: Touch is found in steps of this fraction of an approach step, once an approach step has met it.
 FINE_FRACTION = 0.1
@@ -89,7 +89,7 @@ def by_gauge(carriage: Carriage, protocol: Protocol, force: ContactForce) -> Tou
 
 
 def by_sensor(carriage: Carriage, protocol: Protocol, sensor: Sensor, clock: Clock) -> Touch:
-    """Touch is where a reading differs from the free sensor's mean by more than free readings do."""
+    """Touch is where a frame differs from the free sensor's mean by more than free frames do."""
     change = SensorChange()
 
     def read() -> Floats32:
@@ -98,7 +98,7 @@ def by_sensor(carriage: Carriage, protocol: Protocol, sensor: Sensor, clock: Clo
         return np.asarray(sensor.read(), dtype=np.float32)
 
     def begin() -> None:
-        change.learn([read() for _ in range(FREE_READINGS)])
+        change.learn([read() for _ in range(FREE_FRAMES)])
 
     return StepwiseTouch(carriage, protocol, begin, lambda: change.seen(read()))
 
@@ -108,27 +108,27 @@ class SensorChange:
 
     def __init__(self) -> None:
         self._mean = np.zeros(0, dtype=np.float32)
-        self._most = 0.0
+        self._limit = 0.0
 
     def learn(self, free: Sequence[Floats32]) -> None:
-        """Take readings of the free sensor, at least three.
+        """Take frames of the free sensor, at least three.
 
-        Each is compared with the mean of the others, as a later reading is compared with the mean of all.
+        Each is compared with the mean of the others, as a later frame is compared with the mean of all.
         """
         count = len(free)
         self._mean = np.mean(free, axis=0, dtype=np.float32)
-        # The mean of the others differs from one reading by count / (count - 1) times what the mean of all does.
+        # The mean of the others differs from one frame by count / (count - 1) times what the mean of all does.
         factor = count / (count - 1.0)
         changes = [factor * self._change(frame) for frame in free]
         middle = float(np.mean(changes))
-        self._most = middle + max(CHANGE_SPREADS * float(np.std(changes, ddof=1)), MIN_CHANGE * middle)
+        self._limit = middle + max(CHANGE_SPREADS * float(np.std(changes, ddof=1)), MIN_CHANGE * middle)
 
-    def seen(self, reading: Floats32) -> bool:
-        """Whether a reading is not one of the free sensor."""
-        return self._change(reading) > self._most
+    def seen(self, frame: Floats32) -> bool:
+        """Whether a frame is not one of the free sensor."""
+        return self._change(frame) > self._limit
 
-    def _change(self, reading: Floats32) -> float:
-        changes = np.abs(reading - self._mean).ravel()
+    def _change(self, frame: Floats32) -> float:
+        changes = np.abs(frame - self._mean).ravel()
         largest = max(1, round(LARGEST_FRACTION * changes.size))
         return float(np.mean(np.partition(changes, changes.size - largest)[-largest:]))
 

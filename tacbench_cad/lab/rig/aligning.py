@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import copy
 import math
 import re
-import tomllib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +16,9 @@ from tacbench_cad.lab.rig.stage import Limits, Stage
 from tacbench_cad.lab.study.spec import Point, Protocol, WorkFrame
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
-from tacbench_cad.util import files
+from tacbench_cad.util import door
 from tacbench_cad.util.errors import CheckFailedError, InputError, TacbenchError
+from tacbench_cad.util.files import write_text
 from tacbench_cad.util.types import Floats
 
 #: How far a touched marker may lie from where the fitted frame has it, in mm. A pointer is centred in a 1.5 mm hole
@@ -39,6 +38,7 @@ TOUCH_LIMIT_N = 1.0
 _SAMPLE_MM = 0.05
 #: Samples that are so little lower than the highest one count as equally high, in mm: below what a touch can tell.
 _EQUAL_MM = 0.01
+_STEP = r"([xyz]) ?([+-]?(?:\d+(?:\.\d*)?|\.\d+))(?: |$)"
 #: Decimals of the origin in the file: 0.1 micrometres.
 _DECIMALS = 4
 
@@ -228,9 +228,7 @@ class Teaching:
         self._across(ahead[0], ahead[1])
         z = self._jog("the block's highest point: go down until the sensor just touches it")[2]
         self.lift_off()
-        origin = fit.frame.origin_mm
-        taught = WorkFrame(origin_mm=(origin[0], origin[1], z), quarter_turns=fit.frame.quarter_turns)
-        return FittedFrame(frame=taught, distances_mm=fit.distances_mm, turn_deg=fit.turn_deg, stretch=fit.stretch)
+        return replace(fit, frame=replace(fit.frame, origin_mm=(*fit.frame.origin_mm[:2], z)))
 
     def lift_off(self) -> None:
         """Lift to the upper limit."""
@@ -290,11 +288,10 @@ def parse_step(words: Sequence[str]) -> Point:
         InputError: It is no such line, or a step is too long.
     """
     line = " ".join(words)
-    steps = re.findall(r"([xyz]) ?([+-]?(?:\d+(?:\.\d*)?|\.\d+))(?: |$)", line)
-    if not steps or re.sub(r"([xyz]) ?([+-]?(?:\d+(?:\.\d*)?|\.\d+))(?: |$)", "", line):
+    if not re.fullmatch(f"(?:{_STEP})+", line):
         raise InputError("step", line, "type x, y or z and millimetres, up, ok or quit")
     step = {"x": 0.0, "y": 0.0, "z": 0.0}
-    for axis, text in steps:
+    for axis, text in re.findall(_STEP, line):
         step[axis] += float(text)
     if max(abs(length) for length in step.values()) > LONGEST_STEP_MM or step["z"] < -LONGEST_DOWN_MM:
         raise InputError(
@@ -316,18 +313,17 @@ def store_frame(path: Path, frame: WorkFrame) -> None:
     by_hand = "write by hand: " + "; ".join(f"{key} = {value}" for key, value in lines.items())
     target = path.resolve()
     try:
-        text = target.read_bytes().decode("utf-8")
-        expected = copy.deepcopy(tomllib.loads(text))
+        text = door.read_bytes(target, "study", "toml").decode("utf-8")
+        expected = door.parse_toml(text, "study", str(path))
         expected["stage"] |= {"origin_mm": origin, "quarter_turns": frame.quarter_turns}
         for key, value in lines.items():
             text = _with_key(text, "stage", key, value)
-        same = tomllib.loads(text) == expected
-    except (OSError, ValueError, KeyError, TypeError):
+        same = door.parse_toml(text, "study", str(path)) == expected
+    except (InputError, ValueError, KeyError, TypeError):
         same = False
     if not same:
         raise InputError(str(path), None, f"cannot be edited safely; {by_hand}")
-    with files.replacing(target) as temporary:
-        temporary.write_bytes(text.encode("utf-8"))
+    write_text(target, text)
 
 
 def _with_key(text: str, table: str, key: str, value: str) -> str:

@@ -27,16 +27,10 @@ import contextlib
 import math
 import re
 import time
+from typing import Unpack
 
-from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import (
-    AlarmError,
-    NoAnswerError,
-    NotThereError,
-    PositionLostError,
-    ProtocolError,
-)
-from tacbench_cad.lab.rig.serial_stage import Link, SerialStage, confirmed
+from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, NotThereError, PositionLostError, ProtocolError
+from tacbench_cad.lab.rig.serial_stage import Link, SerialOptions, SerialStage, confirmed
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.util.errors import InputError
 
@@ -67,17 +61,14 @@ def is_done(line: str) -> bool:
     return "done" in line.lower()
 
 
-class ArduinoStage(SerialStage):
+class ArduinoStage(SerialStage[Link]):
     """A three-axis stage behind the authors' firmware. See :class:`tacbench_cad.lab.rig.stage.Stage`.
 
     Args:
         port: Path, name or pyserial URL.
         steps_per_mm: Motor steps per mm of x, y, z; negative where steps count down as the coordinate grows.
-        clock: Time of the rig.
-        baud: Symbols per second.
-        timeout_s: Longest silence that is waited through, in real seconds, beyond what a move takes.
-        home_timeout_s: Longest homing, in real seconds.
-        simulated: What of it is simulated.
+        options: See :class:`~tacbench_cad.lab.rig.serial_stage.SerialOptions`; the timeout counts beyond what a move
+            takes.
 
     Raises:
         InputError: ``steps_per_mm`` is missing or wrong, or the port cannot be opened.
@@ -85,27 +76,9 @@ class ArduinoStage(SerialStage):
         ProtocolError: Something else answers.
     """
 
-    def __init__(
-        self,
-        port: str,
-        *,
-        steps_per_mm: object = None,
-        clock: Clock | None = None,
-        baud: int = BAUD,
-        timeout_s: float = 10.0,
-        home_timeout_s: float = 120.0,
-        simulated: str = "",
-    ) -> None:
+    def __init__(self, port: str, *, steps_per_mm: object = None, **options: Unpack[SerialOptions]) -> None:
         self._steps_per_mm = _checked(steps_per_mm)
-        super().__init__(
-            port,
-            clock=clock,
-            baud=baud,
-            timeout_s=timeout_s,
-            home_timeout_s=home_timeout_s,
-            simulated=simulated,
-        )
-        self._link = Link(self._line, timeout_s)
+        super().__init__(port, Link, (BAUD,), options)
         self._link.lost = "it was not homed"
         self._stopping = False
         self._at: Steps = (0, 0, 0)
@@ -184,10 +157,10 @@ class ArduinoStage(SerialStage):
 
     def _step_to(self, steps: Steps, seconds: float) -> None:
         """One piece of a move, and the proof of it."""
-        most = max(abs(a - b) for a, b in zip(steps, self._at, strict=True))
-        if most == 0:
+        longest = max(abs(a - b) for a, b in zip(steps, self._at, strict=True))
+        if longest == 0:
             return
-        pause_us = max(1, round(1e6 * seconds / most))
+        pause_us = max(1, round(1e6 * seconds / longest))
         command = f"MOVE,{steps[0]},{steps[1]},{steps[2]},{pause_us}"
         for attempt in range(ATTEMPTS):
             try:
@@ -263,13 +236,10 @@ class ArduinoStage(SerialStage):
 
     def _until_done(self, command: str, timeout_s: float) -> list[str]:
         lines: list[str] = []
-        until = time.monotonic() + timeout_s
-        while (left := until - time.monotonic()) > 0.0:
-            line = self._line.read_line(left)
-            if line is not None:
-                lines.append(line)
-                if is_done(line):
-                    return lines
+        for line in self._line.lines(timeout_s):
+            lines.append(line)
+            if is_done(line):
+                return lines
         raise NoAnswerError(f"{self._link.name}: no done to {command} within {timeout_s:.1f} s")
 
     def _greet(self) -> Steps | None:
@@ -281,8 +251,7 @@ class ArduinoStage(SerialStage):
             except NoAnswerError:
                 continue
             # What was sent before it listened may be answered late.
-            quiet_by = time.monotonic() + 0.5
-            while time.monotonic() < quiet_by and self._line.read_line(0.1) is not None:
+            for _ in self._line.lines(0.5, quiet_s=0.1):
                 pass
             heard = " ".join(lines)
             if "echo:" in heard or "error:" in heard.lower():

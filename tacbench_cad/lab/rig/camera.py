@@ -63,7 +63,7 @@ class CameraOptions:
         focus: In the camera's own unit; None for a lens that is set by hand.
         gain: Likewise; None leaves it as it is.
         white_balance: Colour temperature in kelvin; None leaves it as it is.
-        colour: Whether readings are (height, width, 3) or grey (height, width).
+        colour: Whether frames are (height, width, 3) or grey (height, width).
         dark_counts: See :class:`~tacbench_cad.lab.rig.frames.FrameLimits`.
         blur_px: Likewise.
     """

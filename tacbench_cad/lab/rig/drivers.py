@@ -22,18 +22,14 @@ from tacbench_cad.lab.rig.sensor import Frame, Sensor
 from tacbench_cad.lab.rig.stage import LimitedStage, Stage
 from tacbench_cad.lab.rig.taxels import open_taxels
 from tacbench_cad.lab.study.spec import GaugeSettings, Point, SensorSettings, StageSettings
-from tacbench_cad.util.errors import InputError, nearest, one_of
+from tacbench_cad.util.errors import InputError, nearest
 
-#: How the names of virtual stages begin.
-VIRTUAL = "virtual-"
 #: Drivers of serial stages, and the options of the file that each knows.
 SERIAL: dict[str, tuple[Callable[..., Stage], tuple[str, ...]]] = {
     "grbl": (GrblStage, ("home_timeout_s", "tolerance_mm")),
     "marlin": (MarlinStage, ("home_timeout_s", "home_lift_mm")),
     "arduino": (ArduinoStage, ("steps_per_mm", "home_timeout_s")),
 }
-#: Sensors that have a name of their own.
-SENSORS = ("opencv", "taxels")
 #: What every stage, gauge and sensor has.
 NEEDED = {
     "stage": ("identity", "simulated", "home", "move", "position", "stop", "close"),
@@ -80,9 +76,8 @@ def open_gauge(settings: GaugeSettings, clock: Clock, *, taken: Sequence[str] = 
         RigError: Nothing that is a sample comes.
     """
     if plugin.is_plugin(settings.driver):
-        gauge: Gauge = _own("gauge", settings.driver, settings.options, {"port": settings.port}, {"read": _force})
+        gauge: Gauge = _own("gauge", settings, port=settings.port)
         return gauge
-    one_of("[gauge] driver", settings.driver, ("serial",))
     path = None if settings.calibration is None else Path(settings.calibration)
     calibration = None if path is None else read_calibration(path)
     options = LoadCellOptions.of(settings.options, calibrated=calibration is not None)
@@ -104,28 +99,16 @@ def open_sensor(settings: SensorSettings, clock: Clock, *, taken: Sequence[str] 
         RigError: The sensor fails, does not obey, or sends what cannot be a frame.
     """
     if plugin.is_plugin(settings.driver):
-        sensor: Sensor = _own(
-            "sensor", settings.driver, settings.options, {"device": settings.device}, {"read": _frame}
-        )
+        sensor: Sensor = _own("sensor", settings, device=settings.device)
         return sensor
-    if settings.driver == "opencv":
-        return open_camera(settings)
-    if settings.driver == "taxels":
-        return open_taxels(settings, clock, taken=taken)
-    raise InputError(
-        "[sensor] driver", settings.driver, f"{nearest(settings.driver, SENSORS)}, or module:name for your own"
-    )
+    return open_camera(settings) if settings.driver == "opencv" else open_taxels(settings, clock, taken=taken)
 
 
 def _stage(settings: StageSettings, clock: Clock) -> Stage:
     if plugin.is_plugin(settings.driver):
-        results = {"move": _point, "position": _point}
-        stage: Stage = _own("stage", settings.driver, settings.options, {"port": settings.port}, results)
+        stage: Stage = _own("stage", settings, port=settings.port)
         return stage
-    name = settings.driver.removeprefix(VIRTUAL)
-    if name not in SERIAL:
-        hint = nearest(settings.driver, [*SERIAL, *(VIRTUAL + known for known in SERIAL)])
-        raise InputError("[stage] driver", settings.driver, f"{hint}, or module:name for your own")
+    name = settings.driver.removeprefix("virtual-")
     factory, known = SERIAL[name]
     options = dict(settings.options)
     if settings.is_virtual:
@@ -146,16 +129,10 @@ def _stage(settings: StageSettings, clock: Clock) -> Stage:
     )
 
 
-def _own(
-    kind: str,
-    driver: str,
-    options: Mapping[str, Any],
-    place: Mapping[str, str | None],
-    results: Mapping[str, Callable[[Any], Any]],
-) -> Any:
+def _own(kind: str, settings: StageSettings | GaugeSettings | SensorSettings, **place: str | None) -> Any:
     """A user's own device; it is given its port or device where the file names one."""
-    given = {key: value for key, value in place.items() if value is not None}
-    return plugin.open_device(driver, {**options, **given}, NEEDED[kind], field=f"[{kind}] driver", results=results)
+    options = {**settings.options, **{key: value for key, value in place.items() if value is not None}}
+    return plugin.open_device(settings.driver, options, NEEDED[kind], field=f"[{kind}] driver", results=RESULTS[kind])
 
 
 def _point(value: Any) -> Point:
@@ -175,3 +152,11 @@ def _frame(value: Any) -> Frame:
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "biuf":
         raise TypeError(f"a {type(value).__name__} is not an array of numbers")
     return value
+
+
+#: What must come of the methods of a user's own device.
+RESULTS: Mapping[str, Mapping[str, Callable[[Any], Any]]] = {
+    "stage": {"move": _point, "position": _point},
+    "gauge": {"read": _force},
+    "sensor": {"read": _frame},
+}

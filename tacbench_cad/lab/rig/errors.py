@@ -56,7 +56,7 @@ class GaugeError(RigError):
 
 
 class SensorError(RigError):
-    """The sensor sends what cannot be a reading: dark, blurred, frozen, of another shape."""
+    """The sensor sends what cannot be a frame: dark, blurred, frozen, of another shape."""
 
 
 class NotReachedError(RigError):

@@ -84,9 +84,9 @@ def edge_width_px(image: NDArray[Any]) -> float:
     return _edge_px(grey, _counts(grey), 0.0)
 
 
-def _edge_px(grey: NDArray[Any], levels: Ints, least_contrast: float) -> float:
+def _edge_px(grey: NDArray[Any], levels: Ints, min_contrast: float) -> float:
     contrast = _level_above(levels, _BRIGHT_FRACTION) - _level_above(levels, 1.0 - _DARK_FRACTION)
-    if contrast <= least_contrast:
+    if contrast <= min_contrast:
         return math.inf
     wide = grey.astype(np.int16)
     slopes = _counts(np.abs(wide[:, 2:] - wide[:, :-2])) + _counts(np.abs(wide[2:] - wide[:-2]))

@@ -21,19 +21,13 @@ from __future__ import annotations
 
 import math
 import time
+from typing import Unpack
 
 from tacbench_cad.lab.rig import grbl_replies as replies
-from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import (
-    AlarmError,
-    NoAnswerError,
-    NotThereError,
-    PositionLostError,
-    ProtocolError,
-)
+from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, NotThereError, PositionLostError, ProtocolError
 from tacbench_cad.lab.rig.grbl_link import ANSWER_S, ASK, HOLD, RESET, GrblLink
 from tacbench_cad.lab.rig.grbl_replies import Status
-from tacbench_cad.lab.rig.serial_stage import SerialStage, confirmed, duration_s, is_near, place_text
+from tacbench_cad.lab.rig.serial_stage import SerialOptions, SerialStage, confirmed, duration_s, is_near, place_text
 from tacbench_cad.lab.study.spec import Point
 
 #: Speed of the line, in baud.
@@ -52,17 +46,13 @@ HOMINGS = 4
 NO_HOMING = 5
 
 
-class GrblStage(SerialStage):
+class GrblStage(SerialStage[GrblLink]):
     """A three-axis stage behind GRBL. See :class:`tacbench_cad.lab.rig.stage.Stage` and the module's text.
 
     Args:
         port: Path, name or pyserial URL.
-        clock: Time of the rig.
-        baud: Symbols per second.
-        timeout_s: Longest silence or standstill that is waited through, in real seconds.
-        home_timeout_s: Longest homing, in real seconds; GRBL is silent all the while.
         tolerance_mm: How far from its target a move may end; None: half a motor step and the report's rounding.
-        simulated: What of it is simulated.
+        options: See :class:`~tacbench_cad.lab.rig.serial_stage.SerialOptions`.
 
     Attributes:
         settings: The firmware's numbered settings.
@@ -73,27 +63,9 @@ class GrblStage(SerialStage):
         ProtocolError: Something else than GRBL 1.1 answers, or its reports are in inches.
     """
 
-    def __init__(
-        self,
-        port: str,
-        *,
-        clock: Clock | None = None,
-        baud: int = BAUD,
-        timeout_s: float = 10.0,
-        home_timeout_s: float = 120.0,
-        tolerance_mm: float | None = None,
-        simulated: str = "",
-    ) -> None:
-        super().__init__(
-            port,
-            clock=clock,
-            baud=baud,
-            timeout_s=timeout_s,
-            home_timeout_s=home_timeout_s,
-            simulated=simulated,
-        )
+    def __init__(self, port: str, *, tolerance_mm: float | None = None, **options: Unpack[SerialOptions]) -> None:
+        super().__init__(port, GrblLink, (BAUD,), options)
         self._stopping = self._homing = False
-        self._link = GrblLink(self._line, timeout_s)
         with self._opening():
             self._link.greet()
             self.identity = f"grbl: {self._link.firmware} at {port}"

@@ -5,17 +5,11 @@ from __future__ import annotations
 import time
 
 from tacbench_cad.lab.rig import grbl_replies as replies
-from tacbench_cad.lab.rig.errors import (
-    AlarmError,
-    NoAnswerError,
-    OutOfRangeError,
-    ProtocolError,
-    RigError,
-)
+from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, OutOfRangeError, ProtocolError, RigError
 from tacbench_cad.lab.rig.grbl_replies import Status
 from tacbench_cad.lab.rig.greeting import Greeting
 from tacbench_cad.lab.rig.serial_stage import Link
-from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.lab.study.spec import Point, plus
 
 #: A status report unanswered for so long is asked for again: two requests close together may earn one answer.
 ANSWER_S = 0.3
@@ -138,8 +132,7 @@ class GrblLink(Link):
             return report.machine_mm
         if report.work_mm is None or self._offset is None:
             return None
-        x, y, z = (a + b for a, b in zip(report.work_mm, self._offset, strict=True))
-        return (x, y, z)
+        return plus(report.work_mm, self._offset)
 
     def reset(self) -> None:
         """Ctrl-X, until the banner has come and what was on its way has gone.
@@ -151,13 +144,10 @@ class GrblLink(Link):
         for _ in range(4):
             self.line.forget()
             self.line.write(RESET)
-            until = time.monotonic() + RESET_S
-            while (left := until - time.monotonic()) > 0.0:
-                line = self.line.read_line(left)
-                if line is not None and replies.is_banner(line):
+            for line in self.line.lines(RESET_S):
+                if replies.is_banner(line):
                     # A late ok, the hint to unlock; bounded, should the device never be quiet.
-                    quiet_by = time.monotonic() + 0.5
-                    while time.monotonic() < quiet_by and self.line.read_line(0.05) is not None:
+                    for _ in self.line.lines(0.5, quiet_s=0.05):
                         pass
                     return
         raise NoAnswerError(f"{self.name}: does not answer a reset")

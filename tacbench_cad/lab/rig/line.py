@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import math
 import os
 import select
 import time
+from collections.abc import Iterator
 from typing import Any
 
 from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError
@@ -86,6 +88,16 @@ class Line(Closing):
                 left = until - time.monotonic()
                 if not self._receive(max(left, 0.0)) and left <= 0.0:
                     return None
+
+    def lines(self, seconds: float, quiet_s: float = math.inf) -> Iterator[str]:
+        """The lines that come within a time, which ends early with a silence of ``quiet_s``.
+
+        Raises:
+            DeviceLostError: The port is gone.
+        """
+        until = time.monotonic() + seconds
+        while (left := until - time.monotonic()) > 0.0 and (line := self.read_line(min(left, quiet_s))) is not None:
+            yield line
 
     def forget(self) -> None:
         """Throw away whatever has come.

@@ -99,7 +99,7 @@ class RawMean:
     samples: int
 
 
-class RawLoadCell(Closing):
+class RawLoadCell(SampleStream):
     """The samples of a load cell as it sends them, looked at for what no living cell sends.
 
     Args:
@@ -116,11 +116,10 @@ class RawLoadCell(Closing):
     def __init__(
         self, lines: LineSource, *, name: str, options: LoadCellOptions, timeout_s: float, clock: Clock
     ) -> None:
-        self.name = name
         self.options = options
         self._clock = clock
         self._beyond = 0
-        self._stream = SampleStream(
+        super().__init__(
             lines,
             name=name,
             columns=options.columns,
@@ -129,12 +128,7 @@ class RawLoadCell(Closing):
             stuck_samples=options.stuck_samples,
             watched=options.column,
         )
-        self._stream.wait_for_start()
-
-    @property
-    def garbled(self) -> int:
-        """Lines so far that were no sample."""
-        return self._stream.garbled
+        self.wait_for_start()
 
     def read(self, window_s: float, to_newtons: Callable[[float], float] | None = None) -> RawMean:
         """Average the samples that arrive during a window that begins now.
@@ -150,20 +144,16 @@ class RawLoadCell(Closing):
             GaugeError: Stuck, saturated, or too many garbled lines.
             RigError: Lost or silent.
         """
-        self._stream.start_fresh(self.options.latency_s / self._clock.speed)
+        self.start_fresh(self.options.latency_s / self._clock.speed)
         until = self._clock.now_s() + window_s
         samples: list[float] = []
         while len(samples) < self.options.least_samples or self._clock.now_s() < until:
-            value = self._stream.next()[self.options.column - 1]
+            value = self.next()[self.options.column - 1]
             if self._believable(value, 0.0 if to_newtons is None else to_newtons(value)):
                 samples.append(value)
         floor = _OFF_UNITS if to_newtons is None else _OFF_N / abs(to_newtons(1.0) - to_newtons(0.0))
         kept = self._without_damaged(np.array(samples), floor)
         return RawMean(mean=float(kept.mean()), spread=float(kept.std()), samples=len(kept))
-
-    def close(self) -> None:
-        """Let go of the port. Never raises; a second call does nothing."""
-        self._stream.close()
 
     def _believable(self, value: float, force_n: float) -> bool:
         """Whether a sample can be true.
@@ -186,7 +176,7 @@ class RawLoadCell(Closing):
                 f"{self.name}: saturated, {self._beyond} samples in a row such as {value:.10g} {self.options.unit}: "
                 "overloaded, a wire of the cell is broken, or these are no " + self.options.unit
             )
-        self._stream.count(False, f"{value:.10g}")
+        self.count(False, f"{value:.10g}")
         return False
 
     def _without_damaged(self, samples: Floats, floor: float) -> Floats:
@@ -194,7 +184,7 @@ class RawLoadCell(Closing):
         off = np.abs(samples - np.median(samples))
         allowed = max(_OFF_TIMES * 1.4826 * float(np.median(off)), floor)
         for value in samples[off > allowed]:
-            self._stream.count(False, f"{value:.10g}")
+            self.count(False, f"{value:.10g}")
         return samples[off <= allowed]
 
 

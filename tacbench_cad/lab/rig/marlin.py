@@ -21,17 +21,13 @@ would run twice: the next call waits it out. While homing the position is unknow
 from __future__ import annotations
 
 import math
+from typing import Unpack
 
 from tacbench_cad.lab.rig import marlin_replies as replies
-from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import (
-    AlarmError,
-    NotThereError,
-    ProtocolError,
-)
+from tacbench_cad.lab.rig.errors import AlarmError, NotThereError, ProtocolError
 from tacbench_cad.lab.rig.marlin_link import BAUDS, MarlinLink
 from tacbench_cad.lab.rig.marlin_replies import Place
-from tacbench_cad.lab.rig.serial_stage import SerialStage, confirmed, duration_s, is_near, place_text
+from tacbench_cad.lab.rig.serial_stage import SerialOptions, SerialStage, confirmed, duration_s, is_near, place_text
 from tacbench_cad.lab.study.spec import Point
 
 #: Half of the last decimal of ``M114``, and a little for the rounding of the target.
@@ -40,17 +36,14 @@ ROUNDING_MM = 0.0055
 LIFT_MM_S = 5.0
 
 
-class MarlinStage(SerialStage):
+class MarlinStage(SerialStage[MarlinLink]):
     """A three-axis stage behind Marlin 2. See :class:`tacbench_cad.lab.rig.stage.Stage` and the module's text.
 
     Args:
         port: Path, name or pyserial URL.
-        clock: Time of the rig; not used, since Marlin itself says when motion has ended.
-        baud: Symbols per second; None tries the two common rates.
-        timeout_s: Longest silence that is waited through, in real seconds.
-        home_timeout_s: Longest homing of one axis or two, in real seconds.
         home_lift_mm: Rise before homing where z is homed downwards.
-        simulated: What of it is simulated.
+        options: See :class:`~tacbench_cad.lab.rig.serial_stage.SerialOptions`. The clock is not used, since Marlin
+            itself says when motion has ended; without a baud rate the two common ones are tried.
 
     Raises:
         InputError: The port cannot be opened.
@@ -58,33 +51,14 @@ class MarlinStage(SerialStage):
         ProtocolError: Something else than Marlin 2 answers.
     """
 
-    def __init__(
-        self,
-        port: str,
-        *,
-        clock: Clock | None = None,
-        baud: int | None = None,
-        timeout_s: float = 10.0,
-        home_timeout_s: float = 120.0,
-        home_lift_mm: float = 5.0,
-        simulated: str = "",
-    ) -> None:
-        bauds = (baud,) if baud else BAUDS
-        super().__init__(
-            port,
-            clock=clock,
-            baud=bauds[0],
-            timeout_s=timeout_s,
-            home_timeout_s=home_timeout_s,
-            simulated=simulated,
-        )
+    def __init__(self, port: str, *, home_lift_mm: float = 5.0, **options: Unpack[SerialOptions]) -> None:
+        super().__init__(port, MarlinLink, BAUDS, options)
         self._home_lift_mm = home_lift_mm
         self._steps_per_mm: Point | None = None
         self._rates_mm_s: Point | None = None
         self._counts = False
-        self._link = MarlinLink(self._line, timeout_s)
         with self._opening():
-            self._link.greet(bauds)
+            self._link.greet(self._bauds)
             self.identity = f"marlin: {self._link.firmware} at {port}"
             self._prepare()
             place = self._place()
@@ -107,17 +81,9 @@ class MarlinStage(SerialStage):
         self._prepare()
         stops = self._link.command("M119")
         try:
-            if any(line.startswith("z_max") for line in stops):
-                order: tuple[str, ...] = ("G28 Z", "G28 X", "G28 Y")
-            else:
-                order = (
-                    "G91",
-                    f"G1 Z{self._home_lift_mm:.3f} F{60.0 * LIFT_MM_S:.0f}",
-                    "G90",
-                    "G28 X",
-                    "G28 Y",
-                    "G28 Z",
-                )
+            rise = ("G91", f"G1 Z{self._home_lift_mm:.3f} F{60.0 * LIFT_MM_S:.0f}", "G90")
+            z_first = any(line.startswith("z_max") for line in stops)
+            order = ("G28 Z", "G28 X", "G28 Y") if z_first else (*rise, "G28 X", "G28 Y", "G28 Z")
             for command in (*order, "M400"):
                 self._known(command, self._home_timeout_s)
         except NotThereError:

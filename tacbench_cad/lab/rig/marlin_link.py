@@ -6,12 +6,7 @@ import time
 from collections.abc import Callable
 
 from tacbench_cad.lab.rig import marlin_replies as replies
-from tacbench_cad.lab.rig.errors import (
-    AlarmError,
-    NoAnswerError,
-    NotThereError,
-    ProtocolError,
-)
+from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, NotThereError, ProtocolError
 from tacbench_cad.lab.rig.greeting import Greeting
 from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.serial_stage import Link
@@ -120,9 +115,8 @@ class MarlinLink(Link):
                 self._exchange("M113 S2")
             except _OutOfStepError:
                 # The acknowledgement that follows a refusal must not be taken for that of the next line.
-                quiet_by = time.monotonic() + 1.0
-                while time.monotonic() < quiet_by and self._take(self.line.read_line(0.1)) is not None:
-                    pass
+                for line in self.line.lines(1.0, quiet_s=0.1):
+                    self._take(line)
             else:
                 return
         raise ProtocolError(f"{self.name}: does not take new line numbers; look at the cable")
@@ -141,20 +135,15 @@ class MarlinLink(Link):
         """
         if not self.stopping and not self.line.torn:
             return
-        while (left := self._stopped_at + AFTER_STOP_S - time.monotonic()) > 0.0:
-            self._take(self.line.read_line(left))
+        for line in self.line.lines(self._stopped_at + AFTER_STOP_S - time.monotonic()):
+            self._take(line)
         self.stopping = False
         # Ends a line that was cut in half; its checksum cannot be right.
         self.line.write(b"\n")
         self.renumber()
 
     def command(
-        self,
-        text: str,
-        *,
-        within_s: float = 0.0,
-        limit_s: float | None = None,
-        expecting: Test = None,
+        self, text: str, *, within_s: float = 0.0, limit_s: float | None = None, expecting: Test = None
     ) -> list[str]:
         """Send a command and wait for its ``ok``.
 
@@ -276,15 +265,13 @@ class MarlinLink(Link):
         """Pass over what came unasked, unless it tells of a reset or a halt."""
         for _ in range(1000):
             if self._take(self.line.read_line(0.0)) is None:
-                return
+                break
 
     def _take(self, line: str | None) -> str | None:
         """A line, unless it tells that nothing is as it was."""
-        if line is None:
-            return None
-        if replies.is_banner(line):
+        if line is not None and replies.is_banner(line):
             raise self.reset_noticed("was reset")
-        if replies.is_halted(line):
+        if line is not None and replies.is_halted(line):
             self.lost = "the firmware halted"
             raise AlarmError(f"{self.name}: halted ({line}); press its reset button, then home")
         return line

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from dataclasses import dataclass
 
@@ -25,7 +24,7 @@ _ANSWER_S = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class FoundCamera:
+class PluggedCamera:
     """A camera that is plugged in.
 
     Args:
@@ -37,7 +36,7 @@ class FoundCamera:
     size_px: tuple[int, int] | None
 
 
-def found_cameras(opener: Opener = open_capture) -> tuple[FoundCamera, ...]:
+def plugged_cameras(opener: Opener = open_capture) -> tuple[PluggedCamera, ...]:
     """The cameras with a stable name, each opened for a moment.
 
     Args:
@@ -54,7 +53,7 @@ def found_cameras(opener: Opener = open_capture) -> tuple[FoundCamera, ...]:
             if capture.isOpened():
                 size = (int(capture.get(3)), int(capture.get(4)))
             capture.release()
-        cameras_here.append(FoundCamera(name=name, size_px=size))
+        cameras_here.append(PluggedCamera(name=name, size_px=size))
     return tuple(cameras_here)
 
 
@@ -102,16 +101,12 @@ def _listen(port: str) -> str | None:
             if first is None and i == 0:
                 # It says nothing at all, not even in the wrong rate.
                 return None
-            began = time.monotonic()
-            lines = [first] if first is not None else []
-            while (left := began + _LISTEN_S - time.monotonic()) > 0.0:
-                text = line.read_line(left)
-                if text is not None:
-                    lines.append(text)
+            lines = [] if first is None else [first, *line.lines(_LISTEN_S)]
             columns = Counter(len(numbers) for text in lines if (numbers := parse_numbers(text)) is not None)
-            if columns and (most := columns.most_common(1)[0])[1] >= max(_MIN_LINES, 0.7 * len(lines)):
-                rate = most[1] / _LISTEN_S
-                return f"samples of {most[0]} number(s), about {rate:.0f} a second at {baud} baud: {lines[-1][:40]}"
+            count, times = columns.most_common(1)[0] if columns else (0, 0)
+            if times >= max(_MIN_LINES, 0.7 * len(lines)):
+                rate = times / _LISTEN_S
+                return f"samples of {count} number(s), about {rate:.0f} a second at {baud} baud: {lines[-1][:40]}"
             if lines and not any("\ufffd" in text for text in lines):
                 # Plain words: the rate is right, and it is no stream of samples.
                 return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import TypeVar
+from typing import Generic, TypedDict, TypeVar
 
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import PositionLostError, RigError
@@ -54,27 +54,49 @@ class Link:
         return PositionLostError(f"{self.name}: {how}: the position of the carriage is unknown; home first")
 
 
-class SerialStage(Closing):
+L = TypeVar("L", bound=Link)
+
+
+class SerialOptions(TypedDict, total=False):
+    """What every driver of a stage behind a serial port takes beside the port.
+
+    Args:
+        clock: Time of the rig; real time by default.
+        baud: Symbols per second; the firmware's usual ones by default.
+        timeout_s: Longest silence that is waited through, in real seconds; 10 by default.
+        home_timeout_s: Longest homing (of Marlin: of one axis or two), in real seconds; 120 by default.
+        simulated: What of it is simulated.
+    """
+
+    clock: Clock
+    baud: int | None
+    timeout_s: float
+    home_timeout_s: float
+    simulated: str
+
+
+class SerialStage(Closing, Generic[L]):
     """A stage behind a serial port.
 
     Args:
         port: Path, name or pyserial URL.
-        clock: Time of the rig; None for real time.
-        baud: Symbols per second.
-        timeout_s: Longest silence that is waited through, in real seconds.
-        home_timeout_s: Longest homing, in real seconds.
-        simulated: What of it is simulated.
+        link: Makes the link of the firmware.
+        bauds: The usual symbols per second.
+        options: See :class:`SerialOptions`.
     """
 
     def __init__(
-        self, port: str, *, clock: Clock | None, baud: int, timeout_s: float, home_timeout_s: float, simulated: str
+        self, port: str, link: Callable[[Line, float], L], bauds: tuple[int, ...], options: SerialOptions
     ) -> None:
-        self.simulated = simulated
-        self._clock = clock or Clock()
-        self._timeout_s = timeout_s
-        self._home_timeout_s = home_timeout_s
+        self.simulated = options.get("simulated", "")
+        self._clock = options.get("clock", Clock())
+        self._timeout_s = options.get("timeout_s", 10.0)
+        self._home_timeout_s = options.get("home_timeout_s", 120.0)
+        baud = options.get("baud")
+        self._bauds = (baud,) if baud else bauds
         self._last: Point | None = None
-        self._line = Line(port, baud=baud, what="stage", write_timeout_s=min(timeout_s, 2.0))
+        self._line = Line(port, baud=self._bauds[0], what="stage", write_timeout_s=min(self._timeout_s, 2.0))
+        self._link = link(self._line, self._timeout_s)
 
     def stop(self) -> None:
         """See :class:`tacbench_cad.lab.rig.stage.Stage`."""

@@ -1,4 +1,4 @@
-"""An array of taxels that sends a line of numbers a sample over serial: one sample a reading, or a short series."""
+"""An array of taxels that sends a line of numbers a sample over serial: one sample a frame, or a short series."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import SensorError
 from tacbench_cad.lab.rig.samples import BAUD, LineSource, SampleStream, StuckSamples, require_stuck_samples
 from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.spec import Baud, SensorSettings
 from tacbench_cad.util.convert import Bounds, check_fields, from_plain
 
@@ -26,7 +25,7 @@ class TaxelOptions:
 
     Args:
         columns: Taxels, numbers on a line.
-        samples: Samples of a reading: 1 gives shape (columns,), more give a series of shape (samples, columns).
+        samples: Samples of a frame: 1 gives shape (columns,), more give a series of shape (samples, columns).
         units: Unit of the numbers.
         baud: Symbols per second.
         timeout_s: Longest real time to wait for a sample.
@@ -48,7 +47,7 @@ class TaxelOptions:
         require_stuck_samples(self.stuck_samples)
 
 
-class TaxelSensor(Closing):
+class TaxelSensor(SampleStream):
     """Taxels over serial. See :class:`tacbench_cad.lab.rig.sensor.Sensor`.
 
     Args:
@@ -64,15 +63,14 @@ class TaxelSensor(Closing):
     simulated = ""
 
     def __init__(self, lines: LineSource, *, name: str, options: TaxelOptions, clock: Clock) -> None:
-        self.name = name
         self.units = options.units
         self.shape: tuple[int, ...] = (options.samples, options.columns)[options.samples == 1 :]
         chosen = {"columns": options.columns, "samples": options.samples, "baud": options.baud}
         # The device cannot be asked: what it sends in every line is what was checked.
         self.settings: dict[str, Any] = {"requested": chosen, "actual": {"columns": options.columns}}
-        self._options = options
-        self._clock = clock
-        self._stream = SampleStream(
+        self._samples = options.samples
+        self._latency_s = options.latency_s / clock.speed
+        super().__init__(
             lines,
             name=name,
             columns=options.columns,
@@ -80,12 +78,7 @@ class TaxelSensor(Closing):
             error=SensorError,
             stuck_samples=options.stuck_samples,
         )
-        self._stream.wait_for_start()
-
-    @property
-    def garbled(self) -> int:
-        """Lines so far that were no sample."""
-        return self._stream.garbled
+        self.wait_for_start()
 
     def read(self) -> Frame:
         """The next samples that arrive whole after this call.
@@ -97,21 +90,17 @@ class TaxelSensor(Closing):
             SensorError: Too many garbled lines, or a stuck array.
             RigError: Lost or silent.
         """
-        self._stream.start_fresh(self._options.latency_s / self._clock.speed)
+        self.start_fresh(self._latency_s)
         for _ in range(_ATTEMPTS):
-            damaged = self._stream.garbled
+            damaged = self.garbled
             rows: list[tuple[float, ...]] = []
-            while len(rows) < self._options.samples and self._stream.garbled == damaged:
-                rows.append(self._stream.next())
-            if self._stream.garbled == damaged or self._options.samples == 1:
+            while len(rows) < self._samples and self.garbled == damaged:
+                rows.append(self.next())
+            if self.garbled == damaged or self._samples == 1:
                 return np.array(rows, dtype=np.float64).reshape(self.shape)
         raise SensorError(
             f"{self.name}: {_ATTEMPTS} series in a row had a damaged line; a slower rate or a shorter cable may help"
         )
-
-    def close(self) -> None:
-        """Let go of the port. Never raises; a second call does nothing."""
-        self._stream.close()
 
 
 def open_taxels(settings: SensorSettings, clock: Clock, *, taken: Sequence[str] = ()) -> TaxelSensor:
@@ -131,5 +120,5 @@ def open_taxels(settings: SensorSettings, clock: Clock, *, taken: Sequence[str] 
 
     options = from_plain(TaxelOptions, settings.options, "[sensor] ")
     port = ports.resolve(settings.device, "sensor", taken=taken)
-    lines = Line(port, baud=options.baud, what="sensor")
-    return TaxelSensor(lines, name=f"taxels at {port}", options=options, clock=clock)
+    line = Line(port, baud=options.baud, what="sensor")
+    return TaxelSensor(line, name=f"taxels at {port}", options=options, clock=clock)

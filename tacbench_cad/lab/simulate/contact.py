@@ -128,10 +128,10 @@ class DomeContact:
         if force_n == 0.0:
             return high
         low = high - self.radius_mm
-        most = self.force_n(x_mm, y_mm, low) if math.isfinite(high) else 0.0
-        if force_n > most:
+        max_n = self.force_n(x_mm, y_mm, low) if math.isfinite(high) else 0.0
+        if force_n > max_n:
             raise InputError(
-                "force_n", force_n, f"cannot be reached at ({x_mm:g}, {y_mm:g}) mm, where {most:.3g} N is the most"
+                "force_n", force_n, f"cannot be reached at ({x_mm:g}, {y_mm:g}) mm, where {max_n:.3g} N is the most"
             )
         # The depth that a flat ground would need is a good start everywhere.
         z = high - math.sqrt(force_n / (math.pi * self.stiffness_n_per_mm3 * self.radius_mm))

@@ -27,12 +27,6 @@ from tacbench_cad.util import door
 from tacbench_cad.util.convert import Bounds, Length, Word, from_plain
 from tacbench_cad.util.errors import InputError, located, one_of
 
-#: Drivers of each table that have a name of their own.
-DRIVERS = {
-    "stage": ("grbl", "marlin", "arduino", "virtual-grbl", "virtual-marlin"),
-    "gauge": ("serial", "simulated", "none"),
-    "sensor": ("opencv", "taxels", "simulated"),
-}
 #: Where the blocks of virtual stages lie, and how far those stages go, in mm.
 VIRTUAL_STAGES: Mapping[str, Mapping[str, Any]] = {
     "virtual-grbl": {"origin_mm": (80.0, 80.0, -60.0), "limits_mm": ((0.0, 200.0), (0.0, 200.0), (-100.0, 0.0))},
@@ -305,10 +299,6 @@ def _rig(document: _Document, rim: HolderRim, protocol: Protocol, folder: Path, 
     for table, values in (("stage", document.stage), ("sensor", document.sensor)):
         if values is None:
             raise InputError(f"[{table}]", None, "such a table is needed")
-    for table, known in DRIVERS.items():
-        driver = (getattr(document, table) or {}).get("driver")
-        if isinstance(driver, str) and ":" not in driver:
-            one_of(f"[{table}] driver", driver, (*known, "module:name"))
     stage = _stage(document.stage or {}, teaching)
     gauge = from_plain(GaugeSettings, document.gauge or {}, "[gauge] ")
     if gauge.calibration is not None:
@@ -319,11 +309,9 @@ def _rig(document: _Document, rim: HolderRim, protocol: Protocol, folder: Path, 
     sensor = from_plain(SensorSettings, {**own, "options": values}, "[sensor] ")
     if gauge.port == "virtual" and not stage.is_virtual:
         raise InputError("[gauge] port", gauge.port, "the virtual load cell belongs to a virtual stage; name a port")
-    if gauge.driver == "none" and protocol.contact == "force":
-        raise InputError("[gauge] driver", "none", 'contact = "force" needs a gauge; without one use contact = "depth"')
-    if gauge.driver == "none" and protocol.touch == "gauge":
-        raise InputError("[protocol] touch", "gauge", 'needs a gauge; without one use "sensor" or "taught"')
-    return RigSettings(stage=stage, gauge=gauge, sensor=sensor, holder=rim)
+    rig = RigSettings(stage=stage, gauge=gauge, sensor=sensor, holder=rim)
+    rig.require_gauge_for(protocol)
+    return rig
 
 
 def _stage(plain: Mapping[str, Any], teaching: bool) -> StageSettings:
@@ -331,6 +319,7 @@ def _stage(plain: Mapping[str, Any], teaching: bool) -> StageSettings:
     values = {**VIRTUAL_STAGES.get(driver if isinstance(driver, str) else "", {}), **plain}
     if teaching and not values.get("origin_mm"):
         values["origin_mm"] = (0.0, 0.0, 0.0)
+    stage = from_plain(StageSettings, values, "[stage] ")
     if "origin_mm" not in values:
         raise InputError("[stage] origin_mm", None, "is missing; a list of 3 numbers, which `tacbench rig align` finds")
-    return from_plain(StageSettings, values, "[stage] ")
+    return stage

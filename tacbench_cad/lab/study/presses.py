@@ -18,7 +18,7 @@ class Press:
     """One press of a block.
 
     Args:
-        number: Its place in the plan, from 1: the reading it gives is ``image_<number>``.
+        number: Its place in the plan, from 1: the frame it gives is ``image_<number>``.
         force_level: From 1, rising.
         repeat: From 1.
         position: From 1, row by row from low y, each row from low x.

@@ -13,8 +13,8 @@ from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.fits import FITS
 from tacbench_cad.spec.protocol import FORCE_SPREADS_N, FORCES_N, REPEATS, PressGrid
 from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.util.convert import Bounds, Length, check_fields, to_plain
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.convert import Bounds, Length, check_fields
+from tacbench_cad.util.errors import InputError, one_of
 
 ContactMode = Literal["force", "depth"]
 TouchMethod = Literal["gauge", "sensor", "taught"]
@@ -26,8 +26,25 @@ Copy = Annotated[int, Bounds(1, 999)]
 #: Forces or depths.
 Levels = Annotated[tuple[float, ...], Length(1, 1000)]
 
+
+def plus(a: Point, b: Point) -> Point:
+    """The sum of two points, axis by axis."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def minus(a: Point, b: Point) -> Point:
+    """The difference of two points, axis by axis."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
 #: The contact force that ends any run, in newtons.
 HARD_LIMIT_N = 5.0
+#: Drivers of each table that have a name of their own.
+DRIVERS = {
+    "stage": ("grbl", "marlin", "arduino", "virtual-grbl", "virtual-marlin"),
+    "gauge": ("serial", "simulated", "none"),
+    "sensor": ("opencv", "taxels", "simulated"),
+}
 #: Most presses of a block: a year of work.
 MAX_PRESSES = 1_000_000
 #: Depths below first touch for a rig without a gauge: what the three forces sink the simulated dome into a flat
@@ -113,13 +130,13 @@ class Protocol:
         bands_n: Half width of the band around each target that counts as reached.
         depths_mm: Depths below first touch, rising (``contact = "depth"`` only).
         touch: How first touch is found in depth mode: by the gauge, by a change of the sensor, or taught by hand.
-        repeats: Readings at each position and force.
+        repeats: Frames at each position and force.
         grid: The positions in the block frame at scale 1 of the paper's grid, already scaled.
         order: Positions as in the paper or shuffled again for each force and repeat.
         block_order: The study's blocks as written or shuffled.
         seed: Seed of both shuffles.
-        reference_every_s: A new reading without contact after so long, to see drift.
-        stationary_frames: Readings in contact, and as many without, at the start and the end of a block.
+        reference_every_s: A new frame without contact after so long, to see drift.
+        stationary_frames: Frames in contact, and as many without, at the start and the end of a block.
         clearance_mm: Height of travel above the highest of block and rim.
         depth_limit_mm: The sensor's summit never goes further below the block's highest point.
         hard_limit_n: Force that stops the run.
@@ -182,12 +199,6 @@ class Protocol:
         """Target force of a level from 1, in N; None in depth mode."""
         return self.forces_n[level - 1] if self.contact == "force" else None
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values for ``run.json``."""
-        plain = to_plain(self)
-        grid = plain.pop("grid")
-        return {**plain, "grid": grid}
-
 
 @dataclass(frozen=True, kw_only=True)
 class HolderRim:
@@ -232,17 +243,22 @@ class WorkFrame:
     def to_work(self, point_mm: Point) -> Point:
         """A point of the stage's frame in the work frame."""
         cos, sin = self._turn
-        x, y, z = (a - b for a, b in zip(point_mm, self.origin_mm, strict=True))
+        x, y, z = minus(point_mm, self.origin_mm)
         return (cos * x + sin * y, -sin * x + cos * y, z)
 
     def shifted(self, offset_mm: Point) -> WorkFrame:
         """The frame of another slot of a tray, ``offset_mm`` away in the stage's frame."""
-        x, y, z = (a + b for a, b in zip(self.origin_mm, offset_mm, strict=True))
-        return WorkFrame(origin_mm=(x, y, z), quarter_turns=self.quarter_turns)
+        return WorkFrame(origin_mm=plus(self.origin_mm, offset_mm), quarter_turns=self.quarter_turns)
 
     @property
     def _turn(self) -> tuple[int, int]:
         return ((1, 0), (0, 1), (-1, 0), (0, -1))[self.quarter_turns]
+
+
+def _require_driver(table: str, driver: str) -> None:
+    """Refuse what is neither one of our drivers nor a ``module:name``."""
+    if ":" not in driver:
+        one_of("driver", driver, (*DRIVERS[table], "module:name"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -280,6 +296,7 @@ class StageSettings:
 
     def __post_init__(self) -> None:
         check_fields(self)
+        _require_driver("stage", self.driver)
         for axis, (low, high) in zip("xyz", self.limits_mm, strict=True):
             if not low < high:
                 raise InputError(f"limits_mm {axis}", [low, high], "must be two numbers, the lower one first")
@@ -322,6 +339,7 @@ class GaugeSettings:
 
     def __post_init__(self) -> None:
         check_fields(self)
+        _require_driver("gauge", self.driver)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -339,6 +357,9 @@ class SensorSettings:
     device: str | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        _require_driver("sensor", self.driver)
+
 
 @dataclass(frozen=True, kw_only=True)
 class RigSettings:
@@ -355,6 +376,20 @@ class RigSettings:
     gauge: GaugeSettings
     sensor: SensorSettings
     holder: HolderRim = field(default_factory=HolderRim)
+
+    def require_gauge_for(self, protocol: Protocol) -> None:
+        """Refuse a protocol that needs a gauge on a rig without one.
+
+        Raises:
+            InputError: It does; the message says what to use without a gauge.
+        """
+        if self.gauge.driver != "none":
+            return
+        if protocol.contact == "force":
+            allowed = 'contact = "force" needs a gauge; without one use contact = "depth"'
+            raise InputError("[gauge] driver", "none", allowed)
+        if protocol.touch == "gauge":
+            raise InputError("[protocol] touch", "gauge", 'needs a gauge; without one use "sensor" or "taught"')
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -134,7 +134,7 @@ def test_a_gauge_that_gives_no_number_is_refused() -> None:
 
 
 def test_slope_needs_two_heights_and_a_force_that_grows_with_depth() -> None:
-    slope = Slope(reach_mm=0.1, least_mm=0.002)
+    slope = Slope(reach_mm=0.1, min_mm=0.002)
     assert slope.at(0.0) is None
     slope.add(0.0, 0.1)
     assert slope.at(0.0) is None
@@ -144,7 +144,7 @@ def test_slope_needs_two_heights_and_a_force_that_grows_with_depth() -> None:
     assert slope.at(0.0) == pytest.approx(0.5, rel=0.02)
     slope.add(-1.0, 50.0)
     assert slope.at(0.0) == pytest.approx(0.5, rel=0.02), "what lies far away does not count"
-    falling = Slope(reach_mm=0.1, least_mm=0.002, seen=[(0.0, 0.2), (-0.05, 0.1)])
+    falling = Slope(reach_mm=0.1, min_mm=0.002, seen=[(0.0, 0.2), (-0.05, 0.1)])
     assert falling.at(0.0) is None
 
 

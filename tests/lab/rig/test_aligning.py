@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -400,3 +401,15 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
     link.symlink_to(tmp_path / "real.toml")
     store_frame(link, FRAME)
     assert link.is_symlink() and tomllib.loads((tmp_path / "real.toml").read_text())["stage"]["quarter_turns"] == 3
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no named pipes in folders")
+def test_what_is_no_small_regular_file_is_neither_waited_for_nor_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.toml")
+    with (tmp_path / "large.toml").open("wb") as stream:
+        stream.truncate(9_000_000)
+    (tmp_path / "deep.toml").write_text("[stage]\nlimits_mm = " + 50 * "[" + 50 * "]" + "\n")
+    for name in ("pipe.toml", "large.toml", "deep.toml"):
+        with pytest.raises(InputError, match=f"{name}: cannot be edited safely; write by hand"):
+            store_frame(tmp_path / name, WorkFrame(origin_mm=(1.0, 2.0, 3.0)))
+    assert (tmp_path / "large.toml").stat().st_size == 9_000_000

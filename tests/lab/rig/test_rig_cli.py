@@ -190,7 +190,7 @@ def plugged(monkeypatch: Patch) -> list[str]:
     monkeypatch.setattr(ports, "candidates", lambda: [PORT])
     monkeypatch.setattr(probing, "cameras", lambda folders: ("/dev/v4l/by-id/usb-C-video-index0",))
     monkeypatch.setattr(probing, "identify", answer)
-    monkeypatch.setattr(probing.found_cameras, "__defaults__", (lambda name: Camera(),))
+    monkeypatch.setattr(probing.plugged_cameras, "__defaults__", (lambda name: Camera(),))
     return asked
 
 
@@ -224,7 +224,7 @@ def test_a_camera_that_does_not_open_is_still_listed(monkeypatch: Patch) -> None
 
     monkeypatch.setattr(probing, "cameras", lambda folders: ("a",))
     for opener in (gone, lambda name: Camera(opened=False)):
-        (found,) = probing.found_cameras(opener)
+        (found,) = probing.plugged_cameras(opener)
         assert (found.name, found.size_px) == ("a", None)
 
 

@@ -169,6 +169,28 @@ def test_what_is_no_file_of_the_run_is_refused_and_nothing_waits(
     assert finding.kind == "unreadable" and message in finding.text
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="links need rights on Windows")
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        ("targets.csv", lambda run: run.rows),
+        ("references/references.csv", lambda run: run.references),
+        ("stationary/stationary.csv", lambda run: run.stationary_frames),
+        ("print.toml", lambda run: run.print_record),
+        ("collect_params.json", lambda run: run.parameters("collect_params.json")),
+        ("run.json", lambda run: run),
+    ],
+)
+def test_no_file_of_a_run_may_be_a_link_that_leads_out_of_it(
+    name: str, read: Callable[[Run], object], run_folder: Path
+) -> None:
+    path = run_folder / name
+    path.rename(run_folder.parent / path.name)
+    path.symlink_to(run_folder.parent / path.name)
+    with pytest.raises(InputError, match=f"{path.name}: is a link that leads out of|{path.name}.: is a link that"):
+        read(Run.open(run_folder))
+
+
 def test_a_png_with_a_damaged_length_allocates_nothing() -> None:
     data = bytearray(encoded(np.arange(600, dtype=np.uint8).reshape(20, 30), ("a",))[0])
     at = data.index(b"IDAT") - 4
