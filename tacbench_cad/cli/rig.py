@@ -112,7 +112,7 @@ def align(file: Path, tolerance_mm: float | None) -> None:
         if gauge is not None:
             gauge.tare()
         teaching = Teaching(
-            opened.stage,
+            stage=opened.stage,
             limits_mm=stage.limits_mm,
             ask=ask_line,
             say=click.echo,

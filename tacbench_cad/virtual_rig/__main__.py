@@ -66,7 +66,7 @@ def main() -> int:
         flush=True,
     )
     try:
-        server.run(None, lambda answer: None)
+        server.run()
     except KeyboardInterrupt:
         return 130
     finally:

@@ -13,7 +13,6 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -74,12 +73,11 @@ class Server:
         """Rig time."""
         return (time.monotonic() - self._start_s) * self.setup.speed
 
-    def run(self, orders: TextIO | None, answers: Callable[[dict[str, Any]], None]) -> None:
+    def run(self, orders: TextIO | None = None) -> None:
         """Serve until the orders end (their writer has died or said so); without orders, for ever.
 
         Args:
-            orders: A line of JSON for each order.
-            answers: Takes the answer to each.
+            orders: A line of JSON for each order; it is answered on the standard output.
         """
         inbox: queue.SimpleQueue[str] = queue.SimpleQueue()
         awake, waker = socket.socketpair()
@@ -98,7 +96,7 @@ class Server:
                 line = inbox.get()
                 if not line:
                     return
-                answers(self._order(line))
+                _answer(self._order(line))
             if orders is not None and os.getppid() != parent:
                 return
 
@@ -202,26 +200,20 @@ def _forward(orders: TextIO, inbox: queue.SimpleQueue[str], waker: socket.socket
             waker.send(b".")
 
 
-def answer_on(stream: TextIO) -> Callable[[dict[str, Any]], None]:
-    """Writes answers as lines of JSON."""
-
-    def write(values: dict[str, Any]) -> None:
-        with contextlib.suppress(BrokenPipeError):
-            print(json.dumps(values), file=stream, flush=True)
-
-    return write
+def _answer(values: dict[str, Any]) -> None:
+    with contextlib.suppress(BrokenPipeError):
+        print(json.dumps(values), flush=True)
 
 
 def serve_launcher() -> None:
     """The life of a launched process: a setup, then orders on standard input, answers on standard output."""
-    answer = answer_on(sys.stdout)
     try:
         server = Server(from_plain(Setup, json.loads(sys.stdin.readline())))
     except (TacbenchError, ValueError, TypeError) as error:
-        answer({"error": f"{error}"})
+        _answer({"error": f"{error}"})
         return
     try:
-        answer({"port": server.stage.name, "gauge_port": server.gauge.name})
-        server.run(sys.stdin, answer)
+        _answer({"port": server.stage.name, "gauge_port": server.gauge.name})
+        server.run(sys.stdin)
     finally:
         server.close()

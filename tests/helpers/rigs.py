@@ -111,8 +111,6 @@ def info_of(rig: Rig, protocol: Protocol, texture: int = 1, **changes: Any) -> R
         holder=HolderRim(),
         frame=WorkFrame(origin_mm=(0.0, 0.0, 0.0)),
         slot=0,
-        stage=rig.stage_info,
-        gauge=rig.gauge_info,
-        sensor=rig.sensor_info,
+        **rig.info,
     )
     return replace(info, **changes)

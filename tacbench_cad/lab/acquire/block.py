@@ -14,7 +14,7 @@ from tacbench_cad.lab.acquire.forces import ContactForce
 from tacbench_cad.lab.acquire.press import Presser, SettledPress
 from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.safety import Carriage, Signals
-from tacbench_cad.lab.acquire.touch import Taught, Touch, by_gauge, by_sensor
+from tacbench_cad.lab.acquire.touch import Touch, by_gauge, by_sensor, taught
 from tacbench_cad.lab.rig.devices import Rig
 from tacbench_cad.lab.rig.errors import NotReachedError, SensorError
 from tacbench_cad.lab.rig.sensor import Frame, is_image
@@ -202,7 +202,7 @@ class _BlockSession:
         if self.protocol.contact == "force":
             return None
         if self.protocol.touch == "taught":
-            return Taught(taught_mm, len(self.protocol.grid.positions_mm))
+            return taught(taught_mm, len(self.protocol.grid.positions_mm))
         if self.protocol.touch == "sensor":
             return by_sensor(self.carriage, self.protocol, self.rig.sensor, self.rig.clock)
         assert self.force is not None, "touch by the gauge without one is refused before any device is opened"

@@ -43,7 +43,7 @@ class Typing:
     """A person at a terminal, or a script on the standard input.
 
     Args:
-        ask: Shows a text and returns the line that is typed; raises ``EOFError`` at the input's end.
+        ask: Shows a text and returns the line that is typed; raises an ``InputError`` at the input's end.
         say: Shows a text.
     """
 
@@ -59,7 +59,7 @@ class Typing:
             f"{printed.printer}, {printed.filament}, copy {printed.copy}"
         )
         for _ in range(TRIES):
-            typed = self._line(f"Its label ({label}): ")
+            typed = self.ask(f"Its label ({label}): ")
             if _plain(typed) in (_plain(label), _plain(printed.name)):
                 return
             self.say(f"{typed!r} is another block; this one says {label}")
@@ -67,20 +67,13 @@ class Typing:
 
     def first_touch(self, printed: PrintedBlock, positions: int) -> tuple[float, ...]:
         """See :class:`Person`."""
-        typed = self._line(
+        typed = self.ask(
             f"First touch on {printed.name}, z in mm of the work frame, one number or {positions} with commas: "
         )
         try:
             return tuple(float(word) for word in typed.split(","))
         except ValueError:
             raise InputError("first touch", typed, "must be numbers with commas between them") from None
-
-    def _line(self, prompt: str) -> str:
-        try:
-            return self.ask(prompt).strip()
-        except EOFError:
-            self.say("")
-            raise InputError("standard input", None, f"ended before the answer to: {prompt.strip()}") from None
 
 
 def _plain(text: str) -> str:

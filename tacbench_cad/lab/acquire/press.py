@@ -158,7 +158,7 @@ class Presser:
         assert self.touch is not None
         step = self.protocol.approach_step_mm
         if press.position not in self._touch_mm:
-            self._touch_mm[press.position] = self.touch.find(press.position, self._down)
+            self._touch_mm[press.position] = self.touch(press.position, self._down)
             self._free_mm[press.position] = self._touch_mm[press.position]
             self.carriage.lift()
         self._start(press.position)

@@ -10,6 +10,7 @@ import contextlib
 import signal
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from types import FrameType
 from typing import Any
 
@@ -43,6 +44,7 @@ class RunInterruptedError(KeyboardInterrupt):
         return f"{sensor}; {self.saved} of {counted(self.planned, 'press')} are saved"
 
 
+@dataclass(eq=False)
 class Carriage:
     """The stage in the work frame of one block.
 
@@ -56,30 +58,22 @@ class Carriage:
         may_home: Whether a stage that lost its position may be homed to lift the sensor: homing goes upwards first.
     """
 
-    def __init__(
-        self,
-        stage: Stage,
-        frame: WorkFrame,
-        protocol: Protocol,
-        holder: HolderRim,
-        *,
-        travel_mm_s: float = 20.0,
-        approach_mm_s: float = 2.0,
-        may_home: bool = False,
-    ) -> None:
-        self.stage = stage
-        self.frame = frame
-        self.travel_mm = travel_height_mm(protocol, holder)
-        self.lowest_mm = -protocol.depth_limit_mm
-        self.travel_mm_s = travel_mm_s
-        self.approach_mm_s = approach_mm_s
-        self.may_home = may_home
+    stage: Stage
+    frame: WorkFrame
+    protocol: Protocol
+    holder: HolderRim
+    travel_mm_s: float = 20.0
+    approach_mm_s: float = 2.0
+    may_home: bool = False
+
+    def __post_init__(self) -> None:
+        self.travel_mm = travel_height_mm(self.protocol, self.holder)
+        self.lowest_mm = -self.protocol.depth_limit_mm
         #: Where the stage reports the sensor, and the height that it was last sent to: a stage with coarse steps
         #: does not report what it was sent to, and steps that are smaller than its own add up only in the latter.
-        self.at: Point = frame.to_work(stage.position())
+        self.at: Point = self.frame.to_work(self.stage.position())
         self.aim_mm = self.at[2]
-        self._moving = False
-        self._retreating = False
+        self._moving = self._retreating = False
         self._interrupted = ""
 
     def interrupt(self, reason: str) -> None:

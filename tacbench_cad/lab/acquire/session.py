@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,7 +18,7 @@ from tacbench_cad.lab.rig.devices import Rig, open_rig, recorded_gauge, recorded
 from tacbench_cad.lab.rig.reach import require_reach
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.runs.schema import STATIONARY
+from tacbench_cad.lab.runs.schema import RUN_FILE, STATIONARY
 from tacbench_cad.lab.study.presses import block_order
 from tacbench_cad.lab.study.spec import PlannedBlock, PrintedBlock, RigSettings, Study, WorkFrame
 from tacbench_cad.util.convert import Length, read_toml
@@ -34,22 +36,37 @@ class Place:
     """A block of the study and where it is pressed.
 
     Args:
+        study: The study, with the holder of the rig.
         planned: The block.
         slot: Slot of the tray, from 0.
         frame: Its work frame.
         folder: Its run folder.
     """
 
+    study: Study
     planned: PlannedBlock
     slot: int
     frame: WorkFrame
     folder: Path
 
     @property
+    def printed(self) -> PrintedBlock:
+        """The block itself."""
+        return self.planned.printed
+
+    @property
     def label(self) -> str:
         """What stands on the block's underside if it was printed with its label: ``T4 PAPER X1 02``."""
-        printed = self.planned.printed
-        return " ".join(replace(printed.block, copy=printed.copy).label_words)
+        return " ".join(replace(self.printed.block, copy=self.printed.copy).label_words)
+
+    @property
+    def run(self) -> Run | None:
+        """Its run, if one was begun."""
+        return Run.open(self.folder) if (self.folder / RUN_FILE).exists() else None
+
+    def info(self, **devices: Mapping[str, Any]) -> RunInfo:
+        """What its run should be, with what the devices say of themselves."""
+        return RunInfo.of(self.study, self.planned, self.frame, self.slot, **devices)
 
 
 def places(study: Study, rig: RigSettings, out: Path) -> tuple[Place, ...]:
@@ -57,15 +74,10 @@ def places(study: Study, rig: RigSettings, out: Path) -> tuple[Place, ...]:
 
     The slots are filled in turn, so a block has the same slot in every session.
     """
-    slots = rig.stage.frames
+    held, slots = replace(study, holder=rig.holder), list(enumerate(rig.stage.frames))
     return tuple(
-        Place(
-            planned=planned,
-            slot=number % len(slots),
-            frame=slots[number % len(slots)],
-            folder=out / planned.printed.name,
-        )
-        for number, planned in enumerate(block_order(study))
+        Place(study=held, planned=planned, slot=slot, frame=frame, folder=out / planned.printed.name)
+        for planned, (slot, frame) in zip(block_order(study), itertools.cycle(slots), strict=False)
     )
 
 
@@ -108,34 +120,20 @@ def acquire_study(
     results: list[BlockResult] = []
     blocks = places(study, rig, out)
     with Signals() as signals, locked(out), _counting(study, blocks), ExitStack() as devices:
-        unfinished = [place for place in blocks if not _finished(study, rig, place)]
+        unfinished = [place for place in blocks if not _finished(rig, place)]
         if len(unfinished) < len(blocks):
             progress.say(f"complete: {len(blocks) - len(unfinished)} of {counted(len(blocks), 'block')}")
         opened: Rig | None = None
         for tray in _trays(unfinished, len(slots)):
-            taught = {place.slot: _prepare(study, rig, place, person, len(slots), len(blocks)) for place in tray}
+            taught = {place.slot: _prepare(rig, place, person, len(slots), len(blocks)) for place in tray}
             for place in tray:
                 if opened is None:
-                    opened = devices.enter_context(opener(rig, place.planned.printed, place.frame))
+                    opened = devices.enter_context(opener(rig, place.printed, place.frame))
                 else:
-                    opened.put(place.planned.printed, place.frame)
-                info = RunInfo(
-                    **_asked(study, rig, place),
-                    stage=opened.stage_info,
-                    gauge=opened.gauge_info,
-                    sensor=opened.sensor_info,
-                )
-                results.append(
-                    press_block(
-                        opened,
-                        info,
-                        place.folder,
-                        signals=signals,
-                        progress=progress,
-                        taught_mm=taught[place.slot],
-                        durable=durable,
-                    )
-                )
+                    opened.put(place.printed, place.frame)
+                info, heights = place.info(**opened.info), taught[place.slot]
+                press = partial(press_block, signals=signals, progress=progress, durable=durable)
+                results.append(press(opened, info, place.folder, taught_mm=heights))
     return tuple(results)
 
 
@@ -145,8 +143,8 @@ def _counting(study: Study, blocks: Sequence[Place]) -> Iterator[None]:
     try:
         yield
     except RunInterruptedError as error:
-        runs = [Run.open(place.folder) for place in blocks if (place.folder / "run.json").exists()]
-        error.saved, error.planned = sum(len(run.rows) for run in runs), study.presses
+        error.saved = sum(len(run.rows) for place in blocks if (run := place.run) is not None)
+        error.planned = study.presses
         raise
 
 
@@ -162,55 +160,40 @@ def _trays(blocks: Sequence[Place], slots: int) -> Iterator[tuple[Place, ...]]:
         yield tuple(tray)
 
 
-def _asked(study: Study, rig: RigSettings, place: Place) -> dict[str, Any]:
-    """What a block's run should be, by the fields of :class:`RunInfo`: all but what the devices say of themselves."""
-    return {
-        "printed": place.planned.printed,
-        "levels": place.planned.levels,
-        "protocol": study.protocol,
-        "grid_spacing": study.grid_spacing,
-        "holder": rig.holder,
-        "frame": place.frame,
-        "slot": place.slot,
-    }
-
-
-def _finished(study: Study, rig: RigSettings, place: Place) -> bool:
+def _finished(rig: RigSettings, place: Place) -> bool:
     """Whether a block's run is complete, and refuse one that was begun otherwise, before any device is opened."""
-    if not (place.folder / "run.json").exists():
+    run = place.run
+    if run is None:
         return False
-    run = Run.open(place.folder)
-    now = replace(
-        run.info,
-        **_asked(study, rig, place),
+    now = place.info(
         stage={**run.info.stage, "settings": recorded_stage(rig.stage)},
         gauge={**run.info.gauge, "settings": recorded_gauge(rig.gauge)},
+        sensor=run.info.sensor,
     )
     advice = "restore them or name another folder"
     if not run.rows:
         advice = "it holds no press, so delete it or name another folder"
     run.info.require_same(now, str(place.folder), advice)
     still = [(frame.when, frame.in_contact) for frame in run.stationary_frames]
-    count = study.protocol.stationary_frames
+    count = run.info.protocol.stationary_frames
     done = {row.number for row in run.rows}
     return all(still.count(group) >= count for group in STATIONARY) and all(
         press.number in done for press in run.info.presses
     )
 
 
-def _prepare(
-    study: Study, rig: RigSettings, place: Place, person: Person, slots: int, blocks: int
-) -> tuple[float, ...]:
+def _prepare(rig: RigSettings, place: Place, person: Person, slots: int, blocks: int) -> tuple[float, ...]:
     """Have the block put in, and its heights of first touch where a person teaches them."""
     # A single block is taken to lie in the holder.
     if blocks > 1 and not (rig.stage.is_virtual and rig.sensor.driver == "simulated"):
-        person.put_in(place.planned.printed, place.label, place.slot + 1 if slots > 1 else None)
-    if study.protocol.contact == "force" or study.protocol.touch != "taught":
+        person.put_in(place.printed, place.label, place.slot + 1 if slots > 1 else None)
+    protocol = place.study.protocol
+    if protocol.contact == "force" or protocol.touch != "taught":
         return ()
     path = place.folder / TAUGHT_FILE
     if path.exists():
         return read_toml(path, _Taught, "first touch", within=place.folder).z_mm
-    heights = person.first_touch(place.planned.printed, len(study.protocol.grid.positions_mm))
+    heights = person.first_touch(place.printed, len(protocol.grid.positions_mm))
     place.folder.mkdir(parents=True, exist_ok=True)
     head = "# Heights of first touch, taught by hand, in mm of the work frame."
     write_text(path, f"{head}\nz_mm = [{', '.join(f'{height:.4f}' for height in heights)}]\n")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol as Interface
 
 import numpy as np
 
@@ -32,22 +31,12 @@ FINE_FRACTION = 0.1
 Down = Callable[[float], float]
 
 
-class Touch(Interface):
-    """Finds the height of first touch at a place."""
-
-    def find(self, position: int, down: Down) -> float:
-        """The height of first touch, in mm of the work frame.
-
-        Args:
-            position: The place, from 1; the sensor is above it at the travel height.
-            down: Lowers the sensor.
-
-        Raises:
-            RigError: A limit was met before, or a device failed.
-        """
+#: Finds the height of first touch at a place, in mm of the work frame. It gets the place's number, from 1, with the
+#: sensor above it at the travel height, and lowers the sensor by the other argument.
+Touch = Callable[[int, Down], float]
 
 
-class StepwiseTouch:
+def _by_steps(carriage: Carriage, protocol: Protocol, begin: Callable[[], None], touches: Callable[[], bool]) -> Touch:
     """Steps down until something says that the sensor touches, then once more from above in finer steps.
 
     Args:
@@ -55,37 +44,29 @@ class StepwiseTouch:
         protocol: Its approach step.
         begin: Is called at the travel height, before the first step.
         touches: Whether the sensor touches where it is.
+
+    Returns:
+        What gives the last free height of the fine steps.
     """
+    step = protocol.approach_step_mm
 
-    def __init__(
-        self, carriage: Carriage, protocol: Protocol, begin: Callable[[], None], touches: Callable[[], bool]
-    ) -> None:
-        self.carriage = carriage
-        self.protocol = protocol
-        self.begin = begin
-        self.touches = touches
-
-    def find(self, position: int, down: Down) -> float:
-        """See :class:`Touch`. The height is the last free one of the fine steps."""
-        step = self.protocol.approach_step_mm
-        self.begin()
-        while not self.touches():
+    def find(position: int, down: Down) -> float:
+        begin()
+        while not touches():
             down(step)
-        self.carriage.to_height(self.carriage.at[2] + 2.0 * step)
+        carriage.to_height(carriage.at[2] + 2.0 * step)
         while True:
-            free = self.carriage.at[2]
+            free = carriage.at[2]
             down(FINE_FRACTION * step)
-            if self.touches():
+            if touches():
                 return free
+
+    return find
 
 
 def by_gauge(carriage: Carriage, protocol: Protocol, force: ContactForce) -> Touch:
     """Touch is where the settled force rises above the free gauge's noise."""
-
-    def touches() -> bool:
-        return force.settled().mean_n > force.touch_n
-
-    return StepwiseTouch(carriage, protocol, lambda: None, touches)
+    return _by_steps(carriage, protocol, lambda: None, lambda: force.settled().mean_n > force.touch_n)
 
 
 def by_sensor(carriage: Carriage, protocol: Protocol, sensor: Sensor, clock: Clock) -> Touch:
@@ -100,7 +81,24 @@ def by_sensor(carriage: Carriage, protocol: Protocol, sensor: Sensor, clock: Clo
     def begin() -> None:
         change.learn([read() for _ in range(FREE_FRAMES)])
 
-    return StepwiseTouch(carriage, protocol, begin, lambda: change.seen(read()))
+    return _by_steps(carriage, protocol, begin, lambda: change.seen(read()))
+
+
+def taught(heights_mm: Sequence[float], positions: int) -> Touch:
+    """Touch is where a person found it.
+
+    Args:
+        heights_mm: One for all positions, or one for each, in mm of the work frame.
+        positions: How many positions there are.
+
+    Raises:
+        InputError: There are neither one nor ``positions`` heights, or one is no finite number.
+    """
+    if len(heights_mm) not in (1, positions) or not all(np.isfinite(heights_mm)):
+        raise InputError(
+            "first touch", list(heights_mm), f"must be one finite height in mm, or {positions}, one a position"
+        )
+    return lambda position, _: heights_mm[position - 1 if len(heights_mm) > 1 else 0]
 
 
 class SensorChange:
@@ -131,26 +129,3 @@ class SensorChange:
         changes = np.abs(frame - self._mean).ravel()
         largest = max(1, round(LARGEST_FRACTION * changes.size))
         return float(np.mean(np.partition(changes, changes.size - largest)[-largest:]))
-
-
-class Taught:
-    """Heights that a person found by hand.
-
-    Args:
-        heights_mm: One for all positions, or one for each, in mm of the work frame.
-        positions: How many positions there are.
-
-    Raises:
-        InputError: There are neither one nor ``positions`` heights, or one is no finite number.
-    """
-
-    def __init__(self, heights_mm: Sequence[float], positions: int) -> None:
-        if len(heights_mm) not in (1, positions) or not all(np.isfinite(heights_mm)):
-            raise InputError(
-                "first touch", list(heights_mm), f"must be one finite height in mm, or {positions}, one a position"
-            )
-        self.heights_mm = tuple(heights_mm) if len(heights_mm) == positions else tuple(heights_mm) * positions
-
-    def find(self, position: int, down: Down) -> float:
-        """See :class:`Touch`."""
-        return self.heights_mm[position - 1]

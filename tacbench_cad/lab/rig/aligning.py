@@ -151,6 +151,7 @@ def highest_point_mm(block: Block) -> tuple[float, float]:
     return float(x[columns[best]]), float(y[rows[best]])
 
 
+@dataclass(kw_only=True)
 class Teaching:
     """A person at the stage: jogs by typed lines, confirms, and the frame follows.
 
@@ -164,24 +165,13 @@ class Teaching:
         force_n: The contact force, if there is a gauge; a step down that presses too hard is taken back.
     """
 
-    def __init__(
-        self,
-        stage: Stage,
-        *,
-        limits_mm: Limits,
-        ask: Ask,
-        say: Say,
-        travel_mm_s: float,
-        approach_mm_s: float,
-        force_n: Callable[[], float] | None = None,
-    ) -> None:
-        self._stage = stage
-        self._limits_mm = limits_mm
-        self._ask = ask
-        self._say = say
-        self._travel_mm_s = travel_mm_s
-        self._approach_mm_s = approach_mm_s
-        self._force_n = force_n
+    stage: Stage
+    limits_mm: Limits
+    ask: Ask
+    say: Say
+    travel_mm_s: float
+    approach_mm_s: float
+    force_n: Callable[[], float] | None = None
 
     def frame(self, protocol: Protocol, block: Block, tolerance_mm: float) -> FittedFrame:
         """Teach a frame: four markers for x, y and the turn, then the block's highest point for z.
@@ -207,7 +197,7 @@ class Teaching:
             raise
 
     def _taught(self, protocol: Protocol, block: Block, tolerance_mm: float) -> FittedFrame:
-        self._say("Put the jig on, and a pointer in the place of the sensor, on the same axis. Commands:\n" + HELP)
+        self.say("Put the jig on, and a pointer in the place of the sensor, on the same axis. Commands:\n" + HELP)
         markers = corner_markers(protocol.grid)
         touched: list[Point] = []
         for number, x, y in markers:
@@ -219,7 +209,7 @@ class Teaching:
             self._lift(LIFT_MM)
         fit = fit_frame([(x, y) for _, x, y in markers], touched)
         for (number, _, _), distance in zip(markers, fit.distances_mm, strict=True):
-            self._say(f"marker {number}: {distance:.3f} mm from where the frame has it")
+            self.say(f"marker {number}: {distance:.3f} mm from where the frame has it")
         fit.require_within(tolerance_mm)
         self.lift_off()
         self._answered("Take the jig and the pointer off and put the sensor on. Then say ok.")
@@ -232,24 +222,24 @@ class Teaching:
 
     def lift_off(self) -> None:
         """Lift to the upper limit."""
-        x, y, _ = self._stage.position()
-        self._stage.move((x, y, self._limits_mm[2][1]), self._travel_mm_s)
+        x, y, _ = self.stage.position()
+        self.stage.move((x, y, self.limits_mm[2][1]), self.travel_mm_s)
 
     def _lift(self, by_mm: float) -> None:
-        x, y, z = self._stage.position()
-        self._stage.move((x, y, min(z + by_mm, self._limits_mm[2][1])), self._approach_mm_s)
+        x, y, z = self.stage.position()
+        self.stage.move((x, y, min(z + by_mm, self.limits_mm[2][1])), self.approach_mm_s)
 
     def _across(self, x: float, y: float) -> None:
-        self._stage.move((x, y, self._stage.position()[2]), self._travel_mm_s)
+        self.stage.move((x, y, self.stage.position()[2]), self.travel_mm_s)
 
     def _jog(self, what: str) -> Point:
         """Let the person move until they say ok; where the stage then is."""
-        self._say(what)
+        self.say(what)
         step: Point | None = None
         while True:
-            here = x, y, z = self._stage.position()
-            force = "" if self._force_n is None else f", {self._force_n():z.3f} N"
-            words = self._ask(f"[{x:z.3f} {y:z.3f} {z:z.3f} mm{force}] ").split()
+            here = x, y, z = self.stage.position()
+            force = "" if self.force_n is None else f", {self.force_n():z.3f} N"
+            words = self.ask(f"[{x:z.3f} {y:z.3f} {z:z.3f} mm{force}] ").split()
             if words == ["ok"]:
                 return here
             if words == ["quit"]:
@@ -261,22 +251,22 @@ class Teaching:
                 step = step if step is not None and not words else parse_step(words)
                 self._step(here, step)
             except (InputError, OutOfRangeError) as error:
-                self._say(str(error))
+                self.say(str(error))
 
     def _step(self, here: Point, step: Point) -> None:
         """Make a step, looking at the force on the way down; all of it is taken back if it presses too hard."""
-        force_n = self._force_n if step[2] < 0.0 else None
+        force_n = self.force_n if step[2] < 0.0 else None
         pieces = 1 if force_n is None else math.ceil(-step[2] / _PIECE_MM)
         for piece in range(1, pieces + 1):
             x, y, z = (a + b * piece / pieces for a, b in zip(here, step, strict=True))
-            self._stage.move((x, y, z), self._approach_mm_s)
+            self.stage.move((x, y, z), self.approach_mm_s)
             if force_n is not None and force_n() > TOUCH_LIMIT_N:
-                self._stage.move(here, self._approach_mm_s)
-                self._say(f"that pressed with more than {TOUCH_LIMIT_N:g} N and was taken back; take smaller steps")
+                self.stage.move(here, self.approach_mm_s)
+                self.say(f"that pressed with more than {TOUCH_LIMIT_N:g} N and was taken back; take smaller steps")
                 return
 
     def _answered(self, prompt: str) -> None:
-        while (word := self._ask(prompt + " ").strip()) != "ok":
+        while (word := self.ask(prompt + " ").strip()) != "ok":
             if word == "quit":
                 raise InputError("align", "quit", "stopped; nothing is stored")
 

@@ -94,8 +94,14 @@ class Calibration:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is odd about the fit, a sentence each."""
-        warnings = [_outlier_sentence(point, distance) for point, distance in _outliers(self.points)]
-        if not warnings and self.residual_n > _POOR_FRACTION * self.span_n:
+        warnings = []
+        if outlier := _outlier(self.points):
+            mass_g, distance_n = outlier
+            warnings.append(
+                f"the point at {mass_g:g} g lies {distance_n:.3g} N ({distance_n / STANDARD_GRAVITY * 1e3:.3g} g) from "
+                "the line through the others: was it this mass, and did it lie still?"
+            )
+        elif self.residual_n > _POOR_FRACTION * self.span_n:
             warnings.append(
                 f"the points lie {self.residual_n:.3g} N from the line (rms), above {_POOR_FRACTION:.0%} of the span: "
                 "friction, a mass off the middle, or a wrong mass"
@@ -191,17 +197,17 @@ def _line(force: Any, counts: Any) -> tuple[float, float]:
     return float(slope), float(zero)
 
 
-def _outliers(points: Sequence[CalibrationPoint]) -> list[tuple[CalibrationPoint, float]]:
-    """The point that spoils the fit, if there is one, with its distance in newtons from the line through the others.
+def _outlier(points: Sequence[CalibrationPoint]) -> tuple[float, float] | None:
+    """Mass in g of the point that spoils the fit, and its distance in N from the line through the others.
 
     Each point in turn is left out. Only the furthest is named: a bad point bends every line that it is part of.
     """
     if len(points) <= MIN_MASSES:
-        return []
+        return None
     force = np.array([weight_n(point.mass_g) for point in points])
     counts = np.array([point.counts for point in points])
     span = float(np.ptp(force))
-    worst: tuple[float, CalibrationPoint, float] | None = None
+    worst: tuple[float, float, float] | None = None
     for i, point in enumerate(points):
         rest = np.delete(np.arange(len(points)), i)
         if len(set(force[rest])) < 2:
@@ -215,12 +221,5 @@ def _outliers(points: Sequence[CalibrationPoint]) -> list[tuple[CalibrationPoint
         floor = max(others, point.spread_counts / abs(slope) / math.sqrt(point.samples))
         far = distance > _OUTLIER_TIMES * floor and distance > _OUTLIER_FRACTION * span
         if far and (worst is None or distance / max(floor, 1e-12) > worst[0]):
-            worst = (distance / max(floor, 1e-12), point, distance)
-    return [] if worst is None else [(worst[1], worst[2])]
-
-
-def _outlier_sentence(point: CalibrationPoint, distance_n: float) -> str:
-    return (
-        f"the point at {point.mass_g:g} g lies {distance_n:.3g} N ({distance_n / STANDARD_GRAVITY * 1e3:.3g} g) from "
-        "the line through the others: was it this mass, and did it lie still?"
-    )
+            worst = (distance / max(floor, 1e-12), point.mass_g, distance)
+    return worst and worst[1:]

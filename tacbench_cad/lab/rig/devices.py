@@ -97,33 +97,28 @@ class Rig:
             device.put(printed, self.settings.holder, frame)
 
     @property
-    def stage_info(self) -> dict[str, Any]:
-        """The stage for ``run.json``."""
+    def info(self) -> dict[str, dict[str, Any]]:
+        """Stage, gauge and sensor for ``run.json``."""
+        gauge, sensor = self.gauge, self.sensor
         return {
-            "identity": self.stage.identity,
-            "simulated": self.stage.simulated,
-            "settings": recorded_stage(self.settings.stage),
-        }
-
-    @property
-    def gauge_info(self) -> dict[str, Any]:
-        """The gauge for ``run.json``."""
-        return {
-            "identity": "none" if self.gauge is None else self.gauge.identity,
-            "simulated": "" if self.gauge is None else self.gauge.simulated,
-            "calibration": {} if self.gauge is None else dict(self.gauge.calibration),
-            "settings": recorded_gauge(self.settings.gauge),
-        }
-
-    @property
-    def sensor_info(self) -> dict[str, Any]:
-        """The sensor for ``run.json``."""
-        return {
-            "name": self.sensor.name,
-            "simulated": self.sensor.simulated,
-            "units": self.sensor.units,
-            "shape": list(self.sensor.shape),
-            "settings": self.sensor.settings,
+            "stage": {
+                "identity": self.stage.identity,
+                "simulated": self.stage.simulated,
+                "settings": recorded_stage(self.settings.stage),
+            },
+            "gauge": {
+                "identity": "none" if gauge is None else gauge.identity,
+                "simulated": "" if gauge is None else gauge.simulated,
+                "calibration": {} if gauge is None else dict(gauge.calibration),
+                "settings": recorded_gauge(self.settings.gauge),
+            },
+            "sensor": {
+                "name": sensor.name,
+                "simulated": sensor.simulated,
+                "units": sensor.units,
+                "shape": list(sensor.shape),
+                "settings": sensor.settings,
+            },
         }
 
 

@@ -106,7 +106,7 @@ class GrblStage(SerialStage[GrblLink]):
         for _ in range(20):
             if self._link.next(0.05) is None:
                 break
-        at = self._at_rest()
+        at = self._standing("Idle", failed="does not come to rest")
         if not seen and not self._at_ends(at):
             raise PositionLostError(f"{self._link.name}: said ok to homing, but has not homed; home first")
         self._line.torn = False
@@ -273,39 +273,28 @@ class GrblStage(SerialStage[GrblLink]):
 
     def _leave_hold(self) -> None:
         """After :meth:`stop`: wait until the carriage stands, then leave the hold without losing the position."""
+        before = self._standing("Idle", "Hold", failed="does not stop")
+        self._stopping = False
+        self._link.reset()
+        if math.dist(self._reported(), before) > ASIDE_MM:
+            raise self._link.reset_noticed("lost its position when a hold was left")
+        self._line.torn = False
+
+    def _standing(self, *states: str, failed: str) -> Point:
+        """Position once the carriage stands in one of some states; a hold that is waited for is asked for again."""
         until = time.monotonic() + self._timeout_s
         again = time.monotonic() + ANSWER_S
         while True:
             report = self._link.status()
             self._link.not_locked(report)
-            if report.state == "Idle" or (report.state == "Hold" and report.detail == 0):
-                break
+            if report.state in states and (report.state != "Hold" or report.detail == 0):
+                return self._machine(report)
             now = time.monotonic()
             if now >= until:
-                raise NotThereError(f"{self._link.name}: does not stop; state {report.state}")
-            if now >= again:
+                raise NotThereError(f"{self._link.name}: {failed}; state {report.state}")
+            if "Hold" in states and now >= again:
                 self._line.write_now(HOLD)
                 again = now + ANSWER_S
-            self._clock.sleep(POLL_S)
-        before = self._machine(report)
-        self._stopping = False
-        self._link.reset()
-        report = self._link.status()
-        self._link.not_locked(report)
-        if math.dist(self._machine(report), before) > ASIDE_MM:
-            raise self._link.reset_noticed("lost its position when a hold was left")
-        self._line.torn = False
-
-    def _at_rest(self) -> Point:
-        """Position once the state is ``Idle``."""
-        until = time.monotonic() + self._timeout_s
-        while True:
-            report = self._link.status()
-            self._link.not_locked(report)
-            if report.state == "Idle":
-                return self._machine(report)
-            if time.monotonic() >= until:
-                raise NotThereError(f"{self._link.name}: does not come to rest; state {report.state}")
             self._clock.sleep(POLL_S)
 
     def _at_ends(self, at: Point) -> bool:

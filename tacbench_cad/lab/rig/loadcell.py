@@ -120,7 +120,7 @@ class RawLoadCell(SampleStream):
         self._clock = clock
         self._beyond = 0
         super().__init__(
-            lines,
+            lines=lines,
             name=name,
             columns=options.columns,
             timeout_s=timeout_s,

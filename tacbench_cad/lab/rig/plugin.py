@@ -52,7 +52,7 @@ class OwnDevice(Closing):
             except TacbenchError:
                 raise
             except Exception as error:
-                place = _place(error) or getattr(sys.modules.get(type(self._device).__module__), "__file__", "")
+                place = _place(error, type(self._device).__module__)
                 raise DriverError(f"{self._name}: {attribute}() failed: {_text(error)} ({place})") from error
 
         return call
@@ -68,12 +68,11 @@ class OwnDevice(Closing):
             self._device.close()
 
 
-def load(driver: str, folder: Path | None = None, *, field: str = "driver") -> Any:
+def load(driver: str, *, field: str = "driver") -> Any:
     """What ``module:name`` stands for.
 
     Args:
-        driver: ``my_arm:Arm``; the module may have dots.
-        folder: Where a module that is not installed lies; None for the working folder.
+        driver: ``my_arm:Arm``; the module may have dots. One that is not installed lies in the working folder.
         field: What names the driver, for the messages: ``[stage] driver``.
 
     Raises:
@@ -82,7 +81,7 @@ def load(driver: str, folder: Path | None = None, *, field: str = "driver") -> A
     module_name, _, name = driver.partition(":")
     if not (name.isidentifier() and all(part.isidentifier() for part in module_name.split("."))):
         raise InputError(field, driver, "must be module:name, such as my_arm:Arm")
-    own = str(folder or Path.cwd())
+    own = str(Path.cwd())
     sys.path.insert(0, own)
     try:
         module = importlib.import_module(module_name)
@@ -104,7 +103,6 @@ def open_device(
     driver: str,
     options: Mapping[str, Any],
     needed: Iterable[str],
-    folder: Path | None = None,
     *,
     field: str = "driver",
     results: Mapping[str, Callable[[Any], Any]] | None = None,
@@ -115,7 +113,6 @@ def open_device(
         driver: See :func:`load`.
         options: Its keyword arguments.
         needed: Attributes that it must have.
-        folder: See :func:`load`.
         field: See :func:`load`.
         results: See :class:`OwnDevice`.
 
@@ -123,7 +120,7 @@ def open_device(
         InputError: It cannot be loaded, refuses the options, or lacks an attribute.
         RigError: As it raises itself.
     """
-    factory = load(driver, folder, field=field)
+    factory = load(driver, field=field)
     if not callable(factory):
         raise InputError(field, driver, "cannot be called; name a class or a function")
     try:
@@ -131,11 +128,11 @@ def open_device(
     except TacbenchError:
         raise
     except Exception as error:
-        where = _place(error) or getattr(sys.modules.get(factory.__module__), "__file__", driver)
+        where = _place(error, factory.__module__) or driver
         raise InputError(field, driver, f"cannot be opened: {_text(error)} ({where})") from error
     missing = [name for name in needed if not hasattr(device, name)]
     if missing:
-        where = getattr(sys.modules.get(type(device).__module__), "__file__", None)
+        where = _file(type(device).__module__)
         raise InputError(field, driver, f"lacks {', '.join(missing)}" + (f" ({where})" if where else ""))
     return OwnDevice(device, f"{field} {driver}", results or {})
 
@@ -144,8 +141,13 @@ def _text(error: Exception) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
-def _place(error: Exception) -> str:
-    """File and line of the user's code where an exception came from; an empty text where it never got there."""
+def _file(module: str) -> str:
+    """The file of a module; an empty text where it has none."""
+    return getattr(sys.modules.get(module), "__file__", None) or ""
+
+
+def _place(error: Exception, module: str = "") -> str:
+    """File and line of the user's code where an exception came from, or the module's file where it never got there."""
     if isinstance(error, SyntaxError) and error.filename:
         return f"{error.filename}, line {error.lineno}"
     frames = [
@@ -154,4 +156,4 @@ def _place(error: Exception) -> str:
         if not frame.filename.startswith(("<frozen", _PACKAGE)) and frame.filename != importlib.__file__
     ]
     lines = [frame.lineno for frame in frames if frame.filename == frames[0].filename]
-    return f"{frames[0].filename}, line {lines[-1]}" if frames else ""
+    return f"{frames[0].filename}, line {lines[-1]}" if frames else _file(module)

@@ -6,6 +6,7 @@ import math
 import re
 import time
 from collections import deque
+from dataclasses import dataclass, field
 from typing import Annotated, Protocol
 
 from tacbench_cad.lab.rig.errors import NoAnswerError, RigError
@@ -73,6 +74,7 @@ def parse_numbers(line: str) -> tuple[float, ...] | None:
     return numbers if all(math.isfinite(number) for number in numbers) else None
 
 
+@dataclass(kw_only=True, eq=False)
 class SampleStream(Closing):
     """The samples of a device, as they come.
 
@@ -89,29 +91,18 @@ class SampleStream(Closing):
         garbled: Lines so far that were no sample.
     """
 
-    def __init__(
-        self,
-        lines: LineSource,
-        *,
-        name: str,
-        columns: int,
-        timeout_s: float,
-        error: type[RigError],
-        stuck_samples: int = 0,
-        watched: int | None = None,
-    ) -> None:
-        self.name = name
-        self.garbled = 0
-        self._lines = lines
-        self._columns = columns
-        self._timeout_s = timeout_s
-        self._error = error
-        self._stuck_samples = stuck_samples
-        self._watched = slice(None) if watched is None else slice(watched - 1, watched)
-        self._same = 0
-        self._last: tuple[float, ...] = ()
-        self._recent: deque[bool] = deque(maxlen=_COUNTED)
-        self._example = ""
+    lines: LineSource
+    name: str
+    columns: int
+    timeout_s: float
+    error: type[RigError]
+    stuck_samples: int = 0
+    watched: int | None = None
+    garbled: int = field(default=0, init=False)
+    _same: int = field(default=0, init=False)
+    _last: tuple[float, ...] = field(default=(), init=False)
+    _recent: deque[bool] = field(default_factory=lambda: deque(maxlen=_COUNTED), init=False)
+    _example: str = field(default="", init=False)
 
     def wait_for_start(self) -> None:
         """Wait for the first sample: opening a port restarts many boards, which then say a few words first.
@@ -120,7 +111,7 @@ class SampleStream(Closing):
             RigError: None comes. The port is let go of.
         """
         try:
-            self.next(max(self._timeout_s, _START_S))
+            self.next(max(self.timeout_s, _START_S))
         except BaseException:
             self.close()
             raise
@@ -136,9 +127,9 @@ class SampleStream(Closing):
         """
         if latency_s > 0.0:
             time.sleep(latency_s)
-        self._lines.forget()
+        self.lines.forget()
         # What comes next may be the rest of a line that had begun before.
-        if self._lines.read_line(self._timeout_s) is None:
+        if self.lines.read_line(self.timeout_s) is None:
             raise self._silent()
 
     def next(self, timeout_s: float | None = None) -> tuple[float, ...]:
@@ -151,16 +142,16 @@ class SampleStream(Closing):
             NoAnswerError: None came.
             RigError: Of the stream's kind: stuck, or too many of the last lines are garbled. Or the device is gone.
         """
-        until = time.monotonic() + (self._timeout_s if timeout_s is None else timeout_s)
-        while (line := self._lines.read_line(max(until - time.monotonic(), 0.0))) is not None:
+        until = time.monotonic() + (self.timeout_s if timeout_s is None else timeout_s)
+        while (line := self.lines.read_line(max(until - time.monotonic(), 0.0))) is not None:
             numbers = parse_numbers(line)
-            sound = numbers is not None and len(numbers) == self._columns
+            sound = numbers is not None and len(numbers) == self.columns
             self.count(sound, line)
             if sound and numbers is not None:
-                self._look_for_stuck(numbers[self._watched])
+                self._look_for_stuck(numbers if self.watched is None else (numbers[self.watched - 1],))
                 return numbers
         if self._recent and not self._recent[-1]:
-            raise self._error(f"{self.name}: no sound line in time; the last one was {self._example!r}")
+            raise self.error(f"{self.name}: no sound line in time; the last one was {self._example!r}")
         raise self._silent()
 
     def count(self, sound: bool, example: str) -> None:
@@ -176,14 +167,14 @@ class SampleStream(Closing):
         self._example = example[:_SHOWN]
         bad = self._recent.count(False)
         if len(self._recent) >= _MIN_COUNTED and bad > _TOO_MANY * len(self._recent):
-            raise self._error(
+            raise self.error(
                 f"{self.name}: {bad} of the last {len(self._recent)} lines are garbled, as {self._example!r}; is the "
-                f"baud rate right, and are there {self._columns} number(s) a line?"
+                f"baud rate right, and are there {self.columns} number(s) a line?"
             )
 
     def close(self) -> None:
         """Let go of the device. Never raises; a second call does nothing."""
-        self._lines.close()
+        self.lines.close()
 
     def _look_for_stuck(self, sample: tuple[float, ...]) -> None:
         """Count identical samples: a living sensor has noise.
@@ -193,9 +184,9 @@ class SampleStream(Closing):
         """
         self._same = self._same + 1 if sample == self._last else 1
         self._last = sample
-        if 0 < self._stuck_samples <= self._same:
+        if 0 < self.stuck_samples <= self._same:
             shown = ", ".join(f"{number:.10g}" for number in sample)[:_SHOWN]
-            raise self._error(
+            raise self.error(
                 f"{self.name}: {self._same} samples in a row are {shown}: it is stuck. If it rounds its noise away, "
                 "set its stuck_samples = 0"
             )

@@ -71,7 +71,7 @@ class TaxelSensor(SampleStream):
         self._samples = options.samples
         self._latency_s = options.latency_s / clock.speed
         super().__init__(
-            lines,
+            lines=lines,
             name=name,
             columns=options.columns,
             timeout_s=options.timeout_s,

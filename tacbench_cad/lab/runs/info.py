@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from tacbench_cad.lab.study.presses import Press, plan_presses
-from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
+from tacbench_cad.lab.study.spec import HolderRim, PlannedBlock, PrintedBlock, Protocol, Study, WorkFrame
 from tacbench_cad.spec.presets import PRESETS
 from tacbench_cad.util.convert import from_plain, to_plain
 from tacbench_cad.util.errors import InputError, one_of
@@ -78,6 +78,30 @@ class RunInfo:
         shape = self.sensor.get("shape") or []
         if not isinstance(shape, list) or not all(type(side) is int and side > 0 for side in shape):
             raise InputError("sensor shape", shape, "must be whole numbers from 1")
+
+    @classmethod
+    def of(
+        cls, study: Study, planned: PlannedBlock, frame: WorkFrame | None = None, slot: int = 0, **devices: Plain
+    ) -> RunInfo:
+        """The run of a block of a study.
+
+        Args:
+            study: The study.
+            planned: One of its blocks.
+            frame: Where it lies; the origin if None.
+            slot: Its slot.
+            **devices: ``stage``, ``gauge`` and ``sensor``.
+        """
+        return cls(
+            printed=planned.printed,
+            levels=planned.levels,
+            protocol=study.protocol,
+            grid_spacing=study.grid_spacing,
+            holder=study.holder,
+            frame=frame or WorkFrame(origin_mm=(0.0, 0.0, 0.0)),
+            slot=slot,
+            **devices,
+        )
 
     @property
     def simulated(self) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.prints import printer_of, seeded
 from tacbench_cad.lab.simulate.tactip import REST, SIMULATED, Pins, TacTip
 from tacbench_cad.lab.study.presses import Press
-from tacbench_cad.lab.study.spec import PlannedBlock, Point, Study, WorkFrame
+from tacbench_cad.lab.study.spec import PlannedBlock, Point, Study
 from tacbench_cad.spec.printrecord import FIELDS
 from tacbench_cad.util.convert import Bounds, check_fields, to_plain
 from tacbench_cad.util.errors import InputError
@@ -71,14 +71,9 @@ def run_info(study: Study, planned: PlannedBlock, options: SimulationOptions) ->
     """What ``run.json`` says of a block's simulated run."""
     sensor = TacTip(colour=options.colour)
     printer = printer_of(planned.printed)
-    return RunInfo(
-        printed=planned.printed,
-        levels=planned.levels,
-        protocol=study.protocol,
-        grid_spacing=study.grid_spacing,
-        holder=study.holder,
-        frame=WorkFrame(origin_mm=(0.0, 0.0, 0.0)),
-        slot=0,
+    return RunInfo.of(
+        study,
+        planned,
         stage={
             "identity": "none",
             "simulated": f"no stage: poses from the contact model; block from a virtual printer, {printer.name}",

@@ -63,7 +63,7 @@ def paper_study() -> Study:
     five more prints at the middle force make 4,500.
     """
     protocol = Protocol(stationary_frames=PAPER_STATIONARY)
-    first = _prints(names.COMBINATIONS, (1,), _levels(protocol))
+    first = _prints(names.COMBINATIONS, (1,), protocol.all_levels)
     more = _prints(names.SELECTED, range(2, PAPER_COPIES + 1), (COPIES_LEVEL,))
     return Study(blocks=(*first, *more), protocol=protocol)
 
@@ -76,12 +76,8 @@ def quick_study() -> Study:
     whole = PressGrid.paper()
     grid = PressGrid(x_mm=whole.x_mm[::2], y_mm=whole.y_mm[::2])
     protocol = Protocol(grid=grid, stationary_frames=QUICK_STATIONARY)
-    blocks = _prints(QUICK_COMBINATIONS, range(1, QUICK_COPIES + 1), _levels(protocol))
+    blocks = _prints(QUICK_COMBINATIONS, range(1, QUICK_COPIES + 1), protocol.all_levels)
     return Study(blocks=tuple(blocks), protocol=protocol, grid_spacing="own")
-
-
-def _levels(protocol: Protocol) -> tuple[int, ...]:
-    return tuple(range(1, protocol.levels + 1))
 
 
 def _prints(

@@ -117,17 +117,6 @@ def virtual_study(
 
 
 @dataclass(frozen=True, kw_only=True)
-class _BlockTable:
-    texture: Word
-    preset: Preset = "paper"
-    scale: Scale = 1.0
-    key_mm: float | None = None
-    printer: str
-    filament: str
-    copy: Copy = 1
-
-
-@dataclass(frozen=True, kw_only=True)
 class _Prints:
     """A line of ``[study] prints``; ``copies = 3`` means 1, 2 and 3, a list names them."""
 
@@ -143,12 +132,36 @@ class _Prints:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _StudyTable:
-    textures: Annotated[tuple[Word, ...], Length(1, 1000)] = tuple("123456")
+class _Blocks:
+    """What ``[block]`` and ``[study]`` say alike."""
+
+    where = "[study] "
     preset: Preset = "paper"
     scale: Scale = 1.0
     key_mm: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _StudyTable(_Blocks):
+    textures: Annotated[tuple[Word, ...], Length(1, 1000)] = tuple("123456")
     prints: Annotated[tuple[_Prints, ...], Length(1, 1000)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _BlockTable(_Blocks):
+    where = "[block] "
+    texture: Word
+    printer: str
+    filament: str
+    copy: Copy = 1
+
+    @property
+    def textures(self) -> tuple[str, ...]:
+        return (self.texture,)
+
+    @property
+    def prints(self) -> tuple[_Prints, ...]:
+        return (_Prints(printer=self.printer, filament=self.filament, copies=(self.copy,)),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,14 +226,10 @@ def _study_file(plain: Mapping[str, Any], folder: Path, teaching: bool = False) 
     else:
         scale = table.scale
     protocol, spacing = _protocol(document.protocol, scale)
-    levels = tuple(range(1, protocol.levels + 1))
-    if isinstance(table, _BlockTable):
-        prints = _Prints(printer=table.printer, filament=table.filament, copies=(table.copy,))
-        blocks = tuple(_planned(table, "[block] ", [prints], [table.texture], levels, folder))
-    elif isinstance(table, _StudyTable):
-        blocks = tuple(_planned(table, "[study] ", table.prints, table.textures, levels, folder))
+    if isinstance(table, _Layouts):
+        blocks = tuple(PlannedBlock(printed=printed, levels=protocol.all_levels) for printed in plates)
     else:
-        blocks = tuple(PlannedBlock(printed=printed, levels=levels) for printed in plates)
+        blocks = tuple(_planned(table, protocol.all_levels, folder))
     with located("[holder] "):
         rim = document.holder.rim
     study = Study(blocks=blocks, protocol=protocol, holder=rim, grid_spacing=spacing)
@@ -262,17 +271,10 @@ def _common_scale(plates: tuple[PrintedBlock, ...]) -> float:
     return scales[0]
 
 
-def _planned(
-    table: _BlockTable | _StudyTable,
-    where: str,
-    prints: Iterable[_Prints],
-    textures: Iterable[str],
-    levels: tuple[int, ...],
-    folder: Path,
-) -> Iterable[PlannedBlock]:
-    with located(where):
-        blocks = [block_of_word(word, table.preset, table.scale, table.key_mm, folder) for word in textures]
-        for each in prints:
+def _planned(table: _BlockTable | _StudyTable, levels: tuple[int, ...], folder: Path) -> Iterable[PlannedBlock]:
+    with located(table.where):
+        blocks = [block_of_word(word, table.preset, table.scale, table.key_mm, folder) for word in table.textures]
+        for each in table.prints:
             printer, filament = names.own_name("printer", each.printer), names.own_name("filament", each.filament)
             for copy in range(1, each.copies + 1) if isinstance(each.copies, int) else each.copies:
                 for block in blocks:

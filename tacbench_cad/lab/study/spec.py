@@ -195,6 +195,11 @@ class Protocol:
         """Number of force (or depth) levels; they are counted from 1."""
         return len(self.forces_n) if self.contact == "force" else len(self.depths_mm)
 
+    @property
+    def all_levels(self) -> tuple[int, ...]:
+        """The levels: 1, 2, 3."""
+        return tuple(range(1, self.levels + 1))
+
     def target_n(self, level: int) -> float | None:
         """Target force of a level from 1, in N; None in depth mode."""
         return self.forces_n[level - 1] if self.contact == "force" else None

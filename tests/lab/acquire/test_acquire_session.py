@@ -30,7 +30,7 @@ class Script:
     def _ask(self, prompt: str) -> str:
         self.asked.append(prompt)
         if not self.lines:
-            raise EOFError
+            raise InputError("standard input", None, f"ended before the answer to: {prompt}")
         return self.lines.pop(0)
 
 

@@ -9,7 +9,7 @@ from helpers.fakes import Plate
 from helpers.rigs import FakeRig, small_protocol
 
 from tacbench_cad.lab.acquire.press import Slope
-from tacbench_cad.lab.acquire.touch import Taught
+from tacbench_cad.lab.acquire.touch import taught
 from tacbench_cad.lab.rig.errors import DepthLimitError, GaugeError
 from tacbench_cad.lab.study.presses import plan_presses
 from tacbench_cad.lab.study.spec import Protocol
@@ -153,6 +153,6 @@ def test_steps_smaller_than_the_stages_own_come_to_an_end(contact: str) -> None:
     rig = FakeRig(step_mm=0.05)
     protocol = small_protocol(contact=contact, touch="taught", approach_step_mm=0.02, search_steps=5)
     presser = rig.presser(protocol)
-    presser.touch = Taught([0.013], 4)
+    presser.touch = taught([0.013], 4)
     presser.press(plan_presses(protocol, (1,), "block")[0])
     assert rig.stage.at[2] == pytest.approx(-0.3, abs=0.1)

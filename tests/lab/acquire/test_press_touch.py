@@ -8,7 +8,7 @@ from helpers.fakes import Plate
 from helpers.rigs import AT_ONCE, FakeRig, small_protocol
 
 from tacbench_cad.lab.acquire.press import Presser
-from tacbench_cad.lab.acquire.touch import SensorChange, Taught, by_gauge, by_sensor
+from tacbench_cad.lab.acquire.touch import SensorChange, by_gauge, by_sensor, taught
 from tacbench_cad.lab.rig.errors import DepthLimitError
 from tacbench_cad.lab.study.presses import plan_presses
 from tacbench_cad.util.errors import InputError
@@ -47,25 +47,25 @@ def test_a_contact_without_a_gauge_has_no_force() -> None:
     rig = FakeRig(gauge=False)
     protocol = small_protocol(contact="depth", touch="taught")
     presser = rig.presser(protocol)
-    presser.touch = Taught([0.0], 4)
+    presser.touch = taught([0.0], 4)
     contact = presser.press(plan_presses(protocol, (1,), "block")[0])
     assert contact.measured is None
     assert contact.pose_mm[2] == pytest.approx(-0.35)
 
 
 def test_taught_heights_are_one_or_one_for_each_position() -> None:
-    assert Taught([1.0], 4).find(3, lambda _: 0.0) == 1.0
-    assert Taught([1.0, 2.0, 3.0, 4.0], 4).find(3, lambda _: 0.0) == 3.0
+    assert taught([1.0], 4)(3, lambda _: 0.0) == 1.0
+    assert taught([1.0, 2.0, 3.0, 4.0], 4)(3, lambda _: 0.0) == 3.0
     for wrong in ([], [1.0, 2.0], [float("nan")]):
         with pytest.raises(InputError, match="first touch"):
-            Taught(wrong, 4)
+            taught(wrong, 4)
 
 
 def test_a_depth_below_the_limit_is_not_sent() -> None:
     rig = FakeRig(gauge=False)
     protocol = small_protocol(contact="depth", touch="taught")
     presser = rig.presser(protocol)
-    presser.touch = Taught([-6.9], 4)
+    presser.touch = taught([-6.9], 4)
     with pytest.raises(DepthLimitError):
         presser.press(plan_presses(protocol, (1,), "block")[0])
     assert min(z for _, _, z in rig.stage.path) >= -7.0

@@ -222,7 +222,7 @@ class Person:
 
 def teaching(stage: FakeStage, person: Person) -> Teaching:
     return Teaching(
-        LimitedStage(stage, LIMITS),
+        stage=LimitedStage(stage, LIMITS),
         limits_mm=LIMITS,
         ask=person.ask,
         say=person.say,
@@ -292,7 +292,7 @@ def test_a_step_that_presses_too_hard_is_taken_back() -> None:
     lines = iter(["z -0.5", "", "", "", "z -2", "quit"])
     with pytest.raises(InputError, match="stopped"):
         Teaching(
-            LimitedStage(stage, LIMITS),
+            stage=LimitedStage(stage, LIMITS),
             limits_mm=LIMITS,
             ask=lambda prompt: next(lines),
             say=said.append,
@@ -315,7 +315,7 @@ def test_a_prompt_shows_no_negative_zero() -> None:
 
     with pytest.raises(InputError, match="stopped"):
         Teaching(
-            LimitedStage(stage, LIMITS),
+            stage=LimitedStage(stage, LIMITS),
             limits_mm=LIMITS,
             ask=ask,
             say=lambda _: None,

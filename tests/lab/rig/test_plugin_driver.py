@@ -72,20 +72,22 @@ def test_an_option_that_it_does_not_take_is_explained(monkeypatch: pytest.Monkey
         open_stage(settings("example_stage:ExampleStage", options={"speed": 3}))
 
 
-def test_a_module_that_fails_when_imported_is_one_line(tmp_path: Path) -> None:
+def test_a_module_that_fails_when_imported_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "fails_when_imported.py").write_text("raise RuntimeError('no licence\\nfor this arm')\n")
     with pytest.raises(InputError, match="RuntimeError: no licence") as caught:
-        plugin.load("fails_when_imported:Arm", tmp_path)
+        plugin.load("fails_when_imported:Arm")
     assert "\n" not in str(caught.value)
 
 
-def test_rig_errors_of_its_own_come_through(tmp_path: Path) -> None:
+def test_rig_errors_of_its_own_come_through(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "silent_arm.py").write_text(
         "from tacbench_cad.lab.rig.errors import NoAnswerError\n"
         "def arm():\n    raise NoAnswerError('arm: does not answer')\n"
     )
     with pytest.raises(NoAnswerError, match="arm: does not answer"):
-        plugin.open_device("silent_arm:arm", {}, (), tmp_path)
+        plugin.open_device("silent_arm:arm", {}, ())
 
 
 @pytest.mark.parametrize("driver", ["gbrl", "virtual-gbrl", "octoprint"])

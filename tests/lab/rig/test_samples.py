@@ -38,7 +38,7 @@ class Script:
 
 
 def stream(*lines: str, columns: int = 1) -> SampleStream:
-    return SampleStream(Script(*lines), name="cell", columns=columns, timeout_s=0.01, error=GaugeError)
+    return SampleStream(lines=Script(*lines), name="cell", columns=columns, timeout_s=0.01, error=GaugeError)
 
 
 @contextmanager
@@ -121,7 +121,7 @@ def test_what_is_printed_is_read_back(values: list[float], between: str, end: st
 @given(data=st.binary(max_size=300), columns=st.integers(1, 3))
 def test_arbitrary_bytes_give_samples_or_named_errors(data: bytes, columns: int) -> None:
     with terminal() as path, Line(path, baud=115200, what="gauge") as line:
-        found = SampleStream(line, name="cell", columns=columns, timeout_s=0.01, error=SensorError)
+        found = SampleStream(lines=line, name="cell", columns=columns, timeout_s=0.01, error=SensorError)
         # Straight into the line's buffer, as if it had come: a pseudo-terminal adds nothing to it.
         line._buffer += data + b"\n"
         try:
@@ -143,7 +143,7 @@ def test_every_line_is_a_sample_or_counted(lines: list[str]) -> None:
             found.next()
             samples += 1
     except (GaugeError, NoAnswerError):
-        left = len(found._lines.lines)  # type: ignore[attr-defined]
+        left = len(found.lines.lines)  # type: ignore[attr-defined]
         assert samples + found.garbled + left == len(lines)
 
 
@@ -187,7 +187,7 @@ def test_only_samples_that_came_after_the_call_are_given() -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
     with Line(os.ttyname(slave), baud=115200, what="gauge") as line:
-        found = SampleStream(line, name="cell", columns=1, timeout_s=2.0, error=GaugeError)
+        found = SampleStream(lines=line, name="cell", columns=1, timeout_s=2.0, error=GaugeError)
         os.write(master, b"1\n2\n3\n4")
         later = threading.Timer(0.05, lambda: os.write(master, b"4\n5\n6\n"))
         later.start()
