@@ -49,12 +49,8 @@ class Server:
         stimulus = None if setup.stimulus is None else stimulus_from(setup.stimulus)
         self._force = ForceAtCarriage(lambda: self.board.firmware.carriage.true(self.board.now_s), stimulus)
         self._folder = Path(tempfile.mkdtemp(prefix="tacbench-rig-"))
-        self.stage: Endpoint
-        self.gauge: Endpoint
-        if setup.tcp:
-            self.stage, self.gauge = Tcp(), Tcp()
-        else:
-            self.stage, self.gauge = Pty(self._folder / "stage"), Pty(self._folder / "gauge")
+        self.stage: Endpoint = Tcp() if setup.tcp else Pty(self._folder / "stage")
+        self.gauge: Endpoint = Tcp() if setup.tcp else Pty(self._folder / "gauge")
         self._gauge_faults = [fault for fault in setup.faults if fault.of_gauge]
         self._gauge_back_s: float | None = None
         self._wake: list[socket.socket] = []
@@ -87,8 +83,10 @@ class Server:
         if orders is not None:
             threading.Thread(target=_forward, args=(orders, inbox, waker), daemon=True).start()
         while True:
-            watched = [port for port in (awake, self._listened(self.stage), self.gauge.watched()) if port is not None]
-            select.select(watched, [], [], self._pause_s())
+            # With a full line the host's writing blocks: nothing is read until there is room.
+            listens = self.board.room or not self.stage.opened
+            ports = (awake, self.stage.watched() if listens else None, self.gauge.watched())
+            select.select([port for port in ports if port is not None], [], [], self._pause_s())
             with contextlib.suppress(BlockingIOError):
                 awake.recv(4096)
             self._serve()
@@ -99,10 +97,6 @@ class Server:
                 _answer(self._order(line))
             if orders is not None and os.getppid() != parent:
                 return
-
-    def _listened(self, stage: Endpoint) -> socket.socket | int | None:
-        # With a full line the host's writing blocks: nothing is read until there is room.
-        return stage.watched() if self.board.room or not stage.opened else None
 
     def _pause_s(self) -> float:
         """Real seconds until something is due."""
@@ -140,7 +134,11 @@ class Server:
     def _mind_cables(self, now: float) -> None:
         for fault in [fault for fault in self._gauge_faults if fault.at_s is None or fault.at_s <= now]:
             self._gauge_faults.remove(fault)
-            self._fail_gauge(fault, now)
+            if fault.kind == "unplug":
+                self.gauge.unplug()
+                self._gauge_back_s = None if fault.seconds is None else now + fault.seconds
+            else:
+                self._cell.inject(fault, now)
         if self._gauge_back_s is not None and now >= self._gauge_back_s:
             self._gauge_back_s = None
             self.gauge.plug()
@@ -151,13 +149,6 @@ class Server:
                 self.stage.plug()
             else:
                 self.stage.unplug()
-
-    def _fail_gauge(self, fault: Fault, now: float) -> None:
-        if fault.kind == "unplug":
-            self.gauge.unplug()
-            self._gauge_back_s = None if fault.seconds is None else now + fault.seconds
-        else:
-            self._cell.inject(fault, now)
 
     def _order(self, line: str) -> dict[str, Any]:
         try:

@@ -9,7 +9,6 @@ import select
 import socket
 import struct
 import sys
-from abc import ABC, abstractmethod
 from pathlib import Path
 
 from tacbench_cad.util.errors import MissingToolError
@@ -18,51 +17,15 @@ from tacbench_cad.util.errors import MissingToolError
 _TCGETS2 = 0x802C542A
 
 
-class Endpoint(ABC):
-    """One port of the virtual rig.
-
-    Attributes:
-        name: What a host opens.
-        opened: Whether a host has it open.
-    """
-
-    name: str
-    opened: bool
-
-    @abstractmethod
-    def watched(self) -> socket.socket | int | None:
-        """What to select on; None where nothing can be waited for and :meth:`look` must be called now and then."""
-
-    @abstractmethod
-    def look(self) -> bool:
-        """Notice hosts that come and go; whether one has come since the last look."""
-
-    @abstractmethod
-    def read(self, limit: int) -> bytes:
-        """At most so many bytes that the host wrote; nothing if there are none."""
-
-    @abstractmethod
-    def write(self, data: bytes) -> None:
-        """Send; what a host does not fetch is lost."""
-
-    def host_baud(self) -> int | None:
-        """The speed that the host set, if it can be known."""
-        return None
-
-    @abstractmethod
-    def unplug(self) -> None:
-        """The cable is pulled: the host's port dies, and nothing is left behind."""
-
-    @abstractmethod
-    def plug(self) -> None:
-        """The cable is put back: the same name can be opened again."""
-
-
-class Pty(Endpoint):
+class Pty:
     """A pseudo-terminal. A link of a stable name leads to it, as ``/dev/serial/by-id`` does.
 
     Args:
         link: Path of the link.
+
+    Attributes:
+        name: What a host opens.
+        opened: Whether a host has it open.
 
     Raises:
         MissingToolError: This system has no pseudo-terminals.
@@ -76,11 +39,14 @@ class Pty(Endpoint):
         self.plug()
 
     def watched(self) -> int | None:
-        """See :class:`Endpoint`. A closed terminal reports a hang-up without end, so it is looked at instead."""
+        """What to select on; None where nothing can be waited for and :meth:`look` must be called now and then.
+
+        A closed terminal reports a hang-up without end, so it is looked at instead.
+        """
         return self._master if self.opened else None
 
     def look(self) -> bool:
-        """See :class:`Endpoint`."""
+        """Notice hosts that come and go; whether one has come since the last look."""
         if self._master is None or self.opened:
             return False
         poll = select.poll()
@@ -90,7 +56,7 @@ class Pty(Endpoint):
         return self.opened
 
     def read(self, limit: int) -> bytes:
-        """See :class:`Endpoint`."""
+        """At most so many bytes that the host wrote; nothing if there are none."""
         if self._master is None or limit <= 0:
             return b""
         try:
@@ -106,13 +72,13 @@ class Pty(Endpoint):
         return data
 
     def write(self, data: bytes) -> None:
-        """See :class:`Endpoint`."""
+        """Send; what a host does not fetch is lost."""
         if self._master is not None and self.opened:
             with contextlib.suppress(OSError):
                 os.write(self._master, data)
 
     def host_baud(self) -> int | None:
-        """See :class:`Endpoint`."""
+        """The speed that the host set, if it can be known."""
         if self._master is None or not sys.platform.startswith("linux"):
             return None
         import fcntl
@@ -124,7 +90,7 @@ class Pty(Endpoint):
         return int(struct.unpack_from("4I20B2I", raw)[-1])
 
     def unplug(self) -> None:
-        """See :class:`Endpoint`."""
+        """The cable is pulled: the host's port dies, and nothing is left behind."""
         if self._master is not None:
             os.close(self._master)
             self._master = None
@@ -132,7 +98,7 @@ class Pty(Endpoint):
         self.opened = False
 
     def plug(self) -> None:
-        """See :class:`Endpoint`."""
+        """The cable is put back: the same name can be opened again."""
         try:
             import tty
 
@@ -148,8 +114,8 @@ class Pty(Endpoint):
         self._link.symlink_to(device)
 
 
-class Tcp(Endpoint):
-    """A TCP port on this machine that serves one host at a time.
+class Tcp:
+    """A TCP port on this machine that serves one host at a time; see :class:`Pty`.
 
     Args:
         port: Number of the port; 0 takes a free one.
@@ -164,11 +130,11 @@ class Tcp(Endpoint):
         self.name = f"socket://127.0.0.1:{self._port}"
 
     def watched(self) -> socket.socket | None:
-        """See :class:`Endpoint`."""
+        """See :class:`Pty`."""
         return self._host if self._host is not None else self._listener
 
     def look(self) -> bool:
-        """See :class:`Endpoint`."""
+        """See :class:`Pty`."""
         if self._listener is None or self._host is not None:
             return False
         try:
@@ -181,7 +147,7 @@ class Tcp(Endpoint):
         return True
 
     def read(self, limit: int) -> bytes:
-        """See :class:`Endpoint`."""
+        """See :class:`Pty`."""
         if self._host is None or limit <= 0:
             return b""
         try:
@@ -195,20 +161,23 @@ class Tcp(Endpoint):
         return data
 
     def write(self, data: bytes) -> None:
-        """See :class:`Endpoint`."""
+        """See :class:`Pty`."""
         if self._host is not None:
             with contextlib.suppress(OSError):
                 self._host.send(data)
 
+    def host_baud(self) -> None:
+        """See :class:`Pty`; a network port has none."""
+
     def unplug(self) -> None:
-        """See :class:`Endpoint`."""
+        """See :class:`Pty`."""
         self._hang_up()
         if self._listener is not None:
             self._listener.close()
             self._listener = None
 
     def plug(self) -> None:
-        """See :class:`Endpoint`."""
+        """See :class:`Pty`."""
         self._listener = socket.create_server(("127.0.0.1", self._port))
         self._listener.setblocking(False)
         self._port = self._listener.getsockname()[1]
@@ -217,3 +186,6 @@ class Tcp(Endpoint):
         if self._host is not None:
             self._host.close()
         self._host, self.opened = None, False
+
+
+Endpoint = Pty | Tcp

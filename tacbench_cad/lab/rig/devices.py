@@ -8,7 +8,7 @@ itself: whoever wants them passes :class:`Simulators` in, as ``tacbench_cad.virt
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
@@ -174,14 +174,11 @@ def open_rig(
                 simulated = "load cell of the virtual rig"
         stage = devices.enter_context(open_stage(stage_settings, clock))
         taken = [stage_settings.port] if stage_settings.port else []
-        gauge_opening: AbstractContextManager[Gauge | None]
-        if gauge_settings.driver == "none":
-            gauge_opening = nullcontext()
-        elif gauge_settings.driver == "simulated":
-            gauge_opening = simulator("gauge", "simulated").gauge(stage.position, clock)
-        else:
-            gauge_opening = open_gauge(gauge_settings, clock, taken=taken, simulated=simulated)
-        gauge = devices.enter_context(gauge_opening)
+        gauge: Gauge | None = None
+        if gauge_settings.driver == "simulated":
+            gauge = devices.enter_context(simulator("gauge", "simulated").gauge(stage.position, clock))
+        elif gauge_settings.driver != "none":
+            gauge = devices.enter_context(open_gauge(gauge_settings, clock, taken=taken, simulated=simulated))
         if sensor_settings.driver == "simulated":
             sensor = simulator("sensor", "simulated").sensor(stage.position, clock, sensor_settings.options)
         else:

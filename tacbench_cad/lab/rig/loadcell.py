@@ -12,7 +12,8 @@ from tacbench_cad.lab.rig.calibration import Calibration
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import GaugeError
 from tacbench_cad.lab.rig.gauge import Force
-from tacbench_cad.lab.rig.samples import BAUD, LineSource, SampleStream, StuckSamples, require_stuck_samples
+from tacbench_cad.lab.rig.line import Line
+from tacbench_cad.lab.rig.samples import BAUD, SampleStream, StuckSamples, require_stuck_samples
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.spec import GaugeSettings
 from tacbench_cad.util.convert import Bounds, check_fields, from_plain, to_plain
@@ -113,9 +114,7 @@ class RawLoadCell(SampleStream):
         RigError: Nothing that is a sample comes.
     """
 
-    def __init__(
-        self, lines: LineSource, *, name: str, options: LoadCellOptions, timeout_s: float, clock: Clock
-    ) -> None:
+    def __init__(self, lines: Line, *, name: str, options: LoadCellOptions, timeout_s: float, clock: Clock) -> None:
         self.options = options
         self._clock = clock
         self._beyond = 0
@@ -262,8 +261,6 @@ def open_raw(
         InputError: There is no such port.
         RigError: Nothing that is a sample comes.
     """
-    from tacbench_cad.lab.rig.line import Line
-
     return RawLoadCell(
         Line(port, baud=baud or BAUD, what="gauge"),
         name=f"load cell at {port}",

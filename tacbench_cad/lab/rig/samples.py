@@ -7,9 +7,10 @@ import re
 import time
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Annotated, Protocol
+from typing import Annotated
 
 from tacbench_cad.lab.rig.errors import NoAnswerError, RigError
+from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.util.convert import Bounds
 from tacbench_cad.util.errors import InputError
@@ -32,19 +33,6 @@ StuckSamples = Annotated[int, Bounds(0, 1_000_000)]
 
 _NUMBER = re.compile(r"[+-]?(?:\d{1,20}(?:\.\d{0,20})?|\.\d{1,20})(?:[eE][+-]?\d{1,3})?", re.ASCII)
 _BETWEEN = re.compile(r"[ \t]*[,;][ \t]*|[ \t]+")
-
-
-class LineSource(Protocol):
-    """What is used of :class:`tacbench_cad.lab.rig.line.Line`."""
-
-    def read_line(self, timeout_s: float) -> str | None:
-        """The next line, or None where none came in time."""
-
-    def forget(self) -> None:
-        """Drop what has come and was not read."""
-
-    def close(self) -> None:
-        """Close the port."""
 
 
 def require_stuck_samples(count: int) -> None:
@@ -91,7 +79,7 @@ class SampleStream(Closing):
         garbled: Lines so far that were no sample.
     """
 
-    lines: LineSource
+    lines: Line
     name: str
     columns: int
     timeout_s: float

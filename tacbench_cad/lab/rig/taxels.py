@@ -8,9 +8,11 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from tacbench_cad.lab.rig import ports
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import SensorError
-from tacbench_cad.lab.rig.samples import BAUD, LineSource, SampleStream, StuckSamples, require_stuck_samples
+from tacbench_cad.lab.rig.line import Line
+from tacbench_cad.lab.rig.samples import BAUD, SampleStream, StuckSamples, require_stuck_samples
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.study.spec import Baud, SensorSettings
 from tacbench_cad.util.convert import Bounds, check_fields, from_plain
@@ -62,7 +64,7 @@ class TaxelSensor(SampleStream):
 
     simulated = ""
 
-    def __init__(self, lines: LineSource, *, name: str, options: TaxelOptions, clock: Clock) -> None:
+    def __init__(self, lines: Line, *, name: str, options: TaxelOptions, clock: Clock) -> None:
         self.units = options.units
         self.shape: tuple[int, ...] = (options.samples, options.columns)[options.samples == 1 :]
         chosen = {"columns": options.columns, "samples": options.samples, "baud": options.baud}
@@ -115,9 +117,6 @@ def open_taxels(settings: SensorSettings, clock: Clock, *, taken: Sequence[str] 
         InputError: A setting is not allowed, or there is no such port.
         RigError: Nothing that is a sample comes.
     """
-    from tacbench_cad.lab.rig import ports
-    from tacbench_cad.lab.rig.line import Line
-
     options = from_plain(TaxelOptions, settings.options, "[sensor] ")
     port = ports.resolve(settings.device, "sensor", taken=taken)
     line = Line(port, baud=options.baud, what="sensor")

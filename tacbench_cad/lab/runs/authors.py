@@ -29,7 +29,7 @@ from tacbench_cad.lab.study import names
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import FORCES_N, PER_SIDE, PressGrid, Spacing
-from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.errors import InputError, located
 from tacbench_cad.util.files import sha256
 from tacbench_cad.util.packages import require
 
@@ -117,8 +117,8 @@ class AuthorsFile:
             InputError: The name, a spelling in it, or the array's type or shape is not one of the authors'.
         """
 
-        def refusal(reason: object) -> InputError:
-            return InputError("file", str(path), str(reason))
+        def refusal(reason: str) -> InputError:
+            return InputError("file", str(path), reason)
 
         if path.is_dir():
             raise refusal(f"is a folder; name its files, as {path}/*.npy")
@@ -135,14 +135,9 @@ class AuthorsFile:
         copy = int(name["copy"]) if name["copy"] else options.unnumbered_copy
         if not 1 <= copy <= 999:
             raise refusal(f"copy {copy} must be from 1 to 999")
-        try:
+        with located(f"{path}: "):
             printer, filament = names.printer(name["printer"]), names.filament(name["filament"])
-        except InputError as error:
-            raise InputError(f"{path}: {error.field}", error.value, error.allowed) from None
-        try:
-            array = mapped(path)
-        except CheckFailedError as error:
-            raise refusal(error) from None
+        array = mapped(path)
         if array.dtype != np.uint8:
             raise refusal(f"holds {array.dtype}; the authors' images are uint8")
         shape = array.shape
@@ -168,10 +163,7 @@ class AuthorsFile:
 
     def frames(self) -> NDArray[Any]:
         """The images, mapped into memory: uint8, (repeats, 5, 5, height, width, 3)."""
-        try:
-            return mapped(self.path).reshape(self.repeats, PER_SIDE, PER_SIDE, *self.image_shape)
-        except CheckFailedError as error:
-            raise InputError("file", str(self.path), str(error)) from None
+        return mapped(self.path).reshape(self.repeats, PER_SIDE, PER_SIDE, *self.image_shape)
 
 
 @dataclass(frozen=True, kw_only=True)

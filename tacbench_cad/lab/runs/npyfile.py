@@ -12,7 +12,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from tacbench_cad.util import door
-from tacbench_cad.util.errors import CheckFailedError
+from tacbench_cad.util.errors import CheckFailedError, InputError
 
 #: The most dimensions of an array that is read.
 MAX_DIMENSIONS = 8
@@ -68,10 +68,12 @@ def mapped(path: Path) -> NDArray[Any]:
     """Map a whole file into memory, read-only: only what is looked at is read.
 
     Raises:
-        CheckFailedError: As :func:`array_of`.
-        InputError: It cannot be opened.
+        InputError: It cannot be opened, or is no whole NumPy file of real numbers.
     """
     with door.open_input(path, kind="array") as stream:
-        _require_real_numbers(stream)
+        try:
+            _require_real_numbers(stream)
+        except CheckFailedError as error:
+            raise InputError("file", str(path), str(error)) from None
     array: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
     return array

@@ -247,7 +247,7 @@ def long_header(shape: str) -> bytes:
 def test_bad_numpy_files_are_refused_and_never_unpickled(data: bytes, message: str, tmp_path: Path) -> None:
     path = tmp_path / "reading.npy"
     path.write_bytes(data)
-    with pytest.raises(CheckFailedError, match=message):
+    with pytest.raises(InputError, match=message):
         mapped(path)
     with pytest.raises(CheckFailedError, match=message):
         array_of(data)
