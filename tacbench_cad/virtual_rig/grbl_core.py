@@ -111,13 +111,10 @@ class GrblCore(Firmware):
             self._abort(6)
         elif self._deaf:
             return
-        elif self.carriage.moving or self.state in ("Run", "Jog"):
-            if self.dialect.abort_alarm:
-                self._abort(3)
-            else:
-                self.carriage.halt(self.now_s)
-                self._run(self._restart(late_ok=False, pause_s=0.0))
+        elif self.dialect.abort_alarm and (self.carriage.moving or self.state in ("Run", "Jog")):
+            self._abort(3)
         else:
+            self.carriage.halt(self.now_s)
             self._run(self._restart(late_ok=False, pause_s=0.0))
 
     def _abort(self, code: int) -> None:

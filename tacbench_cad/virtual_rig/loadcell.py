@@ -7,7 +7,7 @@ import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tacbench_cad.lab.study.spec import HolderRim, Point, WorkFrame
 from tacbench_cad.util.convert import Bounds, check_fields, from_plain
@@ -57,25 +57,24 @@ class LoadCell:
         settings: What it is like.
         seed: Of noise and faults.
         start_s: Rig time of the first sample.
+
+    Attributes:
+        next_s: When the next sample is due.
     """
 
     def __init__(self, settings: CellSettings | None = None, *, seed: int = 0, start_s: float = 0.0) -> None:
         self.settings = settings or CellSettings()
         self._random = random.Random(seed)
         self._spoiler = Spoiler(self._random)
-        self._next_s = start_s
+        self.next_s = start_s
         self._last_force_n = 0.0
         self._faults: list[tuple[float, Fault]] = []
         self._stuck_at: int | None = None
         self._counts = 0
 
-    def next_event_s(self) -> float:
-        """When the next sample is due."""
-        return self._next_s
-
     def skip_to(self, now_s: float) -> None:
         """Nobody listens: the samples until now are not made."""
-        self._next_s = max(self._next_s, now_s)
+        self.next_s = max(self.next_s, now_s)
 
     def inject(self, fault: Fault, now_s: float) -> None:
         """Begin a fault."""
@@ -96,20 +95,20 @@ class LoadCell:
         Returns:
             Lines that end in a line feed.
         """
-        if now_s < self._next_s:
+        if now_s < self.next_s:
             return b""
-        if now_s - self._next_s > _BACKLOG_S:
-            self._next_s = now_s
+        if now_s - self.next_s > _BACKLOG_S:
+            self.next_s = now_s
         before_n, after_n = self._last_force_n, force()
         self._last_force_n = after_n
         period = 1.0 / self.settings.rate_hz
-        due = int((now_s - self._next_s) / period) + 1
+        due = int((now_s - self.next_s) / period) + 1
         lines = []
         for i in range(due):
-            when = self._next_s + i * period
+            when = self.next_s + i * period
             part = (i + 1) / due
             lines.append(self._sample(before_n + (after_n - before_n) * part, when))
-        self._next_s += due * period
+        self.next_s += due * period
         return self._spoiler.spoil("".join(lines).encode(), "out", now_s)
 
     def _sample(self, force_n: float, when_s: float) -> str:
@@ -129,13 +128,6 @@ class LoadCell:
         return f"{self._counts}\n"
 
 
-class Stimulus(Protocol):
-    """What the carriage presses."""
-
-    def force_n(self, point_mm: Point) -> float:
-        """Contact force with the carriage truly at a point of the stage's frame."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class FlatSpring:
     """An endless flat spring.
@@ -149,7 +141,7 @@ class FlatSpring:
     n_per_mm: float
 
     def force_n(self, point_mm: Point) -> float:
-        """See :class:`Stimulus`."""
+        """Contact force with the carriage truly at a point of the stage's frame."""
         return max(0.0, self.flat_z_mm - point_mm[2]) * self.n_per_mm
 
 
@@ -175,9 +167,13 @@ class BlockUnderDome:
         return contact_for(printed_from(self.printed), self.holder)
 
     def force_n(self, point_mm: Point) -> float:
-        """See :class:`Stimulus`. Above all that stands there, nothing is worked out."""
+        """See :class:`FlatSpring`. Above all that stands there, nothing is worked out."""
         x, y, z = self.frame.to_work(point_mm)
         return self._contact.force_n(x, y, z) if z < self._contact.ground.top_mm else 0.0
+
+
+#: What the carriage presses.
+Stimulus = FlatSpring | BlockUnderDome
 
 
 def stimulus_from(values: Mapping[str, Any]) -> Stimulus:

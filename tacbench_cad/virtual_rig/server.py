@@ -108,7 +108,7 @@ class Server:
         if due is not None:
             pause = min(pause, (due - now) / self.setup.speed)
         if self.gauge.opened:
-            pause = min(pause, max(_BATCH_S, (self._cell.next_event_s() - now) / self.setup.speed))
+            pause = min(pause, max(_BATCH_S, (self._cell.next_s - now) / self.setup.speed))
         return max(0.0, pause)
 
     def _serve(self) -> None:

@@ -29,7 +29,7 @@ def test_a_line_a_sample_at_its_rate() -> None:
     assert cell.read(0.0, lambda: 0.0) == b"1000\n"
     assert cell.read(0.005, lambda: 0.0) == b""
     assert counts(cell.read(0.1005, lambda: 0.0)) == [1000] * 10
-    assert cell.next_event_s() == pytest.approx(0.11)
+    assert cell.next_s == pytest.approx(0.11)
 
 
 def test_force_becomes_counts_and_changes_evenly_within_a_batch() -> None:

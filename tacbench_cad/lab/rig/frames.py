@@ -68,23 +68,12 @@ def frame_faults(
     return tuple(faults)
 
 
-def edge_width_px(image: NDArray[Any]) -> float:
-    """Width of a frame's sharpest edges.
+def _edge_px(grey: NDArray[Any], levels: Ints, min_contrast: float) -> float:
+    """Width of a frame's sharpest edges, about 0.8 pixels at best since a pixel has a size; infinite without structure.
 
     A step of height c smoothed by a Gaussian of standard deviation s has the steepest slope c / (s sqrt(2 pi)). The
     height is taken as the contrast between dark and bright level, the slope from central differences.
-
-    Args:
-        image: uint8, shape (height, width) or (height, width, 3).
-
-    Returns:
-        s in pixels; about 0.8 at best, since a pixel has a size; infinite without any structure.
     """
-    grey = image if image.ndim == 2 else image.max(axis=2)
-    return _edge_px(grey, _counts(grey), 0.0)
-
-
-def _edge_px(grey: NDArray[Any], levels: Ints, min_contrast: float) -> float:
     contrast = _level_above(levels, _BRIGHT_FRACTION) - _level_above(levels, 1.0 - _DARK_FRACTION)
     if contrast <= min_contrast:
         return math.inf
