@@ -2,8 +2,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# Processes that the tests are spread over.
+# Processes that the tests are spread over. Each begins with a stretch of its own, so that what a module's tests share is made once.
 JOBS ?= auto
+SPREAD := -n $(JOBS) --dist worksteal
 # Small matrix products on many threads get in the way of tests side by side.
 export OPENBLAS_NUM_THREADS ?= 1
 
@@ -13,19 +14,19 @@ all: $(VENV)/.user
 
 # Everything that needs nothing but our own code.
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -n $(JOBS) --ignore tests/real
+	$(BIN)/python -m pytest $(SPREAD) --ignore tests/real
 
 # The core alone: formulas, blocks, meshes, file formats; below a minute.
 test-fast: $(VENV)/.dev
-	$(BIN)/python -m pytest -n $(JOBS) tests/util tests/spec tests/formats tests/geometry/meshing tests/geometry/splines tests/geometry/test_block_mesh.py
+	$(BIN)/python -m pytest $(SPREAD) tests/util tests/spec tests/formats tests/geometry/meshing tests/geometry/splines tests/geometry/test_block_mesh.py
 
 # Other people's programs on our files, the packages installed into empty environments, and the manual.
 test-real: $(VENV)/.dev
-	$(BIN)/python -m pytest -n $(JOBS) tests/real
+	$(BIN)/python -m pytest $(SPREAD) tests/real
 
 # The full counts of all of them.
 test-long: $(VENV)/.dev
-	$(BIN)/python -m pytest -n $(JOBS) --long
+	$(BIN)/python -m pytest $(SPREAD) --long
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import signal
+from collections.abc import Iterator
+from importlib.util import find_spec
+from typing import Any
 
 import pytest
 
@@ -22,3 +26,35 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     full = [item for item in items if "long" in item.keywords]
     config.hook.pytest_deselected(items=full)
     items[:] = [item for item in items if "long" not in item.keywords]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection() -> None:
+    gc.disable()  # next to nothing of what the imports make is garbage
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()  # nor does it become garbage during the tests: no need to look through it again and again
+    gc.enable()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def light_pdf_fonts() -> Iterator[list[tuple[dict[str, Any], Any]]]:
+    """Embed letters in PDF files as shapes (type 3): cutting TrueType fonts to size takes longer than all the rest."""
+    with pytest.MonkeyPatch.context() as patch:
+        styles = []
+        if find_spec("matplotlib"):
+            from tacbench_cad.lab.analysis import figures
+            from tacbench_cad.render.drawing import ink
+
+            for style in (figures._STYLE, ink._STYLE):
+                styles.append((style, style["pdf.fonttype"]))
+                patch.setitem(style, "pdf.fonttype", 3)
+        yield styles
+
+
+@pytest.fixture
+def own_pdf_fonts(light_pdf_fonts: list[tuple[dict[str, Any], Any]], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Embed fonts in PDF files as a user's own process does."""
+    for style, kind in light_pdf_fonts:
+        monkeypatch.setitem(style, "pdf.fonttype", kind)

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import ast
 import graphlib
+from functools import cache
 from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).parents[1]
-FILES = {
-    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
-    for package in ("tacbench_cad", "housing")
-    for path in sorted((ROOT / package).rglob("*.py"))
-}
+from helpers.sources import FILES, tree
 
 #: For each place, the places that it may import. ``tacbench_cad`` itself holds the version and the lazy public names.
 BELOW = {
@@ -37,7 +32,7 @@ BELOW["cli"] = set(BELOW)
 def imported(path: Path) -> set[str]:
     """The modules of the project that a file names in an import, for types and inside of functions too."""
     modules: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
             modules |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module is not None:
@@ -52,15 +47,23 @@ def place(module: str) -> str:
     return first if first == "housing" else rest.partition(".")[0]
 
 
-ARROWS = {name: imported(path) for name, path in FILES.items() if name != "tacbench_cad"}
+MODULES = [name for name in FILES if name != "tacbench_cad"]
+
+
+@cache
+def arrows(name: str) -> set[str]:
+    """The modules that a module imports."""
+    return imported(FILES[name])
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:
-    assert ARROWS["tacbench_cad.spec.block"] >= {"tacbench_cad.spec.textures", "tacbench_cad.spec.label"}
-    graphlib.TopologicalSorter(ARROWS).prepare()  # raises a CycleError that names the circle
+    assert arrows("tacbench_cad.spec.block") >= {"tacbench_cad.spec.textures", "tacbench_cad.spec.label"}
+    graphlib.TopologicalSorter(
+        {name: arrows(name) for name in MODULES}
+    ).prepare()  # raises a CycleError that names the circle
 
 
-@pytest.mark.parametrize("name", [name for name in ARROWS if name != "tacbench_cad.__main__"])
+@pytest.mark.parametrize("name", [name for name in MODULES if name != "tacbench_cad.__main__"])
 def test_a_module_imports_only_what_lies_below(name: str) -> None:
     here = place(name)
-    assert {other for other in ARROWS[name] if place(other) not in BELOW[here] | {here, ""}} == set()
+    assert {other for other in arrows(name) if place(other) not in BELOW[here] | {here, ""}} == set()

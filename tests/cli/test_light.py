@@ -5,49 +5,48 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-
-import pytest
 
 KERNEL = ("OCP", "cadquery", "build123d", "pymeshlab", "gmsh", "vtkmodules")
 HEAVY = (*KERNEL, "matplotlib", "scipy", "numba")
 
 
-def modules_after(*argv: str) -> set[str]:
-    """Top-level modules that a run of ``tacbench`` leaves loaded in its own process."""
+def modules_after(*commands: Sequence[str]) -> list[set[str]]:
+    """Top-level modules that each run of ``tacbench`` leaves loaded; all run in one new process, in this order."""
     code = (
         "import json, sys\n"
         "from tacbench_cad.cli import main\n"
-        f"code = main({list(argv)!r})\n"
-        "print(json.dumps([code, sorted({name.split('.')[0] for name in sys.modules})]), file=sys.stderr)\n"
+        "after = []\n"
+        f"for words in {[list(words) for words in commands]!r}:\n"
+        "    code = main(words)\n"
+        "    after.append([code, sorted({name.split('.')[0] for name in sys.modules})])\n"
+        "print(json.dumps(after), file=sys.stderr)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    exit_code, names = json.loads(done.stderr.splitlines()[-1])
-    assert exit_code == 0, done.stderr
-    return set(names)
+    after = json.loads(done.stderr.splitlines()[-1])
+    assert [code for code, _ in after] == [0] * len(commands), done.stderr
+    return [set(names) for _, names in after]
 
 
-@pytest.mark.parametrize(
-    "argv",
-    [
+def test_no_heavy_module_is_loaded() -> None:
+    commands = [
         ("--help",),
         ("--version",),
         ("make", "--help"),
         ("check", "--help"),
         ("show", "--help"),
         ("doctor", "--help"),
-        ("textures",),
-        ("textures", "--preset", "released", "--json"),
         *(
             (command, "--help")
             for command in ("acquire", "simulate", "import", "view", "export", "variance", "classify", "report")
         ),
         *((group, command, "--help") for group, command in (("runs", "check"), ("rig", "probe"), ("rig", "align"))),
-    ],
-    ids=" ".join,
-)
-def test_no_heavy_module_is_loaded(argv: tuple[str, ...]) -> None:
-    assert modules_after(*argv) & set(HEAVY) == set()
+        ("textures",),
+        ("textures", "--preset", "released", "--json"),
+    ]
+    loaded = zip(commands, modules_after(*commands), strict=True)
+    assert {words: heavy for words, names in loaded if (heavy := names & set(HEAVY))} == {}
 
 
 def test_no_help_loads_numpy_or_a_device_library() -> None:
@@ -66,12 +65,13 @@ def test_no_help_loads_numpy_or_a_device_library() -> None:
 
 def test_meshes_are_made_and_checked_without_the_kernel(tmp_path: Path) -> None:
     argv = ("make", "--texture", "1", "--formats", "stl,3mf", "--parts", "blocks", "--out", str(tmp_path))
-    loaded = modules_after(*argv)
+    (loaded,) = modules_after(argv)
     assert loaded & set(KERNEL) == set()
     assert "manifold3d" in loaded, "the files must have been checked"
 
 
 def test_solids_are_made_in_child_processes(tmp_path: Path) -> None:
     argv = ("make", "--texture", "1", "--formats", "step", "--parts", "blocks", "--out", str(tmp_path))
-    assert modules_after(*argv) & set(KERNEL) == set()
+    (loaded,) = modules_after(argv)
+    assert loaded & set(KERNEL) == set()
     assert (tmp_path / "texture-1_paper_x1.step").is_file()

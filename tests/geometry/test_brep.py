@@ -43,12 +43,13 @@ BLOCKS = {
     **{f"{k}-paper": Block.of(k) for k in range(1, 7)},
     **{f"{k}-released": Block.of(k, "released") for k in (1, 2, 3, 5)},
     "4-half": Block.of(4, scale=0.5),
+    "4-small": Block.of(4, size_mm=(9.0, 11.0)),
     "6-triple": Block.of(6, scale=3.0),
     "2-other-domain": Block.of(2, size_mm=(41.0, 17.0), mm_per_unit=(1.1, 0.6, 0.9)),
     "oblique": Block.of(OBLIQUE),
 }
 #: Over these the kernel integrates for 4 to 8 s each; of their textures others are asked the same.
-LONG_TO_INTEGRATE = ("3-paper", "3-released", "4-half")
+LONG_TO_INTEGRATE = ("3-paper", "3-released", "4-paper", "4-half")
 FEATURES = {
     "2-key": Block.of(2, key_mm=3.0),
     "5-key": Block.of(5, key_mm=2.5),
@@ -156,7 +157,7 @@ def test_neighbouring_patches_join_smoothly() -> None:
     assert np.abs(left - right).max() < 1e-3
 
 
-@pytest.mark.parametrize("name", ["1-paper", "4-paper", "oblique"])
+@pytest.mark.parametrize("name", ["1-paper", "4-small", pytest.param("4-paper", marks=pytest.mark.long), "oblique"])
 def test_texture_face_is_the_top(name: str) -> None:
     block = BLOCKS[name]
     face = texture_face(block)

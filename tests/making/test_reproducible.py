@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,13 @@ def _part(name: str) -> Part:
     return block_part(BLOCKS[name])
 
 
+def _jig() -> Part:
+    from housing.holder import Holder
+    from housing.jig import Jig
+
+    return Jig(holder=Holder(block=Block.of(1))).part()
+
+
 _OTHER_PROCESS = """
 import sys, time
 from pathlib import Path
@@ -42,12 +50,14 @@ write_all(Path(sys.argv[3]))
 
 
 def write_all(folder: Path) -> None:
-    """Both blocks in every format that there is."""
+    """Both blocks in every format that there is, and a jig, whose mesh comes from its solid."""
     for name in ("plain", "keyed"):
         part = _part(name)
         for form in FORMATS.values():
             if form.why_missing() is None:
                 form.write(part, folder / f"{name}{form.suffix}")
+    if find_spec("build123d"):
+        FORMATS["stl"].write(_jig(), folder / "jig.stl")
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +83,12 @@ def test_same_bytes_again_and_in_another_process(name: str, form: str, there: Pa
     assert sha256(first) == sha256(again)
     assert sha256(first) == sha256(there / f"{name}{suffix}")
     assert sha256(first) != sha256(other)
+
+
+def test_a_jig_has_the_same_bytes_in_another_process(there: Path, tmp_path: Path) -> None:
+    pytest.importorskip("build123d")
+    FORMATS["stl"].write(_jig(), tmp_path / "jig.stl")
+    assert sha256(tmp_path / "jig.stl") == sha256(there / "jig.stl")
 
 
 @pytest.mark.parametrize("form", ["stl", "3mf"])

@@ -29,3 +29,14 @@ def single_thread() -> Iterator[None]:
     """Keep the matrices' libraries to one thread, as the command does."""
     with one_thread():
         yield
+
+
+@pytest.fixture(scope="module")
+def few_trees() -> Iterator[None]:
+    """A forest of this process, ours and scikit-learn's own, has 10 trees instead of 100 unless its count is given."""
+    ensemble = pytest.importorskip("sklearn.ensemble")
+    defaults = ensemble.RandomForestClassifier.__init__.__defaults__
+    assert defaults == (100,)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ensemble.RandomForestClassifier.__init__, "__defaults__", (10,))
+        yield

@@ -121,7 +121,7 @@ def test_no_common_level_is_refused() -> None:
 
 
 @pytest.fixture(scope="module")
-def compared(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, object]]:
+def compared(tmp_path_factory: pytest.TempPathFactory, few_trees: None) -> tuple[Path, dict[str, object]]:
     """A sensor that sees textures and one that sees noise, on the same prints, through the command."""
     folder = tmp_path_factory.mktemp("compare")
     write_study(folder / "seeing", simulated="a formula", copies=3)

@@ -70,7 +70,7 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(scope="module", autouse=True)
-def quick() -> Iterator[None]:
+def quick(few_trees: None) -> Iterator[None]:
     """One thread, and one trial instead of five."""
     with threadpoolctl.threadpool_limits(1), pytest.MonkeyPatch.context() as patch:
         patch.setitem(TRIALS, "leak-free", 1)

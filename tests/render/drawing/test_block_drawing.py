@@ -102,6 +102,7 @@ def test_lengths_are_written_to_a_hundredth() -> None:
     assert [length(value) for value in (23.3, 30.0, 2.2849, -0.001, 0.15)] == ["23.3", "30", "2.28", "0", "0.15"]
 
 
+@pytest.mark.usefixtures("own_pdf_fonts")
 def test_each_kind_of_file_is_written_whole_and_equal_on_every_run(tmp_path: Path) -> None:
     drawing = drawing_of("along one axis")
     heads = {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml"}
@@ -112,6 +113,7 @@ def test_each_kind_of_file_is_written_whole_and_equal_on_every_run(tmp_path: Pat
         assert paths[0].read_bytes().startswith(head)
         assert paths[0].read_bytes() == paths[1].read_bytes()
         assert b"/work" not in paths[0].read_bytes() and b"Matplotlib" not in paths[0].read_bytes()[:2000]
+    assert b"/CIDFontType2" in (tmp_path / "a.pdf").read_bytes(), "letters that a program can search"
     with Image.open(tmp_path / "a.png") as picture:
         assert picture.size == (2338, 1653)
     assert b'width="841.889764pt"' in (tmp_path / "a.svg").read_bytes()

@@ -28,7 +28,7 @@ from tacbench_cad.lab.analysis.preprocess import Preprocess
 from tacbench_cad.lab.parallel import Executor, workers
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
-pytestmark = pytest.mark.usefixtures("single_thread")
+pytestmark = pytest.mark.usefixtures("single_thread", "few_trees")
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.util.errors import InputError
 
-pytestmark = pytest.mark.usefixtures("single_thread")
+pytestmark = pytest.mark.usefixtures("single_thread", "few_trees")
 
 SOUND = ClassificationSettings(resolution=1.0, components=4, hold_out=("copy",))
 

@@ -1,0 +1,21 @@
+"""The project's own source files, as syntax trees: what tests of the sources look at, without importing them."""
+
+from __future__ import annotations
+
+import ast
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+#: Every module of the project by its dotted name.
+FILES = {
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+    for package in ("tacbench_cad", "housing")
+    for path in sorted((ROOT / package).rglob("*.py"))
+}
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    """The syntax tree of a file."""
+    return ast.parse(path.read_text(encoding="utf-8"))

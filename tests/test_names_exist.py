@@ -1,0 +1,123 @@
+"""Every name of the project that a test, a benchmark or an example uses is there: mypy reads none of them.
+
+A renamed function would otherwise be noticed only where its test runs, which in ``tests/real`` needs other programs.
+Nothing is imported: the sources are read.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+from helpers.sources import FILES, ROOT, tree
+
+HELPERS = {f"helpers.{path.stem}": path for path in (ROOT / "tests" / "helpers").glob("*.py")}
+MODULES = FILES | HELPERS
+USERS = sorted(
+    path
+    for folder in ("tests", "benchmarks", "examples")
+    for path in (ROOT / folder).rglob("*.py")
+    if path != Path(__file__)
+)
+#: An import in the text of a program that a test runs in another process.
+_IN_TEXT = re.compile(r"\bfrom ((?:tacbench_cad|housing)[\w.]*) import (\w+(?: *, *\w+)*)")
+#: What ``monkeypatch.setattr`` takes: a module and one of its names.
+_DOTTED = re.compile(r"(?:tacbench_cad|housing)(?:\.\w+)+")
+
+
+def defined(statements: list[ast.stmt]) -> Iterator[str]:
+    """The names that statements at the first level of a module bind."""
+    for node in statements:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            yield node.name
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            yield from (alias.asname or alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.If | ast.Try | ast.With | ast.For):
+            for _, body in ast.iter_fields(node):
+                if isinstance(body, list):
+                    yield from defined([one for one in body if isinstance(one, ast.stmt)])
+            yield from defined([line for one in getattr(node, "handlers", []) for line in one.body])
+        yield from (one.id for one in ast.walk(node) if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store))
+
+
+@cache
+def names_of(module: str) -> frozenset[str]:
+    """What can be taken from a module: its own names, those of its stub, and the modules in it."""
+    path = MODULES[module]
+    stub = path.with_suffix(".pyi")
+    files = [path, *([stub] if stub.exists() else [])]
+    inside = {name.removeprefix(f"{module}.") for name in MODULES if name.startswith(f"{module}.")}
+    own = {name for file in files for name in defined(tree(file).body)}
+    return frozenset(own | inside | {"__file__", "__name__", "__doc__", "__all__", "__path__"})
+
+
+def is_there(dotted: str) -> bool:
+    """Whether a dotted name is a module, or a name in one; what a class holds is not looked at."""
+    if dotted in MODULES:
+        return True
+    module, _, name = dotted.rpartition(".")
+    while module and module not in MODULES:
+        module, _, name = module.rpartition(".")
+    return not module or name in names_of(module)
+
+
+def used(path: Path) -> Iterator[str]:
+    """The dotted names of the project that a file uses."""
+    modules: dict[str, str] = {}
+    nodes = list(ast.walk(tree(path)))
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+            modules |= {alias.asname: alias.name for alias in node.names if alias.asname and alias.name in MODULES}
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            for alias in node.names:
+                dotted = f"{node.module}.{alias.name}"
+                yield dotted
+                if dotted in MODULES:
+                    modules[alias.asname or alias.name] = dotted
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            for module, names in _IN_TEXT.findall(node.value):
+                yield from (f"{module}.{name.strip()}" for name in names.split(","))
+            if _DOTTED.fullmatch(node.value):
+                yield node.value
+    stored = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+    stored |= {node.arg for node in nodes if isinstance(node, ast.arg)}
+    for node in nodes:
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id not in stored:
+            module = modules.get(node.value.id)
+            if module is not None:
+                yield f"{module}.{node.attr}"
+
+
+@pytest.mark.parametrize("folder", sorted({path.relative_to(ROOT).parts[0] for path in USERS}))
+def test_every_name_that_is_used_exists(folder: str) -> None:
+    missing = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in USERS
+        if path.relative_to(ROOT).parts[0] == folder
+        for name in sorted(set(used(path)))
+        if name.partition(".")[0] in ("tacbench_cad", "housing", "helpers") and not is_there(name)
+    ]
+    assert not missing, "\n".join(missing)
+
+
+def test_a_name_that_does_not_exist_is_seen(tmp_path: Path) -> None:
+    path = tmp_path / "test_old.py"
+    path.write_text(
+        "from tacbench_cad.spec.block import Block, Blok\n"
+        "from tacbench_cad.util import door\n"
+        "import housing.holdr\n"
+        "door.no_such_name('tacbench_cad.util.door.nor_this')\n"
+        "CODE = 'from housing import Holder, Holdr'\n"
+    )
+    assert {name for name in used(path) if not is_there(name)} == {
+        "tacbench_cad.spec.block.Blok",
+        "housing.holdr",
+        "tacbench_cad.util.door.no_such_name",
+        "tacbench_cad.util.door.nor_this",
+        "housing.Holdr",
+    }
