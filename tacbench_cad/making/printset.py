@@ -120,8 +120,11 @@ def _with_kernel(request: Request, wanted: Plan, workers: Workers) -> Plan:
     if not modules:
         return wanted
     first = workers.submit(why_not_importable, modules, first_child=True)
-    # The other children load the kernel at the same time; nobody waits for them here.
-    for _ in range(min(cpu_count() - 1, sum("step" in source.slow_formats for source in wanted.sources))):
+    # The other children load the kernel at the same time; nobody waits for them here. Without fixtures and assemblies
+    # the first child makes a solid too.
+    solids = sum("step" in source.slow_formats and not source.in_child for source in wanted.sources)
+    fixtures = bool(wanted.assemblies) or any(source.in_child for source in wanted.sources)
+    for _ in range(min(cpu_count() - 1, solids - (not fixtures))):
         workers.submit(why_not_importable, modules[:1])
     reason = first.result()
     if reason is None:

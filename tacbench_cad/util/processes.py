@@ -93,7 +93,7 @@ class Workers:
     """A set of child processes. Use it as a context manager: leaving it ends them, whatever they do.
 
     Args:
-        count: Most children at a time; each starts when there is work for it.
+        count: Most children at a time; each starts when there is work for it that no other child is free for.
         max_mb: The memory that each may use, in MB; None for any. Without effect where the system has no such limit.
     """
 
@@ -103,6 +103,7 @@ class Workers:
         self._changed = threading.Condition()
         self._calls: list[_Call] = []
         self._threads: list[threading.Thread] = []
+        self._busy = 0
         self._children: list[subprocess.Popen[bytes]] = []
         self._closed = False
 
@@ -155,7 +156,7 @@ class Workers:
         with self._changed:
             call = _Call(function.__module__, function.__name__, arguments, first_child, seconds, future)
             self._calls.append(call)
-            if len(self._threads) < self._count:
+            if len(self._calls) > len(self._threads) - self._busy and len(self._threads) < self._count:
                 number = len(self._threads)
                 thread = threading.Thread(target=self._attend, args=(number,), name=f"tacbench-{number}", daemon=True)
                 self._threads.append(thread)
@@ -171,14 +172,24 @@ class Workers:
             if call is None:
                 return
             if not call.future.set_running_or_notify_cancel():
+                self._free()
                 continue
             try:
                 child = child or self._start()
-                call.future.set_result(self._ask(child, call))
+                result = self._ask(child, call)
             except BaseException as error:
                 if child is not None and child.poll() is not None:
                     child = None
+                self._free()
                 call.future.set_exception(error)
+            else:
+                self._free()
+                call.future.set_result(result)
+
+    def _free(self) -> None:
+        """Count a thread as free, before its call's result is known: what is submitted then needs no other child."""
+        with self._changed:
+            self._busy -= 1
 
     def _next(self, number: int) -> _Call | None:
         """The next call for a thread; waits for one. None when all is over."""
@@ -192,6 +203,7 @@ class Workers:
             call = None if self._closed else mine()
             if call is not None:
                 self._calls.remove(call)
+                self._busy += 1
             return call
 
     def _ask(self, child: subprocess.Popen[bytes], call: _Call) -> Any:

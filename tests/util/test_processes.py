@@ -197,3 +197,10 @@ def test_a_child_that_nobody_can_end_any_more_is_ended_by_the_system() -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], timeout=60, check=False)
     assert done.returncode == -signal.SIGXCPU
+
+
+def test_no_second_child_is_started_while_one_is_free() -> None:
+    with Workers(3) as workers:
+        first = workers.submit(process).result()
+        assert [workers.submit(process).result() for _ in range(4)] == [first] * 4
+        assert len({call.result() for call in [workers.submit(process) for _ in range(2)]} | {first}) <= 3
