@@ -175,7 +175,7 @@ class Firmware(ABC):
                 if self._wake_s > self.now_s:
                     return
                 self._wake_s = None
-            elif self._wait is None or not self._holds(self._wait):
+            elif not (callable(self._wait) and self._wait()):
                 return
             program = self._program
             wait = next(program, None)
@@ -185,7 +185,3 @@ class Firmware(ABC):
             self._wait = wait
             if isinstance(wait, float):
                 self._wait, self._wake_s = None, self.now_s + wait
-
-    @staticmethod
-    def _holds(wait: Wait) -> bool:
-        return callable(wait) and wait()

@@ -72,10 +72,8 @@ class Board:
     def inject(self, fault: Fault, now_s: float) -> None:
         """Give it another fault."""
         self.advance(now_s)
-        if fault.at_s is None and fault.after_bytes is None:
-            self._begin(fault)
-        else:
-            self._waiting.append(fault)
+        self._waiting.append(fault)
+        self._change_faults()
 
     def opened(self, *, resets: bool, now_s: float) -> None:
         """The host opens the port: what was on its way is gone, and the board may be reset by it."""

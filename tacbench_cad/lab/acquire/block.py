@@ -22,7 +22,6 @@ from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.schema import frame_name, frame_path
 from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.study.presses import Press
-from tacbench_cad.lab.study.spec import Protocol
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +91,7 @@ def press_block(
         return BlockResult(folder=folder, presses=session.presses, missed=session.missed, seconds=dict(run.seconds))
 
 
+@dataclass(eq=False)
 class _BlockSession:
     """The work at one block from the first move to the last.
 
@@ -103,20 +103,20 @@ class _BlockSession:
         taught_mm: See :func:`press_block`.
     """
 
-    def __init__(
-        self, rig: Rig, run: RunWriter, carriage: Carriage, progress: PressProgress, taught_mm: Sequence[float]
-    ) -> None:
-        self.rig = rig
-        self.run = run
-        self.carriage = carriage
-        self.progress = progress
-        self.protocol: Protocol = run.info.protocol
-        self.presses = 0
-        self.missed = 0
-        self._in_a_row = 0
-        self._previous: Frame | None = None
-        self.force = None if rig.gauge is None else ContactForce(rig.gauge, carriage, self.protocol, rig.clock)
-        self.presser = Presser(self.protocol, carriage, self.force, self._touch(taught_mm))
+    rig: Rig
+    run: RunWriter
+    carriage: Carriage
+    progress: PressProgress
+    taught_mm: Sequence[float]
+    presses: int = 0
+    missed: int = 0
+    _in_a_row: int = 0
+    _previous: Frame | None = None
+
+    def __post_init__(self) -> None:
+        self.protocol, gauge = self.run.info.protocol, self.rig.gauge
+        self.force = None if gauge is None else ContactForce(gauge, self.carriage, self.protocol, self.rig.clock)
+        self.presser = Presser(self.protocol, self.carriage, self.force, self._touch())
 
     def all(self) -> None:
         """Everything that is missing; the sensor ends in contact or above, and the caller lifts it."""
@@ -198,11 +198,11 @@ class _BlockSession:
             )
         return frame
 
-    def _touch(self, taught_mm: Sequence[float]) -> Touch | None:
+    def _touch(self) -> Touch | None:
         if self.protocol.contact == "force":
             return None
         if self.protocol.touch == "taught":
-            return taught(taught_mm, len(self.protocol.grid.positions_mm))
+            return taught(self.taught_mm, len(self.protocol.grid.positions_mm))
         if self.protocol.touch == "sensor":
             return by_sensor(self.carriage, self.protocol, self.rig.sensor, self.rig.clock)
         assert self.force is not None, "touch by the gauge without one is refused before any device is opened"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import Counter
 from dataclasses import dataclass
 
@@ -42,19 +43,16 @@ def plugged_cameras(opener: Opener = open_capture) -> tuple[PluggedCamera, ...]:
     Args:
         opener: Opens a device.
     """
-    cameras_here = []
+    plugged = []
     for name in cameras(STABLE_FOLDERS):
         size = None
-        try:
+        with contextlib.suppress(DeviceLostError):
             capture = opener(name)
-        except DeviceLostError:
-            capture = None
-        if capture is not None:
             if capture.isOpened():
                 size = (int(capture.get(3)), int(capture.get(4)))
             capture.release()
-        cameras_here.append(PluggedCamera(name=name, size_px=size))
-    return tuple(cameras_here)
+        plugged.append(PluggedCamera(name=name, size_px=size))
+    return tuple(plugged)
 
 
 def identify(port: str) -> str:

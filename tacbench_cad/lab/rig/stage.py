@@ -18,11 +18,17 @@ class Device(Protocol):
     def close(self) -> None:
         """Let go of the device. Never raises; a second call does nothing."""
 
-    def __enter__(self) -> Self: ...
+    def __enter__(self) -> Self:
+        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    ) -> None:
+        self.close()
+
+
+class Closing(Device):
+    """Makes a context manager of anything with ``close``."""
 
 
 @runtime_checkable
@@ -61,21 +67,6 @@ class Stage(Device, Protocol):
 
     def stop(self) -> None:
         """Stop all motion at once. May be called from a signal handler, in the middle of another call; never raises."""
-
-
-class Closing:
-    """Makes a context manager of anything with ``close``."""
-
-    def close(self) -> None:
-        """Let go of the device."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 class LimitedStage(Closing):

@@ -161,8 +161,17 @@ class Row(TableRow):
         return (self.force_level, self.repeat, self.position)
 
 
+class _FrameRow(TableRow):
+    path: str
+
+    def __post_init__(self) -> None:
+        parts = self.path.split("/")
+        if len(parts) != 2 or parts[0] not in FRAME_FOLDERS or parts[1] in ("", ".", "..") or "\\" in self.path:
+            raise InputError("path", self.path, "must be a file in one of the run's own folders")
+
+
 @dataclass(frozen=True, kw_only=True)
-class Reference(TableRow):
+class Reference(_FrameRow):
     """A frame without contact.
 
     Args:
@@ -178,12 +187,9 @@ class Reference(TableRow):
     after_press: int = field(metadata={"low": 0})
     image_sha256: str
 
-    def __post_init__(self) -> None:
-        _require_inside(self.path)
-
 
 @dataclass(frozen=True, kw_only=True)
-class Stationary(TableRow):
+class Stationary(_FrameRow):
     """A frame without motion.
 
     Args:
@@ -201,20 +207,10 @@ class Stationary(TableRow):
     index: int
     image_sha256: str
 
-    def __post_init__(self) -> None:
-        _require_inside(self.path)
-
     @property
     def key(self) -> tuple[str, bool, int]:
         """What makes the row unique."""
         return (self.when, self.in_contact, self.index)
-
-
-def _require_inside(path: str) -> None:
-    """Refuse a path that is not in one of the run's own folders."""
-    parts = path.split("/")
-    if len(parts) != 2 or parts[0] not in FRAME_FOLDERS or parts[1] in ("", ".", "..") or "\\" in path:
-        raise InputError("path", path, "must be a file in one of the run's own folders")
 
 
 def block_values(printed: PrintedBlock) -> dict[str, Any]:

@@ -43,13 +43,16 @@ SELECTED: tuple[tuple[str, str], ...] = (
 )
 
 
+_TABLES = {"printer": PRINTERS, "filament": FILAMENTS}
+
+
 def printer(word: str) -> str:
     """The printer's name for any known spelling.
 
     Raises:
         InputError: The spelling is unknown; the message names the nearest one.
     """
-    return _known("printer", word, PRINTERS)
+    return _known("printer", word)
 
 
 def filament(word: str) -> str:
@@ -58,7 +61,7 @@ def filament(word: str) -> str:
     Raises:
         InputError: The spelling is unknown; the message names the nearest one.
     """
-    return _known("filament", word, FILAMENTS)
+    return _known("filament", word)
 
 
 def own_name(field: str, word: str) -> str:
@@ -67,20 +70,20 @@ def own_name(field: str, word: str) -> str:
     Raises:
         InputError: It has other signs than a-z, 0-9 and inner hyphens.
     """
-    lowered = word.strip().lower()
-    name = _of_spelling(lowered, PRINTERS if field == "printer" else FILAMENTS)
-    if name is None and not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,30}[a-z0-9])?", lowered):
+    name = _of_spelling(field, word) or word.strip().lower()
+    if not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,30}[a-z0-9])?", name):
         raise InputError(field, word, "use 1 to 32 of a-z, 0-9 and inner hyphens")
-    return name or lowered
-
-
-def _known(field: str, word: str, table: Mapping[str, tuple[str, ...]]) -> str:
-    lowered = word.strip().lower()
-    name = _of_spelling(lowered, table)
-    if name is None:
-        raise InputError(field, word, nearest(lowered, [*table, *itertools.chain(*table.values())]))
     return name
 
 
-def _of_spelling(lowered: str, table: Mapping[str, tuple[str, ...]]) -> str | None:
-    return next((name for name, spellings in table.items() if lowered == name or lowered in spellings), None)
+def _known(field: str, word: str) -> str:
+    table = _TABLES[field]
+    name = _of_spelling(field, word)
+    if name is None:
+        raise InputError(field, word, nearest(word.strip().lower(), [*table, *itertools.chain(*table.values())]))
+    return name
+
+
+def _of_spelling(field: str, word: str) -> str | None:
+    lowered = word.strip().lower()
+    return next((name for name, words in _TABLES[field].items() if lowered == name or lowered in words), None)
