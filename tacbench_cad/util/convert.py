@@ -166,6 +166,13 @@ def check_fields(value: Any) -> None:
             raise InputError(fault.field, fault.value, fault.allowed) from None
 
 
+class Checked:
+    """Base of dataclasses whose fields are checked when they are made; see :func:`check_fields`."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
 def read_toml(path: Path, cls: type[T], what: str, *, within: Path | None = None) -> T:
     """Read a TOML file from outside into a dataclass.
 

@@ -10,7 +10,7 @@ from functools import partial
 from typing import Annotated, Any, Literal, get_args
 
 from tacbench_cad.lab.study.spec import Point
-from tacbench_cad.util.convert import Bounds, check_fields, from_plain
+from tacbench_cad.util.convert import Bounds, Checked, from_plain
 from tacbench_cad.util.errors import InputError, nearest
 from tacbench_cad.virtual_rig.arduino import Arduino
 from tacbench_cad.virtual_rig.base import Firmware
@@ -28,7 +28,7 @@ KINDS: tuple[str, ...] = get_args(Kind)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setup:
+class Setup(Checked):
     """A virtual rig.
 
     Frames after homing, all with z upwards and its end stop at the top: ``grbl`` and ``grblhal`` x and y 0 to 200,
@@ -61,9 +61,6 @@ class Setup:
     stimulus: Mapping[str, Any] | None = None
     gauge: CellSettings = field(default_factory=CellSettings)
     firmware: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     @classmethod
     def of(

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from tacbench_cad.util import door
-from tacbench_cad.util.convert import Bounds, Length, check_fields, from_plain, to_plain
+from tacbench_cad.util.convert import Bounds, Checked, Length, check_fields, from_plain, to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import write_json
 
@@ -31,7 +31,7 @@ _OUTLIER_FRACTION = 0.005
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalibrationPoint:
+class CalibrationPoint(Checked):
     """What the load cell said under one mass.
 
     Args:
@@ -45,9 +45,6 @@ class CalibrationPoint:
     counts: float
     spread_counts: Annotated[float, Bounds(0.0)]
     samples: Annotated[int, Bounds(1)]
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 @dataclass(frozen=True, kw_only=True)

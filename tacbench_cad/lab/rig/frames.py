@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.util.convert import Bounds, check_fields
+from tacbench_cad.util.convert import Bounds, Checked
 from tacbench_cad.util.types import Ints
 
 #: The faults that :func:`frame_faults` can name.
@@ -24,7 +24,7 @@ _STEEP_FRACTION = 0.001
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrameLimits:
+class FrameLimits(Checked):
     """From where on a frame is faulty. The defaults suit an image of bright markers, 640 x 480.
 
     Args:
@@ -35,9 +35,6 @@ class FrameLimits:
 
     dark_counts: Annotated[float, Bounds(0.0, 255.0)] = 25.0
     blur_px: Annotated[float, Bounds(0.0, 1000.0)] = 3.0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 def frame_faults(

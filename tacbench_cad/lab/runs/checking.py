@@ -6,7 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -99,19 +99,25 @@ def check_run(
             if another process writes to it.
     """
     run = Run.open(folder)
-    report = RunReport(
-        folder=folder,
-        name=run.info.printed.name,
-        simulated=run.info.simulated,
-        planned=len(run.info.presses),
-    )
     check = _Check(run)
-    report = check.tables(report, repair)
+    targets, references, still = check.tables(repair)
     check.extra_files()
     check.frames(workers or os.cpu_count() or 1, progress)
     empty = check.print_record()
     check.parameters()
-    return replace(report, findings=tuple(check.findings), empty_fields=empty)
+    return RunReport(
+        folder=folder,
+        name=run.info.printed.name,
+        simulated=run.info.simulated,
+        planned=len(run.info.presses),
+        presses=len(targets),
+        references=len(references),
+        stationary=len(still),
+        out_of_band=sum(row.in_band is False for row in targets),
+        findings=tuple(check.findings),
+        repaired=tuple(check.repaired),
+        empty_fields=empty,
+    )
 
 
 @dataclass
@@ -120,13 +126,14 @@ class _Check:
 
     run: Run
     findings: list[Finding] = field(default_factory=list)
+    repaired: list[str] = field(default_factory=list)
     expected: list[tuple[str, str]] = field(default_factory=list)
 
     def add(self, kind: str, where: str, text: str) -> None:
         self.findings.append(Finding(kind=kind, where=where, text=text))
 
-    def tables(self, report: RunReport, repair: bool) -> RunReport:
-        """Examine the three CSV files and compare them with the protocol."""
+    def tables(self, repair: bool) -> list[tuple[Any, ...]]:
+        """Examine the three CSV files and compare them with the protocol; their rows, as far as they can be read."""
         rows: dict[type[Any], tuple[Any, ...]] = {}
         for kind in schema.TABLES:
             faults: list[InputError] = []
@@ -134,8 +141,8 @@ class _Check:
                 table = read_table(self.run.folder, kind, planned(self.run.info) if kind is Row else None, faults)
                 rows[kind] = table.rows
                 if table.text.torn and repair:
-                    cut = f"{kind.FILE}: cut off a torn last row of {_cut(self.run.folder, kind)} bytes"
-                    report = replace(report, repaired=(*report.repaired, cut))
+                    length = _cut(self.run.folder, kind)
+                    self.repaired.append(f"{kind.FILE}: cut off a torn last row of {length} bytes")
                 elif table.text.torn:
                     text = "ends in a torn row; --repair cuts it off, and its press is then made again"
                     self.add("torn", kind.FILE, text)
@@ -146,19 +153,13 @@ class _Check:
             for fault in faults:
                 kind_of_fault = "duplicate" if "already" in fault.allowed else "row"
                 self.add(kind_of_fault, kind.FILE, str(fault).removeprefix(f"{self.run.folder}{os.sep}"))
-        targets, references, still = (rows.get(kind, ()) for kind in schema.TABLES)
-        self.expected = [(row.path, row.image_sha256) for row in (*targets, *references, *still)]
-        if Reference in rows and not references and not self.run.info.source:
+        read = [rows.get(kind, ()) for kind in schema.TABLES]
+        self.expected = [(row.path, row.image_sha256) for kind_rows in read for row in kind_rows]
+        if rows.get(Reference) == () and not self.run.info.source:
             self.add("gap", "references", "there is no reading without contact")
         if Stationary in rows:
-            self._stationary_gaps({row.key for row in still})
-        return replace(
-            report,
-            presses=len(targets),
-            references=len(references),
-            stationary=len(still),
-            out_of_band=sum(row.in_band is False for row in targets),
-        )
+            self._stationary_gaps({row.key for row in rows[Stationary]})
+        return read
 
     def _press_gaps(self, present: set[int]) -> None:
         presses = self.run.info.presses

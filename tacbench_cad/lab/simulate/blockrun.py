@@ -22,7 +22,7 @@ from tacbench_cad.lab.simulate.tactip import REST, SIMULATED, Pins, TacTip
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PlannedBlock, Point, Study
 from tacbench_cad.spec.printrecord import FIELDS
-from tacbench_cad.util.convert import Bounds, check_fields, to_plain
+from tacbench_cad.util.convert import Bounds, Checked, to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, write_text
 
@@ -33,7 +33,7 @@ SECONDS_PER_PRESS = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulationOptions:
+class SimulationOptions(Checked):
     """How a study is simulated.
 
     Args:
@@ -43,9 +43,6 @@ class SimulationOptions:
 
     colour: bool = False
     seed: Annotated[int, Bounds(0, 2**32 - 1)] = 0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,7 +22,7 @@ import numpy as np
 from tacbench_cad.lab.simulate.heights import HeightMap, cell_of, centres, held, on_block
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
 from tacbench_cad.spec.block import Block
-from tacbench_cad.util.convert import Bounds, check_fields
+from tacbench_cad.util.convert import Bounds, Checked
 from tacbench_cad.util.types import Floats
 
 #: Peaks narrower than so many lines cool too slowly to keep their height.
@@ -43,7 +43,7 @@ UpToOne = Annotated[float, Bounds(0.0, 1.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class VirtualPrinter:
+class VirtualPrinter(Checked):
     """A printer with a filament in it. Every error is a standard deviation between or within copies, in mm.
 
     Args:
@@ -69,9 +69,6 @@ class VirtualPrinter:
     peak_loss: UpToOne
     roughness_mm: UpToOne
     stringing_per_cm2: Annotated[float, Bounds(0.0, 100.0)]
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 #: Their values in the order of the fields.

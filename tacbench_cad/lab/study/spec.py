@@ -13,7 +13,7 @@ from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.fits import FITS
 from tacbench_cad.spec.protocol import FORCE_SPREADS_N, FORCES_N, REPEATS, PressGrid
 from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.util.convert import Bounds, Length, check_fields
+from tacbench_cad.util.convert import Bounds, Checked, Length, check_fields
 from tacbench_cad.util.errors import InputError, one_of
 
 ContactMode = Literal["force", "depth"]
@@ -53,7 +53,7 @@ DEPTHS_MM = (0.35, 1.7, 2.2)
 
 
 @dataclass(frozen=True, kw_only=True)
-class PrintedBlock:
+class PrintedBlock(Checked):
     """One printed block: what it is and where it came from.
 
     Args:
@@ -67,9 +67,6 @@ class PrintedBlock:
     printer: str
     filament: str
     copy: Copy = 1
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     @property
     def texture(self) -> str:
@@ -206,7 +203,7 @@ class Protocol:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HolderRim:
+class HolderRim(Checked):
     """What of the holder the sensor can touch.
 
     Args:
@@ -217,12 +214,9 @@ class HolderRim:
     rim_mm: Annotated[float, Bounds(-100.0, 100.0)] = 1.18
     gap_mm: Annotated[float, Bounds(-10.0, 10.0)] = FITS["slip"]
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
 
 @dataclass(frozen=True, kw_only=True)
-class WorkFrame:
+class WorkFrame(Checked):
     """The work frame in the stage's frame.
 
     Work frame: x and y are the block's own; z is 0 at the block's highest point and grows upwards. A pose is where the
@@ -235,9 +229,6 @@ class WorkFrame:
 
     origin_mm: Point
     quarter_turns: QuarterTurns = 0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     def to_stage(self, pose_mm: Point) -> Point:
         """A point of the work frame in the stage's frame."""
