@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import re
 
-from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.virtual_rig.base import Firmware, Program
 from tacbench_cad.virtual_rig.machine import Carriage
 
@@ -39,14 +38,8 @@ class Arduino(Firmware):
     def __init__(self, carriage: Carriage, *, boot_s: float = 1.0) -> None:
         super().__init__(carriage, boot_s=boot_s)
 
-    @property
-    def reported(self) -> Point:
-        """The counters, in mm."""
-        return self.carriage.counted(self.now_s)
-
-    def alarm(self, now_s: float) -> None:
+    def _alarm(self) -> None:
         """It hangs: nothing but the reset wakes it."""
-        self.advance(now_s)
         self.carriage.halt(self.now_s)
         self._listening = False
         self._run(iter(()))

@@ -102,16 +102,22 @@ class Firmware(ABC):
         self._forget()
         self._run(self._boot())
 
-    @abstractmethod
     def alarm(self, now_s: float) -> None:
-        """Something that this firmware takes for an emergency: an end stop that closes, a halt."""
+        """Something that this firmware takes for an emergency: an end stop that closes, a failed check, a halt."""
+        self.advance(now_s)
+        self._alarm()
+        self._pump()
 
     @property
-    @abstractmethod
     def reported(self) -> Point:
-        """The position that it would report, in mm of its own frame."""
+        """The position that it would report, in mm of its own frame: what its counters say."""
+        return self.carriage.counted(self.now_s)
 
     # For the firmware itself
+
+    @abstractmethod
+    def _alarm(self) -> None:
+        """See :meth:`alarm`."""
 
     def _forget(self) -> None:  # noqa: B027
         """Put everything that lies in volatile memory back."""

@@ -48,19 +48,10 @@ class GrblCore(Firmware):
         self._fresh = bool(dialect.fresh_memory)
         super().__init__(carriage, boot_s=dialect.boot_s if boot_s is None else boot_s)
 
-    # What others see
-
-    @property
-    def reported(self) -> Point:
-        """Machine position as the status report has it."""
-        return self.carriage.counted(self.now_s)
-
-    def alarm(self, now_s: float) -> None:
+    def _alarm(self) -> None:
         """An end stop closes (touched, or a wire that picks up noise): ALARM:1. Not while it boots."""
-        self.advance(now_s)
         if self._listening:
             self._run(self._critical(1))
-            self._pump()
 
     # Memory
 

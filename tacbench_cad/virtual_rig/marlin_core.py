@@ -59,11 +59,9 @@ class MarlinCore(Firmware):
         """The planned position, as ``M114`` has it."""
         return self._planned
 
-    def alarm(self, now_s: float) -> None:
+    def _alarm(self) -> None:
         """A failed check of the machine: it halts itself."""
-        self.advance(now_s)
         self._kill()
-        self._pump()
 
     # Memory
 

@@ -124,7 +124,7 @@ def acquire_study(
         if len(unfinished) < len(blocks):
             progress.say(f"complete: {len(blocks) - len(unfinished)} of {counted(len(blocks), 'block')}")
         opened: Rig | None = None
-        for tray in _trays(unfinished, len(slots)):
+        for tray in _trays(unfinished):
             taught = {place.slot: _prepare(rig, place, person, len(slots), len(blocks)) for place in tray}
             for place in tray:
                 if opened is None:
@@ -148,11 +148,11 @@ def _counting(study: Study, blocks: Sequence[Place]) -> Iterator[None]:
         raise
 
 
-def _trays(blocks: Sequence[Place], slots: int) -> Iterator[tuple[Place, ...]]:
+def _trays(blocks: Sequence[Place]) -> Iterator[tuple[Place, ...]]:
     """Blocks that are put in together: each slot at most once, in order."""
     tray: list[Place] = []
     for place in blocks:
-        if any(place.slot == other.slot for other in tray) or len(tray) == slots:
+        if any(place.slot == other.slot for other in tray):
             yield tuple(tray)
             tray = []
         tray.append(place)

@@ -74,10 +74,10 @@ class ImportOptions:
             if not 1 <= number <= len(FORCES_N):
                 raise InputError("force-levels", number, f"must be from 1 to {len(FORCES_N)}, the paper's forces")
 
-    def position(self, i: int, j: int) -> int:
-        """Our number of the position that the authors' array has at ``[i, j]``."""
-        row, column = (i, j) if self.first_axis == "y" else (j, i)
-        return row * PER_SIDE + column + 1
+    def index(self, position: int) -> tuple[int, int]:
+        """Where the authors' array has the position that has this number here."""
+        row, column = divmod(position - 1, PER_SIDE)
+        return (row, column) if self.first_axis == "y" else (column, row)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -283,16 +283,12 @@ def import_block(
     info = block.info
     folder = out / info.printed.name
     _refuse_a_second_copy(block, info, folder)
-    axes = [(i, j) for i in range(PER_SIDE) for j in range(PER_SIDE)]
-    index = {block.options.position(i, j): (i, j) for i, j in axes}
     with RunWriter.open(folder, info, durable=False) as writer:
         missing = writer.missing(info.presses)
         for file in block.files:
-            presses = [press for press in missing if press.force_level == file.level]
-            frames = file.frames() if presses else None
-            for press in presses:
-                assert frames is not None
-                image = np.array(frames[press.repeat - 1, *index[press.position]])
+            frames = file.frames()
+            for press in (press for press in missing if press.force_level == file.level):
+                image = np.array(frames[press.repeat - 1, *block.options.index(press.position)])
                 writer.press(press, (press.x_mm, press.y_mm, math.nan), image)
                 progress(len(writer.done), len(info.presses))
         progress(len(writer.done), len(info.presses))

@@ -10,7 +10,6 @@ import csv
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs import params, schema
@@ -142,7 +141,13 @@ def _process(run: Run, row: schema.Row | schema.Reference, images: Path, process
 
 def _parameters(run: Run, target: Path, processing: Processing, shape: tuple[int, ...]) -> None:
     for name in params.PARAMETERS:
-        document = _json_of(run, name)
+        path = run.folder / name
+        try:
+            document = run.parameters(name)
+        except InputError:
+            raise InputError("run", str(path), "is missing or damaged; put a copy of it back") from None
+        if not isinstance(document, dict):
+            raise InputError("run", str(path), "must be a JSON object")
         if target != run.folder:
             write_json(target / name, document)
     width, height = processing.size
@@ -154,14 +159,3 @@ def _parameters(run: Run, target: Path, processing: Processing, shape: tuple[int
         "gray": processing.grey or len(shape) == 2,
     }
     write_json(target / params.PROCESSED_FILE, processed)
-
-
-def _json_of(run: Run, name: str) -> dict[str, Any]:
-    path = run.folder / name
-    try:
-        document = run.parameters(name)
-    except InputError:
-        raise InputError("run", str(path), "is missing or damaged; put a copy of it back") from None
-    if not isinstance(document, dict):
-        raise InputError("run", str(path), "must be a JSON object")
-    return document

@@ -68,13 +68,15 @@ class RunWriter:
         self._reference_count = len(references)
         self.reference_time: datetime | None = references[-1].time_utc if references else None
         self._still = {frame.key for frame in self._stationary.rows}
-        torn = {table.path: len(table.torn) for table in (self._targets, self._references, self._stationary)}
         self.notes = tuple(
-            f"{path.relative_to(folder)}: cut off a torn last row of {length} bytes; it is taken again"
-            for path, length in torn.items()
-            if length
+            f"{table.path.relative_to(folder)}: cut off a torn last row of {len(table.torn)} bytes; it is taken again"
+            for table in (self._targets, self._references, self._stationary)
+            if table.torn
         )
-        _require_files(folder, [row.sensor_image for row in rows])
+        lost = next((folder / row.path for row in rows if not (folder / row.path).is_file()), None)
+        if lost is not None:
+            advice = "put it back, or delete the row to press again"
+            raise InputError(str(lost), None, f"is no file though targets.csv has its row; {advice}")
 
     @classmethod
     @contextmanager
@@ -260,22 +262,6 @@ def software() -> dict[str, str]:
         if number is not None:
             versions[package] = number
     return versions
-
-
-def _require_files(folder: Path, names: Sequence[str]) -> None:
-    there = {
-        sub: {entry.name for entry in os.scandir(folder / sub) if entry.is_file()}
-        for sub in (schema.IMAGE_FOLDER, schema.DATA_FOLDER)
-        if (folder / sub).is_dir()
-    }
-    for name in names:
-        path = schema.frame_path(name)
-        if name not in there.get(path.partition("/")[0], ()):
-            raise InputError(
-                str(folder / path),
-                None,
-                "is no file though targets.csv has its row; put it back, or delete the row to press again",
-            )
 
 
 def _begin(folder: Path, info: RunInfo) -> None:

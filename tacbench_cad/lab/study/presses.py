@@ -68,7 +68,7 @@ def plan_presses(protocol: Protocol, levels: Sequence[int], block_name: str) -> 
                         position=position,
                         x_mm=x,
                         y_mm=y,
-                        target_n=protocol.target_n(level),
+                        target_n=protocol.forces_n[level - 1] if force else None,
                         band_n=protocol.bands_n[level - 1] if force else None,
                         depth_mm=None if force else protocol.depths_mm[level - 1],
                     )

@@ -197,10 +197,6 @@ class Protocol:
         """The levels: 1, 2, 3."""
         return tuple(range(1, self.levels + 1))
 
-    def target_n(self, level: int) -> float | None:
-        """Target force of a level from 1, in N; None in depth mode."""
-        return self.forces_n[level - 1] if self.contact == "force" else None
-
 
 @dataclass(frozen=True, kw_only=True)
 class HolderRim(Checked):
