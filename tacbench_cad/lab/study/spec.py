@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.fits import FITS
@@ -39,12 +39,6 @@ def minus(a: Point, b: Point) -> Point:
 
 #: The contact force that ends any run, in newtons.
 HARD_LIMIT_N = 5.0
-#: Drivers of each table that have a name of their own.
-DRIVERS = {
-    "stage": ("grbl", "marlin", "arduino", "virtual-grbl", "virtual-marlin"),
-    "gauge": ("serial", "simulated", "none"),
-    "sensor": ("opencv", "taxels", "simulated"),
-}
 #: Most presses of a block: a year of work.
 MAX_PRESSES = 1_000_000
 #: Depths below first touch for a rig without a gauge: what the three forces sink the simulated dome into a flat
@@ -247,14 +241,20 @@ class WorkFrame(Checked):
         return ((1, 0), (0, 1), (-1, 0), (0, -1))[self.quarter_turns]
 
 
-def _require_driver(table: str, driver: str) -> None:
-    """Refuse what is neither one of our drivers nor a ``module:name``."""
-    if ":" not in driver:
-        one_of("driver", driver, (*DRIVERS[table], "module:name"))
+class _Device(Checked):
+    """A device, whose driver is one of ours or a ``module:name``."""
+
+    DRIVERS: ClassVar[tuple[str, ...]]
+    driver: str
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if ":" not in self.driver:
+            one_of("driver", self.driver, (*self.DRIVERS, "module:name"))
 
 
 @dataclass(frozen=True, kw_only=True)
-class StageSettings:
+class StageSettings(_Device):
     """The stage, as ``[stage]`` describes it.
 
     Args:
@@ -273,6 +273,7 @@ class StageSettings:
             keyword arguments of a ``module:name``.
     """
 
+    DRIVERS = ("grbl", "marlin", "arduino", "virtual-grbl", "virtual-marlin")
     driver: str
     port: str | None = None
     baud: Baud | None = None
@@ -287,8 +288,7 @@ class StageSettings:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        check_fields(self)
-        _require_driver("stage", self.driver)
+        super().__post_init__()
         for axis, (low, high) in zip("xyz", self.limits_mm, strict=True):
             if not low < high:
                 raise InputError(f"limits_mm {axis}", [low, high], "must be two numbers, the lower one first")
@@ -310,7 +310,7 @@ class StageSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class GaugeSettings:
+class GaugeSettings(_Device):
     """The force gauge, as ``[gauge]`` describes it.
 
     Args:
@@ -322,6 +322,7 @@ class GaugeSettings:
         options: What only one driver knows.
     """
 
+    DRIVERS = ("serial", "simulated", "none")
     driver: str = "none"
     port: str | None = None
     baud: Baud | None = None
@@ -329,13 +330,9 @@ class GaugeSettings:
     timeout_s: Annotated[float, Bounds(0.1, 600.0)] = 2.0
     options: Mapping[str, Any] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-        _require_driver("gauge", self.driver)
-
 
 @dataclass(frozen=True, kw_only=True)
-class SensorSettings:
+class SensorSettings(_Device):
     """The tactile sensor, as ``[sensor]`` describes it.
 
     Args:
@@ -345,12 +342,10 @@ class SensorSettings:
             taxels; keyword arguments of a ``module:name``.
     """
 
+    DRIVERS = ("opencv", "taxels", "simulated")
     driver: str
     device: str | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        _require_driver("sensor", self.driver)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,7 +32,7 @@ class ThreePresses(Silent):
             raise NoAnswerError("gauge: sends nothing")
 
 
-def sitting(out: Path, progress: Silent) -> None:
+def session(out: Path, progress: Silent) -> None:
     study = study_of(small_protocol(repeats=1, stationary_frames=1), 1)
     rig = FakeRig()
     acquire_study(
@@ -54,7 +54,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 def begun(tmp_path: Path) -> Path:
     """An output folder with a run that was cut short after three presses."""
     with pytest.raises(NoAnswerError):
-        sitting(tmp_path, ThreePresses())
+        session(tmp_path, ThreePresses())
     return tmp_path
 
 
@@ -85,11 +85,11 @@ def test_a_run_that_can_no_longer_be_written_goes_on_once_it_can(begun: Path, in
     before = contents(run)
     assert len(Run.open(run).rows) == 3
     with read_only(run / inner), pytest.raises(InputError, match="not writable") as caught:
-        sitting(begun, Silent())
+        session(begun, Silent())
     assert caught.value.exit_code == 2
     assert "\n" not in str(caught.value)
     after = contents(run)
     # Tables may have grown; nothing that stood in them, and no image, is another.
     assert all(after[name].startswith(content) for name, content in before.items())
-    sitting(begun, Silent())
+    session(begun, Silent())
     assert [row.number for row in Run.open(run).rows] == list(range(1, 9))

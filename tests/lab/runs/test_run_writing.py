@@ -219,13 +219,13 @@ def test_a_users_print_record_is_never_overwritten(run_folder: Path, make_info: 
     assert path.read_text() == 'printer = "mine"\n'
 
 
-def test_a_later_sitting_with_other_devices_is_noted(run_folder: Path, make_info: Any) -> None:
+def test_a_later_session_with_other_devices_is_noted(run_folder: Path, make_info: Any) -> None:
     stage = {**make_info().stage, "identity": "virtual GRBL on /dev/pts/9"}
     for _ in range(2):
         with RunWriter.open(run_folder, make_info(stage=stage)):
             pass
-    sittings = json.loads((run_folder / "run.json").read_text())["sittings"]
-    assert [one["devices"]["stage"][-1] for one in sittings] == ["3", "9"]
+    sessions = json.loads((run_folder / "run.json").read_text())["sittings"]
+    assert [session["devices"]["stage"][-1] for session in sessions] == ["3", "9"]
 
 
 def test_later_references_lie_apart_and_say_after_which_press(tmp_path: Path, make_info: Any, noise: Any) -> None:
