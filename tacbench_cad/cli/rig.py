@@ -14,7 +14,7 @@ from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.rig.calibration import Calibration, CalibrationPoint
-    from tacbench_cad.lab.rig.loadcell import RawLoadCell
+    from tacbench_cad.lab.rig.loadcell import LoadCell
 
 
 @options.group("rig")
@@ -173,7 +173,7 @@ def calibrate_force(
 
     from tacbench_cad.lab.rig.calibration import MIN_MASSES, fit, write_calibration
     from tacbench_cad.lab.rig.clock import Clock
-    from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_raw
+    from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_load_cell
     from tacbench_cad.lab.rig.ports import resolve
 
     if len(set(masses)) < MIN_MASSES or not all(0.0 <= mass <= 10_000.0 for mass in masses):
@@ -185,7 +185,7 @@ def calibrate_force(
         raise InputError("out", str(out), "its folder does not exist")
     where = resolve(port, "gauge")
     how = LoadCellOptions(columns=column[1], column=column[0])
-    with open_raw(where, clock=Clock(), baud=baud, options=how) as cell:
+    with open_load_cell(where, baud, clock=Clock(), options=how) as cell:
         points = tuple(_weighed(cell, mass) for mass in masses)
         garbled = cell.garbled
     calibration = fit(points, date_utc=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), device=where, falling=falling)
@@ -195,13 +195,13 @@ def calibrate_force(
         note(f"note: {garbled} garbled lines were skipped")
 
 
-def _weighed(cell: RawLoadCell, mass_g: float) -> CalibrationPoint:
+def _weighed(cell: LoadCell, mass_g: float) -> CalibrationPoint:
     """One point of a calibration."""
     from tacbench_cad.lab.rig.calibration import CalibrationPoint
     from tacbench_cad.lab.rig.loadcell import STILL_S
 
     ask_line(f"{f'put {mass_g:g} g on' if mass_g else 'take everything off'}, wait for it to rest, press Enter: ")
-    raw = cell.read(STILL_S)
+    raw = cell.mean(STILL_S)
     click.echo(f"{mass_g:g} g: {raw.mean:z.1f} counts, spread {raw.spread:.1f}, {counted(raw.samples, 'sample')}")
     return CalibrationPoint(mass_g=mass_g, counts=raw.mean, spread_counts=raw.spread, samples=raw.samples)
 

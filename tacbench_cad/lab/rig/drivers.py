@@ -16,7 +16,7 @@ from tacbench_cad.lab.rig.camera import open_camera
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.gauge import Force, Gauge
 from tacbench_cad.lab.rig.grbl import GrblStage
-from tacbench_cad.lab.rig.loadcell import LoadCell, LoadCellOptions, open_raw
+from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_load_cell
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.rig.sensor import Frame, Sensor
 from tacbench_cad.lab.rig.stage import LimitedStage, Stage
@@ -82,8 +82,16 @@ def open_gauge(settings: GaugeSettings, clock: Clock, *, taken: Sequence[str] = 
     calibration = None if path is None else read_calibration(path)
     options = LoadCellOptions.of(settings.options, calibrated=calibration is not None)
     port = ports.resolve(settings.port, "gauge", taken=taken)
-    raw = open_raw(port, clock=clock, baud=settings.baud, options=options, timeout_s=settings.timeout_s)
-    return LoadCell(raw, calibration, calibration_name="" if path is None else path.name, simulated=simulated)
+    return open_load_cell(
+        port,
+        settings.baud,
+        options=options,
+        clock=clock,
+        timeout_s=settings.timeout_s,
+        calibration=calibration,
+        calibration_name="" if path is None else path.name,
+        simulated=simulated,
+    )
 
 
 def open_sensor(settings: SensorSettings, clock: Clock, *, taken: Sequence[str] = ()) -> Sensor:

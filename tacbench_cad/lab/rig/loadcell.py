@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -14,7 +14,6 @@ from tacbench_cad.lab.rig.errors import GaugeError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.samples import BAUD, SampleStream, StuckSamples, require_stuck_samples
-from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.spec import GaugeSettings
 from tacbench_cad.util.convert import Bounds, check_fields, from_plain, to_plain
 from tacbench_cad.util.errors import InputError
@@ -100,24 +99,44 @@ class RawMean:
     samples: int
 
 
-class RawLoadCell(SampleStream):
-    """The samples of a load cell as it sends them, looked at for what no living cell sends.
+class LoadCell(SampleStream):
+    """A load cell as a :class:`tacbench_cad.lab.rig.gauge.Gauge`, looked at for what no living cell sends.
 
     Args:
         lines: The port.
         name: What it is, for the messages.
         options: How its lines read.
-        timeout_s: Longest real time to wait for a sample.
         clock: The rig's time.
+        timeout_s: Longest real time to wait for a sample.
+        calibration: Its calibration; None where it sends newtons, or is about to be calibrated.
+        calibration_name: The calibration's file name, for ``run.json``.
+        simulated: What of it is simulated, or an empty text.
 
     Raises:
         RigError: Nothing that is a sample comes.
     """
 
-    def __init__(self, lines: Line, *, name: str, options: LoadCellOptions, timeout_s: float, clock: Clock) -> None:
-        self.options = options
-        self._clock = clock
-        self._beyond = 0
+    def __init__(
+        self,
+        lines: Line,
+        *,
+        name: str,
+        options: LoadCellOptions,
+        clock: Clock,
+        timeout_s: float = GaugeSettings.timeout_s,
+        calibration: Calibration | None = None,
+        calibration_name: str = "",
+        simulated: str = "",
+    ) -> None:
+        self.options, self.simulated = options, simulated
+        self.calibration: dict[str, object] = {}
+        # A simulated one gets another port each time it is started.
+        self.identity = f"{f'load cell, {simulated}' if simulated else name}, {options.unit}"
+        if calibration is not None:
+            self.calibration = {"file": calibration_name, **to_plain(calibration)}
+            self.identity += f", calibrated {calibration.date_utc}"
+        self._scale, self._clock = calibration, clock
+        self._zero_n, self._beyond = 0.0, 0
         super().__init__(
             lines=lines,
             name=name,
@@ -129,7 +148,7 @@ class RawLoadCell(SampleStream):
         )
         self.wait_for_start()
 
-    def read(self, window_s: float, to_newtons: Callable[[float], float] | None = None) -> RawMean:
+    def mean(self, window_s: float) -> RawMean:
         """Average the samples that arrive during a window that begins now.
 
         Samples far off the others' median are damaged lines (a lost digit still reads as a number): they are left
@@ -137,7 +156,6 @@ class RawLoadCell(SampleStream):
 
         Args:
             window_s: Rig time.
-            to_newtons: The force that a raw sample means; None while that is not known, for a calibration.
 
         Raises:
             GaugeError: Stuck, saturated, or too many garbled lines.
@@ -148,13 +166,32 @@ class RawLoadCell(SampleStream):
         samples: list[float] = []
         while len(samples) < self.options.least_samples or self._clock.now_s() < until:
             value = self.next()[self.options.column - 1]
-            if self._believable(value, 0.0 if to_newtons is None else to_newtons(value)):
+            if self._believable(value):
                 samples.append(value)
-        floor = _OFF_UNITS if to_newtons is None else _OFF_N / abs(to_newtons(1.0) - to_newtons(0.0))
-        kept = self._without_damaged(np.array(samples), floor)
+        kept = self._without_damaged(np.array(samples))
         return RawMean(mean=float(kept.mean()), spread=float(kept.std()), samples=len(kept))
 
-    def _believable(self, value: float, force_n: float) -> bool:
+    def read(self, window_s: float) -> Force:
+        """See :class:`tacbench_cad.lab.rig.gauge.Gauge`."""
+        raw = self.mean(window_s)
+        spread_n = raw.spread * self._n_per_unit
+        return Force(mean_n=self._newtons(raw.mean) - self._zero_n, spread_n=spread_n, samples=raw.samples)
+
+    def tare(self) -> None:
+        """Take the mean of a second as zero."""
+        self._zero_n += self.read(STILL_S).mean_n
+
+    @property
+    def _n_per_unit(self) -> float:
+        """Newtons that a raw unit stands for; before a calibration nobody knows, and any count is believed."""
+        if self._scale is None:
+            return 1.0 if self.options.unit == "newtons" else 0.0
+        return abs(self._scale.newtons_per_count)
+
+    def _newtons(self, value: float) -> float:
+        return value * self._n_per_unit if self._scale is None else self._scale.newtons(value)
+
+    def _believable(self, value: float) -> bool:
         """Whether a sample can be true.
 
         Raises:
@@ -166,7 +203,7 @@ class RawLoadCell(SampleStream):
                 f"{self.name}: saturated at {value:.0f} counts: overloaded, or a wire of the cell is broken"
             )
         beyond = counts and not self.options.low_counts < value < self.options.high_counts
-        if not beyond and abs(force_n) <= _MAX_N:
+        if not beyond and abs(self._newtons(value)) <= _MAX_N:
             self._beyond = 0
             return True
         self._beyond += 1
@@ -178,8 +215,9 @@ class RawLoadCell(SampleStream):
         self.count(False, f"{value:.10g}")
         return False
 
-    def _without_damaged(self, samples: Floats, floor: float) -> Floats:
-        """The samples but for those far off; ``floor`` is a distance that is near in any case, in raw units."""
+    def _without_damaged(self, samples: Floats) -> Floats:
+        """The samples but for those far off."""
+        floor = _OFF_N / self._n_per_unit if self._n_per_unit else _OFF_UNITS
         off = np.abs(samples - np.median(samples))
         allowed = max(_OFF_TIMES * 1.4826 * float(np.median(off)), floor)
         for value in samples[off > allowed]:
@@ -187,84 +225,16 @@ class RawLoadCell(SampleStream):
         return samples[off <= allowed]
 
 
-class LoadCell(Closing):
-    """A force gauge made of a load cell. See :class:`tacbench_cad.lab.rig.gauge.Gauge`.
-
-    Args:
-        raw: The cell.
-        calibration: Its calibration, or None where it sends newtons.
-        calibration_name: The calibration's file name, for ``run.json``.
-        simulated: What of it is simulated, or an empty text.
-    """
-
-    def __init__(
-        self,
-        raw: RawLoadCell,
-        calibration: Calibration | None,
-        *,
-        calibration_name: str = "",
-        simulated: str = "",
-    ) -> None:
-        self.simulated = simulated
-        self.calibration: dict[str, object] = {}
-        # A simulated one gets another port each time it is started.
-        who = f"load cell, {simulated}" if simulated else raw.name
-        self.identity = f"{who}, newtons"
-        if calibration is not None:
-            self.calibration = {"file": calibration_name, **to_plain(calibration)}
-            self.identity = f"{who}, counts, calibrated {calibration.date_utc}"
-        self._raw = raw
-        self._scale = calibration
-        self._zero_n = 0.0
-
-    @property
-    def garbled(self) -> int:
-        """Lines so far that were no sample."""
-        return self._raw.garbled
-
-    def read(self, window_s: float) -> Force:
-        """See :class:`tacbench_cad.lab.rig.gauge.Gauge`."""
-        raw = self._raw.read(window_s, self._newtons)
-        slope = 1.0 if self._scale is None else abs(self._scale.newtons_per_count)
-        return Force(mean_n=self._newtons(raw.mean) - self._zero_n, spread_n=raw.spread * slope, samples=raw.samples)
-
-    def tare(self) -> None:
-        """Take the mean of a second as zero."""
-        self._zero_n += self.read(STILL_S).mean_n
-
-    def close(self) -> None:
-        """Let go of the port. Never raises; a second call does nothing."""
-        self._raw.close()
-
-    def _newtons(self, value: float) -> float:
-        return value if self._scale is None else self._scale.newtons(value)
-
-
-def open_raw(
-    port: str,
-    *,
-    clock: Clock,
-    baud: int | None = None,
-    options: LoadCellOptions | None = None,
-    timeout_s: float = GaugeSettings().timeout_s,
-) -> RawLoadCell:
-    """Open a load cell for its raw samples.
+def open_load_cell(port: str, baud: int | None, **settings: Any) -> LoadCell:
+    """Open a load cell.
 
     Args:
         port: Path, name or pyserial URL.
-        clock: The rig's time.
         baud: Symbols per second; None for the usual rate.
-        options: How its lines read; raw counts if None.
-        timeout_s: Longest real time to wait for a sample.
+        **settings: See :class:`LoadCell`.
 
     Raises:
         InputError: There is no such port.
         RigError: Nothing that is a sample comes.
     """
-    return RawLoadCell(
-        Line(port, baud=baud or BAUD, what="gauge"),
-        name=f"load cell at {port}",
-        options=options or LoadCellOptions(),
-        timeout_s=timeout_s,
-        clock=clock,
-    )
+    return LoadCell(Line(port, baud=baud or BAUD, what="gauge"), name=f"load cell at {port}", **settings)

@@ -19,7 +19,7 @@ from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_gauge
 from tacbench_cad.lab.rig.errors import DeviceLostError, GaugeError, NoAnswerError
 from tacbench_cad.lab.rig.gauge import Force, Gauge
-from tacbench_cad.lab.rig.loadcell import LoadCell, LoadCellOptions, RawLoadCell
+from tacbench_cad.lab.rig.loadcell import LoadCell, LoadCellOptions
 from tacbench_cad.lab.study.spec import GaugeSettings
 from tacbench_cad.util.errors import InputError
 
@@ -79,9 +79,17 @@ def calibration() -> Calibration:
     return fit(points, date_utc="2026-01-02", device="cell")
 
 
-def raw(cell: Cell, **options: Any) -> RawLoadCell:
+def load_cell(cell: Cell, scale: Calibration | None = None, name: str = "", **options: Any) -> LoadCell:
     chosen = LoadCellOptions(latency_s=0.0, **options)
-    return RawLoadCell(cell, name="cell", options=chosen, timeout_s=0.1, clock=cell.clock)  # type: ignore[arg-type]
+    return LoadCell(
+        cell,  # type: ignore[arg-type]
+        name="cell",
+        options=chosen,
+        timeout_s=0.1,
+        clock=cell.clock,  # type: ignore[arg-type]
+        calibration=scale,
+        calibration_name=name,
+    )
 
 
 class OwnGauge:
@@ -103,7 +111,7 @@ class OwnGauge:
 
 
 def gauge(cell: Cell, **options: Any) -> LoadCell:
-    return LoadCell(raw(cell, **options), calibration(), calibration_name="gauge.json")
+    return load_cell(cell, calibration(), "gauge.json", **options)
 
 
 def test_it_is_a_gauge_in_newtons() -> None:
@@ -123,7 +131,7 @@ def test_it_is_a_gauge_in_newtons() -> None:
 def test_newtons_need_no_calibration() -> None:
     cell = Cell(Time())
     cell.alter = lambda i, line: f"{1.5 + int(line) * 1e-8:.6f}"
-    found = LoadCell(raw(cell, unit="newtons"), None)
+    found = load_cell(cell, unit="newtons")
     assert found.read(0.1).mean_n == pytest.approx(1.5, abs=0.01)
     assert found.calibration == {}
 
@@ -196,7 +204,7 @@ def test_a_stuck_cell_is_noticed_within_a_window_or_over_many() -> None:
 def test_a_device_that_rounds_may_repeat_itself() -> None:
     cell = Cell(Time())
     cell.alter = lambda i, line: "0.00"
-    found = LoadCell(raw(cell, unit="newtons", stuck_samples=0), None)
+    found = load_cell(cell, unit="newtons", stuck_samples=0)
     assert found.read(1.0).mean_n == 0.0
 
 
@@ -212,7 +220,7 @@ def test_a_saturated_cell_is_noticed(end: int) -> None:
 @pytest.mark.parametrize("value", ["99999999999", "-9000000", "197.7123"])
 def test_samples_beyond_any_force_are_saturation(value: str) -> None:
     cell = Cell(Time())
-    found = gauge(cell) if "." not in value else LoadCell(raw(cell, unit="newtons"), None)
+    found = gauge(cell) if "." not in value else load_cell(cell, unit="newtons")
     random = np.random.default_rng(3)
     cell.alter = lambda i, line: f"{float(value) + random.integers(0, 9):.10g}"
     with pytest.raises(GaugeError, match="saturated, 5 samples in a row"):
@@ -253,7 +261,7 @@ def test_a_falling_cell_gives_positive_forces() -> None:
     cell = Cell(Time())
     cell.alter = lambda i, line: str(2 * round(ZERO) - int(line))
     cell.force_n = lambda t: 1.0
-    force = LoadCell(raw(cell), falling).read(0.5)
+    force = load_cell(cell, falling).read(0.5)
     assert force.mean_n == pytest.approx(1.0, abs=1e-3) and force.spread_n > 0.0
 
 

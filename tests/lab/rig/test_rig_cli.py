@@ -22,7 +22,7 @@ from tacbench_cad.lab.rig.calibration import read_calibration
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, OutOfRangeError
 from tacbench_cad.lab.rig.gauge import Force
-from tacbench_cad.lab.rig.loadcell import LoadCellOptions, RawLoadCell
+from tacbench_cad.lab.rig.loadcell import LoadCell, LoadCellOptions
 from tacbench_cad.lab.rig.ports import Candidate
 from tacbench_cad.lab.rig.stage import Closing, LimitedStage
 from tacbench_cad.lab.study.spec import Point, PrintedBlock, RigSettings, WorkFrame
@@ -68,11 +68,11 @@ class Scale:
 def scale(monkeypatch: Patch) -> Scale:
     found = Scale()
 
-    def opened(port: str, *, clock: Clock, baud: int | None, options: LoadCellOptions) -> RawLoadCell:
+    def opened(port: str, baud: int | None, *, clock: Clock, options: LoadCellOptions) -> LoadCell:
         found.port, found.baud, found.options = port, baud, options  # type: ignore[attr-defined]
-        return RawLoadCell(found, name="cell", options=options, timeout_s=0.1, clock=clock)
+        return LoadCell(found, name="cell", options=options, timeout_s=0.1, clock=clock)
 
-    monkeypatch.setattr(loadcell, "open_raw", opened)
+    monkeypatch.setattr(loadcell, "open_load_cell", opened)
     monkeypatch.setattr(loadcell, "STILL_S", 0.02)
     return found
 
