@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from tacbench_cad.virtual_rig.gcode import Word, words
+from tacbench_cad.virtual_rig.gcode import words
 
 _MM_PER_INCH = 25.4
 #: G and M numbers that are understood, by modal group; one word of a group may stand in a line.
@@ -114,7 +114,7 @@ def parse(line: str, modal: Modal, *, jog: bool = False) -> Block:
     Raises:
         GcodeError: GRBL would refuse it.
     """
-    commands, values = _sort(_readable(line))
+    commands, values = _sort(line)
     if jog and any(group not in ("units", "distance") and word != "G53" for group, word in commands.items()):
         raise GcodeError(16)
     other = commands.get("other", "")
@@ -158,34 +158,30 @@ def parse(line: str, modal: Modal, *, jog: bool = False) -> Block:
     return Block(modal=after, action=action, rapid=rapid, machine=other == "G53", axes=axes, values=values)
 
 
-def _readable(line: str) -> list[Word]:
+def _sort(line: str) -> tuple[dict[str, str], dict[str, float]]:
+    """Commands by modal group, and the words that carry values."""
     line_words = words(line)
     if line_words is None:
         raise GcodeError(1)
-    if any(word.value is None for word in line_words):
-        raise GcodeError(2)
-    return line_words
-
-
-def _sort(line_words: list[Word]) -> tuple[dict[str, str], dict[str, float]]:
-    """Commands by modal group, and the words that carry values."""
     commands: dict[str, str] = {}
     values: dict[str, float] = {}
-    for word in line_words:
-        value = word.value if word.value is not None else 0.0
-        if word.letter in "GM":
-            name = f"{word.letter}{value:g}"
+    if line_words and line_words[-1][1] is None:
+        raise GcodeError(2)
+    for letter, value in line_words:
+        assert value is not None, "only the last word may lack its number"
+        if letter in "GM":
+            name = f"{letter}{value:g}"
             if name not in _GROUP_OF:
                 raise GcodeError(20)
             if _GROUP_OF[name] in commands:
                 raise GcodeError(21)
             commands[_GROUP_OF[name]] = name
-        elif word.letter in _VALUES:
-            if word.letter in values:
+        elif letter in _VALUES:
+            if letter in values:
                 raise GcodeError(25)
-            if value < 0.0 and word.letter in "FNPST":
+            if value < 0.0 and letter in "FNPST":
                 raise GcodeError(4)
-            values[word.letter] = value
+            values[letter] = value
         else:
             raise GcodeError(20)
     return commands, values

@@ -37,11 +37,11 @@ class Marlin(MarlinCore):
 
     def _do(self, line: str) -> Program:
         line_words = words(line.upper().replace(" ", ""), flags=True) or []
-        if not line_words or line_words[0].letter not in "GM" or line_words[0].value is None:
+        letter, number = line_words[0] if line_words else ("", None)
+        if letter not in ("G", "M") or number is None:
             self._unknown(line)
             return
-        name = f"{line_words[0].letter}{line_words[0].value:g}"
-        values = {word.letter: word.value for word in line_words[1:]}
+        name, values = f"{letter}{number:g}", dict(line_words[1:])
         if name in ("G0", "G1"):
             yield from self._move(values)
         elif name == "G4":
