@@ -191,6 +191,19 @@ def test_no_file_of_a_run_may_be_a_link_that_leads_out_of_it(
         read(Run.open(run_folder))
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no named pipes in folders")
+def test_a_table_that_is_a_pipe_or_too_large_is_refused(run_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = Run.open(run_folder)
+    monkeypatch.setenv("TACBENCH_LIMITS", "1e-6")
+    with pytest.raises(InputError, match=r"targets.csv.*MB, more than the .* allowed"):
+        _ = run.rows
+    monkeypatch.delenv("TACBENCH_LIMITS")
+    (run_folder / "targets.csv").unlink()
+    os.mkfifo(run_folder / "targets.csv")
+    with pytest.raises(InputError, match=r"targets.csv.*is not a regular file"):
+        _ = run.rows
+
+
 def test_a_png_with_a_damaged_length_allocates_nothing() -> None:
     data = bytearray(encoded(np.arange(600, dtype=np.uint8).reshape(20, 30), ("a",))[0])
     at = data.index(b"IDAT") - 4
