@@ -212,7 +212,7 @@ def networks(study: Study, trials: int, epochs: int) -> None:
 
     from tacbench_cad.lab.analysis.classification.augment import Augmentation
     from tacbench_cad.lab.analysis.classification.network import TOGETHER, NetworkClassifier, fit_together
-    from tacbench_cad.lab.analysis.classification.pca import Noise, Pool, principal_scores
+    from tacbench_cad.lab.analysis.classification.pca import Pool, trial_scores
 
     warnings.simplefilter("ignore")
     seconds: dict[str, float] = {}
@@ -227,7 +227,7 @@ def networks(study: Study, trials: int, epochs: int) -> None:
     with timed("inner products", trials):
         pool = Pool.of(study.images, chosen, components=25, seeds=range(TOGETHER))
     with timed("PCA", TOGETHER):
-        scores = [principal_scores(pool, Noise.of(pool, 5.0, seed), Augmentation(), 25) for seed in range(TOGETHER)]
+        scores = trial_scores(pool, Augmentation(), 25, range(TOGETHER))
     rows = [one.train[: int(0.8 * len(one.train))] for one in scores]
     labels = np.tile(study.texture[chosen], 4)[: len(rows[0])]
     with timed("forest", TOGETHER):

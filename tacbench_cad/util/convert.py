@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from cattrs import Converter
 
 T = TypeVar("T")
+#: What makes a value of a type from a plain one, given both.
+Hook = Callable[[Any, Any], Any]
 
 #: The years that a date may have.
 MIN_YEAR, MAX_YEAR = 1970, 2200
@@ -158,10 +160,10 @@ def check_fields(value: Any) -> None:
     Raises:
         InputError: A field has a value that is not allowed.
     """
-    hints = get_type_hints(type(value), include_extras=True)
-    for field, key in _keys(type(value)):
+    cls: Any = type(value)
+    for field, key, kind, hook in _hooks(cls):
         try:
-            _structured(_converter(), getattr(value, field.name), hints[field.name], key)
+            _structured(hook, getattr(value, field.name), kind, key)
         except _FaultError as fault:
             raise InputError(fault.field, fault.value, fault.allowed) from None
 
@@ -254,6 +256,15 @@ def _keys(cls: Any) -> Iterator[tuple[dataclasses.Field[Any], str]]:
 
 
 @cache
+def _hooks(cls: Any) -> tuple[tuple[dataclasses.Field[Any], str, Any, Hook], ...]:
+    """The same with the type of each and what makes it: looked up once, since a run alone has a hundred values."""
+    hints = get_type_hints(cls, include_extras=True)
+    return tuple(
+        (field, key, hints[field.name], _converter().get_structure_hook(hints[field.name])) for field, key in _keys(cls)
+    )
+
+
+@cache
 def _converter() -> Converter:
     from cattrs import Converter  # here: a command that reads no document must not wait for it
 
@@ -319,10 +330,9 @@ def _date(value: Any, kind: Any) -> Any:
     return date
 
 
-def _table_hook(cls: Any, converter: Converter) -> Any:
+def _table_hook(cls: Any, _: Converter) -> Any:
     """What makes a dataclass from a table."""
-    hints = get_type_hints(cls, include_extras=True)
-    read = {key: (field.name, hints[field.name]) for field, key in _keys(cls)}
+    read = {key: (field.name, kind, hook) for field, key, kind, hook in _hooks(cls)}
     required = {
         key
         for field, key in _keys(cls)
@@ -336,9 +346,9 @@ def _table_hook(cls: Any, converter: Converter) -> Any:
             raise _FaultError(None, "must be a table", ending="")
         _refuse_unknown(value, read)
         values = {}
-        for key, (name, kind) in read.items():
+        for key, (name, kind, hook) in read.items():
             if key in value:
-                values[name] = _structured(converter, value[key], kind, key)
+                values[name] = _structured(hook, value[key], kind, key)
             elif key in required:
                 if _meaning(kind) == "a table":
                     raise _FaultError(None, "such a table is needed", (key,), ending="")
@@ -361,9 +371,9 @@ def _refuse_unknown(table: Mapping[Any, Any], keys: Collection[str]) -> None:
             raise _FaultError(None, f"unknown key; {hint}{every}", (str(key),))
 
 
-def _structured(converter: Converter, value: Any, kind: Any, step: str | int) -> Any:
+def _structured(hook: Hook, value: Any, kind: Any, step: str | int) -> Any:
     try:
-        return converter.structure(value, kind)
+        return hook(value, kind)
     except _FaultError as fault:
         raise fault.within(step) from None
 
@@ -374,13 +384,14 @@ def _list_hook(kind: Any, converter: Converter) -> Any:
     open_ended = get_origin(kind) is not tuple or items[-1] is Ellipsis
     result = list if get_origin(kind) is list else tuple
     allowed = f"must be {_meaning(kind)}"
+    hooks = [(item, converter.get_structure_hook(item)) for item in items if item is not Ellipsis]
 
     def structure(value: Any, _: Any) -> Any:
         if not isinstance(value, (list, tuple)) or (not open_ended and len(value) != len(items)):
             raise _FaultError(value, allowed)
-        kinds = [items[0]] * len(value) if open_ended else items
+        kinds = hooks[:1] * len(value) if open_ended else hooks
         return result(
-            _structured(converter, each, item, i) for i, (each, item) in enumerate(zip(value, kinds, strict=True), 1)
+            _structured(hook, each, item, i) for i, (each, (item, hook)) in enumerate(zip(value, kinds, strict=True), 1)
         )
 
     return structure
@@ -389,11 +400,12 @@ def _list_hook(kind: Any, converter: Converter) -> Any:
 def _mapping_hook(kind: Any, converter: Converter) -> Any:
     """What makes a dict from a table whose keys are free."""
     item = get_args(kind)[1] if get_args(kind) else Any
+    hook = converter.get_structure_hook(item)
 
     def structure(value: Any, _: Any) -> Any:
         if not isinstance(value, Mapping):
             raise _FaultError(None, "must be a table", ending="")
-        return {str(key): _structured(converter, each, item, str(key)) for key, each in value.items()}
+        return {str(key): _structured(hook, each, item, str(key)) for key, each in value.items()}
 
     return structure
 
@@ -410,11 +422,13 @@ def _union_hook(kind: Any, converter: Converter) -> Any:
     def structure(value: Any, _: Any) -> Any:
         if value is None and optional:
             return None
+        if len(members) == 1:
+            return converter.structure(value, members[0])
         if tag and isinstance(value, Mapping):
             if tag not in value:
                 _refuse_unknown(value, dict.fromkeys(key for table in tables.values() for _, key in _keys(table)))
                 raise _FaultError(None, f"is missing; one of {', '.join(tables)}", (tag,))
-            word = _structured(converter, value[tag], Literal.__getitem__(tuple(tables)), tag)
+            word = _structured(converter.structure, value[tag], Literal.__getitem__(tuple(tables)), tag)
             return converter.structure(value, tables[word])
         fitting = [member for member in members if _could_be(value, member)]
         for member in fitting[:-1]:
@@ -422,10 +436,10 @@ def _union_hook(kind: Any, converter: Converter) -> Any:
                 return converter.structure(value, member)
             except _FaultError:
                 continue
-        if not fitting and len(members) > 1:
+        if not fitting:
             allowed = "must be " + " or ".join(dict.fromkeys(map(_meaning, members)))
             raise _FaultError(value, allowed) if len(tables) < len(members) else _FaultError(None, allowed, ending="")
-        return converter.structure(value, fitting[-1] if fitting else members[0])
+        return converter.structure(value, fitting[-1])
 
     return structure
 
@@ -480,10 +494,11 @@ def _enum_hook(kind: Any, _: Converter) -> Any:
 
 def _annotated_hook(kind: Any, converter: Converter) -> Any:
     inner, rules = get_args(kind)[0], kind.__metadata__
+    hook = converter.get_structure_hook(inner)
     as_text = any(isinstance(rule, NumberAsText) for rule in rules)
 
     def structure(value: Any, _: Any) -> Any:
-        made = converter.structure(str(value) if as_text and type(value) is int else value, inner)
+        made = hook(str(value) if as_text and type(value) is int else value, inner)
         for rule in rules:
             refusal = rule.refusal(made) if isinstance(rule, (Bounds, Length)) else None
             if refusal is not None:

@@ -281,7 +281,7 @@ def require_bounded(document: Any, name: str) -> None:
             elif isinstance(value, float):
                 if not math.isfinite(value):
                     raise InputError(f"{name}: {key}", value, "must be a finite number")
-            elif isinstance(value, Mapping):
+            elif isinstance(value, dict):
                 for word, each in value.items():
                     _require_characters(word, name, key)
                     inner.append((each, _key(key, word, each)))
@@ -296,7 +296,7 @@ def require_bounded(document: Any, name: str) -> None:
 def _key(table: str, word: str, value: Any) -> str:
     """``[protocol] depth_mm``, as in every message about a document."""
     word = word if len(word) <= 80 else f"{word[:77]}..."
-    if isinstance(value, Mapping):
+    if isinstance(value, dict):
         return f"{table[:-2]}.{word}] " if table.endswith("] ") else f"[{word}] "
     return f"{table}{word}"
 

@@ -39,6 +39,8 @@ STATIONARY: tuple[tuple[When, bool], ...] = (("start", True), ("start", False), 
 
 _FRAME_NAME = re.compile(r"(?:image_(?P<image>0|[1-9]\d{0,8})\.png|reading_(?P<data>0|[1-9]\d{0,8})\.npy)")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
+#: Whole numbers as ``object_label`` and as the other columns have them.
+_LABEL, _WHOLE = re.compile(r"[1-9]\d?"), re.compile(r"\d{1,9}")
 
 
 def frame_name(number: int, image: bool) -> str:
@@ -258,7 +260,7 @@ def _parser(hint: Any, low: int) -> Callable[[str, str], Any]:
         parse = _parser(kinds[0], low)
         return lambda column, text: parse(column, text) if text else None
     if hint == int | str:
-        return lambda _, text: int(text) if re.fullmatch(r"[1-9]\d?", text) else text
+        return lambda _, text: int(text) if _LABEL.fullmatch(text) else text
     if hint is int:
         return lambda column, text: _whole(column, text, low)
     if kinds:
@@ -309,6 +311,6 @@ def _number(column: str, text: str) -> float:
 
 
 def _whole(column: str, text: str, low: int) -> int:
-    if not re.fullmatch(r"\d{1,9}", text) or int(text) < low:
+    if not _WHOLE.fullmatch(text) or int(text) < low:
         raise InputError(column, text, f"must be a whole number from {low}")
     return int(text)

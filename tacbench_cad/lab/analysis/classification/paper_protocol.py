@@ -15,7 +15,7 @@ import numpy as np
 
 from tacbench_cad.lab.analysis.classification.augment import trial_seed
 from tacbench_cad.lab.analysis.classification.outcomes import ALL_OTHERS, Outcome, Study, guarded, predictions
-from tacbench_cad.lab.analysis.classification.pca import Noise, Pool, Scores, clipped_scores, principal_scores
+from tacbench_cad.lab.analysis.classification.pca import Pool, Scores, clipped_scores, trial_scores
 from tacbench_cad.lab.analysis.classification.settings import (
     ESTIMATORS,
     TEST_FRACTION,
@@ -65,7 +65,7 @@ def calls(study: Study, train_on: str, trials: Sequence[int], jobs: int) -> list
     Raises:
         InputError: The protocol is not for these data, or there are more components than directions.
     """
-    from joblib import Parallel, delayed
+    from joblib import delayed
 
     from tacbench_cad.lab.analysis.classification.network import TOGETHER
 
@@ -74,22 +74,14 @@ def calls(study: Study, train_on: str, trials: Sequence[int], jobs: int) -> list
     components = settings.components
     assert components is not None  # ClassificationSettings refuses it for this protocol
     chosen = np.flatnonzero(study.presses.combination == train_on)
-    pool = None
-    if not settings.clip:
+    rows, seeds = study.features.rows, [trial_seed(settings.seed, trial) for trial in trials]
+    if settings.clip:
+        images = np.asarray(rows, np.uint8)
+        all_scores = [clipped_scores(images, chosen, copies, components, seed) for seed in seeds]
+    else:
         noise = copies.noise is not None
-        seeds = [trial_seed(settings.seed, trial) for trial in trials]
-        pool = Pool.of(study.features.rows, chosen, components=components, noise=noise, seeds=seeds, jobs=jobs)
-
-    def scores(trial: int) -> Scores:
-        seed = trial_seed(settings.seed, trial)
-        if pool is None:
-            return clipped_scores(np.asarray(study.features.rows, np.uint8), chosen, copies, components, seed)
-        drawn = None if copies.noise is None else Noise.of(pool, copies.noise, seed)
-        return principal_scores(pool, drawn, copies, components)
-
-    # Each trial in a thread of its own: threads within each product would mostly wait for each other.
-    parallel = Parallel(n_jobs=1 if pool is None else jobs, backend="threading")
-    all_scores = parallel(delayed(scores)(trial) for trial in trials)
+        pool = Pool.of(rows, chosen, components=components, noise=noise, seeds=seeds, jobs=jobs)
+        all_scores = trial_scores(pool, copies, components, seeds, jobs)
     size = min(TOGETHER, -(-len(trials) // jobs))
     parts = [slice(first, first + size) for first in range(0, len(trials), size)]
     train = delayed(paper_trials)

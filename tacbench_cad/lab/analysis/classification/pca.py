@@ -12,6 +12,9 @@ Inner products of these vectors are therefore all that components and scores nee
   Wishart's, drawn as L L' with a triangular L of normal numbers and roots of chi squares (Bartlett, 1933). Where single
   directions in that remaining space are needed, they are uniform (Eaton, 1983).
 
+Readings outside of the training set are projected onto the components themselves, a block of numbers at a time: that
+takes less than their inner products with the training set, and all trials share one pass over the readings.
+
 The numbers are those of scikit-learn's ``PCA(svd_solver="full")``, fitted to the written-out training set, up to
 rounding and to signs: here the training row with the largest score on a component has a positive one.
 """
@@ -19,7 +22,8 @@ rounding and to signs: here the training row with the largest score on a compone
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -35,7 +39,7 @@ from tacbench_cad.util.types import Bytes, Floats, Ints
 #: Taken from every pixel before products are summed in float32: 1,024 products of -128..127 stay within 2^24.
 MIDDLE = 128
 #: Rows of a matrix of inner products that are added to at once.
-STRIPE = 512
+STRIPE = 256
 #: Size up to which a matrix that is known by its products is written out to find its eigenvectors.
 WRITTEN_OUT = 400
 #: Directions with less than this fraction of the largest squared length are rounding errors.
@@ -46,25 +50,21 @@ JITTER = 1e-10
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pool:
-    """Readings that training sets are taken from, m of n, by their inner products, and the others beside them.
+    """Readings that training sets are taken from, m of n, by their inner products.
 
     Args:
         rows: All readings, (n, numbers).
         inside: Indices of the pool's readings, (m,).
-        outside: Indices of the others, (n - m,).
         plain: Inner products of 1 and the pool's readings with each other, (m + 1, m + 1).
-        outer: Inner products of the others with these, (n - m, m + 1).
         factor: Coordinates of 1 and the pool's readings in an orthonormal frame, lower triangular, (m + 1, m + 1), if
             noise is drawn along such coordinates; None if it is drawn for each number of a reading.
         directions: Random vectors for each trial's seed, of which any part beside the frame is a uniform direction:
-            their inner products with 1, the pool's readings and the others (n + 1, components), and with each other.
+            their inner products with 1 and the pool's readings (m + 1, components), and with each other.
     """
 
     rows: Rows
     inside: Ints
-    outside: Ints
     plain: Floats
-    outer: Floats
     factor: Floats | None
     directions: Mapping[int, tuple[Floats, Floats]]
 
@@ -92,19 +92,15 @@ class Pool:
         from threadpoolctl import threadpool_limits
 
         chosen = np.arange(len(rows)) if inside is None else np.asarray(inside)
-        outside = np.setdiff1d(np.arange(len(rows)), chosen)
         ends = len(chosen) + 1
-        plain, outer = np.zeros((ends, ends)), np.zeros((len(outside), ends))
+        plain = np.zeros((ends, ends))
         along = noise and rows.shape[1] >= ends + max(ends, components)
-        needed = seeds if along and len(outside) else ()
-        inner, own = (
-            np.zeros((len(rows) + 1, len(needed) * components)),
-            np.zeros((len(needed), components, components)),
-        )
+        needed = seeds if along and len(chosen) < len(rows) else ()
+        inner = np.zeros((ends, len(needed) * components))
+        own = np.zeros((len(needed), components, components))
         with threadpool_limits(limits=jobs if rows.dtype == np.uint8 else 1):
-            for first, block in _blocks(rows, np.concatenate([chosen, outside]), _exact(rows)):
-                add_products(plain, block[:ends])
-                add_products(outer, block[ends:], block[:ends])
+            for first, block in _blocks(rows, chosen, _exact(rows)):
+                add_products(plain, block)
                 drawn = [_vectors(seed, first, (block.shape[1], components), block.dtype) for seed in needed]
                 if drawn:
                     with threadpool_limits(limits=1):  # these products are not exact: their rounding must not differ
@@ -115,9 +111,7 @@ class Pool:
         return cls(
             rows=rows,
             inside=chosen,
-            outside=outside,
             plain=plain,
-            outer=outer,
             factor=_factor(plain) if along else None,
             directions=dict(zip(needed, zip(parts, own, strict=False), strict=False)),
         )
@@ -170,32 +164,31 @@ class Noise:
             add_products(own[first:, first:], sigma * triangle)
         return cls(sigma=sigma, seed=seed, cross=cross, own=mirrored(own))
 
-    def onto_others(self, pool: Pool, weights: Floats) -> Floats:
-        """Inner products of sums of noise with the readings outside of the pool, (n - m, k).
+    def sums(self, pool: Pool, weights: Floats) -> tuple[Floats, Callable[[int, int], Floats]]:
+        """Sums of noise as numbers of a reading.
 
         Args:
             pool: The pool.
             weights: Weights of the noise of each of the pool's readings in each sum, (m, k).
+
+        Returns:
+            Weights of 1 and of the pool's readings in each sum, (m + 1, k), and what is added to these: given the first
+            number and how many, (numbers, k).
         """
-        ends = len(pool.plain)
         if pool.factor is None:
-            result = np.zeros((len(pool.outside), weights.shape[1]))
-            for first, block in _blocks(pool.rows, pool.outside, np.float64):
-                result += block[1:] @ self._sums(weights, first, block.shape[1])
-            return result
-        along = np.concatenate([self._sums(weights, first, part.shape[1]) for first, part in pool.coordinates()])
+            return np.zeros((len(pool.plain), weights.shape[1])), partial(_sums, self.sigma, self.seed, weights)
+        along = np.concatenate(
+            [_sums(self.sigma, self.seed, weights, first, part.shape[1]) for first, part in pool.coordinates()]
+        )
         # Of the part beside the pool's frame the inner products are known, and all directions are equally probable.
         inner, own = pool.directions[self.seed]
-        inside = scipy.linalg.solve_triangular(pool.factor, inner[:ends], lower=True)
+        inside = scipy.linalg.solve_triangular(pool.factor, inner, lower=True)
         squares, turn = np.linalg.eigh(weights.T @ self.own @ weights - along.T @ along)
         frame = np.sqrt(np.maximum(squares, 0.0))[:, None] * turn.T
         mix = scipy.linalg.solve_triangular(np.linalg.cholesky(own - inside.T @ inside).T, frame)
         kept = scipy.linalg.solve_triangular(pool.factor, along - inside @ mix, lower=True, trans=1)
-        return np.asarray(pool.outer @ kept + inner[ends:] @ mix)
-
-    def _sums(self, weights: Floats, first: int, width: int) -> Floats:
-        """Some coordinates of sums of noise, (width, k)."""
-        return np.asarray(self.sigma * (noise_block(self.seed, first, len(weights), width).T @ weights))
+        # What is returned must not hold this noise: a study of many trials keeps it for each of them.
+        return kept, partial(_mixed, self.seed, np.dtype(_exact(pool.rows)), mix)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -204,7 +197,7 @@ class Scores:
 
     Args:
         train: Of the augmented training set, in the order of ``Augmentation.rows``, (copies x train, components).
-        plain: Of every reading of the study as it is, (n, components).
+        plain: Of every reading of the study, or of the pool, as it is, (n, components).
         variance: Variance of the training set along each component (ddof 1), (components,).
     """
 
@@ -216,7 +209,7 @@ class Scores:
 def principal_scores(
     pool: Pool, noise: Noise | None, augmentation: Augmentation, components: int, train: Ints | None = None
 ) -> Scores:
-    """Fit principal components to an augmented training set and project all readings onto them.
+    """Fit principal components to an augmented training set and project the pool's readings onto them.
 
     Args:
         pool: The readings.
@@ -228,6 +221,65 @@ def principal_scores(
     Raises:
         InputError: There are more components than the training set has directions.
     """
+    return _fit(pool, noise, augmentation, components, train)[0]
+
+
+def trial_scores(
+    pool: Pool, augmentation: Augmentation, components: int, seeds: Sequence[int], jobs: int = 1
+) -> list[Scores]:
+    """Fit principal components to the whole augmented pool for each trial's noise, and project all readings onto them.
+
+    Args:
+        pool: The readings; made for these seeds.
+        augmentation: The copies.
+        components: Components to keep.
+        seeds: Each trial's.
+        jobs: Threads.
+
+    Raises:
+        InputError: There are more components than the pool has directions.
+    """
+    from joblib import Parallel, delayed
+    from threadpoolctl import threadpool_limits
+
+    outside = np.setdiff1d(np.arange(len(pool.rows)), pool.inside)
+    ends = len(pool.plain)
+
+    def fit(seed: int) -> tuple[Scores, Floats, Floats, Callable[[int, int], Floats] | None]:
+        noise = None if augmentation.noise is None else Noise.of(pool, augmentation.noise, seed)
+        scores, weights, noisy, middle = _fit(pool, noise, augmentation, components)
+        if noise is None or not len(outside):
+            return scores, middle, weights, None
+        kept, rest = noise.sums(pool, noisy)
+        return scores, middle, weights + kept, rest
+
+    def project(first: int, block: Floats) -> Floats:
+        onto = block[:ends].T @ np.concatenate([weights for _, _, weights, _ in fits], axis=1)
+        for index, (_, _, _, rest) in enumerate(fits):
+            if rest is not None:
+                onto[:, index * components : (index + 1) * components] += rest(first, len(onto))
+        return np.asarray(block[ends:] @ onto)
+
+    # Each trial, or block, in a thread of its own: threads within each product would mostly wait for each other.
+    parallel = Parallel(n_jobs=jobs, backend="threading", return_as="generator")
+    with threadpool_limits(limits=1):
+        fits = list(parallel(delayed(fit)(seed) for seed in seeds))
+        if not len(outside):
+            return [scores for scores, *_ in fits]
+        blocks = _blocks(pool.rows, np.concatenate([pool.inside, outside]), np.float64)
+        others = sum(parallel(delayed(project)(first, block) for first, block in blocks))
+    result = []
+    for (scores, middle, _, _), other in zip(fits, np.split(others, len(fits), axis=1), strict=True):
+        plain = np.empty((len(pool.rows), components))
+        plain[pool.inside], plain[outside] = scores.plain, other - middle
+        result.append(replace(scores, plain=plain))
+    return result
+
+
+def _fit(
+    pool: Pool, noise: Noise | None, augmentation: Augmentation, components: int, train: Ints | None = None
+) -> tuple[Scores, Floats, Floats, Floats]:
+    """Scores of the pool; weights of 1 and its readings, and of noise, in each component; and the middle's score."""
     places = np.arange(len(pool.inside)) if train is None else train
     count, copies = len(places), augmentation.count
     offsets = np.array(augmentation.offsets)[:, None, None]
@@ -266,13 +318,9 @@ def principal_scores(
     lengths = np.sqrt(squares)
     weights = sums((vectors - vectors.mean(axis=0)) / lengths)
     inside, noisy = products(*weights)
-    plain = np.empty((len(pool.inside) + len(pool.outside), components))
-    plain[pool.inside] = inside[1:]
-    plain[pool.outside] = pool.outer @ weights[0]
-    if noise is not None and len(pool.outside):
-        plain[pool.outside] += noise.onto_others(pool, weights[1])
-    plain -= along(inside, noisy).mean(axis=0)
-    return Scores(train=vectors * lengths, plain=plain, variance=squares / (rows - 1))
+    middle = along(inside, noisy).mean(axis=0)
+    scores = Scores(train=vectors * lengths, plain=inside[1:] - middle, variance=squares / (rows - 1))
+    return scores, *weights, middle
 
 
 def clipped_scores(images: Bytes, chosen: Ints, augmentation: Augmentation, components: int, seed: int) -> Scores:
@@ -395,7 +443,8 @@ def _blocks(rows: Rows, order: Ints, kind: type[np.floating[Any]]) -> Iterator[t
     middle = np.full(rows.shape[1], MIDDLE) if rows.dtype == np.uint8 else rows.mean(axis=0)
     for first in range(0, rows.shape[1], BLOCK):
         columns = slice(first, min(first + BLOCK, rows.shape[1]))
-        block = np.ones((len(order) + 1, columns.stop - first), kind)
+        block = np.empty((len(order) + 1, columns.stop - first), kind)
+        block[0] = 1.0
         np.subtract(rows[order, columns], middle[columns], out=block[1:], casting="same_kind", dtype=kind)
         yield first, block
 
@@ -403,6 +452,16 @@ def _blocks(rows: Rows, order: Ints, kind: type[np.floating[Any]]) -> Iterator[t
 def _vectors(seed: int, first: int, shape: tuple[int, int], kind: np.dtype[Any]) -> NDArray[Any]:
     """Normal numbers that are the same whenever they are asked for."""
     return np.random.default_rng([seed, 2, first]).standard_normal(shape, dtype=kind.type)
+
+
+def _sums(sigma: float, seed: int, weights: Floats, first: int, width: int) -> Floats:
+    """Some coordinates of sums of noise, (width, k)."""
+    return np.asarray(sigma * (noise_block(seed, first, len(weights), width).T @ weights))
+
+
+def _mixed(seed: int, kind: np.dtype[Any], mix: Floats, first: int, width: int) -> Floats:
+    """Some numbers of sums of a trial's random vectors, (width, k)."""
+    return np.asarray(_vectors(seed, first, (width, len(mix)), kind) @ mix)
 
 
 def _factor(products: Floats) -> Floats:
