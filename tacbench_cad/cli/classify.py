@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -13,8 +12,6 @@ from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.analysis.classification.augment import Augmentation
-    from tacbench_cad.lab.analysis.classification.result import Result
-    from tacbench_cad.lab.analysis.classification.sweep import SweepResult
 
 
 @options.command("classify")
@@ -116,10 +113,10 @@ def command(
       tacbench classify runs --sweep resolution=0.025:0.475 --hold-out copy
     """
     from tacbench_cad.lab.analysis.classification.classify import MODULES, TRIALS, classify, write_tables
-    from tacbench_cad.lab.analysis.classification.figures import draw_result, draw_sweep
+    from tacbench_cad.lab.analysis.classification.figures import draw_result
     from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
     from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS
-    from tacbench_cad.lab.analysis.classification.sweep import Sweep, at_level, run_sweep, write_sweep
+    from tacbench_cad.lab.analysis.classification.sweep import Sweep, at_level, run_sweep
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.lab.parallel import workers
     from tacbench_cad.lab.rig.plugin import is_plugin
@@ -150,15 +147,20 @@ def command(
         **settings,
     )
     trials = TRIALS[protocol] if trials is None else trials
-    result: Result | SweepResult
     with locked(out), workers(jobs, dask) as executor, ProgressLine() as progress:
         if swept is not None:
             result = run_sweep(collection, how, swept, trials, out, executor, progress.show)
-            paths = [write_sweep(result, out), *draw_sweep(result, out)]
         else:
             result = classify(collection, how, trials, out, executor, progress.show)
-            paths = [*write_tables(result, out), *draw_result(result, out)]
-    _show(result, collection.simulated, paths, json)
+        paths = [*write_tables(result, out), *draw_result(result, out)]
+    if json:
+        print_json({**result.document(), "files": [str(path) for path in paths]})
+        return
+    print_simulated(collection.simulated)
+    for table in result.shown:
+        show_table(table)
+    print_lines(*(f"note: {line}" for line in result.notes))
+    print_lines(f"written to {out}: " + ", ".join(path.name for path in paths))
 
 
 def _augmentation(noise: Any, brightness: Any, image: bool) -> Augmentation:
@@ -169,14 +171,3 @@ def _augmentation(noise: Any, brightness: Any, image: bool) -> Augmentation:
         noise=usual.noise if noise is None else None if noise == "none" else noise,
         brightness=usual.brightness if brightness is None else () if brightness == "none" else brightness,
     )
-
-
-def _show(result: Result | SweepResult, simulated: Sequence[str], paths: Sequence[Path], json: bool) -> None:
-    if json:
-        print_json({**result.document(), "files": [str(path) for path in paths]})
-        return
-    print_simulated(simulated)
-    for table in result.shown:
-        show_table(table)
-    print_lines(*(f"note: {line}" for line in result.notes))
-    print_lines(f"written to {paths[0].parent}: " + ", ".join(path.name for path in paths))

@@ -79,14 +79,11 @@ def _classified(side: str, folder: Path, out: Path, trials: int, jobs: int, dask
     """The folder of a classification: the folder itself, or one within ``out`` in which its runs are classified."""
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.lab.analysis.report.classification import classify_into
-    from tacbench_cad.lab.parallel import workers
-    from tacbench_cad.util.files import locked
 
     if _is_classified(folder):
         return folder
     collection = Collection.open([folder])
     target = out / f"classification_{side}"
     note(f"classifying {folder}: {counted(len(collection), 'press')}, {counted(trials, 'trial')}")
-    with locked(target), workers(jobs, dask) as executor:
-        classify_into(collection, target, trials, executor, lambda *_: None)
+    classify_into(collection, target, trials, jobs, dask)
     return target

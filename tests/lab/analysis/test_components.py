@@ -21,7 +21,6 @@ from tacbench_cad.lab.analysis.variance.components import (
     precision,
 )
 from tacbench_cad.lab.analysis.variance.view import COLUMNS
-from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats, Ints
 
 TRUE = (4.0, 2.0, 1.0, 0.5)
@@ -225,18 +224,3 @@ def test_rows_have_the_columns_of_the_file() -> None:
     assert all(set(row) == {column.name for column in COLUMNS["components"]} for row in rows)
     assert (rows[2]["low"], rows[2]["high"]) == (0.5, 3.0)
     assert rows[4]["variance"] == pytest.approx(rows[3]["truncated"])
-
-
-@pytest.mark.parametrize(
-    ("labels", "squares", "field"),
-    [
-        (np.zeros((0, 3)), [0, 0, 0, 0], "labels"),
-        (np.zeros((4, 2)), [0, 0, 0, 0], "labels"),
-        (np.zeros((4, 3)), [0, 0, 0], "squares"),
-        (np.zeros((4, 3)), [0, 0, math.nan, 0], "squares"),
-        (np.zeros((4, 3)), [0, 0, -1, 0], "squares"),
-    ],
-)
-def test_wrong_sums_are_refused(labels: Ints, squares: list[float], field: str) -> None:
-    with pytest.raises(InputError, match=field):
-        NestedSums.of(labels, squares)

@@ -279,21 +279,3 @@ def test_constant_readings_have_an_interval_of_zero() -> None:
     found = variance_interval(cell)
     assert (found.estimate, found.low, found.high) == (0.0, 0.0, 0.0)
     assert isinstance(found, Interval)
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: CellSums.of(np.zeros((3, 3)), [1, 1]), "square"),
-        (lambda: CellSums.of(np.full((2, 2), np.inf), [1, 2]), "infinity"),
-        (lambda: CellSums.of(np.zeros((2, 2)), [1, 7], [1, 2]), "not in the design"),
-        (lambda: CellSums.of(np.zeros((1, 1)), [1], [1, 1]).variance(1), "two presses"),
-        (lambda: CellSums.of(np.zeros((2, 2)), [1, 2]).variance(2), "allowed: 0, 1"),
-        (lambda: variance_interval(CellSums.of(np.zeros((2, 2)), [1, 2]), floor=-1.0), "floor"),
-        (lambda: component_interval([CellSums.of(np.zeros((2, 2)), [1, 2])], "printer"), "allowed: print, repeat"),
-    ],
-)
-def test_wrong_input_is_refused(call: object, message: str) -> None:
-    assert callable(call)
-    with pytest.raises(InputError, match=message):
-        call()

@@ -186,5 +186,6 @@ def _paper_counts(presses: PressTable, settings: ClassificationSettings) -> Iter
 
 
 def write_tables(result: Result, out: Path) -> list[Path]:
-    """Write ``classification.csv``, ``confusion.csv``, ``predictions.csv`` and ``classification_settings.json``."""
-    return [*(table.write(out / name) for name, table in result.tables.items()), result.record.write(out)]
+    """Write the tables, and beside those of a single classification what was asked for."""
+    paths = [table.write(out / name) for name, table in result.tables.items()]
+    return paths if result.parameter else [*paths, result.record.write(out)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ import numpy as np
 from tacbench_cad.lab.analysis.classification.accuracy import Score
 from tacbench_cad.lab.analysis.classification.paper_protocol import COLUMNS as PAPER_COLUMNS
 from tacbench_cad.lab.analysis.classification.result import Result, beside_paper
-from tacbench_cad.lab.analysis.classification.sweep import PARAMETERS, SweepResult
+from tacbench_cad.lab.analysis.classification.sweep import PARAMETERS
 from tacbench_cad.lab.analysis.figures import COLOURS, COLUMN_IN, INK, PAGE_IN, new_figure, save, styled
 
 if TYPE_CHECKING:
@@ -26,18 +26,19 @@ ACROSS = 3
 
 
 def draw_result(result: Result, out: Path) -> list[Path]:
-    """Draw ``hold_out_levels`` (or ``paper_table``) and ``confusion`` as PNG and PDF.
+    """Draw ``hold_out_levels`` (or ``paper_table``) and ``confusion``, or ``sweep_<parameter>``, as PNG and PDF.
 
     Raises:
         MissingToolError: matplotlib is not installed.
         InputError: A file cannot be written.
     """
     with styled():
-        if result.settings.protocol == "paper":
-            figures = {"paper_table": _paper(result)}
+        if result.parameter:
+            figures = {f"sweep_{result.parameter}": _sweep(result)}
+        elif result.settings.protocol == "paper":
+            figures = {"paper_table": _paper(result), **_confusions(result)}
         else:
-            figures = {"hold_out_levels": _levels(result)}
-        figures |= _confusions(result)
+            figures = {"hold_out_levels": _levels(result), **_confusions(result)}
         simulated = result.collection.simulated
         return [path for stem, figure in figures.items() for path in save(figure, out / stem, simulated)]
 
@@ -148,41 +149,33 @@ def _matrix(axes: Axes, score: Score, names: Sequence[str]) -> AxesImage:
     return matrix
 
 
-def draw_sweep(result: SweepResult, out: Path) -> list[Path]:
-    """Draw ``sweep_<parameter>`` as PNG and PDF: accuracy, intervals as bars, several trials' deviation as a band.
-
-    Raises:
-        MissingToolError: matplotlib is not installed.
-        InputError: A file cannot be written.
-    """
-    with styled():
-        figure = new_figure(4.6, 3.0)
-        axes = figure.add_subplot()
-        curves: dict[tuple[str, str, str], list[tuple[float, Score]]] = {}
-        for value, score in result.points:
-            curves.setdefault((score.estimator, score.train_on, score.hold_out), []).append((value, score))
-        several = [len(set(words)) > 1 for words in zip(*curves, strict=True)]
-        # Curves stand a little apart, so that no bar hides another.
-        apart = 0.008 * float(np.ptp([value for value, _ in result.points]))
-        for index, (key, points) in enumerate(curves.items()):
-            rows, shift = [score for _, score in points], apart * (index - (len(curves) - 1) / 2)
-            x = [value + shift for value, _ in points]
-            y = 100 * np.array([score.accuracy for score in rows])
-            deviation = 100 * np.array([score.standard_deviation or 0.0 for score in rows])
-            colour = COLOURS[index % len(COLOURS)]
-            if deviation.any():
-                axes.fill_between(x, y - deviation, y + deviation, color=colour, alpha=0.2, lw=0)
-            axes.plot(x, y, color=colour)
-            label = ", ".join(word for word, differs in zip(key, several, strict=True) if differs)
-            _points(axes, x, rows, index, label or key[2])
-        axes.set_xlabel(PARAMETERS[result.sweep.parameter])
-        _chance(axes, result.chance)
-        figure.legend(loc="outside upper center", ncols=3, title="; ".join(_legend(result)) or None)
-        return list(save(figure, out / f"sweep_{result.sweep.parameter}", result.simulated))
-
-
-def _legend(result: SweepResult) -> Iterator[str]:
-    if any(score.low is not None for _, score in result.points):
-        yield "bar: 95 % interval"
-    if any(score.standard_deviation for _, score in result.points):
-        yield "band: standard deviation over the trials"
+def _sweep(result: Result) -> Figure:
+    """Accuracy along the setting: intervals as bars, several trials' deviation as a band."""
+    figure = new_figure(4.6, 3.0)
+    axes = figure.add_subplot()
+    curves: dict[tuple[str, str, str], list[tuple[float, Score]]] = {}
+    for value, score in zip(result.values, result.scores, strict=True):
+        curves.setdefault((score.estimator, score.train_on, score.hold_out), []).append((value, score))
+    several = [len(set(words)) > 1 for words in zip(*curves, strict=True)]
+    # Curves stand a little apart, so that no bar hides another.
+    apart = 0.008 * float(np.ptp(result.values))
+    for index, (key, points) in enumerate(curves.items()):
+        rows, shift = [score for _, score in points], apart * (index - (len(curves) - 1) / 2)
+        x = [value + shift for value, _ in points]
+        y = 100 * np.array([score.accuracy for score in rows])
+        deviation = 100 * np.array([score.standard_deviation or 0.0 for score in rows])
+        colour = COLOURS[index % len(COLOURS)]
+        if deviation.any():
+            axes.fill_between(x, y - deviation, y + deviation, color=colour, alpha=0.2, lw=0)
+        axes.plot(x, y, color=colour)
+        label = ", ".join(word for word, differs in zip(key, several, strict=True) if differs)
+        _points(axes, x, rows, index, label or key[2])
+    axes.set_xlabel(PARAMETERS[result.parameter])
+    _chance(axes, result.chance)
+    said = {
+        "bar: 95 % interval": any(score.low is not None for score in result.scores),
+        "band: standard deviation over the trials": any(score.standard_deviation for score in result.scores),
+    }
+    title = "; ".join(text for text, holds in said.items() if holds)
+    figure.legend(loc="outside upper center", ncols=3, title=title or None)
+    return figure

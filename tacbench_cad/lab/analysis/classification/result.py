@@ -69,6 +69,8 @@ class Result:
         scores: The rows of the table.
         notes: Warnings, hold-out levels that are left out, and what was taken where the paper is open.
         collection: The data.
+        parameter: The setting that was swept, empty if none was; then only whole hold-out levels have a row.
+        values: Its value in each row.
     """
 
     settings: ClassificationSettings
@@ -76,6 +78,8 @@ class Result:
     scores: tuple[Score, ...]
     notes: tuple[str, ...]
     collection: Collection
+    parameter: str = ""
+    values: tuple[float, ...] = ()
 
     @property
     def textures(self) -> tuple[str, ...]:
@@ -93,6 +97,8 @@ class Result:
 
         Training rows of the paper's protocol are in the first two, not in the predictions.
         """
+        if self.parameter:
+            return {"sweep.csv": self._swept}
         return {
             "classification.csv": Table.of(COLUMNS, self.scores),
             "confusion.csv": Table.of(CONFUSION_COLUMNS, self._confusions()),
@@ -102,18 +108,26 @@ class Result:
     @property
     def shown(self) -> Iterator[Table]:
         """The tables that people see."""
+        title = f"protocol {self.settings.protocol}, per cent; chance is {100.0 * self.chance:.1f}"
+        if self.parameter:
+            value = Column("value", head=self.parameter, text=lambda value: f"{value:g}")
+            yield self._swept.select(*SHOWN[:3], value, *SHOWN[4:7], "images", title=title)
+            return
         if self.settings.protocol == "paper":
             yield self._paper_shown()
-        title = f"protocol {self.settings.protocol}, per cent; chance is {100.0 * self.chance:.1f}"
         yield Table.of(SCORE_COLUMNS, self.scores).select(*SHOWN, title=title)
         yield recall_table(Table.of(CONFUSION_COLUMNS, self._confusions()))
 
     def document(self) -> dict[str, Any]:
         """The values of ``--json``."""
+        head = {"simulated": list(self.collection.simulated), "settings": to_plain(self.settings)}
+        if self.parameter:
+            pairs = zip(self.values, self._swept.select(*SCORE_COLUMNS).records(), strict=True)
+            points = [{self.parameter: value, **row} for value, row in pairs]
+            return {**head, "parameter": self.parameter, "points": points, "notes": list(self.notes)}
         beside = beside_paper(self) if self.settings.protocol == "paper" else []
         return {
-            "simulated": list(self.collection.simulated),
-            "settings": to_plain(self.settings),
+            **head,
             "textures": list(self.textures),
             "chance": self.chance,
             "scores": Table.of(SCORE_COLUMNS, self.scores).records(),
@@ -134,6 +148,16 @@ class Result:
             data=self.collection.data_key,
             notes=self.notes,
         )
+
+    @property
+    def _swept(self) -> Table:
+        """The rows of a sweep, with all that is known of each."""
+        number = float if self.parameter == "resolution" else int
+        rows = [
+            {"parameter": self.parameter, "value": number(value), **row}
+            for value, row in zip(self.values, Table.of(SCORE_COLUMNS, self.scores).rows, strict=True)
+        ]
+        return Table(columns=SWEEP_COLUMNS, rows=tuple(rows))
 
     def _confusions(self) -> Iterator[Row]:
         for score in self.scores:

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from tacbench_cad.lab.analysis.classification.accuracy import Score
 from tacbench_cad.lab.analysis.classification.classify import Progress, classify
-from tacbench_cad.lab.analysis.classification.result import SCORE_COLUMNS, SHOWN, SWEEP_COLUMNS
+from tacbench_cad.lab.analysis.classification.result import Result
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.tables import Column, Table
 from tacbench_cad.lab.parallel import Executor
-from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError, one_of
 
 #: What can be swept, and the label of its axis.
@@ -112,61 +108,6 @@ def at_level(collection: Collection, level: int) -> Collection:
     return collection.chosen(which)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SweepResult:
-    """The rows at each value.
-
-    Args:
-        sweep: What was swept.
-        settings: The rest.
-        points: Value and row of each, for whole hold-out levels.
-        notes: What has to be known, each once.
-        textures: How many textures there are.
-        simulated: What of the data was simulated.
-    """
-
-    sweep: Sweep
-    settings: ClassificationSettings
-    points: tuple[tuple[float, Score], ...]
-    notes: tuple[str, ...]
-    textures: int
-    simulated: tuple[str, ...]
-
-    @property
-    def chance(self) -> float:
-        """The accuracy of guessing."""
-        return 1.0 / self.textures
-
-    @property
-    def table(self) -> Table:
-        """The rows, with all that is known of each."""
-        rows = [
-            {"parameter": self.sweep.parameter, "value": value if self.sweep.parameter == "resolution" else int(value)}
-            | {column.name: getattr(score, column.name) for column in SCORE_COLUMNS}
-            for value, score in self.points
-        ]
-        return Table(columns=SWEEP_COLUMNS, rows=tuple(rows))
-
-    @property
-    def shown(self) -> Iterator[Table]:
-        """The table that people see."""
-        title = f"protocol {self.settings.protocol}, per cent; chance is {100.0 * self.chance:.1f}"
-        value = Column("value", head=self.sweep.parameter, text=lambda value: f"{value:g}")
-        yield self.table.select(*SHOWN[:3], value, *SHOWN[4:7], "images", title=title)
-
-    def document(self) -> dict[str, Any]:
-        """The values of ``--json``."""
-        parameter = self.sweep.parameter
-        points = self.table.select(*SCORE_COLUMNS).records()
-        return {
-            "simulated": list(self.simulated),
-            "settings": to_plain(self.settings),
-            "parameter": parameter,
-            "points": [{parameter: value, **row} for (value, _), row in zip(self.points, points, strict=True)],
-            "notes": list(self.notes),
-        }
-
-
 def run_sweep(
     collection: Collection,
     settings: ClassificationSettings,
@@ -175,7 +116,7 @@ def run_sweep(
     out: Path,
     executor: Executor,
     progress: Progress | None = None,
-) -> SweepResult:
+) -> Result:
     """Classify at every value; finished trials are kept as for one value.
 
     Args:
@@ -196,7 +137,7 @@ def run_sweep(
     if sweep.parameter == "components" and settings.components is None:
         raise InputError("sweep", sweep.parameter, "needs principal components; leave out --components none")
     points: list[tuple[float, Score]] = []
-    notes: dict[str, None] = {}
+    notes: list[str] = []
     for value in sweep.values:
         data, changed = sweep.at(collection, settings, value)
 
@@ -206,17 +147,14 @@ def run_sweep(
 
         result = classify(data, changed, trials, out, executor, show)
         points += [(value, score) for score in result.scores if score.whole]
-        notes |= dict.fromkeys(result.notes)
-    return SweepResult(
-        sweep=sweep,
+        notes += result.notes
+    values, scores = zip(*points, strict=True)
+    return Result(
         settings=settings,
-        points=tuple(points),
-        notes=tuple(notes),
-        textures=len(collection.textures),
-        simulated=collection.simulated,
+        outcomes=(),
+        scores=scores,
+        notes=tuple(dict.fromkeys(notes)),
+        collection=collection,
+        parameter=sweep.parameter,
+        values=values,
     )
-
-
-def write_sweep(result: SweepResult, out: Path) -> Path:
-    """Write ``sweep.csv``."""
-    return result.table.write(out / "sweep.csv")

@@ -11,8 +11,7 @@ from tacbench_cad.lab.analysis.classification.settings import ClassificationReco
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.rendering import macro
 from tacbench_cad.lab.analysis.tables import Table
-from tacbench_cad.lab.parallel import Executor, workers
-from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.lab.parallel import workers
 from tacbench_cad.util.files import locked
 
 _SHOWN = ("estimator", "hold_out", "train_on", "tested_on", "accuracy", "low", "high", "trials", "images")
@@ -55,36 +54,31 @@ class Classification:
         )
 
 
-def classify_here(collection: Collection, folder: Path, jobs: int, dask: str | None, progress: Progress) -> None:
-    """Classify with the leak-free protocol, or what of it is missing in the folder.
+def classify_into(
+    collection: Collection,
+    folder: Path,
+    trials: int | None = None,
+    jobs: int = 1,
+    dask: str | None = None,
+    progress: Progress = lambda *_: None,
+) -> None:
+    """Classify with the leak-free protocol as ``tacbench classify`` does without options, or what of it is missing.
+
+    Args:
+        collection: The study.
+        folder: Folder of tables, figures and finished trials.
+        trials: Trials; None for the usual number.
+        jobs: Processes of this machine.
+        dask: Address of a Dask scheduler.
+        progress: Receives progress updates.
 
     Raises:
         InputError: The data do not allow it, or nothing answers at the Dask address.
         CheckFailedError: A reading is damaged.
         MissingToolError: scikit-learn or matplotlib is not installed.
     """
-    from tacbench_cad.lab.analysis.classification.classify import TRIALS
-
-    with locked(folder), workers(jobs, dask) as executor:
-        classify_into(collection, folder, TRIALS["leak-free"], executor, progress)
-
-
-def classify_into(collection: Collection, folder: Path, trials: int, executor: Executor, progress: Progress) -> None:
-    """Classify with the leak-free protocol as ``tacbench classify`` does without options.
-
-    Args:
-        collection: The study.
-        folder: Folder of tables, figures and finished trials, held by the caller.
-        trials: Trials.
-        executor: Worker processes.
-        progress: Receives progress updates.
-
-    Raises:
-        InputError: See :func:`tacbench_cad.lab.analysis.classification.classify.classify`.
-        CheckFailedError: Likewise.
-    """
     from tacbench_cad.lab.analysis.classification.augment import Augmentation
-    from tacbench_cad.lab.analysis.classification.classify import classify, write_tables
+    from tacbench_cad.lab.analysis.classification.classify import TRIALS, classify, write_tables
     from tacbench_cad.lab.analysis.classification.figures import draw_result
     from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
     from tacbench_cad.lab.rig.sensor import is_image
@@ -95,17 +89,9 @@ def classify_into(collection: Collection, folder: Path, trials: int, executor: E
     def show(what: str, done: int, total: int) -> None:
         progress(f"classification: {what}", done, total)
 
-    result = classify(collection, settings, trials, folder, executor, show)
-    write_tables(result, folder)
-    draw_result(result, folder)
-
-
-def refusal_of(error: InputError | CheckFailedError) -> str:
-    """Why there is no classification, as the end of a sentence.
-
-    Raises:
-        InputError: The error is none of the data's.
-    """
-    if isinstance(error, InputError) and error.field in ("dask", "jobs", "output folder", "output file"):
-        raise error
-    return str(error)
+    with locked(folder), workers(jobs, dask) as executor:
+        result = classify(
+            collection, settings, TRIALS["leak-free"] if trials is None else trials, folder, executor, show
+        )
+        write_tables(result, folder)
+        draw_result(result, folder)

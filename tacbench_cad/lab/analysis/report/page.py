@@ -16,7 +16,7 @@ from typing import Any
 from tacbench_cad.lab.analysis.classification.classify import MODULES, Progress
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.report.classification import Classification, classify_here, refusal_of
+from tacbench_cad.lab.analysis.report.classification import Classification, classify_into
 from tacbench_cad.lab.analysis.report.facts import open_points, write_facts
 from tacbench_cad.lab.analysis.report.rendering import template
 from tacbench_cad.lab.analysis.tables import read_settings
@@ -131,9 +131,7 @@ def _variance(collection: Collection, folder: Path, options: Options, progress: 
                 progress=lambda done, total: progress("variance", done, total),
             )
         except InputError as error:
-            if error.field in ("dask", "jobs"):
-                raise
-            return {"no_variance": str(error), "open_points": open_points(collection, colour=False, ddof=0)}
+            return {"no_variance": _refusal_of(error), "open_points": open_points(collection, colour=False, ddof=0)}
         write_all(result, folder)
     view = VarianceView.read(folder, collection)
     try:
@@ -156,12 +154,23 @@ def _classifications(collection: Collection, files: Path, options: Options, prog
         folder = files / "classification"
         clear(folder)
         try:
-            classify_here(collection, folder, options.jobs, options.dask, progress)
+            classify_into(collection, folder, None, options.jobs, options.dask, progress)
             folders.append(folder)
         except (InputError, CheckFailedError) as error:
-            refusal = refusal_of(error)
+            refusal = _refusal_of(error)
     classifications = [Classification.read(folder) for folder in folders]
     return {"has_classification": options.classify, "classifications": classifications, "no_classification": refusal}
+
+
+def _refusal_of(error: InputError | CheckFailedError) -> str:
+    """Why these data do not have a result, as the end of a sentence.
+
+    Raises:
+        InputError: The error is none of the data's.
+    """
+    if isinstance(error, InputError) and error.field in ("dask", "jobs", "output folder", "output file"):
+        raise error
+    return str(error)
 
 
 def copy_files(source: Path, folder: Path) -> None:

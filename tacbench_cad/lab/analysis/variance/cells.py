@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Annotated
 
 from tacbench_cad.lab.analysis.published import PAPER_ROW_NAMES
 from tacbench_cad.lab.study.spec import Protocol
+from tacbench_cad.util.convert import Bounds, check_fields
 from tacbench_cad.util.errors import InputError
 
 #: ``force_level`` of a cell that pools the forces.
@@ -17,6 +18,8 @@ FRAMES, REPEATS = "stationary frames", "repeats (upper bound)"
 
 #: A force level from 1, or :data:`ALL_LEVELS`.
 Level = int | str
+_Variance = Annotated[float, Bounds(0.0)]
+_Count = Annotated[int, Bounds(1)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,12 +52,12 @@ class Cell:
     filament: str
     texture: str
     force_level: Level
-    variance: float
-    floor: float | None
-    low: float | None
-    high: float | None
-    prints: int
-    presses: int
+    variance: _Variance
+    floor: _Variance | None
+    low: _Variance | None
+    high: _Variance | None
+    prints: _Count
+    presses: _Count
     noise_alone: float | None = None
     floor_from: str = ""
     unbiased: float | None = None
@@ -63,19 +66,11 @@ class Cell:
     floor_removed_high: float | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if self.force_level != ALL_LEVELS and (not isinstance(self.force_level, int) or self.force_level < 1):
             raise InputError("force_level", self.force_level, f'must be a whole number from 1, or "{ALL_LEVELS}"')
-        for name in ("variance", "floor", "low", "high"):
-            value = getattr(self, name)
-            if value is None and name != "variance":
-                continue
-            if not (math.isfinite(value) and value >= 0.0):
-                raise InputError(name, value, "must be a finite number from 0")
         if (self.low is None) != (self.high is None):
             raise InputError("low, high", (self.low, self.high), "must both be numbers or both be left out")
-        for name in ("prints", "presses"):
-            if getattr(self, name) < 1:
-                raise InputError(name, getattr(self, name), "must be at least 1")
 
     @property
     def combination(self) -> str:

@@ -31,7 +31,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats, Ints
 
 #: Levels of the nesting, outermost first.
@@ -65,22 +64,14 @@ class NestedSums:
             labels: Texture, printer-filament and copy of each press as whole numbers, shape (n, 3). Copies and
                 printers may be numbered again within each texture: all three together name a print.
             squares: Sums of squares by level, shape (4,).
-
-        Raises:
-            InputError: A shape is wrong, or a sum is not a finite number from 0.
         """
-        names, sums = np.asarray(labels), np.asarray(squares, dtype=np.float64)
-        if names.ndim != 2 or names.shape[1] != 3 or not len(names):
-            raise InputError("labels", list(names.shape), "must be texture, printer and copy of at least one press")
-        if sums.shape != (4,) or not (np.isfinite(sums).all() and (sums >= 0.0).all()):
-            raise InputError("squares", sums.tolist(), "must be four finite numbers from 0")
-        members = _members(names)
+        members = _members(np.asarray(labels))
         totals = np.array(
             [[_coefficient(members[level], members[within]) for level in range(1, 5)] for within in range(5)]
         )
         counts = np.array([len(np.unique(member)) for member in members])
         return cls(
-            squares=sums,
+            squares=np.asarray(squares, dtype=np.float64),
             coefficients=np.triu(np.diff(totals, axis=0)),
             dof=np.diff(counts),
             groups=counts[1:],

@@ -12,17 +12,18 @@ from matplotlib.figure import Figure
 
 from tacbench_cad.lab.analysis.classification import figures as figures_classify
 from tacbench_cad.lab.analysis.classification.accuracy import Score
-from tacbench_cad.lab.analysis.classification.figures import draw_sweep
-from tacbench_cad.lab.analysis.classification.result import SWEEP_COLUMNS
+from tacbench_cad.lab.analysis.classification.classify import write_tables
+from tacbench_cad.lab.analysis.classification.figures import draw_result
+from tacbench_cad.lab.analysis.classification.result import SWEEP_COLUMNS, Result
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
-from tacbench_cad.lab.analysis.classification.sweep import Sweep, SweepResult, run_sweep, write_sweep
+from tacbench_cad.lab.analysis.classification.sweep import Sweep, run_sweep
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.util.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("single_thread", "few_trees")
 
-SOUND = ClassificationSettings(resolution=1.0, components=4, hold_out=("copy",))
+LEAK_FREE = ClassificationSettings(resolution=1.0, components=4, hold_out=("copy",))
 
 
 @pytest.fixture(scope="module")
@@ -31,8 +32,8 @@ def study(make_study: Callable[..., Collection]) -> Collection:
 
 
 def swept(
-    study: Collection, out: Path, text: str, settings: ClassificationSettings = SOUND, trials: int = 2
-) -> SweepResult:
+    study: Collection, out: Path, text: str, settings: ClassificationSettings = LEAK_FREE, trials: int = 2
+) -> Result:
     with workers() as executor:
         return run_sweep(study, settings, Sweep.parsed(text), trials, out, executor)
 
@@ -62,9 +63,9 @@ def test_what_cannot_be_read_is_refused(text: str) -> None:
         Sweep.parsed("resolutoin=0.1:0.2")
 
 
-def test_each_value_has_a_row_with_interval_and_spread(study: Collection, tmp_path: Path) -> None:
+def test_each_value_has_a_row_with_interval_and_standard_deviation(study: Collection, tmp_path: Path) -> None:
     found = swept(study, tmp_path, "resolution=0.1,0.5,1")
-    path = write_sweep(found, tmp_path)
+    (path,) = write_tables(found, tmp_path)
     with path.open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert list(rows[0]) == [column.name for column in SWEEP_COLUMNS]
@@ -73,9 +74,9 @@ def test_each_value_has_a_row_with_interval_and_spread(study: Collection, tmp_pa
         assert row["parameter"] == "resolution" and row["trials"] == "2" and row["standard_deviation"]
         assert float(row["low"]) <= float(row["accuracy"]) <= float(row["high"])
     again = swept(study, tmp_path, "resolution=0.5,1")
-    assert [one.accuracy for _, one in again.points] == [float(row["accuracy"]) for row in rows[1:]]
+    assert [score.accuracy for score in again.scores] == [float(row["accuracy"]) for row in rows[1:]]
     assert len(list((tmp_path / "trials").iterdir())) == 6
-    png, pdf = draw_sweep(found, tmp_path)
+    png, pdf = draw_result(found, tmp_path)
     assert png.name == "sweep_resolution.png" and pdf.read_bytes().startswith(b"%PDF")
 
 
@@ -88,6 +89,7 @@ def test_each_value_has_a_row_with_interval_and_spread(study: Collection, tmp_pa
     ],
 )
 def test_the_figure_says_what_is_drawn_and_no_more(
+    study: Collection,
     bounds: tuple[float | None, float | None],
     spread: float | None,
     title: str,
@@ -111,13 +113,18 @@ def test_the_figure_says_what_is_drawn_and_no_more(
         images=24,
         confusion=np.eye(2, dtype=np.int64),
     )
-    points = tuple((value, score) for value in (0.1, 0.5, 1.0))
-    found = SweepResult(
-        sweep=Sweep.parsed("resolution=0.1,0.5,1"), settings=SOUND, points=points, notes=(), textures=2, simulated=()
+    found = Result(
+        settings=LEAK_FREE,
+        outcomes=(),
+        scores=(score,) * 3,
+        notes=(),
+        collection=study,
+        parameter="resolution",
+        values=(0.1, 0.5, 1.0),
     )
     drawn: list[Figure] = []
     monkeypatch.setattr(figures_classify, "save", lambda figure, *rest: drawn.append(figure) or ())
-    draw_sweep(found, tmp_path)
+    draw_result(found, tmp_path)
     (figure,) = drawn
     assert figure.legends[0].get_title().get_text() == title
     (axes,) = figure.axes
@@ -129,10 +136,10 @@ def test_the_figure_says_what_is_drawn_and_no_more(
 
 def test_copies_and_forces_cut_the_data(study: Collection, tmp_path: Path) -> None:
     copies = swept(study, tmp_path, "copies=1:2", trials=1)
-    assert [value for value, _ in copies.points] == [1.0, 2.0]
-    assert {one.images for _, one in copies.points} == {len(study)}
+    assert list(copies.values) == [1.0, 2.0]
+    assert {score.images for score in copies.scores} == {len(study)}
     forces = swept(study, tmp_path, "forces=1,2", trials=1)
-    assert {one.images for _, one in forces.points} == {len(study) // 2}
+    assert {score.images for score in forces.scores} == {len(study) // 2}
     with pytest.raises(InputError, match="no 3 copies of each print in training"):
         swept(study, tmp_path, "copies=3", trials=1)
     with pytest.raises(InputError, match="force-level = 3: the runs have 1, 2"):
@@ -149,5 +156,5 @@ def test_a_setting_that_the_protocol_does_not_have_is_refused(study: Collection,
 def test_the_papers_columns_can_be_swept(study: Collection, tmp_path: Path) -> None:
     settings = ClassificationSettings(protocol="paper", resolution=1.0, estimators=("forest",))
     found = swept(study, tmp_path, "components=2,4", settings, trials=1)
-    rungs = [(value, one.hold_out) for value, one in found.points]
-    assert rungs == [(value, rung) for value in (2.0, 4.0) for rung in ("train", "test", "unseen")]
+    levels = [(value, score.hold_out) for value, score in zip(found.values, found.scores, strict=True)]
+    assert levels == [(value, rung) for value in (2.0, 4.0) for rung in ("train", "test", "unseen")]
