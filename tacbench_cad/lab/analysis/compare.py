@@ -25,10 +25,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
-from tacbench_cad.lab.analysis.tables import Column, Row, Table, percent, truth
+from tacbench_cad.lab.analysis.tables import Column, Row, Table, interval_column, percent, truth
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.text import interval
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
@@ -43,11 +42,6 @@ ALL_TEXTURES = "all"
 
 def _signed(value: float) -> str:
     return f"{100.0 * value:+.1f}"
-
-
-def _ends(row: Row) -> str:
-    ends = (row["low"], row["high"])
-    return interval(*(None if end is None else 100.0 * end for end in ends), signed=True)
 
 
 def _prints(row: Row) -> str:
@@ -70,8 +64,7 @@ COLUMNS = (
 )
 _SHOWN = (
     *("hold_out", "texture", "accuracy_a", "accuracy_b", "difference"),
-    Column("interval", head="95 % interval", derived=_ends, right=True),
-    "smallest_difference",
+    *(interval_column(signed=True), "smallest_difference"),
     Column("prints", derived=_prints, right=True),
 )
 _PREDICTIONS = tuple(Column(name) for name in ("estimator", "hold_out", "run", "press", "texture", "predicted"))

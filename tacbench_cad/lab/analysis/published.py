@@ -5,6 +5,7 @@ Nothing here is corrected. Where the text leaves something open, the note beside
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -20,11 +21,16 @@ PAPER_VARIANCE: Mapping[Combination, tuple[float, ...]] = {
 }
 
 
+def texture_number(texture: str) -> int | None:
+    """The number of one of the paper's textures, None for another."""
+    match = re.fullmatch(r"texture-([1-6])", texture)
+    return int(match[1]) if match else None
+
+
 def variance_of(printer: str, filament: str, texture: str) -> float | None:
     """The paper's variance of a texture of ours on one of its printers, None where it has none."""
-    number = texture.removeprefix("texture-")
-    figures = PAPER_VARIANCE.get((printer, filament), ())
-    return figures[int(number) - 1] if number.isdecimal() and 1 <= int(number) <= len(figures) else None
+    number, figures = texture_number(texture), PAPER_VARIANCE.get((printer, filament))
+    return figures[number - 1] if number and figures else None
 
 
 #: How the paper's rows are called in tables and sentences.

@@ -15,6 +15,7 @@ from tacbench_cad.util.convert import from_plain, to_plain
 from tacbench_cad.util.door import read_document, read_table
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import replacing
+from tacbench_cad.util.text import interval
 
 T = TypeVar("T")
 
@@ -82,6 +83,21 @@ class Column:
     def value(self, row: Row) -> Any:
         """The column's value in a row."""
         return self.derived(row) if self.derived else row[self.name]
+
+
+def interval_column(*, signed: bool = False, empty: str = "none") -> Column:
+    """A column of 95 % intervals in per cent, derived from the fractions in ``low`` and ``high``.
+
+    Args:
+        signed: Write the sign of positive ends too.
+        empty: What stands where there is no interval.
+    """
+
+    def ends(row: Row) -> str:
+        low, high = row["low"], row["high"]
+        return empty if low is None or high is None else interval(100.0 * low, 100.0 * high, signed=signed)
+
+    return Column("interval", head="95 % interval", derived=ends, right=True)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -70,7 +70,7 @@ def leak_free_trial(study: Study, pool: Pool | None, trial: int) -> list[list[Ou
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
 
-    settings, presses, textures = study.settings, study.presses, study.textures
+    settings, presses, textures = study.settings, study.presses, study.presses.textures
     seed = trial_seed(settings.seed, trial)
     folds = trial_folds(presses, settings, trial).folds
     outcomes: list[Outcome] = []

@@ -38,11 +38,6 @@ class Study:
     presses: PressTable
     settings: ClassificationSettings
 
-    @property
-    def textures(self) -> list[str]:
-        """The textures, sorted."""
-        return [str(name) for name in np.unique(self.presses.texture)]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome:

@@ -106,7 +106,6 @@ def paper_trials(
     """
     from sklearn.model_selection import train_test_split
 
-    textures = [str(name) for name in np.unique(presses.texture)]
     inside = presses.combination == train_on
     chosen, unseen = np.flatnonzero(inside), np.flatnonzero(~inside)
     labels = np.tile(presses.texture[chosen], settings.augmentation.count)
@@ -138,7 +137,7 @@ def paper_trials(
                         trial=trial,
                         press=press,
                         copied=copied,
-                        predicted=predictions(model, rows, textures, name, where),
+                        predicted=predictions(model, rows, presses.textures, name, where),
                     )
                 )
     return outcomes

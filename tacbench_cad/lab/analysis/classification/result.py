@@ -14,15 +14,8 @@ from tacbench_cad.lab.analysis.classification.outcomes import Outcome
 from tacbench_cad.lab.analysis.classification.paper_protocol import COLUMNS as PAPER_COLUMNS
 from tacbench_cad.lab.analysis.classification.settings import ESTIMATORS, ClassificationRecord, ClassificationSettings
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.tables import Column, Row, Table, percent
+from tacbench_cad.lab.analysis.tables import Column, Row, Table, interval_column, percent
 from tacbench_cad.util.convert import to_plain
-from tacbench_cad.util.text import interval
-
-
-def _band(row: Row) -> str:
-    low, high = row["low"], row["high"]
-    return "none (one unit)" if low is None or high is None else interval(100.0 * low, 100.0 * high)
-
 
 _WHO = (
     Column("protocol"),
@@ -51,11 +44,10 @@ SWEEP_COLUMNS = (
 )
 #: What a row of a score has in JSON.
 SCORE_COLUMNS = (*_WHO, _ACCURACY, _DEVIATION, *_ENDS, Column("units"), *_COUNTS, Column("recall"))
-_INTERVAL = Column("interval", head="95 % interval", derived=_band, right=True)
 #: What people see of a score.
 SHOWN: tuple[str | Column, ...] = (
-    *("estimator", "hold_out", "train_on", "tested_on", "accuracy", "standard_deviation", _INTERVAL),
-    *("units", "trials", "images"),
+    *("estimator", "hold_out", "train_on", "tested_on", "accuracy", "standard_deviation"),
+    *(interval_column(empty="none (one unit)"), "units", "trials", "images"),
 )
 
 

@@ -28,27 +28,20 @@ from numpy.typing import ArrayLike
 
 from tacbench_cad.lab.analysis.classification.accuracy import interval
 from tacbench_cad.lab.analysis.classification.split_files import Key, Split, named
-from tacbench_cad.lab.analysis.tables import Column, Row, Table, percent
+from tacbench_cad.lab.analysis.tables import Column, Table, interval_column, percent
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.door import read_table
 from tacbench_cad.util.errors import CheckFailedError, InputError
-from tacbench_cad.util.text import interval as percent_interval
 from tacbench_cad.util.types import Ints
 
 #: Columns that a file of predictions must have.
 COLUMNS = ("fold", "run", "force_level", "repeat", "position", "predicted")
 
 
-def _band(row: Row) -> str:
-    low, high = (None if row[end] is None else 100.0 * row[end] for end in ("low", "high"))
-    return percent_interval(low, high)
-
-
 _SHOWN = (
     Column("name", head="of"),
     Column("fraction", head="accuracy", text=percent, right=True),
-    Column("interval", head="95 % interval", derived=_band, right=True),
-    *(Column("right"), Column("presses"), Column("prints")),
+    *(interval_column(), Column("right"), Column("presses"), Column("prints")),
 )
 
 

@@ -53,6 +53,11 @@ class PressTable:
     level: Ints
     position: Ints
 
+    @property
+    def textures(self) -> list[str]:
+        """The textures, sorted."""
+        return [str(name) for name in np.unique(self.texture)]
+
     @classmethod
     def of(cls, collection: Collection) -> PressTable:
         """That of a collection."""
@@ -109,9 +114,8 @@ def folds_of(presses: PressTable, levels: Sequence[str] = HOLD_OUT_LEVELS, *, se
     """
     if folds < 2:
         raise InputError("folds", folds, "must be at least 2")
-    textures = np.unique(presses.texture)
-    if len(textures) < 2:
-        raise InputError("textures", [str(name) for name in textures], "classifying needs at least two textures")
+    if len(presses.textures) < 2:
+        raise InputError("textures", presses.textures, "classifying needs at least two textures")
     result: list[Fold] = []
     notes: list[str] = []
     for level in dict.fromkeys(levels):

@@ -71,7 +71,7 @@ def squared_unit(result: VarianceResult) -> str:
 
 def compared_levels(result: VarianceResult) -> tuple[Level, ...]:
     """The levels that figures compare prints at: those with two prints of something, and the mean if all have."""
-    singles = sorted({level for level, _ in result.sums})
+    singles = sorted(set().union(*result.sums.values()))
     with_prints = [
         level for level in singles if any(cell.prints > 1 for cell in result.cells if cell.force_level == level)
     ]
@@ -228,7 +228,9 @@ def position_figure(result: VarianceResult) -> Figure:
     grid = result.collection.info.protocol.grid
     shape = (len(grid.y_mm), len(grid.x_mm))
     pictures: dict[tuple[str, str], Floats] = {}
-    drawn = levels_with_most_prints({key: cell.design.tolist() for key, cell in result.sums.items()})
+    drawn = levels_with_most_prints(
+        {(level, key): cell.design.tolist() for key, of in result.sums.items() for level, cell in of.items()}
+    )
     for key in (cell for cell in result.maps if cell[0] in compared(result)):
         levels = [result.positions[level, key] for level in drawn[key]]
         if levels:

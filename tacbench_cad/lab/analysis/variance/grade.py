@@ -21,9 +21,10 @@ from typing import Literal
 
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.published import texture_number
 from tacbench_cad.lab.analysis.tables import Column, Table, short
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, Cell, Level, squared
-from tacbench_cad.lab.analysis.variance.grade_limits import factors, limits, texture_number
+from tacbench_cad.lab.analysis.variance.grade_limits import factors, limits
 from tacbench_cad.util.errors import InputError, nearest
 from tacbench_cad.util.text import interval
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.published import PRINTS
+from tacbench_cad.lab.analysis.published import PRINTS, texture_number
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, REPEATS, Cell, Level
 from tacbench_cad.spec.protocol import FORCE_SPREADS_N, FORCES_N, PressGrid
 from tacbench_cad.util.text import counted
@@ -18,12 +17,6 @@ from tacbench_cad.util.text import counted
 IMAGE_SHAPE = (480, 640)
 #: A noise floor above this fraction of a figure is a reason.
 LARGE_FLOOR = 0.5
-
-
-def texture_number(texture: str) -> int | None:
-    """The number of one of the paper's textures, None for another."""
-    match = re.fullmatch(r"texture-([1-6])", texture)
-    return int(match[1]) if match else None
 
 
 def factors(prints: int, repeats: int) -> tuple[float, float]:

@@ -73,7 +73,7 @@ class Floor:
 
     Args:
         run: Index of the run.
-        squares: Mean over pixels of squared deviations from the mean of their sitting (start, end), summed.
+        squares: Mean over pixels of squared deviations from the mean of their session (start, end), summed.
         dof: Degrees of freedom of the sum.
     """
 
@@ -311,7 +311,7 @@ class _Worker:
         )
 
     def floor(self, number: int) -> None:
-        """Add the stationary frames of a run; each sitting has its own mean, since the sensor was lifted in between."""
+        """Add the stationary frames of a run; each session has its own mean, since the sensor was lifted in between."""
         run = self.task.runs[number]
         squares, dof = 0.0, 0
         for when in ("start", "end"):

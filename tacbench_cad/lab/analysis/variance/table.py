@@ -4,7 +4,7 @@ The table's figure V is the variance of each pixel over prints x repeats at each
 positions; ``all`` is the mean of the levels' figures. A print that came out differently, a press that landed elsewhere
 and the sensor's own noise are all in it, so the noise floor stands beside it, in the same unit:
 
-* from the stationary frames in contact (the sensor does not move between them), variance over the frames of a sitting
+* from the stationary frames in contact (the sensor does not move between them), variance over the frames of a session
   with ddof 1, pooled over the runs of a cell. They are taken at the protocol's middle force and used for all levels;
 * where there are none, from the repeats on one print. The sensor was lifted and pressed again between them, so this is
   an upper bound of the noise, and is named so.
@@ -16,10 +16,10 @@ from __future__ import annotations
 
 import operator
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from itertools import combinations
+from itertools import chain, combinations, product
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,9 @@ from tacbench_cad.lab.analysis.variance.streaming import CellKey, Floor, Pass, P
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
+
+#: Sums over positions by cell, in the study's order, and by level, rising.
+_Sums = Mapping[CellKey, Mapping[int, CellSums]]
 
 _NOT_REPEATED = "no place was pressed more than once; a variance needs a second repeat or a second print"
 
@@ -74,7 +77,7 @@ class VarianceResult:
         positions: Variance at each position by level and cell, shape (positions,); NaN where there is none.
         maps: Variance of each pixel (ddof as the table), mean over positions and those levels at which the cell has
             the most prints, at a resolution for figures.
-        sums: What intervals are made of, by level and cell.
+        sums: What intervals are made of, by cell and level.
         left_out: Readings that could not be used.
         passed: The pass over the readings: counts and times.
     """
@@ -89,7 +92,7 @@ class VarianceResult:
     tests: tuple[PrinterTest, ...]
     positions: Mapping[tuple[int, CellKey], Floats]
     maps: Mapping[CellKey, Floats]
-    sums: Mapping[tuple[int, CellKey], CellSums]
+    sums: _Sums
     left_out: tuple[str, ...]
     passed: Pass
 
@@ -131,17 +134,17 @@ def variance_table(
     settings = preprocess or Preprocess()
     with workers(jobs, dask, [run.folder for run in collection.runs]) as executor:
         passed = stream(collection, settings, executor, progress)
-    sums = _summed(passed.places)
+    sums = _summed(collection, passed.places)
     if not sums:
         raise InputError("presses", 1, _NOT_REPEATED)
     floors = _floors(collection, passed.floors, sums)
     cells = tuple(
-        _cell(key, level, {at: sums[at, key] for at in members if (at, key) in sums}, floors[key], ddof, seed)
-        for level, members in _pools({level for level, _ in sums})
-        for key in _keys(collection, sums)
-        if any((at, key) in sums for at in members)
+        _cell(key, level, {at: cell for at, cell in of_levels.items() if at in members}, floors[key], ddof, seed)
+        for level, members in _pools(sums.values())
+        for key, of_levels in sums.items()
+        if not of_levels.keys().isdisjoint(members)
     )
-    variances = {place: cell.variance(ddof) for place, cell in sums.items()}
+    variances = {(at, key): cell.variance(ddof) for key, of_levels in sums.items() for at, cell in of_levels.items()}
     return VarianceResult(
         collection=collection,
         preprocess=settings,
@@ -160,39 +163,30 @@ def variance_table(
         ),
         tests=tuple(_tests(collection, sums, seed)),
         positions=_positions(collection, passed.places, ddof),
-        maps={key: _map(passed, key, sums, ddof) for key in _keys(collection, sums)},
+        maps={key: _map(*passed.maps[key], of_levels.values(), ddof) for key, of_levels in sums.items()},
         sums=sums,
         left_out=tuple(passed.left_out),
         passed=passed,
     )
 
 
-def _summed(places: Sequence[PlaceSums]) -> dict[tuple[int, CellKey], CellSums]:
+def _summed(collection: Collection, places: Sequence[PlaceSums]) -> _Sums:
     """Each cell's sums over positions. A place with one press says nothing of variance and is left out."""
-    parts: dict[tuple[int, CellKey], list[CellSums]] = {}
-    for place in places:
-        for key, cell in place.cells.items():
-            if cell.presses > 1:
-                parts.setdefault((place.level, key), []).append(cell)
-    return {key: reduce(operator.add, members) for key, members in parts.items()}
-
-
-def _levels_of(sums: Mapping[tuple[int, CellKey], CellSums], key: CellKey) -> list[int]:
-    return sorted(level for level, of in sums if of == key)
-
-
-def _keys(collection: Collection, sums: Mapping[tuple[int, CellKey], CellSums]) -> list[CellKey]:
-    there = {key for _, key in sums}
-    return [(c, t) for c in collection.combinations for t in collection.textures if (c, t) in there]
+    sums: dict[CellKey, dict[int, CellSums]] = {}
+    for key in product(collection.combinations, collection.textures):
+        for place in places:
+            cell = place.cells.get(key)
+            if cell is not None and cell.presses > 1:
+                of_levels = sums.setdefault(key, {})
+                of_levels[place.level] = of_levels[place.level] + cell if place.level in of_levels else cell
+    return sums
 
 
 #: Noise floor of a cell by level, None for a level without one; and where it comes from.
 _CellFloor = tuple[Mapping[int, float | None], str]
 
 
-def _floors(
-    collection: Collection, frames: Sequence[Floor], sums: Mapping[tuple[int, CellKey], CellSums]
-) -> dict[CellKey, _CellFloor]:
+def _floors(collection: Collection, frames: Sequence[Floor], sums: _Sums) -> dict[CellKey, _CellFloor]:
     squares: dict[CellKey, float] = defaultdict(float)
     dof: dict[CellKey, int] = defaultdict(int)
     for floor in frames:
@@ -200,8 +194,7 @@ def _floors(
         squares[printed.combination, printed.texture] += floor.squares
         dof[printed.combination, printed.texture] += floor.dof
     floors: dict[CellKey, _CellFloor] = {}
-    for key in dict.fromkeys(key for _, key in sums):
-        of_levels = {level: sums[level, key] for level in _levels_of(sums, key)}
+    for key, of_levels in sums.items():
         if key in dof:
             floors[key] = (dict.fromkeys(of_levels, squares[key] / dof[key]), FRAMES)
         else:
@@ -253,19 +246,18 @@ def pooled(levels: Sequence[CellSums]) -> CellSums | None:
     return reduce(operator.add, levels)
 
 
-def _pools(levels: set[int]) -> list[tuple[Level, list[int]]]:
-    """Each level on its own, then all of them."""
-    return [*((level, [level]) for level in sorted(levels)), (ALL_LEVELS, sorted(levels))]
+def _pools(levels: Iterable[Iterable[int]]) -> list[tuple[Level, list[int]]]:
+    """Each of the levels on its own, then all of them."""
+    each = sorted(set(chain.from_iterable(levels)))
+    return [*((level, [level]) for level in each), (ALL_LEVELS, each)]
 
 
-def _components(
-    places: Sequence[PlaceSums], sums: Mapping[tuple[int, CellKey], CellSums], seed: int
-) -> list[dict[str, Any]]:
+def _components(places: Sequence[PlaceSums], sums: _Sums, seed: int) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
-    for level, members in _pools({place.level for place in places}):
+    for level, members in _pools([place.level] for place in places):
         nested = reduce(operator.add, [place.nested for place in places if place.level in members])
-        keys = dict.fromkeys(key for at, key in sums if at in members)
-        cells = [pooled([sums[at, key] for at in _levels_of(sums, key) if at in members]) for key in keys]
+        there = ([cell for at, cell in sums[key].items() if at in members] for key in sorted(sums))
+        cells = [pooled(cells) for cells in there if cells]
         rows += component_rows(level, components(nested), _component_intervals(cells, seed))
     return rows
 
@@ -279,12 +271,12 @@ def _component_intervals(cells: Sequence[CellSums | None], seed: int) -> dict[st
     return {name: (interval.low, interval.high) for name, interval in intervals.items()}
 
 
-def _tests(collection: Collection, sums: Mapping[tuple[int, CellKey], CellSums], seed: int) -> list[PrinterTest]:
+def _tests(collection: Collection, sums: _Sums, seed: int) -> list[PrinterTest]:
     tests: list[PrinterTest] = []
-    for level, members in _pools({level for level, _ in sums}):
+    for level, members in _pools(sums.values()):
         grams: dict[CellKey, Floats] = {}
-        for key in _keys(collection, sums):
-            there = [sums[at, key] for at in members if (at, key) in sums]
+        for key, of_levels in sums.items():
+            there = [cell for at, cell in of_levels.items() if at in members]
             whole = pooled(there) if len(there) == len(members) else None
             if whole is not None and whole.prints > 1 and whole.whole:
                 grams[key] = whole.print_gram()
@@ -322,11 +314,7 @@ def _positions(collection: Collection, places: Sequence[PlaceSums], ddof: int) -
     return positions
 
 
-def _map(passed: Pass, key: CellKey, sums: Mapping[tuple[int, CellKey], CellSums], ddof: int) -> Floats:
+def _map(picture: Floats, count: int, levels: Iterable[CellSums], ddof: int) -> Floats:
     """Mean map of a cell. ``ddof`` rescales it as a whole: all pixels have the same presses."""
-    picture, count = passed.maps[key]
-    ratio = 1.0
-    if ddof:
-        members = [sums[level, key] for level in _levels_of(sums, key)]
-        ratio = sum(member.variances[1] for member in members) / sum(member.variances[0] for member in members)
-    return picture / count * ratio
+    plain, unbiased = np.sum([level.variances for level in levels], axis=0)
+    return picture / count * (unbiased / plain if ddof else 1.0)
