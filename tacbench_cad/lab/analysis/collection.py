@@ -185,11 +185,10 @@ def _common(info: RunInfo) -> dict[str, object]:
     """What must be equal for presses to be comparable."""
     block, protocol = info.printed.block, info.protocol
     grid = [[round(place, 9) for place in line] for line in (protocol.grid.x_mm, protocol.grid.y_mm)]
+    levels = "forces_n" if protocol.contact == "force" else "depths_mm"
     return {
         "contact": protocol.contact,
-        "forces_n" if protocol.contact == "force" else "depths_mm": list(
-            protocol.forces_n if protocol.contact == "force" else protocol.depths_mm
-        ),
+        levels: list(getattr(protocol, levels)),
         "grid": grid,
         "block size": [round(side, 9) for side in block.size_mm],
         "preset": block.preset,

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from tacbench_cad.lab.rig.sensor import Frame, is_image
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.util.convert import Bounds, check_fields
+from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Bytes, Floats
 
 
@@ -22,11 +24,10 @@ class Preprocess:
     """
 
     colour: bool = False
-    resolution: float = 1.0
+    resolution: Annotated[float, Bounds(0.001, 1.0)] = 1.0
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.resolution) and 0.001 <= self.resolution <= 1.0):
-            raise InputError("resolution", self.resolution, "must be from 0.001 to 1")
+        check_fields(self)
 
     def __call__(self, reading: Frame) -> Bytes | Floats:
         """The numbers of one reading.
@@ -49,3 +50,15 @@ class Preprocess:
             size = (max(1, round(width * self.resolution)), max(1, round(height * self.resolution)))
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         return np.asarray(image, dtype=np.uint8)
+
+
+def read_usable(run: Run, path: str, preprocess: Preprocess) -> Frame:
+    """A reading, preprocessed.
+
+    Raises:
+        CheckFailedError: Its file is missing or damaged, or holds NaN or infinity; the message names it.
+    """
+    values = preprocess(run.read(path))
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        raise CheckFailedError(f"{run.folder / path}: holds NaN or infinity")
+    return values

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import Preprocess
+from tacbench_cad.lab.analysis.preprocess import Preprocess, read_usable
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.types import Bytes, Floats
 
@@ -63,12 +63,9 @@ def read_features(
 
     def read(index: int) -> tuple[NDArray[Any] | None, str]:
         try:
-            row = preprocess(collection.frame(index))
+            return read_usable(collection.runs[int(collection.run[index])], collection.path(index), preprocess), ""
         except CheckFailedError as error:
             return None, str(error)
-        if row.dtype != np.uint8 and not np.isfinite(row).all():
-            return None, f"{collection.runs[int(collection.run[index])].folder}/{collection.path(index)}: holds NaN"
-        return row, ""
 
     count = len(collection)
     rows: NDArray[Any] | None = None

@@ -21,7 +21,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -66,8 +66,7 @@ class Accuracy:
     prints: int
 
 
-@dataclass(frozen=True, kw_only=True)
-class Fault:
+class Fault(NamedTuple):
     """A prediction that is missing, doubled or unknown.
 
     Args:
@@ -201,33 +200,31 @@ def _matched(path: Path, split: Split) -> dict[tuple[str, int], str]:
     folds = {fold.name for fold in split.folds}
     lines: dict[tuple[str, int], int] = {}
     faults: list[Fault] = []
-
-    def refuse(kind: str, text: str) -> None:
-        faults.append(Fault(kind=kind, text=text))
-
     for line, row in _rows(path):
         try:
             key: Key = (row["run"], int(row["force_level"]), int(row["repeat"]), int(row["position"]))
         except ValueError:
-            refuse("unknown", f"line {line}: force_level, repeat and position must be whole numbers")
+            faults.append(Fault("unknown", f"line {line}: force_level, repeat and position must be whole numbers"))
             continue
         where = f"line {line}: fold {row['fold']}, {named(key)}"
         place = (row["fold"], index.get(key, -1))
         if row["fold"] not in folds:
-            refuse("unknown", f"{where}: the split has no such fold")
+            faults.append(Fault("unknown", f"{where}: the split has no such fold"))
         elif key not in index:
-            refuse("unknown", f"{where}: the split has no such press")
+            faults.append(Fault("unknown", f"{where}: the split has no such press"))
         elif place not in predicted:
-            refuse("unknown", f"{where}: this fold does not test it")
+            faults.append(Fault("unknown", f"{where}: this fold does not test it"))
         elif place in lines:
-            refuse("doubled", f"{where}: stands in line {lines[place]} already")
+            faults.append(Fault("doubled", f"{where}: stands in line {lines[place]} already"))
         else:
             lines[place], predicted[place] = line, row["predicted"]
             if row["predicted"] not in split.textures:
                 allowed = ", ".join(split.textures)
-                refuse("unknown", f"{where}: predicted {row['predicted']!r} is no texture of the split ({allowed})")
+                faults.append(
+                    Fault("unknown", f"{where}: predicted {row['predicted']!r} is no texture of the split ({allowed})")
+                )
     for fold, i in (place for place in predicted if place not in lines):
-        refuse("missing", f"fold {fold}, {named(split.presses[i].key)}: has no prediction")
+        faults.append(Fault("missing", f"fold {fold}, {named(split.presses[i].key)}: has no prediction"))
     if faults:
         raise PredictionsError(path, faults)
     return predicted

@@ -29,8 +29,8 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import Preprocess
-from tacbench_cad.lab.analysis.variance.streaming import Press, presses_of, read_usable, runs_to_send
+from tacbench_cad.lab.analysis.preprocess import Preprocess, read_usable
+from tacbench_cad.lab.analysis.variance.streaming import Press, presses_of, runs_to_send
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.spec.protocol import PressGrid

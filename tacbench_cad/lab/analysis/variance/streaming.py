@@ -24,13 +24,14 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
 
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import Preprocess
+from tacbench_cad.lab.analysis.preprocess import Preprocess, read_usable
 from tacbench_cad.lab.analysis.variance.components import NestedSums
 from tacbench_cad.lab.analysis.variance.intervals import CellSums
 from tacbench_cad.lab.analysis.variance.moments import Running, moments, running_moments, small_map
@@ -138,7 +139,7 @@ class Press(NamedTuple):
         return (self.combination, self.texture)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, eq=False)
 class _Task:
     """A part of the work that a process can do on its own.
 
@@ -148,6 +149,7 @@ class _Task:
         designs: Copy numbers of the presses of a place without holes, by level and cell.
         places: The presses of each place to pass over.
         still: Indices of runs whose stationary frames are read.
+        passed: What the task gives.
     """
 
     runs: tuple[Run, ...]
@@ -155,6 +157,92 @@ class _Task:
     designs: Mapping[tuple[int, CellKey], tuple[int, ...]]
     places: tuple[tuple[Press, ...], ...]
     still: tuple[int, ...]
+    passed: Pass = field(default_factory=Pass)
+
+    @cached_property
+    def drawn(self) -> dict[CellKey, tuple[int, ...]]:
+        """The levels at which a map of each cell is drawn."""
+        return levels_with_most_prints(self.designs)
+
+    def frame(self, run: int, path: str) -> Frame | None:
+        """A reading, or None (and a line in ``left_out``) if it cannot be used."""
+        began = time.perf_counter()
+        values: Frame | None = None
+        try:
+            values = read_usable(self.runs[run], path, self.preprocess)
+        except CheckFailedError as error:
+            self.passed.left_out.append(str(error))
+        self.passed.readings += values is not None
+        self.passed.seconds["decode"] += time.perf_counter() - began
+        return values
+
+    def place(self, presses: Sequence[Press]) -> None:
+        """Add the sums of a place, unless none of its readings can be used."""
+        level, position = presses[0].level, presses[0].position
+        names = {what: i for i, what in enumerate(sorted({press.texture for press in presses}))}
+        cells: dict[CellKey, CellSums] = {}
+        textures: dict[str, Running] = {}
+        distances: dict[str, tuple[tuple[str, ...], Floats]] = {}
+        labels: list[tuple[int, int, int]] = []
+        for number, (combination, of_combination) in enumerate(groupby(presses, lambda press: press.combination)):
+            means: dict[str, Floats] = {}
+            for key, of_cell in groupby(of_combination, lambda press: press.cell):
+                read = ((press.copy, self.frame(press.run, press.path)) for press in of_cell)
+                used = [(copy, values) for copy, values in read if values is not None]
+                if not used:
+                    continue
+                texture = key[1]
+                copies = [copy for copy, _ in used]
+                shape = used[0][1].shape
+                summed = moments([values for _, values in used])
+                cells[key] = CellSums.of(summed.gram, copies, self.designs[level, key])
+                labels += [(names[texture], number, copy) for copy in copies]
+                textures.setdefault(texture, Running()).add(len(used), summed.mean, 0.0)
+                means[texture] = summed.mean
+                if len(used) > 1 and level in self.drawn[key]:
+                    self.passed.add_map(key, small_map(summed.squares, shape) / len(used))
+            if means:
+                distances[combination] = (tuple(means), _distances(list(means.values())))
+        if not cells:
+            return
+        grand = Running()
+        for running in textures.values():
+            grand.add(running.count, running.mean, 0.0)
+        squares = (
+            grand.merged,
+            sum(texture.merged for texture in textures.values()),
+            sum(cell.between for cell in cells.values()),
+            sum(cell.within for cell in cells.values()),
+        )
+        nested = NestedSums.of(labels, squares)
+        self.passed.places.append(
+            PlaceSums(level=level, position=position, cells=cells, nested=nested, distances=distances)
+        )
+
+    def floor(self, number: int) -> None:
+        """Add the stationary frames of a run; each session has its own mean, since the sensor was lifted in between."""
+        run = self.runs[number]
+        squares, dof = 0.0, 0
+        for when in ("start", "end"):
+            paths = [
+                stationary_frame.path
+                for stationary_frame in run.stationary_frames
+                if stationary_frame.in_contact and stationary_frame.when == when
+            ]
+            frames = running_moments(frame for path in paths if (frame := self.frame(number, path)) is not None)
+            squares, dof = squares + frames.squares, dof + max(0, frames.count - 1)
+        if dof:
+            self.passed.floors.append(Floor(run=number, squares=squares, dof=dof))
+
+    def done(self) -> Pass:
+        """Do the task."""
+        began = time.perf_counter()
+        for presses in self.places:
+            self.place(presses)
+        for number in self.still:
+            self.floor(number)
+        self.passed.seconds["sums"] = time.perf_counter() - began - self.passed.seconds["decode"]
+        return self.passed
 
 
 def stream(
@@ -174,25 +262,13 @@ def stream(
     tasks = _tasks(collection, preprocess, executor.jobs)
     total = len(collection) + sum(_still_frames(run) for run in collection.runs)
     passed = Pass()
-    for part in executor.map(_work, tasks):
+    for part in executor.map(_Task.done, tasks):
         passed.add(part)
         if progress is not None:
             progress(passed.readings + len(passed.left_out), total)
     passed.places.sort(key=lambda place: (place.level, place.position))
     passed.floors.sort(key=lambda floor: floor.run)
     return passed
-
-
-def read_usable(run: Run, path: str, preprocess: Preprocess) -> Frame:
-    """A reading, preprocessed.
-
-    Raises:
-        CheckFailedError: Its file is missing or damaged, or holds NaN or infinity; the message names it.
-    """
-    values = preprocess(run.read(path))
-    if values.dtype.kind == "f" and not np.isfinite(values).all():
-        raise CheckFailedError(f"{run.folder / path}: holds NaN or infinity")
-    return values
 
 
 def presses_of(collection: Collection) -> list[Press]:
@@ -245,98 +321,6 @@ def _tasks(collection: Collection, preprocess: Preprocess, jobs: int) -> list[_T
         )
         for i in range(count)
     ]
-
-
-class _Worker:
-    """Reads and sums the presses of one task."""
-
-    def __init__(self, task: _Task) -> None:
-        self.task = task
-        self.drawn = levels_with_most_prints(task.designs)
-        self.passed = Pass()
-
-    def frame(self, run: int, path: str) -> Frame | None:
-        """A reading, or None (and a line in ``left_out``) if it cannot be used."""
-        began = time.perf_counter()
-        values: Frame | None = None
-        try:
-            values = read_usable(self.task.runs[run], path, self.task.preprocess)
-        except CheckFailedError as error:
-            self.passed.left_out.append(str(error))
-        self.passed.readings += values is not None
-        self.passed.seconds["decode"] += time.perf_counter() - began
-        return values
-
-    def place(self, presses: Sequence[Press]) -> None:
-        """Add the sums of a place, unless none of its readings can be used."""
-        level, position = presses[0].level, presses[0].position
-        names = {what: i for i, what in enumerate(sorted({press.texture for press in presses}))}
-        cells: dict[CellKey, CellSums] = {}
-        textures: dict[str, Running] = {}
-        distances: dict[str, tuple[tuple[str, ...], Floats]] = {}
-        labels: list[tuple[int, int, int]] = []
-        for number, (combination, of_combination) in enumerate(groupby(presses, lambda press: press.combination)):
-            means: dict[str, Floats] = {}
-            for key, of_cell in groupby(of_combination, lambda press: press.cell):
-                read = ((press.copy, self.frame(press.run, press.path)) for press in of_cell)
-                used = [(copy, values) for copy, values in read if values is not None]
-                if not used:
-                    continue
-                texture = key[1]
-                copies = [copy for copy, _ in used]
-                shape = used[0][1].shape
-                summed = moments([values for _, values in used])
-                cells[key] = CellSums.of(summed.gram, copies, self.task.designs[level, key])
-                labels += [(names[texture], number, copy) for copy in copies]
-                textures.setdefault(texture, Running()).add(len(used), summed.mean, 0.0)
-                means[texture] = summed.mean
-                if len(used) > 1 and level in self.drawn[key]:
-                    self.passed.add_map(key, small_map(summed.squares, shape) / len(used))
-            if means:
-                distances[combination] = (tuple(means), _distances(list(means.values())))
-        if not cells:
-            return
-        grand = Running()
-        for running in textures.values():
-            grand.add(running.count, running.mean, 0.0)
-        squares = (
-            grand.merged,
-            sum(texture.merged for texture in textures.values()),
-            sum(cell.between for cell in cells.values()),
-            sum(cell.within for cell in cells.values()),
-        )
-        nested = NestedSums.of(labels, squares)
-        self.passed.places.append(
-            PlaceSums(level=level, position=position, cells=cells, nested=nested, distances=distances)
-        )
-
-    def floor(self, number: int) -> None:
-        """Add the stationary frames of a run; each session has its own mean, since the sensor was lifted in between."""
-        run = self.task.runs[number]
-        squares, dof = 0.0, 0
-        for when in ("start", "end"):
-            paths = [
-                stationary_frame.path
-                for stationary_frame in run.stationary_frames
-                if stationary_frame.in_contact and stationary_frame.when == when
-            ]
-            frames = running_moments(frame for path in paths if (frame := self.frame(number, path)) is not None)
-            squares, dof = squares + frames.squares, dof + max(0, frames.count - 1)
-        if dof:
-            self.passed.floors.append(Floor(run=number, squares=squares, dof=dof))
-
-
-def _work(task: _Task) -> Pass:
-    """Do one task."""
-    worker = _Worker(task)
-    began = time.perf_counter()
-    for presses in task.places:
-        worker.place(presses)
-    for number in task.still:
-        worker.floor(number)
-    seconds = worker.passed.seconds
-    seconds["sums"] = time.perf_counter() - began - seconds["decode"]
-    return worker.passed
 
 
 def _distances(means: Sequence[Floats]) -> Floats:

@@ -48,6 +48,8 @@ def _level(text: str) -> Level:
 
 _PRINTER = (Column("printer"), Column("filament"))
 _CELL = (*_PRINTER, Column("texture"), Column("force_level", _level))
+#: Fields of a cell by their columns in ``floor_removed.csv``, where these have other names.
+_REMOVED = {"variance": "unbiased", "low": "floor_removed_low", "high": "floor_removed_high"}
 #: The columns of each CSV file, by its name without suffix.
 COLUMNS: Mapping[str, tuple[Column, ...]] = {
     "variance": (
@@ -59,12 +61,11 @@ COLUMNS: Mapping[str, tuple[Column, ...]] = {
     # Everything in it is for ddof 1.
     "floor_removed": (
         *_CELL,
-        Column("variance", float, source="unbiased"),
+        Column("variance", float, source=_REMOVED["variance"]),
         Column("floor", float),
         Column("floor_from"),
         Column("floor_removed", float),
-        Column("low", float, source="floor_removed_low"),
-        Column("high", float, source="floor_removed_high"),
+        *(Column(name, float, source=_REMOVED[name]) for name in ("low", "high")),
     ),
     "components": (
         Column("force_level", _level),
@@ -188,10 +189,8 @@ class VarianceView:
                 Cell(
                     **cell,
                     floor_from=removed["floor_from"] or "",
-                    unbiased=removed["variance"],
                     floor_removed=removed["floor_removed"],
-                    floor_removed_low=removed["low"],
-                    floor_removed_high=removed["high"],
+                    **{attribute: removed[name] for name, attribute in _REMOVED.items()},
                 )
                 for cell, removed in zip(tables["variance"].rows, tables["floor_removed"].rows, strict=True)
             )
@@ -220,14 +219,9 @@ class VarianceView:
             "variance": [
                 {
                     **{key: getattr(cell, key) for key in (*keys, "floor_from")},
-                    "ddof_1": {
-                        "variance": cell.unbiased,
-                        "floor_removed": cell.floor_removed,
-                        "low": cell.floor_removed_low,
-                        "high": cell.floor_removed_high,
-                    },
+                    "ddof_1": {name: removed[name] for name in ("variance", "floor_removed", "low", "high")},
                 }
-                for cell in self.cells
+                for cell, removed in zip(self.cells, self.tables["floor_removed"].rows, strict=True)
             ],
             **{
                 name: self.tables[name].records()
