@@ -40,10 +40,6 @@ LEVEL, POWER = 0.95, 0.80
 ALL_TEXTURES = "all"
 
 
-def _signed(value: float) -> str:
-    return f"{100.0 * value:+.1f}"
-
-
 def _prints(row: Row) -> str:
     return f"{row['prints_a']} pairs" if row["paired"] else f"{row['prints_a']}, {row['prints_b']}"
 
@@ -54,7 +50,7 @@ COLUMNS = (
     Column("texture"),
     Column("accuracy_a", float, "A", text=percent),
     Column("accuracy_b", float, "B", text=percent),
-    Column("difference", float, "B less A", text=_signed),
+    Column("difference", float, "B less A", text=lambda value: f"{100.0 * value:+.1f}"),
     Column("low", float),
     Column("high", float),
     Column("smallest_difference", float, "smallest shown", text=percent),

@@ -153,7 +153,7 @@ class Table:
             raise InputError("table", str(path), f"has no column {lacking[0]}; run the analysis again")
         places = [(column, heads.index(column.name)) for column in stored]
         try:
-            rows = [{column.name: _parsed(column, line[i]) for column, i in places} for line in lines]
+            rows = [{column.name: column.kind(line[i]) if line[i] else None for column, i in places} for line in lines]
         except ValueError as error:
             raise InputError("table", str(path), f"holds a wrong value: {error}") from None
         return cls(columns=kept, rows=tuple(rows), title=title)
@@ -212,10 +212,6 @@ class Table:
         for row in self.rows:
             values = [(column, column.value(row)) for column in self.columns]
             yield [empty if value in (None, "") else column.text(value) for column, value in values]
-
-
-def _parsed(column: Column, text: str) -> Any:
-    return column.kind(text) if text else None
 
 
 def read_settings(path: Path, kind: type[T]) -> T:

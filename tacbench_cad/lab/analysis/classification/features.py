@@ -23,13 +23,9 @@ class Features:
 
     Args:
         rows: One a press, (n, numbers): uint8 for images, else float64.
-        shape: What one row was, (height, width) for a grey image.
-        units: Unit of the numbers.
     """
 
     rows: Rows
-    shape: tuple[int, ...]
-    units: str
 
     @property
     def is_image(self) -> bool:
@@ -92,4 +88,4 @@ def read_features(
     assert rows is not None  # a collection has at least one press
     if not any((row != rows[0]).any() for row in rows):
         raise InputError("readings", None, "are all the same, so they tell nothing apart; check the sensor")
-    return Features(rows=rows, shape=shape, units=collection.units)
+    return Features(rows=rows)

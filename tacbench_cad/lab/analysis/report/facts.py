@@ -11,6 +11,7 @@ import numpy as np
 
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.tables import Column, Table
+from tacbench_cad.lab.analysis.variance.cells import parts_of
 from tacbench_cad.lab.runs.checking import RunReport
 from tacbench_cad.spec.printrecord import FIELDS, PrintRecord
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
@@ -82,14 +83,13 @@ def design_table(collection: Collection) -> Table:
     """Prints and presses of each printer-filament and texture at each force level."""
     rows = []
     for combination in collection.combinations:
-        printer, filament = combination.split("_", 1)
         for texture in collection.textures:
             there = (collection.combination == combination) & (collection.texture == texture)
             if there.any():
                 presses = Counter(collection.level[there].tolist())
                 counts = {f"presses_level_{level}": presses[level] for level in collection.levels}
                 prints = len(np.unique(collection.copy[there]))
-                rows.append({"printer": printer, "filament": filament, "texture": texture, "prints": prints, **counts})
+                rows.append({**parts_of(combination), "texture": texture, "prints": prints, **counts})
     levels = [Column(f"presses_level_{n}", head=f"presses, level {n}") for n in collection.levels]
     return Table.of((*_columns("printer", "filament", "texture", "prints"), *levels), rows, "Prints and presses")
 

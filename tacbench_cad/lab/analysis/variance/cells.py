@@ -78,9 +78,14 @@ class Cell:
         return f"{self.printer}_{self.filament}"
 
 
+def parts_of(combination: str) -> dict[str, str]:
+    """Printer and filament of ``bambu-p1p_pla-minus``, by the names of their columns."""
+    return dict(zip(("printer", "filament"), combination.split("_", 1), strict=True))
+
+
 def name_of(combination: str) -> str:
     """A printer-filament as figures and tables call it: as the paper does, where it is one of the paper's."""
-    printer, filament = combination.split("_", 1)
+    printer, filament = parts_of(combination).values()
     return PAPER_ROW_NAMES.get((printer, filament), f"{printer} {filament}")
 
 

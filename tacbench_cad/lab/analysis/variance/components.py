@@ -48,13 +48,11 @@ class NestedSums:
         coefficients: ``coefficients[m, l]`` is what one unit of component l adds to the expected sum of squares m,
             shape (4, 4), upper triangular.
         dof: Degrees of freedom by level, summed over positions, shape (4,).
-        groups: Textures, printers (over all textures), prints and presses, shape (4,): the most at any position.
     """
 
     squares: Floats
     coefficients: Floats
     dof: Ints
-    groups: Ints
 
     @classmethod
     def of(cls, labels: ArrayLike, squares: ArrayLike) -> NestedSums:
@@ -74,7 +72,6 @@ class NestedSums:
             squares=np.asarray(squares, dtype=np.float64),
             coefficients=np.triu(np.diff(totals, axis=0)),
             dof=np.diff(counts),
-            groups=counts[1:],
         )
 
     def __add__(self, other: NestedSums) -> NestedSums:
@@ -82,7 +79,6 @@ class NestedSums:
             squares=self.squares + other.squares,
             coefficients=self.coefficients + other.coefficients,
             dof=self.dof + other.dof,
-            groups=np.maximum(self.groups, other.groups),
         )
 
 
@@ -142,7 +138,8 @@ def components(sums: NestedSums) -> tuple[Component, ...]:
         sums: Pooled sums of squares.
     """
     active = [i for i in range(4) if sums.dof[i] > 0]
-    solved = dict(zip(active, _solved(sums, active), strict=True)) if active else {}
+    values = np.linalg.solve(sums.coefficients[np.ix_(active, active)], sums.squares[active]).tolist()
+    solved = dict(zip(active, values, strict=True))
     result = []
     for i, name in enumerate(LEVELS):
         includes: tuple[str, ...] = ()
@@ -154,11 +151,6 @@ def components(sums: NestedSums) -> tuple[Component, ...]:
             note = "negative: not distinguishable from 0"
         result.append(Component(name=name, variance=solved.get(i), dof=int(sums.dof[i]), includes=includes, note=note))
     return tuple(result)
-
-
-def _solved(sums: NestedSums, active: Sequence[int]) -> list[float]:
-    matrix = sums.coefficients[np.ix_(active, active)]
-    return [float(value) for value in np.linalg.solve(matrix, sums.squares[active])]
 
 
 def _reason(level: int, active: Sequence[int]) -> str:

@@ -27,7 +27,7 @@ import numpy as np
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess
 from tacbench_cad.lab.analysis.variance.between import TextureMatrix, texture_matrices
-from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, FRAMES, REPEATS, Cell, Level
+from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, FRAMES, REPEATS, Cell, Level, parts_of
 from tacbench_cad.lab.analysis.variance.components import component_rows, components
 from tacbench_cad.lab.analysis.variance.intervals import CellSums, component_interval, variance_interval
 from tacbench_cad.lab.analysis.variance.permutation import PermutationTest, dispersion_test
@@ -207,7 +207,6 @@ def _floors(collection: Collection, frames: Sequence[Floor], sums: _Sums) -> dic
 def _cell(key: CellKey, level: Level, sums: Mapping[int, CellSums], floors: _CellFloor, ddof: int, seed: int) -> Cell:
     """One cell of the table: of one level, or of several whose figures are averaged."""
     combination, texture = key
-    printer, filament = combination.split("_", 1)
     levels = list(sums.values())
     known = [floor for at in sums if (floor := floors[0][at]) is not None]
     floor = float(np.mean(known)) if len(known) == len(levels) else None
@@ -220,8 +219,7 @@ def _cell(key: CellKey, level: Level, sums: Mapping[int, CellSums], floors: _Cel
     of_noise = 1.0 if ddof else float(np.mean([level.weights[0, 1] / level.positions for level in levels]))
     unbiased = float(np.mean([level.variance(1) for level in levels]))
     return Cell(
-        printer=printer,
-        filament=filament,
+        **parts_of(combination),
         texture=texture,
         force_level=level,
         variance=float(np.mean([level.variance(ddof) for level in levels])),

@@ -26,6 +26,7 @@ from tacbench_cad.lab.analysis.variance.cells import (
     Level,
     level_name,
     name_of,
+    parts_of,
     short_texture,
     shown_levels,
     squared,
@@ -396,7 +397,7 @@ def _pairs(result: VarianceResult) -> Iterator[Row]:
         for i, j in zip(*np.triu_indices(len(matrix.textures)), strict=True):
             if matrix.presses[i, j]:
                 yield {
-                    **_named(matrix.combination),
+                    **parts_of(matrix.combination),
                     "force_level": matrix.force_level,
                     "texture": matrix.textures[i],
                     "other_texture": matrix.textures[j],
@@ -411,7 +412,7 @@ def _positions(result: VarianceResult) -> Iterator[Row]:
     for (level, (combination, texture)), values in result.positions.items():
         for number in np.flatnonzero(np.isfinite(values)).tolist():
             yield {
-                **_named(combination),
+                **parts_of(combination),
                 "texture": texture,
                 "force_level": level,
                 "position": number + 1,
@@ -419,10 +420,6 @@ def _positions(result: VarianceResult) -> Iterator[Row]:
                 "y_mm": float(places[number, 1]),
                 "variance": float(values[number]),
             }
-
-
-def _named(combination: str) -> Row:
-    return dict(zip(("printer", "filament"), combination.split("_", 1), strict=True))
 
 
 def _component(row: Row) -> str:
