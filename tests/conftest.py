@@ -58,3 +58,10 @@ def own_pdf_fonts(light_pdf_fonts: list[tuple[dict[str, Any], Any]], monkeypatch
     """Embed fonts in PDF files as a user's own process does."""
     for style, kind in light_pdf_fonts:
         monkeypatch.setitem(style, "pdf.fonttype", kind)
+
+
+@pytest.fixture
+def no_preview(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the sheet of pictures empty that ``make`` draws of its parts, where a test is not about it."""
+    pictures = "tacbench_cad.render.pictures.preview_sheet"
+    monkeypatch.setattr(pictures, lambda items, path: path.write_bytes(b"") and None)

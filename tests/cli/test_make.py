@@ -18,6 +18,8 @@ from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.cli import main
 from tacbench_cad.making import writing as making
 
+pytestmark = pytest.mark.usefixtures("no_preview")
+
 Capture = pytest.CaptureFixture[str]
 TACBENCH = (sys.executable, "-c", "import sys; from tacbench_cad.cli import main; sys.exit(main())")
 LIGHT = ("--formats", "stl", "--parts", "blocks")
@@ -31,18 +33,18 @@ class Run(NamedTuple):
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """Textures 1 and 6 with holder and jig in every format, made by a process of its own."""
+    """Textures 1 and 6 with their holder in every format, made by a process of its own."""
     for module in ("build123d", "lib3mf", "matplotlib"):
         pytest.importorskip(module)
     folder = tmp_path_factory.mktemp("made") / "new" / "folder"
-    argv = (*TACBENCH, "make", "--texture", "1,6", "--json", "--out", str(folder))
+    argv = (*TACBENCH, "make", "--texture", "1,6", "--parts", "blocks,holder", "--json", "--out", str(folder))
     done = subprocess.run(argv, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return Run(folder, json.loads(done.stdout), done.stderr)
 
 
 def test_every_part_is_there_in_every_format(made: Run) -> None:
-    parts = ("texture-1_paper_x1", "texture-6_paper_x1", "holder_paper_x1", "jig_paper_x1")
+    parts = ("texture-1_paper_x1", "texture-6_paper_x1", "holder_paper_x1")
     files = {f"{part}{suffix}" for part in parts for suffix in (".stl", ".3mf", ".step")}
     assert {path.name for path in made.folder.iterdir()} == files | {"manifest.json", "preview.png"}
     assert {row["file"] for row in made.document["files"]} == files
@@ -81,7 +83,7 @@ def test_the_manifest_names_no_place_and_no_time(made: Run) -> None:
 
 
 def test_progress_goes_to_the_standard_error(made: Run) -> None:
-    assert made.messages.count("[12/12]") == 1
+    assert made.messages.count("[9/9]") == 1
     assert "Traceback" not in made.messages
 
 
@@ -152,11 +154,12 @@ def test_the_full_checks_are_more(tmp_path: Path, capsys: Capture) -> None:
     assert counts[1] > counts[0]
 
 
-def test_the_coupon_is_made_when_it_is_asked_for(tmp_path: Path, capsys: Capture) -> None:
+def test_jig_and_coupon_are_made_when_they_are_asked_for(tmp_path: Path, capsys: Capture) -> None:
     pytest.importorskip("build123d")
-    assert main(["make", "--parts", "coupon", "--formats", "stl", "--json", "--out", str(tmp_path)]) == 0
-    (row,) = json.loads(capsys.readouterr().out)["files"]
-    assert row["kind"] == "coupon" and (tmp_path / row["file"]).is_file()
+    assert main(["make", "--parts", "jig,coupon", "--formats", "stl", "--json", "--out", str(tmp_path)]) == 0
+    rows = json.loads(capsys.readouterr().out)["files"]
+    assert {row["kind"] for row in rows} == {"jig", "coupon"}
+    assert all((tmp_path / row["file"]).is_file() for row in rows)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")

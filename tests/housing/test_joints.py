@@ -65,7 +65,7 @@ def test_the_jig_sits_on_a_holder_that_lies_anywhere(align: object, rotation: tu
 
 
 def test_the_set_put_together() -> None:
-    blocks = [BLOCK, Block.of(5, key_mm=3.0)]
+    blocks = [BLOCK, Block.of(2, key_mm=3.0)]
     made = assembled(TRAY, blocks, JIG)
     assert made.label == f"assembly_{TRAY.stem}"
     names = [TRAY.name, *(block.name for block in blocks), JIG.name]

@@ -29,7 +29,7 @@ from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 
 HOLDER = Holder(block=Block.of(1, key_mm=3.0), slots=2, quarter_turns=1)
-BLOCKS = (Block.of(1, key_mm=3.0), Block.of(5, key_mm=3.0))
+BLOCKS = (Block.of(1, key_mm=3.0), Block.of(2, key_mm=3.0))
 JIG = Jig(holder=HOLDER)
 SET = Assembly(holder=HOLDER, blocks=BLOCKS, jig=JIG)
 #: The least that has several colours.

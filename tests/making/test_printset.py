@@ -23,6 +23,8 @@ from tacbench_cad.util import packages as tools
 from tacbench_cad.util.errors import InputError, MissingToolError
 from tacbench_cad.util.files import sha256
 
+pytestmark = pytest.mark.usefixtures("no_preview")
+
 LIGHT = Request(formats=("stl",), parts=("blocks",))
 
 
