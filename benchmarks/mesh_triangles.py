@@ -178,12 +178,12 @@ class Race:
         return self._fewest(pydelatin_peer(self.block, self.start, self.distance_mm), 200.0, np.nan)
 
     def _by_count(self, reduce: Callable[[float], Mesh]) -> Result:
-        share = len(self.start.faces) / self.ours
-        mesh = reduce(share)
+        fraction = len(self.start.faces) / self.ours
+        mesh = reduce(fraction)
         # some stop short of the count that they are given
         at_ours = self.ruler.distance(mesh) if len(mesh.faces) <= 1.01 * self.ours else np.nan
         # where it is worse with our count it needs more: the search is between ours and the start
-        return self._fewest(reduce, share if at_ours > self.distance_mm else 12.0 * share, at_ours)
+        return self._fewest(reduce, fraction if at_ours > self.distance_mm else 12.0 * fraction, at_ours)
 
     def _fewest(self, reduce: Callable[[float], Mesh], high: float, at_ours: float) -> Result:
         """Bisect the control value: 1 keeps most triangles, ``high`` fewest."""

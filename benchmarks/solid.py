@@ -131,7 +131,7 @@ def ours() -> list[Result]:
     block = Block.of(4)
     worst, rms = off_the_formula(BRep_Tool.Surface_s(brep.texture_face(block)), block, OURS_DENSE)
     relief = patches(block, 0.001)
-    note = f"proved {certificate.vertical_mm:.3g}; {relief.x.pieces} x {relief.y.pieces} patches"
+    note = f"proved {certificate.vertical_mm:.3g}; {relief.x.patches} x {relief.y.patches} patches"
     return [
         Result("ours, whole solid, first call", first, worst, rms, note),
         Result("ours, whole solid, fastest of five", min(again), worst, rms),
@@ -160,7 +160,7 @@ def print_patches() -> None:
                 write_shape(solid_block(block)[0], block.name, block.name, path)
                 size = path.stat().st_size / 1e6
             print(
-                f"{block.name:<24}{f'{relief.x.pieces} x {relief.y.pieces}':>10}{relief.x.basis.degree:>8}"
+                f"{block.name:<24}{f'{relief.x.patches} x {relief.y.patches}':>10}{relief.x.basis.degree:>8}"
                 f"{f'{relief.x.basis.spans} x {relief.y.basis.spans}':>12}{relief.pole_count:>10}"
                 f"{relief.certificate.vertical_mm:>12.2g}{size:>10.2f}"
             )

@@ -5,7 +5,7 @@
 >>> holder = Holder(block=Block.of(4, key_mm=3.0), slots=2)
 >>> print(holder.name, holder.size_mm[:2])
 holder_paper_x1_key3_slots2 (77.2, 52.3)
->>> Jig(holder=holder).least_wall_mm
+>>> Jig(holder=holder).min_wall_mm
 0.45
 
 ``print(holder)`` is its dimension report, and ``tacbench_cad.export(holder, "holder.step")`` its file. Numbers and

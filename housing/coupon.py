@@ -10,26 +10,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from housing.engraving import engraved
 from housing.fits import (
     FITS,
     MIN_FLOOR_MM,
     NOZZLE_MM,
-    least_bearing_wall_mm,
+    min_bearing_wall_mm,
     require_nozzle,
     require_walls,
 )
 from housing.fixture import Fixture
 from housing.lettering import COUNTER_MM, HEIGHT_MM, width_mm, word
 from housing.marks import DEPTH_MM, Groove, merged
-from housing.shapes import Rectangle, box, one_solid, wrapped
+from housing.shapes import Rectangle, box, one_solid
 from tacbench_cad.spec.block import Block
-from tacbench_cad.util.text import mm, report
-
-if TYPE_CHECKING:
-    from OCP.TopoDS import TopoDS_Solid
+from tacbench_cad.util.text import mm
 
 #: Clearances of the five pockets, in mm per side; the named fits are among them.
 CLEARANCES_MM = (0.05, 0.10, 0.15, 0.20, 0.30)
@@ -78,7 +75,7 @@ class Coupon(Fixture):
         fine = {name: walls.pop(name) for name in ("tab", "wall inside a numeral", "wall beside a numeral")}
         require_walls("nozzle", self.nozzle_mm, fine, self.nozzle_mm)
         require_walls("floor", FLOOR_MM, {"floor": walls.pop("floor")}, MIN_FLOOR_MM)
-        require_walls("nozzle", self.nozzle_mm, walls, least_bearing_wall_mm(self.nozzle_mm))
+        require_walls("nozzle", self.nozzle_mm, walls, min_bearing_wall_mm(self.nozzle_mm))
 
     @property
     def pockets(self) -> tuple[Rectangle, ...]:
@@ -132,11 +129,6 @@ class Coupon(Fixture):
         return (self.plate_mm[0], self.stub.high[1], max(self.plate_mm[2], STUB_MM[2]))
 
     @property
-    def genus(self) -> int:
-        """No through hole."""
-        return 0
-
-    @property
     def walls_mm(self) -> Mapping[str, float]:
         """The coupon's walls and their thickness, in mm."""
         return {
@@ -167,16 +159,9 @@ class Coupon(Fixture):
         stub = self.stub.area_mm2 * STUB_MM[2]
         return x * y * z - pockets - numerals + stub + self.tab.area_mm2 * TAB_MM[1]
 
-    def chord_slack_mm3(self, deflection_mm: float) -> float:
-        """Zero: it has no circles."""
-        return 0.0
-
-    def solid(self) -> TopoDS_Solid:
-        """The Open CASCADE solid, as it is printed."""
-        return wrapped(self._shape)
-
     @cached_property
-    def _shape(self) -> Any:
+    def shape(self) -> Any:
+        """The build123d solid, as it is printed."""
         x, y, z = self.plate_mm
         plate = box(Rectangle(low=(0.0, 0.0), high=(x, y)), (0.0, z))
         tools = [box(plan, (FLOOR_MM, z + 1.0)) for plan in self.pockets]
@@ -202,16 +187,14 @@ class Coupon(Fixture):
             ],
         }
 
-    def __str__(self) -> str:
-        wall = min(self.walls_mm, key=lambda one: self.walls_mm[one])
-        lines = {
-            "name": self.name,
+    def facts(self) -> dict[str, str]:
+        """The lines of the dimension report."""
+        return {
             "size": mm(*self.size_mm),
             "plate": mm(*self.plate_mm),
             "stub": mm(*STUB_MM),
             "pockets": "; ".join(mm(*plan.size_mm) for plan in self.pockets) + f"; {mm(DEPTH_OF_POCKET_MM)} deep",
             "numerals": "clearance per side in hundredths of a mm",
             "tab": f"{mm(*TAB_MM)}, snap off",
-            "least wall": f"{mm(self.least_wall_mm)} ({wall})",
+            "least wall": self._thinnest,
         }
-        return report(self.title, lines)

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from housing.marks import Groove, is_inside
-from housing.shapes import area_mm2, prism
+from housing.marks import Groove
+from housing.shapes import prism
+from tacbench_cad.spec.outlines import area_mm2, is_inside
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Floats
 
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Face
 
 
-#: Share of the volume by which kernel and closed form may differ: rounding.
-VOLUME_SHARE = 1e-9
+#: Fraction of the volume by which kernel and closed form may differ: rounding.
+VOLUME_FRACTION = 1e-9
 
 
 def engraved(solid: Solid, z_mm: float, grooves: Sequence[Groove], depth_mm: float) -> Solid:
@@ -70,11 +71,11 @@ def engraved(solid: Solid, z_mm: float, grooves: Sequence[Groove], depth_mm: flo
     # The grooves' faces look out of the prisms, not out of the solid: orient them by the edges that they share.
     repair = ShapeFix_Shell(shell)
     repair.FixFaceOrientation(shell)
-    made = BRepBuilderAPI_MakeSolid(repair.Shell()).Solid()
-    BRepLib.OrientClosedSolid_s(made)
-    result = Solid(made)
+    closed = BRepBuilderAPI_MakeSolid(repair.Shell()).Solid()
+    BRepLib.OrientClosedSolid_s(closed)
+    result = Solid(closed)
     expected = solid.volume - sum(one.area_mm2 for one in grooves) * depth_mm
-    if abs(result.volume - expected) > VOLUME_SHARE * expected:
+    if abs(result.volume - expected) > VOLUME_FRACTION * expected:
         raise CheckFailedError(f"the engraved fixture has {result.volume:.6g} mm^3, {expected:.6g} mm^3 were expected")
     if not result.is_valid:
         raise CheckFailedError("the CAD kernel made no valid solid of the engraved fixture")
@@ -107,7 +108,7 @@ def _loop_of(wire: Wire, groove: Groove) -> Floats:
 def _level_faces(outline: Wire, islands: list[tuple[Floats, Wire]], holes: list[Wire]) -> list[tuple[Wire, list[Wire]]]:
     """The outer face and the islands, each with the holes in it: a hole belongs to the smallest island round it."""
     faces: list[tuple[Wire, list[Wire]]] = [(outline, []), *((wire, []) for _, wire in islands)]
-    sizes = [abs(area_mm2([loop])) for loop, _ in islands]
+    sizes = [abs(area_mm2(loop)) for loop, _ in islands]
     for hole in holes:
         point = _a_point(hole)
         # An island's own groove lies round it, so the outer wire of that groove is not inside.

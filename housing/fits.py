@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 from tacbench_cad.spec import fits
 from tacbench_cad.spec.fits import clearance_mm as clearance_mm
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.errors import InputError, require_between
 
 #: Clearances of the named fits, in mm per side.
 FITS = fits.FITS
@@ -30,28 +29,26 @@ def require_nozzle(nozzle_mm: float) -> None:
     Raises:
         InputError: The width is not a number in the range.
     """
-    least, most = NOZZLE_RANGE_MM
-    if isinstance(nozzle_mm, bool) or not (math.isfinite(nozzle_mm) and least <= nozzle_mm <= most):
-        raise InputError("nozzle", nozzle_mm, f"must be from {least:g} to {most:g} mm")
+    require_between("nozzle", nozzle_mm, *NOZZLE_RANGE_MM, " mm")
 
 
-def least_bearing_wall_mm(nozzle_mm: float) -> float:
+def min_bearing_wall_mm(nozzle_mm: float) -> float:
     """Least thickness of a wall that bears something: 1.6 mm, or two nozzle widths where that is more."""
     return max(MIN_WALL_MM, 2.0 * nozzle_mm)
 
 
-def require_walls(field: str, value: object, walls: Mapping[str, float], least_mm: float) -> None:
+def require_walls(field: str, value: object, walls: Mapping[str, float], min_mm: float) -> None:
     """Refuse walls that are thinner than a least thickness.
 
     Args:
         field: The field to name in the error.
         value: Its value.
         walls: What each wall is, and its thickness in mm.
-        least_mm: The least thickness in mm.
+        min_mm: The least thickness in mm.
 
     Raises:
         InputError: A wall is too thin; the message has the thinnest one, its thickness and the least.
     """
     name, thickness = min(walls.items(), key=lambda item: item[1])
-    if thickness < least_mm - ROUNDING_MM:
-        raise InputError(field, value, f"the {name} would be {thickness:.4g} mm, at least {least_mm:.4g} mm is needed")
+    if thickness < min_mm - ROUNDING_MM:
+        raise InputError(field, value, f"the {name} would be {thickness:.4g} mm, at least {min_mm:.4g} mm is needed")

@@ -6,10 +6,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+from housing.shapes import Bore
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.geometry.solids import KERNEL_FRACTION, rounding_mm3, tessellate
 from tacbench_cad.spec.block import Block
+from tacbench_cad.util.text import mm, report
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Solid
@@ -67,11 +69,6 @@ class Fixture(ABC):
 
     @property
     @abstractmethod
-    def genus(self) -> int:
-        """Number of through holes."""
-
-    @property
-    @abstractmethod
     def walls_mm(self) -> Mapping[str, float]:
         """What each wall is, and its thickness in mm."""
 
@@ -80,26 +77,50 @@ class Fixture(ABC):
     def volume_mm3(self) -> float:
         """Volume in closed form, in mm^3."""
 
-    @abstractmethod
-    def chord_slack_mm3(self, deflection_mm: float) -> float:
-        """How much a mesh's volume may exceed the true one because chords cut circles short, in mm^3."""
+    @property
+    def drilled(self) -> tuple[tuple[Bore, float], ...]:
+        """The through holes, each with the thickness in mm of what it goes through."""
+        return ()
+
+    @property
+    def genus(self) -> int:
+        """Number of through holes."""
+        return len(self.drilled)
 
     @abstractmethod
     def spec(self) -> dict[str, Any]:
         """Everything that went into it, and what a user must know, as plain JSON values."""
 
     @abstractmethod
-    def solid(self) -> TopoDS_Solid:
-        """The Open CASCADE solid as printed: lower corner of its box at the origin, bed at z = 0."""
+    def facts(self) -> dict[str, str]:
+        """The lines of the dimension report, without the name."""
+
+    def __str__(self) -> str:
+        return report(self.title, {"name": self.name, **self.facts()})
+
+    @property
+    @abstractmethod
+    def shape(self) -> Any:
+        """The build123d solid where it is used, in the holder frame; without one, as printed."""
 
     def solid_in_use(self) -> TopoDS_Solid:
         """The Open CASCADE solid where it is used, in the holder frame; without one, as printed."""
-        return self.solid()
+        return self.shape.wrapped
+
+    def solid(self) -> TopoDS_Solid:
+        """The Open CASCADE solid as printed: lower corner of its box at the origin, bed at z = 0."""
+        return self.solid_in_use()
 
     @property
-    def least_wall_mm(self) -> float:
+    def min_wall_mm(self) -> float:
         """Thickness of the thinnest wall, in mm."""
         return min(self.walls_mm.values())
+
+    @property
+    def _thinnest(self) -> str:
+        """The thinnest wall and which it is."""
+        name, thickness = min(self.walls_mm.items(), key=lambda wall: wall[1])
+        return f"{mm(thickness)} ({name})"
 
     def part(self) -> Part:
         """The fixture as a part of a print set."""
@@ -112,12 +133,13 @@ class Fixture(ABC):
             make_mesh=self._mesh,
             make_solid=self._solid,
             spec=tidied(self.spec()),
-            least_wall_mm=self.least_wall_mm,
+            min_wall_mm=self.min_wall_mm,
             mesh_needs_cad=True,
         )
 
     def _mesh(self) -> tuple[Mesh, ExpectedGeometry]:
-        slack = self.chord_slack_mm3(CHORD_MM) + rounding_mm3(self.size_mm)
+        # Chords cut circles short, so that the mesh's volume may exceed the true one.
+        slack = sum(bore.chord_slack_mm3(depth, CHORD_MM) for bore, depth in self.drilled) + rounding_mm3(self.size_mm)
         return tessellate(self.solid(), CHORD_MM), ExpectedGeometry(volume_mm3=self.volume_mm3, volume_slack_mm3=slack)
 
     def _solid(self) -> tuple[TopoDS_Solid, ExpectedGeometry]:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,22 +19,18 @@ from housing.fits import (
     NOZZLE_MM,
     ROUNDING_MM,
     clearance_mm,
-    least_bearing_wall_mm,
+    min_bearing_wall_mm,
     require_nozzle,
     require_walls,
 )
 from housing.fixture import Fixture
 from housing.layout import RELEASED, SCREW_HOLE_MM, Layout, PushOut, fitted
 from housing.placement import Placement, block_stem, turned_size_mm
-from housing.shapes import Bore, Rectangle, box, one_solid, prism, wrapped
+from housing.shapes import Bore, Rectangle, box, one_solid, prism
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError, one_of
-from tacbench_cad.util.text import decimal, mm, report
+from tacbench_cad.util.text import decimal, mm
 from tacbench_cad.util.types import Floats
-
-if TYPE_CHECKING:
-    from OCP.TopoDS import TopoDS_Solid
-
 
 #: How far the holder's top lies below the block's: as in the authors' holder, in mm.
 RIM_MM = 1.18
@@ -52,7 +48,7 @@ MAX_SLOTS = 24
 PRESETS: tuple[str, ...] = ("fitted", "released")
 
 
-def least_key_mm(block: Block, fit: str | float = "slip") -> float:
+def min_key_mm(block: Block, fit: str | float = "slip") -> float:
     """The key's leg above which a wrongly turned block does not go into the keyed pocket.
 
     The pocket is the block's outline moved outwards by the clearance c. A block that is turned by half brings a full
@@ -74,7 +70,7 @@ def require_key(block: Block, fit: str | float) -> None:
     Raises:
         InputError: The block's key is too small for the fit.
     """
-    least = least_key_mm(block, fit)
+    least = min_key_mm(block, fit)
     if block.key_mm is not None and block.key_mm <= least:
         raise InputError(
             "key",
@@ -158,7 +154,7 @@ class Holder(Fixture):
                 else f"the block is {height:.4g} mm high, less than the least pocket depth of {MIN_DEPTH_MM:g} mm",
             )
         require_walls("floor", self.floor_mm, {"floor": self.floor_mm}, MIN_FLOOR_MM)
-        least = least_bearing_wall_mm(self.nozzle_mm)
+        least = min_bearing_wall_mm(self.nozzle_mm)
         walls = dict(self.walls_mm)
         del walls["floor"]
         if "wall between pockets" in walls:
@@ -271,11 +267,6 @@ class Holder(Fixture):
             for low in self.layout.pocket_lows_mm
         )
 
-    @property
-    def slot_origins_mm(self) -> tuple[tuple[float, float, float], ...]:
-        """The block frame's origin in each slot, in the holder frame."""
-        return tuple(one.origin_mm for one in self.block_placements())
-
     @cached_property
     def push_out(self) -> PushOut | None:
         """The push-out hole in the block frame; None in the authors' holder."""
@@ -291,9 +282,10 @@ class Holder(Fixture):
         return tuple(Bore(at_mm=(float(x), float(y)), diameter_mm=bore.diameter_mm) for x, y in points)
 
     @property
-    def genus(self) -> int:
+    def drilled(self) -> tuple[tuple[Bore, float], ...]:
         """Through holes: four for screws, and one under each block."""
-        return len(self.screws) + len(self.push_outs)
+        floor = self.layout.floor_mm
+        return (*((bore, self.size_mm[2]) for bore in self.screws), *((bore, floor) for bore in self.push_outs))
 
     @property
     def admits_deg(self) -> tuple[int, ...]:
@@ -355,11 +347,6 @@ class Holder(Fixture):
         screws = sum(bore.volume_mm3(z) for bore in self.screws)
         return x * y * z - pockets - screws - sum(bore.volume_mm3(self.layout.floor_mm) for bore in self.push_outs)
 
-    def chord_slack_mm3(self, deflection_mm: float) -> float:
-        """How much a mesh's volume may exceed the true one, in mm^3."""
-        bores = (*((b, self.size_mm[2]) for b in self.screws), *((b, self.layout.floor_mm) for b in self.push_outs))
-        return sum(bore.chord_slack_mm3(depth, deflection_mm) for bore, depth in bores)
-
     def pocket_outline(self) -> Floats:
         """A pocket's outline in the block frame, counter-clockwise, shape (n, 2), in mm; the fitted preset's only."""
         (x, y), k = self.block.size_mm, self.pocket_key_mm
@@ -367,19 +354,15 @@ class Holder(Fixture):
         corner = [(x + cx, -cy)] if k == 0.0 else [(x + cx - k, -cy), (x + cx, -cy + k)]
         return np.array([(-cx, -cy), *corner, (x + cx, y + cy), (-cx, y + cy)])
 
-    def solid(self) -> TopoDS_Solid:
-        """The Open CASCADE solid, in the holder frame."""
-        return wrapped(self._shape)
-
     @cached_property
-    def _shape(self) -> Any:
+    def shape(self) -> Any:
+        """The build123d solid, in the holder frame."""
         x, y, z = self.size_mm
         floor = self.layout.floor_mm
         plate = box(Rectangle(low=(0.0, 0.0), high=(x, y)), (0.0, z))
         outline = self.pocket_outline()
         tools = [prism(one.to_holder(outline), [], (floor, z + 1.0)) for one in self.block_placements()]
-        tools += [bore.solid((0.0, z)) for bore in self.screws]
-        tools += [bore.solid((0.0, floor)) for bore in self.push_outs]
+        tools += [bore.solid((0.0, depth)) for bore, depth in self.drilled]
         return one_solid(plate.cut(*tools), "holder")
 
     def spec(self) -> dict[str, Any]:
@@ -389,12 +372,12 @@ class Holder(Fixture):
             "print as it lies, pockets upward, no supports",
             f"without a key a block goes in turned by {angles} degrees"
             if self.block.key_mm is None
-            else f"keyed: one orientation goes in; any key above {least_key_mm(self.block, self.fit):.4g} mm does that",
+            else f"keyed: one orientation goes in; any key above {min_key_mm(self.block, self.fit):.4g} mm does that",
         ]
         if self.is_released:
             notes += [
                 "which way the authors laid the block is our reading: its y along the plate's x; quarter_turns says",
-                f"as measured, one screw hole leaves {self.least_wall_mm:.3f} mm to the pocket: slicers leave that out",
+                f"as measured, one screw hole leaves {self.min_wall_mm:.3f} mm to the pocket: slicers leave that out",
                 "no push-out hole was measured",
             ]
         if self.push_out is not None:
@@ -415,7 +398,7 @@ class Holder(Fixture):
             "screw_holes": [{"at_mm": list(b.at_mm), "diameter_mm": b.diameter_mm} for b in self.screws],
             "push_out_holes": [{"at_mm": list(b.at_mm), "diameter_mm": b.diameter_mm} for b in self.push_outs],
             "key_mm": self.block.key_mm,
-            "least_key_mm": None if self.is_released else least_key_mm(self.block, self.fit),
+            "least_key_mm": None if self.is_released else min_key_mm(self.block, self.fit),
             "block_admitted_at_deg": list(self.admits_deg),
             "block_placements": [one.as_dict() for one in self.block_placements()],
             "walls_mm": dict(self.walls_mm),
@@ -424,11 +407,10 @@ class Holder(Fixture):
             "notes": notes,
         }
 
-    def __str__(self) -> str:
+    def facts(self) -> dict[str, str]:
+        """The lines of the dimension report."""
         cx, cy = self.clearance_mm
-        wall = min(self.walls_mm, key=lambda one: self.walls_mm[one])
-        lines = {
-            "name": self.name,
+        return {
             "plate": mm(*self.size_mm),
             "pocket": mm(*self.pocket_size_mm)
             + (f", corner filled by {self.pocket_key_mm:.4g} mm" if self.block.key_mm else ""),
@@ -437,7 +419,6 @@ class Holder(Fixture):
             "floor": mm(self.layout.floor_mm),
             "screw holes": "4 of " + mm(SCREW_HOLE_MM),
             "push-out": f"{len(self.push_outs)} of {mm(self.push_outs[0].diameter_mm)}" if self.push_outs else "none",
-            "least wall": f"{mm(self.least_wall_mm)} ({wall})",
+            "least wall": self._thinnest,
             "goes in at": ", ".join(map(str, self.admits_deg)) + " degrees",
         }
-        return report(self.title, lines)

@@ -13,7 +13,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from housing.engraving import engraved
 from housing.fits import (
@@ -22,7 +21,7 @@ from housing.fits import (
     NOZZLE_MM,
     ROUNDING_MM,
     clearance_mm,
-    least_bearing_wall_mm,
+    min_bearing_wall_mm,
     require_nozzle,
     require_walls,
 )
@@ -36,17 +35,17 @@ from housing.marks import (
     gap_to_circle_mm,
     hairs,
     is_engraved,
-    least_gap_mm,
     merged,
+    min_gap_mm,
     numerals,
     outside_mm2,
 )
 from housing.seat import AIR_MM, LIP_MM, ROOF_MM, Seat
-from housing.shapes import Bore, box, one_solid, prism, wrapped
+from housing.shapes import Bore, box, one_solid, prism
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PER_SIDE, PressGrid
 from tacbench_cad.util.errors import InputError, one_of
-from tacbench_cad.util.text import decimal, mm, report
+from tacbench_cad.util.text import decimal, mm
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
@@ -125,7 +124,7 @@ class Jig(Fixture):
     def _check_markers(self) -> None:
         """Refuse markers that merge, before anything is drawn."""
         lead, nozzle, scale = self._marker.lead_in_mm, self.nozzle_mm, self.holder.block.scale
-        distance = self._least_hole_distance_mm
+        distance = self._min_hole_distance_mm
         if distance - lead < nozzle - ROUNDING_MM:
             least = math.ceil(scale * (lead + nozzle) / distance * 1000.0 - 1e-6) / 1000.0
             raise InputError(
@@ -149,7 +148,7 @@ class Jig(Fixture):
         walls = dict(self.seat.walls_mm)
         roof = {name: walls.pop(name) for name in ("roof", "roof below the marks")}
         require_walls("roof", ROOF_MM, roof, MIN_FLOOR_MM)
-        require_walls("nozzle", self.nozzle_mm, walls, least_bearing_wall_mm(self.nozzle_mm))
+        require_walls("nozzle", self.nozzle_mm, walls, min_bearing_wall_mm(self.nozzle_mm))
         short = min(self.seat.lip_lengths_mm)
         if short < MIN_LIP_LENGTH_MM:
             raise InputError(
@@ -187,7 +186,7 @@ class Jig(Fixture):
         return np.delete(self.grid.positions_mm, list(self._marker.positions), axis=0)
 
     @property
-    def _least_hole_distance_mm(self) -> float:
+    def _min_hole_distance_mm(self) -> float:
         points = self.holes_mm
         apart = np.linalg.norm(points[:, None] - points[None, :], axis=2)
         return float(apart[np.triu_indices(len(points), 1)].min())
@@ -217,10 +216,10 @@ class Jig(Fixture):
         outlines = [groove.outer for groove in self._grooves_in_holder]
         radius = self._marker.lead_in_mm / 2.0
         holes = [gap_to_circle_mm(one, bore.at_mm, radius) for one in outlines for bore in self.bores]
-        lead_ins = self._least_hole_distance_mm - 2.0 * radius
+        lead_ins = self._min_hole_distance_mm - 2.0 * radius
         return {
             # Rounded to a nanometre: outlines are merged on a grid of 1e-8 mm.
-            "wall between markers": round(min(lead_ins, *holes, least_gap_mm(outlines)), 6),
+            "wall between markers": round(min(lead_ins, *holes, min_gap_mm(outlines)), 6),
             "wall inside a numeral": COUNTER_MM,
         }
 
@@ -259,9 +258,9 @@ class Jig(Fixture):
         return (*self.seat.outer.size_mm, self.seat.roof_mm[1] - self.seat.bottom_mm)
 
     @property
-    def genus(self) -> int:
+    def drilled(self) -> tuple[tuple[Bore, float], ...]:
         """Through holes: the marker holes of all slots."""
-        return len(self.bores)
+        return tuple((bore, ROOF_MM) for bore in self.bores)
 
     @property
     def walls_mm(self) -> Mapping[str, float]:
@@ -303,16 +302,6 @@ class Jig(Fixture):
         marks = self.holder.slots * sum(one.area_mm2 for one in self.grooves) * DEPTH_MM
         return self.seat.volume_mm3 - sum(bore.volume_mm3(ROOF_MM) for bore in self.bores) - marks
 
-    def chord_slack_mm3(self, deflection_mm: float) -> float:
-        """How much a mesh's volume may exceed the true one, in mm^3."""
-        return sum(bore.chord_slack_mm3(ROOF_MM, deflection_mm) for bore in self.bores)
-
-    def to_print(self, points_mm: ArrayLike) -> Floats:
-        """Points (n, 3) of the holder frame where they lie in the printed part, upside down, in mm."""
-        (x0, _), (_, y1), top = self.seat.outer.low, self.seat.outer.high, self.seat.roof_mm[1]
-        x, y, z = np.asarray(points_mm, dtype=np.float64).T
-        return np.column_stack([x - x0, y1 - y, top - z])
-
     @property
     def from_print(self) -> Floats:
         """The matrix (4, 4) from the printed part to the holder frame, in mm: a half turn about x, and a shift."""
@@ -326,14 +315,11 @@ class Jig(Fixture):
         from build123d import Axis, Pos
 
         (x0, _), (_, y1), top = self.seat.outer.low, self.seat.outer.high, self.seat.roof_mm[1]
-        return wrapped(Pos(-x0, y1, top) * self._shape.rotate(Axis.X, 180.0))
-
-    def solid_in_use(self) -> TopoDS_Solid:
-        """The Open CASCADE solid in the holder frame, seated on the holder."""
-        return wrapped(self._shape)
+        return (Pos(-x0, y1, top) * self.shape.rotate(Axis.X, 180.0)).wrapped
 
     @cached_property
-    def _shape(self) -> Any:
+    def shape(self) -> Any:
+        """The build123d solid in the holder frame, seated on the holder."""
         seat, (ceiling, top) = self.seat, self.seat.roof_mm
         plate = prism(seat.outline(), [], (seat.bottom_mm, top))
         tools = [box(seat.inner, (seat.bottom_mm - 1.0, seat.rest_mm))]
@@ -387,11 +373,10 @@ class Jig(Fixture):
             return 0
         return sum(not is_engraved(point, self.grooves) for point in self.cross_hairs_mm)
 
-    def __str__(self) -> str:
-        wall = min(self.walls_mm, key=lambda one: self.walls_mm[one])
+    def facts(self) -> dict[str, str]:
+        """The lines of the dimension report."""
         marker, cut = self._marker, self.crossings_cut_short
-        lines = {
-            "name": self.name,
+        return {
             "size": mm(*self.size_mm),
             "holes": f"{len(self.bores)} of {mm(marker.hole_mm)}, lead-in {mm(marker.lead_in_mm)}",
             "cross hairs": f"{len(self.cross_hairs_mm)} a block" + (f", {cut} broken off by a hole" if cut else ""),
@@ -400,7 +385,6 @@ class Jig(Fixture):
             "clearance": f"{mm(*self.clearance_mm)} per side, lips {mm(self.seat.lip_depth_mm)} deep",
             "rests on": f"the holder's rim, {mm(AIR_MM)} above the block",
             "roof": mm(ROOF_MM),
-            "least wall": f"{mm(self.least_wall_mm)} ({wall})",
+            "least wall": self._thinnest,
             "print": "upside down, marked face on the bed",
         }
-        return report(self.title, lines)

@@ -19,8 +19,8 @@ SCREW_HOLE_MM = 4.0
 SCREW_INSET_MM = 4.5
 #: Holes in the floor through which a block is pushed out, in mm: the first, or the second where the block is small.
 PUSH_OUTS_MM = (6.0, 3.0)
-#: Share of the block's sides at which the push-out hole may stand.
-_PUSH_OUT_SHARES = (0.3, 0.4, 0.5, 0.6, 0.7)
+#: Fraction of the block's sides at which the push-out hole may stand.
+_PUSH_OUT_FRACTIONS = (0.3, 0.4, 0.5, 0.6, 0.7)
 #: Distance that the push-out hole keeps from the press positions where it can, in mm.
 _PUSH_OUT_CLEAR_MM = 2.0
 
@@ -132,7 +132,7 @@ class PushOut:
         x, y = block.size_mm
         wide, narrow = PUSH_OUTS_MM
         diameter = wide if (min(x, y) - wide) / 2.0 >= MIN_WALL_MM else narrow
-        places = [(x * a, y * b) for a in _PUSH_OUT_SHARES for b in _PUSH_OUT_SHARES]
+        places = [(x * a, y * b) for a in _PUSH_OUT_FRACTIONS for b in _PUSH_OUT_FRACTIONS]
         holes = [cls._at(place, diameter, block) for place in places]
         holes = [one for one in holes if one.ledge_mm >= MIN_WALL_MM] or [cls._at((x / 2.0, y / 2.0), diameter, block)]
         clear = [one for one in holes if one.clear_of_press_mm >= _PUSH_OUT_CLEAR_MM]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from housing.lettering import HEIGHT_MM, stroke, width_mm, word
-from housing.shapes import area_mm2
+from tacbench_cad.spec.outlines import area_mm2, is_inside
 from tacbench_cad.spec.protocol import PER_SIDE, PressGrid
 from tacbench_cad.util.types import Floats
 
@@ -48,7 +48,7 @@ class Groove:
     @property
     def area_mm2(self) -> float:
         """Area of the groove's floor, in mm^2."""
-        return area_mm2((self.outer, *self.islands))
+        return area_mm2(self.outer, *self.islands)
 
 
 def merged(strokes: Iterable[Floats]) -> tuple[Groove, ...]:
@@ -63,8 +63,8 @@ def merged(strokes: Iterable[Floats]) -> tuple[Groove, ...]:
     grooves = []
     for piece in pieces:
         loops = [np.asarray(loop, dtype=np.float64) for loop in piece.to_polygons()]
-        outer = [loop for loop in loops if area_mm2([loop]) > 0.0]
-        islands = tuple(loop for loop in loops if area_mm2([loop]) < 0.0)
+        outer = [loop for loop in loops if area_mm2(loop) > 0.0]
+        islands = tuple(loop for loop in loops if area_mm2(loop) < 0.0)
         grooves.append(Groove(outer[0], islands))
     return tuple(sorted(grooves, key=lambda one: (float(one.outer[:, 1].min()), float(one.outer[:, 0].min()))))
 
@@ -167,19 +167,7 @@ def is_engraved(point: Floats, grooves: Iterable[Groove]) -> bool:
     return any(is_inside(point, (groove.outer, *groove.islands)) for groove in grooves)
 
 
-def is_inside(point: Floats, loops: Iterable[Floats]) -> bool:
-    """Whether a point (2,) lies inside of some closed outlines (even-odd rule)."""
-    crossings = 0
-    for loop in loops:
-        a, b = loop, np.roll(loop, -1, axis=0)
-        spans = (a[:, 1] > point[1]) != (b[:, 1] > point[1])
-        a, b = a[spans], b[spans]
-        x = a[:, 0] + (point[1] - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
-        crossings += int(np.count_nonzero(x > point[0]))
-    return crossings % 2 == 1
-
-
-def least_gap_mm(outlines: Sequence[Floats]) -> float:
+def min_gap_mm(outlines: Sequence[Floats]) -> float:
     """Least distance between any two of some outlines that do not overlap; infinite for fewer than two."""
     boxes = np.array([[*one.min(axis=0), *one.max(axis=0)] for one in outlines])
     least = math.inf
@@ -211,5 +199,5 @@ def _to_outline(points: Floats, outline: Floats) -> float:
     edge = end - start
     length2 = np.maximum(np.einsum("ij,ij->i", edge, edge), 1e-300)
     offset = points[:, None, :] - start[None, :, :]
-    share = np.clip(np.einsum("pij,ij->pi", offset, edge) / length2, 0.0, 1.0)
-    return float(np.linalg.norm(offset - share[..., None] * edge, axis=2).min())
+    fraction = np.clip(np.einsum("pij,ij->pi", offset, edge) / length2, 0.0, 1.0)
+    return float(np.linalg.norm(offset - fraction[..., None] * edge, axis=2).min())

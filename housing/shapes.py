@@ -6,7 +6,7 @@ build123d is imported inside of the functions: numbers and reports do without it
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,6 @@ from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from build123d import Shape, Solid
-    from OCP.TopoDS import TopoDS_Solid
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,15 +127,6 @@ class Bore:
         return tool + Pos(*self.at_mm, top - self.cone_mm) * cone
 
 
-def area_mm2(contours: Iterable[Floats]) -> float:
-    """Area of outlines, outer ones counter-clockwise and inner ones clockwise (the shoelace formula), in mm^2."""
-    total = 0.0
-    for c in contours:
-        following = np.roll(c, -1, axis=0)
-        total += float(np.sum(c[:, 0] * following[:, 1] - following[:, 0] * c[:, 1])) / 2.0
-    return total
-
-
 def box(plan: Rectangle, z_mm: tuple[float, float]) -> Shape:
     """A box over a rectangle, between two heights."""
     from build123d import Align, Box, Pos
@@ -166,8 +156,3 @@ def one_solid(shape: Shape, what: str) -> Solid:
     if len(solids) != 1 or not solids[0].is_valid:
         raise CheckFailedError(f"the CAD kernel made {len(solids)} solids of the {what}, one valid solid is needed")
     return solids[0]
-
-
-def wrapped(solid: Solid) -> TopoDS_Solid:
-    """The Open CASCADE solid inside of a build123d one."""
-    return solid.wrapped

@@ -19,7 +19,7 @@ from tacbench_cad.spec.textures import BlockTable, Texture, catalogue, read_text
 from tacbench_cad.spec.textures import texture as find_texture
 from tacbench_cad.util.errors import InputError, one_of
 
-#: Sides that give the same scale within this share are a scaled preset's.
+#: Sides that give the same scale within this fraction are a scaled preset's.
 SAME_SCALE = 2e-3
 #: A scale this near to a plain one is taken for that, and the difference for a fault.
 NEAR_PLAIN = 0.04
@@ -35,8 +35,8 @@ _SAMPLINGS: dict[str, tuple[Tolerance | Literal["grid"], ...]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wanted:
-    """What a file shall be, as far as it is said.
+class Expectation:
+    """What the file is expected to contain.
 
     Args:
         texture: A texture, its number or name, or the path of a TOML file; None for any.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from pathlib import Path
+from typing import Literal
 
 from tacbench_cad.formats.stl import stl_header
 from tacbench_cad.spec.block import Block
@@ -34,8 +35,8 @@ def claimed_name(path: Path, metadata: dict[str, str] | None = None) -> str | No
         first, _, name = stl_header(path).partition(" ")
         return name if first == "tacbench-cad" and name else None
     with open_input(path, kind="step") as stream:
-        found = _STEP_NAME.search(stream.read(2048).decode("ascii", "replace"))
-    return found.group(1) if found else None
+        header = _STEP_NAME.search(stream.read(2048).decode("ascii", "replace"))
+    return header.group(1) if header else None
 
 
 def claimed_block(name: str, texture: Texture | None = None) -> Block | None:
@@ -48,20 +49,25 @@ def claimed_block(name: str, texture: Texture | None = None) -> Block | None:
     words = name.split("_")
     if len(words) < 3 or words[1] not in PRESETS or not (scale := re.fullmatch(rf"x({_NUMBER})", words[2])):
         return None
+    rest = words[3:]
+    size, unit, origin = _numbers(rest, "", 3), _numbers(rest, "mm", 3), _numbers(rest, "from", 2)
+    key, grid, tolerance = _numbers(rest, "key", 1), _numbers(rest, "grid", 2), _numbers(rest, "tol", 1)
     try:
-        surface = texture or find_texture(words[0], words[1])
-        sampling = _sampling(words[3:])
+        sampling: SampleGrid | Tolerance | Literal["grid"] | None = "grid" if words[1] == "released" else None
+        if grid:
+            sampling = SampleGrid(nx=int(grid[0]), ny=int(grid[1]))
+        elif tolerance:
+            sampling = Tolerance(mm=tolerance[0])
         block = Block.of(
-            surface,
+            texture or find_texture(words[0], words[1]),
             words[1],
             scale=float(scale.group(1)),
-            sampling=sampling if sampling is not None else ("grid" if words[1] == "released" else None),
-            size_mm=_sizes(words[3:]),
-            height_mm=_height(words[3:]),
-            mm_per_unit=_mm_per_unit(words[3:]),
-            key_mm=_key(words[3:]),
+            sampling=sampling,
+            size_mm=(size[0], size[1]) if size else None,
+            height_mm=size[2] if size else None,
+            mm_per_unit=(unit[0], unit[1], unit[2]) if unit else None,
+            key_mm=key[0] if key else None,
         )
-        origin = _numbers(words[3:], "from", 2)
         return dataclasses.replace(block, origin_uv=(origin[0], origin[1])) if origin else block
     except InputError:
         return None
@@ -71,33 +77,6 @@ def _numbers(words: list[str], prefix: str, count: int) -> list[float] | None:
     """The numbers of the word made of a prefix and so many numbers joined by x."""
     pattern = re.compile(prefix + "x".join([f"({_NUMBER})"] * count))
     for word in words:
-        if found := pattern.fullmatch(word):
-            return [float(one) for one in found.groups()]
+        if numbers := pattern.fullmatch(word):
+            return [float(number) for number in numbers.groups()]
     return None
-
-
-def _sizes(words: list[str]) -> tuple[float, float] | None:
-    found = _numbers(words, "", 3)
-    return (found[0], found[1]) if found else None
-
-
-def _height(words: list[str]) -> float | None:
-    found = _numbers(words, "", 3)
-    return found[2] if found else None
-
-
-def _mm_per_unit(words: list[str]) -> tuple[float, float, float] | None:
-    found = _numbers(words, "mm", 3)
-    return (found[0], found[1], found[2]) if found else None
-
-
-def _key(words: list[str]) -> float | None:
-    found = _numbers(words, "key", 1)
-    return found[0] if found else None
-
-
-def _sampling(words: list[str]) -> SampleGrid | Tolerance | None:
-    if grid := _numbers(words, "grid", 2):
-        return SampleGrid(nx=int(grid[0]), ny=int(grid[1]))
-    tolerance = _numbers(words, "tol", 1)
-    return Tolerance(mm=tolerance[0]) if tolerance else None

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tacbench_cad.checks import meshcheck
-from tacbench_cad.checks.candidates import SIDE_MM, Wanted, stretch_of
+from tacbench_cad.checks.candidates import SIDE_MM, Expectation, stretch_of
 from tacbench_cad.checks.claim import claimed_name
 from tacbench_cad.checks.look import Look, look_at_mesh, look_at_solid
 from tacbench_cad.checks.match import GRID_MM, Candidate, Match, Residual, nearest
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
     from tacbench_cad.checks.solidcheck import Measured
 
-#: A residual above this share of the relief's own spread means that no texture was found, not that one is wrong.
+#: A residual above this fraction of the relief's own spread means that no texture was found, not that one is wrong.
 UNLIKE = 0.5
-#: Below this share the relief is surely that candidate's, in the placement found.
+#: Below this fraction the relief is surely that candidate's, in the placement found.
 SURE = 0.1
 #: Of a plate or an assembly at most so many bodies are examined.
 MAX_BODIES = 300
@@ -70,12 +70,12 @@ def examine(
             the CAD kernel.
         MissingToolError: A package that the format, or ``full``, needs is not there.
     """
-    wanted = Wanted(texture=texture, preset=preset, scale=scale)
+    expected = Expectation(texture=texture, preset=preset, scale=scale)
     try:
         if format_of(path).shape == "solid":
-            report: Report = with_kernel(path, _examine_solid, path, wanted)
+            report: Report = with_kernel(path, _examine_solid, path, expected)
             return report
-        return _examine_mesh(path, wanted, full)
+        return _examine_mesh(path, expected, full)
     except CheckFailedError as error:
         return Report(path=path, checks=(Check(name="file", ok=False, detail=str(error).removeprefix(f"{path}: ")),))
 
@@ -99,35 +99,37 @@ class _Body:
         """Whether it has a relief over its top."""
         return self.look is not None and self.look.is_block
 
-    def examine(self, wanted: Wanted) -> tuple[list[Check], float | None]:
+    def examine(self, expected: Expectation) -> tuple[list[Check], float | None]:
         """All its checks, and how far it is from its formula."""
         if self.look is None:
             return self.checks, None
-        found, deviation = _identity(self.look, wanted)
+        found, deviation = _identity(self.look, expected)
         return [*self.checks, *found], deviation
 
 
-def _examine_bodies(bodies: Sequence[_Body], wanted: Wanted, claim: str | None) -> tuple[list[Check], float | None]:
+def _examine_bodies(
+    bodies: Sequence[_Body], expected: Expectation, claim: str | None
+) -> tuple[list[Check], float | None]:
     """The checks of a file's bodies, where there are several each under its name, and the largest deviation.
 
     Of several bodies the blocks are held to what is asked; the others may be fixtures.
     """
     if len(bodies) == 1:
-        return bodies[0].examine(replace(wanted, claim=claim))
+        return bodies[0].examine(replace(expected, claim=claim))
     blocks = sum(body.is_block for body in bodies)
     detail = f"{len(bodies)}, {blocks} of them with a relief; each is examined by itself"
-    checks = [Check(name="bodies", ok=wanted.is_open or blocks > 0, detail=detail)]
+    checks = [Check(name="bodies", ok=expected.is_open or blocks > 0, detail=detail)]
     deviations = []
     for number, body in enumerate(bodies, start=1):
         # A file of ours calls each body by its part's name; what follows after a blank says where it is.
         own = body.name.partition(" ")[0] if claim is not None else None
-        found, deviation = body.examine(replace(wanted, claim=own) if body.is_block else Wanted(claim=own))
+        found, deviation = body.examine(replace(expected, claim=own) if body.is_block else Expectation(claim=own))
         checks += [replace(check, name=f"{body.name or f'body {number}'}: {check.name}") for check in found]
         deviations += [] if deviation is None else [deviation]
     return checks, max(deviations, default=None)
 
 
-def _examine_mesh(path: Path, wanted: Wanted, full: bool | None) -> Report:
+def _examine_mesh(path: Path, expected: Expectation, full: bool | None) -> Report:
     metadata: dict[str, str] | None = None
     if format_of(path).name == "3mf":
         from tacbench_cad.formats.threemf import read_parts
@@ -142,7 +144,7 @@ def _examine_mesh(path: Path, wanted: Wanted, full: bool | None) -> Report:
     edges = meshcheck.edges(mesh)
     checks = _mesh_soundness(mesh, edges)
     bodies = [_mesh_body(name, one) for name, one in parts]
-    found, deviation = _examine_bodies(bodies, wanted, claimed_name(path, metadata))
+    found, deviation = _examine_bodies(bodies, expected, claimed_name(path, metadata))
     closed = mesh if edges.sound else None if edges.open or edges.crowded else meshcheck.oriented(mesh)
     volume = None if closed is None else closed.volume_mm3
     return Report.of_mesh(path, mesh, [*checks, *found, *_full(mesh, full)], deviation, volume)
@@ -171,11 +173,11 @@ def _mesh_soundness(mesh: Mesh, edges: meshcheck.Edges) -> list[Check]:
         return [*checks, Check(name="volume", ok=False, detail="the surface encloses no volume")]
     inside_out = "" if volume > 0.0 else "inside out: all triangles face inwards; "
     checks.append(Check(name="volume", ok=volume > 0.0, detail=f"{inside_out}{volume:.6g} mm^3"))
-    solidity = meshcheck.solidity(mesh)
-    ok = solidity.status == "NoError"
+    status, genus = meshcheck.solidity(mesh)
+    ok = status == "NoError"
     # The genus is one less for every further body.
-    holes = f", {solidity.genus + meshcheck.bodies(mesh) - 1} through holes" if ok else ": not manifold"
-    checks.append(Check(name="manifold", ok=ok, detail=f"manifold3d: {solidity.status}{holes}"))
+    holes = f", {genus + meshcheck.bodies(mesh) - 1} through holes" if ok else ": not manifold"
+    checks.append(Check(name="manifold", ok=ok, detail=f"manifold3d: {status}{holes}"))
     return checks
 
 
@@ -188,13 +190,13 @@ def _full(mesh: Mesh, full: bool | None) -> list[Check]:
     return meshcheck.foreign_full_checks(mesh)
 
 
-def _examine_solid(path: Path, wanted: Wanted) -> Report:
+def _examine_solid(path: Path, expected: Expectation) -> Report:
     """What :func:`examine` does with a STEP file, in a child process."""
     with kernel_errors(path):
-        return _report_of_solid(path, wanted)
+        return _report_of_solid(path, expected)
 
 
-def _report_of_solid(path: Path, wanted: Wanted) -> Report:
+def _report_of_solid(path: Path, expected: Expectation) -> Report:
     from tacbench_cad.checks import solidcheck
     from tacbench_cad.formats.step import read_parts, read_step
 
@@ -204,7 +206,7 @@ def _report_of_solid(path: Path, wanted: Wanted) -> Report:
         raise CheckFailedError(f"{path}: has {len(parts)} bodies; at most {MAX_BODIES} are examined")
     measured = [solidcheck.measure(one) for _, one in parts]
     bodies = [_solid_body(name, one, own) for (name, one), own in zip(parts, measured, strict=True)]
-    found, deviation = _examine_bodies(bodies, wanted, claimed_name(path))
+    found, deviation = _examine_bodies(bodies, expected, claimed_name(path))
     low, high = np.min([own.low_mm for own in measured], axis=0), np.max([own.high_mm for own in measured], axis=0)
     whole = solidcheck.Measured(volume_mm3=sum(own.volume_mm3 for own in measured), low_mm=low, high_mm=high)
     return Report(
@@ -231,24 +233,21 @@ def _solid_body(name: str, shape: TopoDS_Shape, measured: Measured) -> _Body:
     )
 
 
-def _identity(look: Look, wanted: Wanted) -> tuple[list[Check], float | None]:
+def _identity(look: Look, expected: Expectation) -> tuple[list[Check], float | None]:
     """What the shape is, and how far it is from that."""
-    match = nearest(look, wanted) if len(look.points) else None
-    if match is None or (not look.is_block and wanted.is_open and wanted.claimed is None):
-        return [_no_texture(look, match, asked=not wanted.is_open or wanted.claimed is not None)], None
-    if wanted.is_open and wanted.claimed is None and _is_unknown(look, match):
-        detail = (
-            f"not one of the six textures; the nearest is {_name(match.candidate)}, {match.rms_mm:.3g} mm rms from it"
-        )
-        return [Check(name="texture", ok=False, detail=detail)], None
+    match = nearest(look, expected) if len(look.points) else None
+    if match is None or (not look.is_block and expected.is_open and expected.claimed is None):
+        return [_no_texture(look, match, asked=not expected.is_open or expected.claimed is not None)], None
+    if expected.is_open and expected.claimed is None and _is_unknown(look, match):
+        return [Check(name="texture", ok=False, detail=f"not one of the six textures; {_near(match)}")], None
     allowed = _allowed(match.candidate)
     residual = match.candidate.measure(look, match.placement, near_mm=allowed)
     checks = [
         _placement(look, match),
-        *_size(look, match),
-        *_corner(look, match, wanted),
+        _size(look, match),
+        *_corner(look, match, expected),
         *_sides(look, match),
-        _relief(look, match, residual, wanted, allowed),
+        _relief(look, match, residual, expected, allowed),
     ]
     if look.engraved:
         checks.append(Check(name="label", ok=True, detail=f"pockets of {LABEL_DEPTH_MM:g} mm in the underside"))
@@ -261,10 +260,12 @@ def _no_texture(look: Look, match: Match | None, asked: bool) -> Check:
     if look.is_block and match is None:
         detail = f"a relief over {size}, a size at which no texture makes a block; is its unit the millimetre?"
         return Check(name="texture", ok=False, detail=detail)
-    near = ""
-    if match is not None:
-        near = f"; the nearest is {_name(match.candidate)}, {match.rms_mm:.3g} mm rms from it"
+    near = "" if match is None else f"; {_near(match)}"
     return Check(name="texture", ok=not asked, detail=f"none: a part of {size} without a relief over its top{near}")
+
+
+def _near(match: Match) -> str:
+    return f"the nearest is {_name(match.candidate)}, {match.rms_mm:.3g} mm rms from it"
 
 
 def _name(candidate: Candidate) -> str:
@@ -298,21 +299,21 @@ def _placement(look: Look, match: Match) -> Check:
 
 
 def _likeness(look: Look, match: Match) -> float:
-    """The residual as a share of the relief's own spread: 0 is the candidate itself, 1 is no likeness at all."""
+    """The residual as a fraction of the relief's own spread: 0 is the candidate itself, 1 is no likeness at all."""
     return match.rms_mm / max(float(look.points[:, 2].std()), 1e-12)
 
 
 def _is_unknown(look: Look, match: Match) -> bool:
     """Whether a relief is none of the known ones. One that is only alike, at another size, is none of them either."""
     likeness = _likeness(look, match)
-    return likeness > UNLIKE or (likeness > SURE and not _size(look, match)[0].ok)
+    return likeness > UNLIKE or (likeness > SURE and not _size(look, match).ok)
 
 
 def _at(place: tuple[float, float, float]) -> str:
     return "at x {:.4g}, y {:.4g}, z {:.4g} mm".format(*place)
 
 
-def _size(look: Look, match: Match) -> list[Check]:
+def _size(look: Look, match: Match) -> Check:
     """Sides and height against the candidate's."""
     block = match.candidate.block
     found = (*match.placement.sides(look.size_mm), look.size_mm[2])
@@ -322,19 +323,19 @@ def _size(look: Look, match: Match) -> list[Check]:
     # The highest point of a solid is as near to the height as the solid is to the formula.
     height_mm = max(SIDE_MM, _allowed(match.candidate)) if match.candidate.as_solid and look.is_solid else SIDE_MM
     if max(map(abs, off[:2])) <= SIDE_MM and abs(off[2]) <= height_mm:
-        return [Check(name="size", ok=True, detail=text)]
-    shares = stretch_of(block, look, match.placement)
-    if max(shares) - min(shares) <= 1e-4:
-        how = f"{(sum(shares) / 3.0):.5g} times as large as wanted"
+        return Check(name="size", ok=True, detail=text)
+    fractions = stretch_of(block, look, match.placement)
+    if max(fractions) - min(fractions) <= 1e-4:
+        how = f"{(sum(fractions) / 3.0):.5g} times as large as wanted"
     else:
         how = ", ".join(f"{name} by {one:+.4g} mm" for name, one in zip("xyz", off, strict=True) if abs(one) > SIDE_MM)
-    return [Check(name="size", ok=False, detail=f"wrong size: {text}, {mm(*sides)} is wanted ({how})")]
+    return Check(name="size", ok=False, detail=f"wrong size: {text}, {mm(*sides)} is wanted ({how})")
 
 
-def _corner(look: Look, match: Match, wanted: Wanted) -> list[Check]:
+def _corner(look: Look, match: Match, expected: Expectation) -> list[Check]:
     """The key: a cut corner at (X, 0) of the block."""
     cut = look.cut_corners
-    claimed = wanted.claimed
+    claimed = expected.claimed
     asked = None if claimed is None else claimed.key_mm
     if not cut:
         return [] if asked is None else [Check(name="key", ok=False, detail=f"missing: {asked:g} mm is wanted")]
@@ -365,7 +366,7 @@ def _sides(look: Look, match: Match) -> list[Check]:
     return [Check(name="sides", ok=False, detail=detail)]
 
 
-def _relief(look: Look, match: Match, residual: Residual, wanted: Wanted, allowed: float) -> Check:
+def _relief(look: Look, match: Match, residual: Residual, expected: Expectation, allowed: float) -> Check:
     candidate = match.candidate
     name, numbers = _name(candidate), f"{residual.largest_mm:.3g} mm at most, {residual.rms_mm:.3g} mm rms"
     unlike = _likeness(look, match) > UNLIKE
@@ -379,15 +380,15 @@ def _relief(look: Look, match: Match, residual: Residual, wanted: Wanted, allowe
     detail = f"wrong relief: {name} is {numbers} away (allowed {allowed:.3g}), worst {_at(residual.at_mm)} of the box"
     if unlike:
         detail = f"{detail}; it does not look like it at all"
-    other = _other(look, match, wanted)
+    other = _other(look, match, expected)
     return Check(name="relief", ok=False, detail=detail + other)
 
 
-def _other(look: Look, match: Match, wanted: Wanted) -> str:
+def _other(look: Look, match: Match, expected: Expectation) -> str:
     """What the surface is nearest to when nothing is asked of it, if that is something else."""
-    if wanted.is_open and wanted.claimed is None:
+    if expected.is_open and expected.claimed is None:
         return ""
-    found = nearest(look, Wanted())
+    found = nearest(look, Expectation())
     if found is None or found.rms_mm >= match.rms_mm or _name(found.candidate) == _name(match.candidate):
         return ""
     return f"; the nearest known is {_name(found.candidate)} ({found.rms_mm:.3g} mm rms)"

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 #: Points nearer than this to a plane lie on it, in mm.
 PLANE_MM = 1e-3
-#: A plane that holds this share of the box's footprint is an underside.
-UNDERSIDE_SHARE = 0.3
-#: With more than this share of level area above the underside, the shape is a fixture and no block.
-LEVEL_SHARE = 0.5
+#: A plane that holds this fraction of the box's footprint is an underside.
+UNDERSIDE_FRACTION = 0.3
+#: With more than this fraction of level area above the underside, the shape is a fixture and no block.
+LEVEL_FRACTION = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,27 +77,27 @@ def look_at_mesh(mesh: Mesh) -> Look:
     size = high - low
     normals = np.abs(mesh.doubled_normals)
     length = np.linalg.norm(normals, axis=1)
-    wall = normals[:, 2] <= relief.WALL_SHARE * length
+    wall = normals[:, 2] <= relief.WALL_FRACTION * length
     height = (mesh.vertices[:, 2] - low[2])[mesh.faces]
     bottom = ~wall & (height.max(axis=1) <= PLANE_MM)
     top = ~wall & (height.min(axis=1) >= size[2] - PLANE_MM)
     footprint = max(float(size[0] * size[1]), 1e-300)
-    shares = [float(normals[which, 2].sum()) / 2.0 / footprint for which in (bottom, top)]
-    upside_down = shares[1] >= UNDERSIDE_SHARE > shares[0]
+    fractions = [float(normals[which, 2].sum()) / 2.0 / footprint for which in (bottom, top)]
+    upside_down = fractions[1] >= UNDERSIDE_FRACTION > fractions[0]
     underside = top if upside_down else bottom
     depth = size[2] - height if upside_down else height
     pocket = ~wall & (np.abs(depth - LABEL_DEPTH_MM).max(axis=1) <= PLANE_MM)
     rest = ~wall & ~underside & ~pocket
     level = rest & (np.ptp(height, axis=1) <= PLANE_MM * 1e-3)
     area, level_area = float(normals[rest, 2].sum()), float(normals[level, 2].sum())
-    covered = area / 2.0 / footprint > LEVEL_SHARE and level_area <= LEVEL_SHARE * area
+    covered = area / 2.0 / footprint > LEVEL_FRACTION and level_area <= LEVEL_FRACTION * area
     place = _Upright(low, size, upside_down)
     return Look(
         origin_mm=_triple(low),
         size_mm=_triple(size),
         upside_down=upside_down,
         points=place(relief.points_on(mesh, rest)),
-        is_block=covered and max(shares) >= UNDERSIDE_SHARE,
+        is_block=covered and max(fractions) >= UNDERSIDE_FRACTION,
         outline=place(mesh.vertices[np.unique(mesh.faces[underside])])[:, :2],
         engraved=bool(pocket.any()),
         off_sides_mm=_off_sides(place(mesh.vertices), mesh.faces[wall], size),
@@ -147,8 +147,8 @@ def look_at_solid(shape: TopoDS_Shape, low: Floats, high: Floats) -> Look:
     levels = solidcheck.level_faces(shape)
     near = 5.0 * PLANE_MM
     planes = (float(low[2]), float(high[2]))
-    shares = [sum(area for z, area in levels if abs(z - plane) <= near) / footprint for plane in planes]
-    upside_down = shares[1] >= UNDERSIDE_SHARE > shares[0]
+    fractions = [sum(area for z, area in levels if abs(z - plane) <= near) / footprint for plane in planes]
+    upside_down = fractions[1] >= UNDERSIDE_FRACTION > fractions[0]
     place = _Upright(low, size, upside_down)
     vertices, points = place(solidcheck.vertices(shape)), place(solidcheck.points_on(solidcheck.curved(shape)))
     return Look(
@@ -156,7 +156,7 @@ def look_at_solid(shape: TopoDS_Shape, low: Floats, high: Floats) -> Look:
         size_mm=_triple(size),
         upside_down=upside_down,
         points=points,
-        is_block=max(shares) >= UNDERSIDE_SHARE and _covered(points, size) > LEVEL_SHARE,
+        is_block=max(fractions) >= UNDERSIDE_FRACTION and _covered(points, size) > LEVEL_FRACTION,
         outline=vertices[vertices[:, 2] <= near][:, :2],
         engraved=any(abs(abs(z - (high[2] if upside_down else low[2])) - LABEL_DEPTH_MM) <= near for z, _ in levels),
         off_sides_mm=np.empty((0, 2)),
@@ -165,6 +165,6 @@ def look_at_solid(shape: TopoDS_Shape, low: Floats, high: Floats) -> Look:
 
 
 def _covered(points: Floats, size: Floats) -> float:
-    """Share of a 20 x 20 raster of the footprint that has a point; the kernel's own areas take it seconds."""
+    """Fraction of a 20 x 20 raster of the footprint that has a point; the kernel's own areas take it seconds."""
     cells = np.clip((points[:, :2] / size[:2] * 20.0).astype(np.int64), 0, 19)
     return len(np.unique(cells[:, 0] * 20 + cells[:, 1])) / 400.0

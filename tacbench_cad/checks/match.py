@@ -222,8 +222,3 @@ def nearest(look: Look, candidates: Callable[[Look, Placement], Iterable[Candida
             if best is None or rms < PREFERENCE * best.rms_mm - INDIFFERENT_MM:
                 best = Match(candidate, placement, rms)
     return best
-
-
-def spread(points: Floats) -> float:
-    """Root mean square of the heights about their mean, in mm: what a residual is to be compared with."""
-    return float(points[:, 2].std())

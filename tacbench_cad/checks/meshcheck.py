@@ -25,8 +25,8 @@ from tacbench_cad.util.types import Bools
 MAX_PAIRS = 5e7
 #: ... and for so many seconds, and for so many more for each triangle.
 MAX_SECONDS, MAX_SECONDS_PER_TRIANGLE = 12.0, 4e-5
-#: A triangle whose height is below this share of its longest side has no area to speak of.
-DEGENERATE_SHARE = 1e-9
+#: A triangle whose height is below this fraction of its longest side has no area to speak of.
+DEGENERATE_FRACTION = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +96,7 @@ def degenerate(mesh: Mesh) -> Bools:
     longest = np.einsum("ijk,ijk->ij", sides, sides).max(axis=1)
     normals = cross(sides[:, 1], sides[:, 2])
     doubled = np.sqrt(np.einsum("ij,ij->i", normals, normals))
-    return np.asarray(doubled <= DEGENERATE_SHARE * longest)
+    return np.asarray(doubled <= DEGENERATE_FRACTION * longest)
 
 
 def oriented(mesh: Mesh) -> Mesh | None:
@@ -131,27 +131,15 @@ def oriented(mesh: Mesh) -> Mesh | None:
     return outwards if outwards.volume_mm3 >= 0.0 else Mesh(mesh.vertices, triangles[:, ::-1])
 
 
-@dataclass(frozen=True, kw_only=True)
-class Solidity:
-    """What manifold3d says of a mesh with sound edges.
+def solidity(mesh: Mesh) -> tuple[str, int]:
+    """What manifold3d says of a mesh with sound edges. Only for finite coordinates: it hangs on infinite ones.
 
-    Attributes:
-        status: ``NoError`` or the name of what it found.
-        genus: Number of through holes (0 where it refuses the mesh).
-        volume_mm3: Its own volume.
+    Returns:
+        ``NoError`` or the name of what it found, and the number of through holes (0 where it refuses the mesh).
     """
-
-    status: str
-    genus: int
-    volume_mm3: float
-
-
-def solidity(mesh: Mesh) -> Solidity:
-    """Ask manifold3d. Only for finite coordinates: it hangs on infinite ones."""
     body = mesh.as_manifold()
     status = str(body.status()).rpartition(".")[2]
-    sound = status == "NoError"
-    return Solidity(status=status, genus=body.genus() if sound else 0, volume_mm3=body.volume() if sound else 0.0)
+    return status, body.genus() if status == "NoError" else 0
 
 
 def bodies(mesh: Mesh) -> int:
@@ -171,26 +159,24 @@ def edge_checks(found: Edges) -> list[Check]:
     def at(place: tuple[float, float, float] | None) -> str:
         return "" if place is None else " (one at x {:.4g}, y {:.4g}, z {:.4g} mm)".format(*place)
 
+    flipped, crowd = (
+        "inconsistent winding along {} edges{}: triangles are flipped",
+        "edges have more than two triangles",
+    )
+    rows = (
+        ("closed", found.open, found.open_at, "no open edge", "{} open edges{}"),
+        ("winding", found.same_way, found.same_way_at, "consistent", flipped),
+        (
+            "edges",
+            found.crowded,
+            found.crowded_at,
+            "no edge has more than two triangles",
+            f"not manifold: {{}} {crowd}{{}}",
+        ),
+    )
     return [
-        Check(
-            name="closed",
-            ok=found.open == 0,
-            detail="no open edge" if found.open == 0 else f"{found.open} open edges{at(found.open_at)}",
-        ),
-        Check(
-            name="winding",
-            ok=found.same_way == 0,
-            detail="consistent"
-            if found.same_way == 0
-            else f"inconsistent winding along {found.same_way} edges{at(found.same_way_at)}: triangles are flipped",
-        ),
-        Check(
-            name="edges",
-            ok=found.crowded == 0,
-            detail="no edge has more than two triangles"
-            if found.crowded == 0
-            else f"not manifold: {found.crowded} edges have more than two triangles{at(found.crowded_at)}",
-        ),
+        Check(name=name, ok=count == 0, detail=fault.format(count, at(place)) if count else good)
+        for name, count, place, good, fault in rows
     ]
 
 

@@ -26,6 +26,14 @@ class Check:
     detail: str
 
 
+def volume_check(measured_mm3: float, expected_mm3: float, allowed_mm3: float, name: str = "volume") -> Check:
+    """A volume against the closed form."""
+    off = measured_mm3 - expected_mm3
+    inside_out = "" if measured_mm3 > 0.0 else "inside out: "
+    detail = f"{inside_out}{measured_mm3:.6f} mm^3, {off:+.2e} from the closed form (allowed {allowed_mm3:.1e})"
+    return Check(name=name, ok=measured_mm3 > 0.0 and abs(off) <= allowed_mm3, detail=detail)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Report:
     """All that was found of one file.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tacbench_cad.checks.report import Check
+from tacbench_cad.geometry import kernel
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
@@ -15,8 +16,8 @@ if TYPE_CHECKING:
 
 #: About so many points are taken on the faces of a top.
 POINTS = 80_000
-#: A face is a wall where its normal has a smaller vertical share than this.
-WALL_SHARE = 1e-4
+#: A face is a wall where its normal has a smaller vertical fraction than this.
+WALL_FRACTION = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,44 +43,24 @@ class Measured:
 
 def count(shape: TopoDS_Shape, kind: str) -> int:
     """Number of different sub-shapes of a kind: ``SOLID``, ``SHELL``, ``FACE`` ..."""
-    from OCP.TopAbs import TopAbs_ShapeEnum
-    from OCP.TopExp import TopExp
-    from OCP.TopTools import TopTools_IndexedMapOfShape
-
-    found = TopTools_IndexedMapOfShape()
-    TopExp.MapShapes_s(shape, getattr(TopAbs_ShapeEnum, f"TopAbs_{kind}"), found)
-    return int(found.Size())
+    return len(kernel.distinct(shape, kind))
 
 
 def solid_checks(shape: TopoDS_Shape) -> list[Check]:
     """One solid and nothing beside it, valid, closed."""
     from OCP.BRep import BRep_Tool
     from OCP.BRepCheck import BRepCheck_Analyzer
-    from OCP.TopAbs import TopAbs_ShapeEnum
-    from OCP.TopExp import TopExp_Explorer
 
-    solids = count(shape, "SOLID")
-    loose = 0
-    explorer = TopExp_Explorer(shape, TopAbs_ShapeEnum.TopAbs_FACE, TopAbs_ShapeEnum.TopAbs_SOLID)
-    while explorer.More():
-        loose += 1
-        explorer.Next()
+    solids, loose = count(shape, "SOLID"), len(list(kernel.each(shape, "FACE", outside_of="SOLID")))
     one = solids == 1 and loose == 0
     detail = "one solid" if one else f"{solids} solids and {loose} faces that belong to none; one solid is wanted"
     checks = [Check(name="one solid", ok=one, detail=detail)]
     valid = BRepCheck_Analyzer(shape).IsValid()
     checks.append(Check(name="valid", ok=valid, detail="BRepCheck finds it valid" if valid else "BRepCheck: not valid"))
-    shells, open_shells = 0, 0
-    explorer = TopExp_Explorer(shape, TopAbs_ShapeEnum.TopAbs_SHELL)
-    while explorer.More():
-        shells += 1
-        open_shells += not BRep_Tool.IsClosed_s(explorer.Current())
-        explorer.Next()
-    closed = shells > 0 and open_shells == 0
-    checks.append(
-        Check(name="closed", ok=closed, detail="closed" if closed else f"{open_shells} of {shells} shells are open")
-    )
-    return checks
+    is_closed = [BRep_Tool.IsClosed_s(shell) for shell in kernel.each(shape, "SHELL")]
+    closed = bool(is_closed) and all(is_closed)
+    number_open = f"{is_closed.count(False)} of {len(is_closed)} shells are open"
+    return [*checks, Check(name="closed", ok=closed, detail="closed" if closed else number_open)]
 
 
 def genus(shape: TopoDS_Shape) -> int:
@@ -88,14 +69,8 @@ def genus(shape: TopoDS_Shape) -> int:
     Edges without length (a cone's tip) are no edges here; a seam counts once.
     """
     from OCP.BRep import BRep_Tool
-    from OCP.TopAbs import TopAbs_ShapeEnum
-    from OCP.TopExp import TopExp
-    from OCP.TopoDS import TopoDS
-    from OCP.TopTools import TopTools_IndexedMapOfShape
 
-    found = TopTools_IndexedMapOfShape()
-    TopExp.MapShapes_s(shape, TopAbs_ShapeEnum.TopAbs_EDGE, found)
-    edges = sum(not BRep_Tool.Degenerated_s(TopoDS.Edge_s(found.FindKey(i))) for i in range(1, found.Size() + 1))
+    edges = sum(not BRep_Tool.Degenerated_s(edge) for edge in kernel.distinct(shape, "EDGE"))
     faces = count(shape, "FACE")
     euler = count(shape, "VERTEX") - edges + 2 * faces - count(shape, "WIRE")
     return count(shape, "SHELL") - euler // 2
@@ -103,31 +78,8 @@ def genus(shape: TopoDS_Shape) -> int:
 
 def measure(shape: TopoDS_Shape) -> Measured:
     """The default volume and bounding box: what a user of the kernel, CadQuery or build123d asks first."""
-    from OCP.Bnd import Bnd_Box
-    from OCP.BRepBndLib import BRepBndLib
-    from OCP.BRepGProp import BRepGProp
-    from OCP.GProp import GProp_GProps
-
-    props = GProp_GProps()
-    BRepGProp.VolumeProperties_s(shape, props)
-    box = Bnd_Box()
-    BRepBndLib.AddOptimal_s(shape, box, False, False)
-    if box.IsVoid():
-        return Measured(volume_mm3=0.0, low_mm=np.zeros(3), high_mm=np.zeros(3))
-    x0, y0, z0, x1, y1, z1 = box.Get()
-    return Measured(volume_mm3=props.Mass(), low_mm=np.array([x0, y0, z0]), high_mm=np.array([x1, y1, z1]))
-
-
-def faces(shape: TopoDS_Shape) -> list[TopoDS_Face]:
-    """All faces, each once."""
-    from OCP.TopAbs import TopAbs_ShapeEnum
-    from OCP.TopExp import TopExp
-    from OCP.TopoDS import TopoDS
-    from OCP.TopTools import TopTools_IndexedMapOfShape
-
-    found = TopTools_IndexedMapOfShape()
-    TopExp.MapShapes_s(shape, TopAbs_ShapeEnum.TopAbs_FACE, found)
-    return [TopoDS.Face_s(found.FindKey(i)) for i in range(1, found.Size() + 1)]
+    low, high = kernel.box_mm(shape)
+    return Measured(volume_mm3=kernel.volume_mm3(shape), low_mm=low, high_mm=high)
 
 
 def curved(shape: TopoDS_Shape) -> list[TopoDS_Face]:
@@ -137,7 +89,7 @@ def curved(shape: TopoDS_Shape) -> list[TopoDS_Face]:
     from OCP.gp import gp_Pnt, gp_Vec
 
     chosen = []
-    for face in faces(shape):
+    for face in kernel.distinct(shape, "FACE"):
         surface = BRepAdaptor_Surface(face, True)
         if surface.GetType() == GeomAbs_SurfaceType.GeomAbs_Plane:
             continue
@@ -149,7 +101,7 @@ def curved(shape: TopoDS_Shape) -> list[TopoDS_Face]:
             normal = du.Crossed(dv)
             if normal.Magnitude() > 0.0:
                 vertical = max(vertical, abs(normal.Z()) / normal.Magnitude())
-        if vertical > WALL_SHARE:
+        if vertical > WALL_FRACTION:
             chosen.append(face)
     return chosen
 
@@ -203,35 +155,16 @@ def points_on(chosen: list[TopoDS_Face], points: int = POINTS) -> Floats:
 def is_rectangle(face: TopoDS_Face) -> bool:
     """Whether a face fills its parameter rectangle: four edges, and a corner of the rectangle at every vertex."""
     from OCP.BRep import BRep_Tool
-    from OCP.TopAbs import TopAbs_ShapeEnum
-    from OCP.TopExp import TopExp
-    from OCP.TopoDS import TopoDS
-    from OCP.TopTools import TopTools_IndexedMapOfShape
 
     if count(face, "EDGE") != 4:
         return False
     u0, u1, v0, v1 = _bounds(face)
     near_u, near_v = 1e-6 * (u1 - u0), 1e-6 * (v1 - v0)
-    found = TopTools_IndexedMapOfShape()
-    TopExp.MapShapes_s(face, TopAbs_ShapeEnum.TopAbs_VERTEX, found)
-    for i in range(1, found.Size() + 1):
-        at = BRep_Tool.Parameters_s(TopoDS.Vertex_s(found.FindKey(i)), face)
+    for vertex in kernel.distinct(face, "VERTEX"):
+        at = BRep_Tool.Parameters_s(vertex, face)
         if min(abs(at.X() - u0), abs(at.X() - u1)) > near_u or min(abs(at.Y() - v0), abs(at.Y() - v1)) > near_v:
             return False
     return True
-
-
-def area(chosen: list[TopoDS_Face]) -> float:
-    """Area of faces together, in mm^2."""
-    from OCP.BRepGProp import BRepGProp
-    from OCP.GProp import GProp_GProps
-
-    total = 0.0
-    for face in chosen:
-        props = GProp_GProps()
-        BRepGProp.SurfaceProperties_s(face, props)
-        total += props.Mass()
-    return total
 
 
 def level_faces(shape: TopoDS_Shape) -> list[tuple[float, float]]:
@@ -240,24 +173,18 @@ def level_faces(shape: TopoDS_Shape) -> list[tuple[float, float]]:
     from OCP.GeomAbs import GeomAbs_SurfaceType
 
     found = []
-    for face in faces(shape):
+    for face in kernel.distinct(shape, "FACE"):
         surface = BRepAdaptor_Surface(face, False)
         if surface.GetType() == GeomAbs_SurfaceType.GeomAbs_Plane:
             plane = surface.Plane()
             if abs(plane.Axis().Direction().Z()) > 1.0 - 1e-9:
-                found.append((plane.Location().Z(), area([face])))
+                found.append((plane.Location().Z(), kernel.area_mm2([face])))
     return found
 
 
 def vertices(shape: TopoDS_Shape) -> Floats:
     """All vertices, each once; shape (n, 3), in mm."""
     from OCP.BRep import BRep_Tool
-    from OCP.TopAbs import TopAbs_ShapeEnum
-    from OCP.TopExp import TopExp
-    from OCP.TopoDS import TopoDS
-    from OCP.TopTools import TopTools_IndexedMapOfShape
 
-    found = TopTools_IndexedMapOfShape()
-    TopExp.MapShapes_s(shape, TopAbs_ShapeEnum.TopAbs_VERTEX, found)
-    points = [BRep_Tool.Pnt_s(TopoDS.Vertex_s(found.FindKey(i))) for i in range(1, found.Size() + 1)]
+    points = [BRep_Tool.Pnt_s(vertex) for vertex in kernel.distinct(shape, "VERTEX")]
     return np.array([(p.X(), p.Y(), p.Z()) for p in points], dtype=np.float64).reshape(-1, 3)

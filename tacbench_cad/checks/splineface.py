@@ -15,7 +15,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.sparse import csr_array
 
-from tacbench_cad.geometry.relief import WALL_SHARE
+from tacbench_cad.geometry.relief import WALL_FRACTION
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class SplineFace:
         (u0, u1), (v0, v1) = self.bounds
         u, v = u0 + np.array([0.19, 0.37, 0.71]) * (u1 - u0), v0 + np.array([0.13, 0.41, 0.83]) * (v1 - v0)
         normal = np.cross(self(u, v, (1, 0)), self(u, v, (0, 1))).reshape(-1, 3)
-        return bool(np.all(np.abs(normal[:, 2]) <= WALL_SHARE * np.linalg.norm(normal, axis=1)))
+        return bool(np.all(np.abs(normal[:, 2]) <= WALL_FRACTION * np.linalg.norm(normal, axis=1)))
 
     def _gauss(self, axis: int) -> tuple[Floats, Floats]:
         """Gauss-Legendre points and weights on every knot span."""

@@ -15,6 +15,7 @@ import numpy as np
 from tacbench_cad.checks import solidcheck
 from tacbench_cad.checks.solidcheck import Measured
 from tacbench_cad.checks.splineface import SplineFace, spline_face
+from tacbench_cad.geometry import kernel
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def survey(shape: TopoDS_Shape) -> Survey:
     Args:
         shape: The solid, in mm.
     """
-    faces = solidcheck.faces(shape)
+    faces = kernel.distinct(shape, "FACE")
     bases: dict[Any, Any] = {}
     planes, patches = [], []
     for face in faces:
@@ -90,4 +91,4 @@ def _cone(face: TopoDS_Face) -> float:
     normal = position.XDirection().Crossed(position.YDirection())
     distance = normal.X() * place.X() + normal.Y() * place.Y() + normal.Z() * place.Z()
     sign = -1.0 if face.Orientation() == TopAbs_Orientation.TopAbs_REVERSED else 1.0
-    return float(sign * distance * solidcheck.area([face]) / 3.0)
+    return float(sign * distance * kernel.area_mm2([face]) / 3.0)

@@ -15,7 +15,7 @@ import numpy as np
 from tacbench_cad.checks import meshcheck
 from tacbench_cad.checks.assembly import verify_mesh_assembly, verify_solid_assembly
 from tacbench_cad.checks.match import GRID_MM, Facets
-from tacbench_cad.checks.report import Check, Report
+from tacbench_cad.checks.report import Check, Report, volume_check
 from tacbench_cad.formats import format_of
 from tacbench_cad.geometry import relief
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Check", "Report", "verify"]
 
-#: The kernel's default volume must come this near to the closed form, as a share of it.
-SOLID_VOLUME_SHARE = 1e-4
+#: The kernel's default volume must come this near to the closed form, as a fraction of it.
+SOLID_VOLUME_FRACTION = 1e-4
 #: A volume summed patch by patch is right to rounding: twelve decimals a coordinate in the file.
-SOLID_ROUNDING_SHARE = 1e-9
+SOLID_ROUNDING_FRACTION = 1e-9
 #: The kernel's default bounding box must come this near to the block, in mm.
 SOLID_BOX_MM = 1e-3
 #: Relative rounding of a float32 value.
@@ -91,27 +91,18 @@ def _mesh_volume(mesh: Mesh, expected: ExpectedGeometry) -> Check:
     """Volume against the closed form; moving every point by a float32's rounding may change it by area x rounding."""
     area = float(np.linalg.norm(mesh.doubled_normals, axis=1).sum()) / 2.0
     allowed = expected.volume_slack_mm3 + area * _FLOAT32 * float(np.abs(mesh.vertices).max())
-    return _volume(mesh.volume_mm3, expected.volume_mm3, allowed)
-
-
-def _volume(found: float, wanted: float, allowed: float) -> Check:
-    off = found - wanted
-    ok = found > 0.0 and abs(off) <= allowed
-    detail = f"{found:.6f} mm^3, {off:+.2e} from the closed form (allowed {allowed:.1e})"
-    return Check(name="volume", ok=ok, detail=detail if found > 0.0 else f"inside out: {detail}")
+    return volume_check(mesh.volume_mm3, expected.volume_mm3, allowed)
 
 
 def _manifold(mesh: Mesh, genus: int) -> list[Check]:
-    solidity = meshcheck.solidity(mesh)
-    checks = [Check(name="manifold", ok=solidity.status == "NoError", detail=f"manifold3d: {solidity.status}")]
-    if solidity.status == "NoError":
-        checks.append(_genus(solidity.genus, genus))
-    return checks
+    status, holes = meshcheck.solidity(mesh)
+    checks = [Check(name="manifold", ok=status == "NoError", detail=f"manifold3d: {status}")]
+    return [*checks, _genus(holes, genus)] if status == "NoError" else checks
 
 
-def _genus(found: int, wanted: int) -> Check:
-    detail = f"{found} through holes" + ("" if found == wanted else f", {wanted} are wanted")
-    return Check(name="genus", ok=found == wanted, detail=detail)
+def _genus(holes: int, expected: int) -> Check:
+    detail = f"{holes} through holes" + ("" if holes == expected else f", {expected} are wanted")
+    return Check(name="genus", ok=holes == expected, detail=detail)
 
 
 def _mesh_box(part: Part, mesh: Mesh, expected: ExpectedGeometry) -> Check:
@@ -185,12 +176,13 @@ def _verify_solid(part: Part, path: Path, full: bool) -> Report:
     _, expected = part.solid
     found = survey(shape)
     measured = found.measured
-    share = SOLID_ROUNDING_SHARE if found.exact else SOLID_VOLUME_SHARE
+    fraction = SOLID_ROUNDING_FRACTION if found.exact else SOLID_VOLUME_FRACTION
+    allowed_mm3 = fraction * expected.volume_mm3 + expected.volume_slack_mm3
     checks = [
         Check(name="file", ok=True, detail="read back by the kernel"),
         *solidcheck.solid_checks(shape),
         _genus(solidcheck.genus(shape), part.genus),
-        _volume(measured.volume_mm3, expected.volume_mm3, share * expected.volume_mm3 + expected.volume_slack_mm3),
+        volume_check(measured.volume_mm3, expected.volume_mm3, allowed_mm3),
         _solid_box(part, measured, expected),
     ]
     deviation = None
@@ -210,7 +202,7 @@ def _verify_solid(part: Part, path: Path, full: bool) -> Report:
 
 def _kernel_defaults(part: Part, expected: ExpectedGeometry, measured: Measured) -> list[Check]:
     """What a user of the kernel, CadQuery or build123d is told first; slow on blocks of many patches."""
-    allowed = SOLID_VOLUME_SHARE * expected.volume_mm3 + expected.volume_slack_mm3
-    volume = _volume(measured.volume_mm3, expected.volume_mm3, allowed)
+    allowed = SOLID_VOLUME_FRACTION * expected.volume_mm3 + expected.volume_slack_mm3
+    volume = volume_check(measured.volume_mm3, expected.volume_mm3, allowed)
     box = _solid_box(part, measured, expected)
     return [dataclasses.replace(volume, name="kernel volume"), dataclasses.replace(box, name="kernel box")]

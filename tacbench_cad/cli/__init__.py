@@ -12,9 +12,9 @@ import rich_click as click
 from click.exceptions import ClickException, Exit, NoSuchCommand, UsageError
 
 from tacbench_cad import __version__
-from tacbench_cad.cli.common import note, one_line
+from tacbench_cad.cli.common import note
 from tacbench_cad.cli.options import help_of
-from tacbench_cad.util.errors import MissingToolError, TacbenchError
+from tacbench_cad.util.errors import MissingToolError, TacbenchError, one_line
 from tacbench_cad.util.packages import why_not_imported
 
 #: The commands by what they are for.

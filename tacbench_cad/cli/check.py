@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import end_check, one_line, print_json, print_lines, print_table
-from tacbench_cad.util.errors import InputError, TacbenchError
+from tacbench_cad.cli.common import end_check, print_json, print_lines, print_table
+from tacbench_cad.util.errors import InputError, TacbenchError, one_line, require_between
 from tacbench_cad.util.text import counted, mm
 
 if TYPE_CHECKING:
@@ -39,8 +39,8 @@ def command(files: tuple[Path, ...], texture: str | None, preset: str | None, sc
     from tacbench_cad.checks.identify import examine
     from tacbench_cad.util.files import existing_file
 
-    if scale is not None and not 0.01 <= scale <= 100.0:
-        raise InputError("scale", scale, "must be between 0.01 and 100")
+    if scale is not None:
+        require_between("scale", scale, 0.01, 100.0)
     reports: list[Report] = []
     refusals: list[tuple[Path, TacbenchError]] = []
     for path in files:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 from click.exceptions import Exit
 
-from tacbench_cad.util.errors import InputError, MissingToolError, TacbenchError
+from tacbench_cad.util.errors import InputError, MissingToolError, TacbenchError, one_line
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -22,11 +22,6 @@ if TYPE_CHECKING:
 
 #: Width of a table that is not printed on a terminal.
 PLAIN_WIDTH = 160
-
-
-def one_line(message: object) -> str:
-    """The message without line breaks."""
-    return " ".join(str(message).split())
 
 
 def print_json(document: dict[str, Any]) -> None:

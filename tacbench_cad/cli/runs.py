@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import end_check, note, one_line, print_json, print_lines, print_table, simulated_devices
+from tacbench_cad.cli.common import end_check, note, print_json, print_lines, print_table, simulated_devices
 from tacbench_cad.cli.progress import ProgressLine
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.errors import InputError, one_line
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:

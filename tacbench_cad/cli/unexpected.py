@@ -11,8 +11,8 @@ from itertools import pairwise
 from pathlib import Path
 
 from tacbench_cad import __version__
-from tacbench_cad.cli.common import note, one_line
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.cli.common import note
+from tacbench_cad.util.errors import InputError, one_line
 
 #: Environment variable with the path of the file that takes tracebacks.
 LOG_VARIABLE = "TACBENCH_LOG"

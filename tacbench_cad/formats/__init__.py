@@ -19,7 +19,6 @@ class Format:
         name: What ``--formats`` calls it.
         suffix: End of the file's name, with the dot.
         shape: Whether it holds a part's ``mesh`` or its ``solid``.
-        needs: What has to be installed for it, for people.
         write: Writes a part to a path (a temporary one; see :func:`tacbench_cad.util.files.replacing`).
         why_missing: Why it cannot be written on this machine, or None.
     """
@@ -27,13 +26,8 @@ class Format:
     name: str
     suffix: str
     shape: str
-    needs: str
     write: Callable[[Part, Path], None]
-    why_missing: Callable[[], str | None]
-
-
-def _nothing_missing() -> str | None:
-    return None
+    why_missing: Callable[[], str | None] = lambda: None
 
 
 #: The file formats by their names.
@@ -44,15 +38,12 @@ FORMATS: dict[str, Format] = {
             name="stl",
             suffix=".stl",
             shape="mesh",
-            needs="the base install",
             write=stl.write_stl,
-            why_missing=_nothing_missing,
         ),
         Format(
             name="3mf",
             suffix=".3mf",
             shape="mesh",
-            needs="lib3mf (in the base install, except on ARM Linux)",
             write=threemf.write_3mf,
             why_missing=threemf.why_missing,
         ),
@@ -60,7 +51,6 @@ FORMATS: dict[str, Format] = {
             name="step",
             suffix=".step",
             shape="solid",
-            needs='pip install "tacbench-cad[cad]"',
             write=step.write_step,
             why_missing=step.why_missing,
         ),

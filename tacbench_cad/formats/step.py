@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tacbench_cad import __version__
+from tacbench_cad.geometry.kernel import location
 from tacbench_cad.geometry.part import Part, rgb_of
 from tacbench_cad.util.door import LIMITS_VARIABLE, limits_factor, open_input
-from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError
+from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError, one_line
 from tacbench_cad.util.files import not_empty
 from tacbench_cad.util.processes import LostProcessError, isolated
 from tacbench_cad.util.types import Floats
@@ -148,26 +149,19 @@ def write_assembly(placed: Sequence[tuple[Part, Floats]], name: str, title: str,
         MissingToolError: There is no kernel.
         OSError: The file could not be written.
     """
-    require_kernel()
-    from OCP.gp import gp_Trsf
-    from OCP.TCollection import TCollection_ExtendedString
-    from OCP.TDataStd import TDataStd_Name
     from OCP.TopLoc import TopLoc_Location
 
     document, shapes, colours = _document()
     whole = shapes.NewShape()
-    TDataStd_Name.Set_s(whole, TCollection_ExtendedString(name))
+    _set_name(whole, name)
     labels: dict[str, Any] = {}
     for part, matrix in placed:
-        own = part.solid[0].Location()
-        if part.name_in("solid") not in labels:
+        own, product = part.solid[0].Location(), part.name_in("solid")
+        if product not in labels:
             # Without a place of its own: the kernel makes a nameless product of a shape that has one.
-            labels[part.name_in("solid")] = shapes.AddShape(part.solid[0].Located(TopLoc_Location()), False)
-            _named(labels[part.name_in("solid")], part.name_in("solid"), rgb_of(part.kind), colours)
-        place = gp_Trsf()
-        place.SetValues(*matrix[:3].ravel().tolist())
-        used = shapes.AddComponent(whole, labels[part.name_in("solid")], TopLoc_Location(place) * own)
-        TDataStd_Name.Set_s(used, TCollection_ExtendedString(part.name_in("solid")))
+            labels[product] = shapes.AddShape(part.solid[0].Located(TopLoc_Location()), False)
+            _named(labels[product], product, rgb_of(part.kind), colours)
+        _set_name(shapes.AddComponent(whole, labels[product], location(matrix) * own), product)
     shapes.UpdateAssemblies()
     _write_document(document, name, title, path, assembly=True)
     path.write_bytes(_styles_in_order(path.read_bytes()))
@@ -215,13 +209,18 @@ def _document() -> tuple[Any, Any, Any]:
     return document, XCAFDoc_DocumentTool.ShapeTool_s(main), XCAFDoc_DocumentTool.ColorTool_s(main)
 
 
-def _named(label: Any, name: str, colour: tuple[float, float, float], colours: Any) -> None:
-    from OCP.Quantity import Quantity_Color, Quantity_TypeOfColor
+def _set_name(label: Any, name: str) -> None:
     from OCP.TCollection import TCollection_ExtendedString
     from OCP.TDataStd import TDataStd_Name
-    from OCP.XCAFDoc import XCAFDoc_ColorType
 
     TDataStd_Name.Set_s(label, TCollection_ExtendedString(name))
+
+
+def _named(label: Any, name: str, colour: tuple[float, float, float], colours: Any) -> None:
+    from OCP.Quantity import Quantity_Color, Quantity_TypeOfColor
+    from OCP.XCAFDoc import XCAFDoc_ColorType
+
+    _set_name(label, name)
     shown = Quantity_Color(*colour, Quantity_TypeOfColor.Quantity_TOC_sRGB)
     colours.SetColor(label, shown, XCAFDoc_ColorType.XCAFDoc_ColorGen)
 
@@ -307,7 +306,7 @@ def kernel_errors(path: Path) -> Iterator[None]:
     except Exception as error:
         if not type(error).__module__.startswith("OCP"):
             raise
-        detail = " ".join(str(error).split())[:200] or type(error).__name__
+        detail = one_line(error, 200) or type(error).__name__
         raise CheckFailedError(f"{path}: the kernel refuses this STEP file: {detail}") from error
 
 

@@ -28,7 +28,7 @@ from tacbench_cad.formats.stl import require_finite
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.util.door import open_input, require_within
-from tacbench_cad.util.errors import CheckFailedError, MissingToolError
+from tacbench_cad.util.errors import CheckFailedError, MissingToolError, one_line
 from tacbench_cad.util.files import not_empty
 from tacbench_cad.util.types import Floats
 
@@ -253,7 +253,7 @@ def read_parts(path: Path) -> tuple[list[tuple[str, Mesh]], dict[str, str]]:
     try:
         reader.ReadFromFile(str(path))
     except module.ELib3MFException as error:
-        raise CheckFailedError(f"{path}: the strict 3MF reader refuses it: {_first_line(error)}") from None
+        raise CheckFailedError(f"{path}: the strict 3MF reader refuses it: {one_line(error, 200)}") from None
     warnings = [reader.GetWarning(i)[1] for i in range(reader.GetWarningCount())]
     if warnings:
         raise CheckFailedError(f"{path}: the strict 3MF reader warns: {warnings[0]}")
@@ -261,10 +261,6 @@ def read_parts(path: Path) -> tuple[list[tuple[str, Mesh]], dict[str, str]]:
     group = model.GetMetaDataGroup()
     entries = [group.GetMetaData(i) for i in range(group.GetMetaDataCount())]
     return parts, {entry.GetName(): entry.GetValue() for entry in entries}
-
-
-def _first_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]
 
 
 def _require_container(path: Path) -> None:

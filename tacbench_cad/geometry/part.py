@@ -54,7 +54,7 @@ class Part:
         make_solid: The same for the Open CASCADE solid; None where there can be none.
         solid_name: What it is called in a STEP file; empty where that is the same.
         spec: Everything that went into it, as plain JSON values: for the manifest and the files' metadata.
-        least_wall_mm: Thinnest wall, for a fixture; None for a block.
+        min_wall_mm: Thinnest wall, for a fixture; None for a block.
         block: The block itself where the part is one.
         no_solid: Why there is no solid.
         mesh_needs_cad: Whether the mesh is made by the CAD kernel.
@@ -73,7 +73,7 @@ class Part:
     make_solid: Callable[[], tuple[TopoDS_Shape, ExpectedGeometry]] | None
     solid_name: str = ""
     spec: Mapping[str, Any] = field(default_factory=dict)
-    least_wall_mm: float | None = None
+    min_wall_mm: float | None = None
     block: Block | None = None
     no_solid: str | None = None
     mesh_needs_cad: bool = False

@@ -14,8 +14,8 @@ from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.types import Bools, Floats
 
-#: Triangles whose normal has a smaller vertical share than this are walls.
-WALL_SHARE = 1e-4
+#: Triangles whose normal has a smaller vertical fraction than this are walls.
+WALL_FRACTION = 1e-4
 #: Relative rounding of a float32 value.
 _FLOAT32 = 2.0**-23
 #: About so many points are taken inside the triangles of a top; never fewer than four in each triangle.
@@ -32,13 +32,11 @@ class Distance:
         largest_mm: The largest distance.
         rms_mm: The root mean square.
         at_mm: x, y, z of the point with the largest distance.
-        largest_vertical_mm: The largest ``|z - formula|``.
     """
 
     largest_mm: float
     rms_mm: float
     at_mm: tuple[float, float, float]
-    largest_vertical_mm: float
 
 
 def upward(mesh: Mesh, normals: Floats) -> Bools:
@@ -49,7 +47,7 @@ def upward(mesh: Mesh, normals: Floats) -> Bools:
     """
     length = np.sqrt(np.einsum("ij,ij->i", normals, normals))
     rounded = 4.0 * _FLOAT32 * np.abs(mesh.vertices).max(initial=0.0) * np.ptp(mesh.triangle_points, axis=1).max(axis=1)
-    return np.asarray(normals[:, 2] > WALL_SHARE * length + rounded)
+    return np.asarray(normals[:, 2] > WALL_FRACTION * length + rounded)
 
 
 def points_on(mesh: Mesh, which: Bools, points: int = POINTS) -> Floats:
@@ -67,8 +65,8 @@ def points_on(mesh: Mesh, which: Bools, points: int = POINTS) -> Floats:
         Points, shape (k, 3).
     """
     triangles = mesh.faces[which]
-    wanted = points / max(len(triangles), 1)
-    steps = int(np.clip(2 * round(np.sqrt(2.0 * wanted) / 2.0), 2, MAX_STEPS))
+    per_triangle = points / max(len(triangles), 1)
+    steps = int(np.clip(2 * round(np.sqrt(2.0 * per_triangle) / 2.0), 2, MAX_STEPS))
     first, second = np.meshgrid(np.arange(steps + 1), np.arange(steps + 1), indexing="ij")
     corner = (np.maximum(first, second) == steps) | (first + second == 0)
     inside = (first + second <= steps) & ~corner
@@ -105,7 +103,6 @@ def distance(points: Floats, surface: WaveSum, datum_mm: float) -> Distance:
         largest_mm=float(slanted.max()),
         rms_mm=float(np.sqrt(np.mean(sample**2))),
         at_mm=(float(x[i]), float(y[i]), float(z[i])),
-        largest_vertical_mm=float(vertical.max()),
     )
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tacbench_cad.geometry import kernel
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
 from tacbench_cad.geometry.triangulation import triangulate
 from tacbench_cad.util.errors import CheckFailedError, InputError
@@ -82,31 +83,17 @@ class SimpleSolid:
         Raises:
             InputError: It is no solid, or a face is of another kind.
         """
-        from OCP.Bnd import Bnd_Box
-        from OCP.BRepBndLib import BRepBndLib
-        from OCP.BRepGProp import BRepGProp
-        from OCP.gp import gp_Trsf, gp_Vec
-        from OCP.GProp import GProp_GProps
-        from OCP.TopLoc import TopLoc_Location
-
         shape = solid.val() if hasattr(solid, "val") else solid
         shape = getattr(shape, "wrapped", shape)
         if shape is None or not hasattr(shape, "ShapeType"):
             raise InputError("solid", solid, "must be a solid of CadQuery, build123d or Open CASCADE")
         round_mm2 = _require_simple(shape)
-        box = Bnd_Box()
-        BRepBndLib.AddOptimal_s(shape, box, False, False)
-        x, y, z, *_ = low_high = box.Get()
-        shift = gp_Trsf()
-        shift.SetTranslation(gp_Vec(-x, -y, -z))
-        if volume_mm3 is None:
-            properties = GProp_GProps()
-            BRepGProp.VolumeProperties_s(shape, properties)
-            volume_mm3 = properties.Mass()
-        size = tuple(
-            round(high - low, ROUND_DECIMALS - 3) for low, high in zip(low_high[:3], low_high[3:], strict=True)
-        )
-        return cls(shape.Moved(TopLoc_Location(shift)), (size[0], size[1], size[2]), volume_mm3, round_mm2)
+        low, high = kernel.box_mm(shape)
+        x, y, z = np.round(high - low, ROUND_DECIMALS - 3).tolist()
+        to_origin = np.eye(4)
+        to_origin[:3, 3] = -low
+        volume = kernel.volume_mm3(shape) if volume_mm3 is None else volume_mm3
+        return cls(shape.Moved(kernel.location(to_origin)), (x, y, z), volume, round_mm2)
 
     def mesh(self) -> tuple[Mesh, ExpectedGeometry]:
         """The mesh; its chords take less than their sagitta off every round face."""
@@ -138,39 +125,28 @@ def compound(placed: Sequence[tuple[TopoDS_Shape, Floats]]) -> TopoDS_Compound:
         placed: Shapes, each with the matrix (4, 4) that takes it there, in mm.
     """
     from OCP.BRep import BRep_Builder
-    from OCP.gp import gp_Trsf
-    from OCP.TopLoc import TopLoc_Location
     from OCP.TopoDS import TopoDS_Compound
 
     whole, builder = TopoDS_Compound(), BRep_Builder()
     builder.MakeCompound(whole)
     for shape, matrix in placed:
-        place = gp_Trsf()
-        place.SetValues(*matrix[:3].ravel().tolist())
-        builder.Add(whole, shape.Moved(TopLoc_Location(place)))
+        builder.Add(whole, shape.Moved(kernel.location(matrix)))
     return whole
 
 
 def _require_simple(shape: TopoDS_Shape) -> float:
     """Area of the round faces, in mm^2, if there are none but planes, cylinders and cones."""
     from OCP.BRepAdaptor import BRepAdaptor_Surface
-    from OCP.BRepGProp import BRepGProp
     from OCP.GeomAbs import GeomAbs_SurfaceType as Kind
-    from OCP.GProp import GProp_GProps
-    from OCP.TopAbs import TopAbs_ShapeEnum
-    from OCP.TopExp import TopExp_Explorer
-    from OCP.TopoDS import TopoDS
 
-    explorer, properties = TopExp_Explorer(shape, TopAbs_ShapeEnum.TopAbs_FACE), GProp_GProps()
-    while explorer.More():
-        face = TopoDS.Face_s(explorer.Current())
+    curved = []
+    for face in kernel.each(shape, "FACE"):
         kind = BRepAdaptor_Surface(face).GetType()
-        explorer.Next()
         if kind in (Kind.GeomAbs_Cylinder, Kind.GeomAbs_Cone):
-            BRepGProp.SurfaceProperties_s(face, properties)
+            curved.append(face)
         elif kind != Kind.GeomAbs_Plane:
             raise InputError("shape", None, "only planes, cylinders and cones are meshed here")
-    return float(properties.Mass())
+    return kernel.area_mm2(curved)
 
 
 def _weld(nodes: Floats, triangles: Indices) -> tuple[Floats, Indices]:

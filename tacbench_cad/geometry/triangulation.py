@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tacbench_cad.geometry.kernel import each
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Floats, Indices
 
@@ -30,20 +31,15 @@ def triangulate(shape: TopoDS_Shape, deflection_mm: float, angle_rad: float) -> 
     from OCP.BRep import BRep_Tool
     from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
     from OCP.BRepMesh import BRepMesh_IncrementalMesh
-    from OCP.TopAbs import TopAbs_Orientation, TopAbs_ShapeEnum
-    from OCP.TopExp import TopExp_Explorer
+    from OCP.TopAbs import TopAbs_Orientation
     from OCP.TopLoc import TopLoc_Location
-    from OCP.TopoDS import TopoDS
 
     # A copy without the meshes of earlier calls: the kernel keeps one on the shape and would hand it out again.
     own = BRepBuilderAPI_Copy(shape, True, False).Shape()
     BRepMesh_IncrementalMesh(own, deflection_mm, False, angle_rad, False)
     nodes: list[tuple[float, float, float]] = []
     triangles: list[tuple[int, int, int]] = []
-    explorer = TopExp_Explorer(own, TopAbs_ShapeEnum.TopAbs_FACE)
-    while explorer.More():
-        face = TopoDS.Face_s(explorer.Current())
-        explorer.Next()
+    for face in each(own, "FACE"):
         place = TopLoc_Location()
         mesh = BRep_Tool.Triangulation_s(face, place)
         if mesh is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.textures import BlockTable, Texture, catalogue, read_texture
@@ -20,31 +21,31 @@ def textures_of(words: Sequence[str | int | Texture], preset: str) -> list[tuple
     Raises:
         InputError: A word means nothing, or two textures have one name.
     """
-    found: list[tuple[Texture, BlockTable | None]] = []
+    chosen: list[tuple[Texture, BlockTable | None]] = []
     six = catalogue(preset)
-    known = {name: one for one in six for name in (str(one.number), one.name)}
-    for one in words:
-        if isinstance(one, Texture):
-            found.append((one, None))
+    known = {name: texture for texture in six for name in (str(texture.number), texture.name)}
+    for word in words:
+        if isinstance(word, Texture):
+            chosen.append((word, None))
             continue
-        word = str(one)
+        word = str(word)
         if word == "all":
-            found += [(one, None) for one in six]
+            chosen += [(texture, None) for texture in six]
         elif word.lower() in known:
-            found.append((known[word.lower()], None))
+            chosen.append((known[word.lower()], None))
         elif word.lower().endswith(".toml") or "/" in word or Path(word).exists():
             file = read_texture(Path(word))
-            found.append((file.texture, file.block))
+            chosen.append((file.texture, file.block))
         else:
-            hint = nearest(word, [one.name for one in six])
+            hint = nearest(word, [texture.name for texture in six])
             raise InputError("texture", word, f"{hint}; a number from 1 to 6, a TOML file and all are allowed too")
-    if not found:
+    if not chosen:
         raise InputError("texture", "", "name at least one: 1 to 6, a TOML file or all")
-    names = [one.name for one, _ in found]
+    names = [texture.name for texture, _ in chosen]
     for name in names:
         if names.count(name) > 1:
             raise InputError("texture", name, "is asked for twice; its files would share their names")
-    return found
+    return chosen
 
 
 def described(words: Sequence[str], preset: str, scale: float) -> list[Block]:
@@ -53,7 +54,8 @@ def described(words: Sequence[str], preset: str, scale: float) -> list[Block]:
     Raises:
         InputError: A word, the preset or the scale is not allowed.
     """
-    found = textures_of(words, preset)
-    if preset == "released":
-        return [Block.of(one, preset, scale=scale, sampling="grid", table=table) for one, table in found]
-    return [Block.of(one, preset, scale=scale, table=table) for one, table in found]
+    sampling: Literal["grid"] | None = "grid" if preset == "released" else None
+    return [
+        Block.of(texture, preset, scale=scale, sampling=sampling, table=table)
+        for texture, table in textures_of(words, preset)
+    ]

@@ -6,7 +6,6 @@ import contextlib
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, as_completed
 from dataclasses import dataclass, field
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.making import manifest
 from tacbench_cad.making.plan import LeftOut, Plan, Source
 from tacbench_cad.making.request import Request, asks_for_cad, plan
-from tacbench_cad.making.writing import Failure, Made, make_files, make_in_child
+from tacbench_cad.making.writing import Failure, Outcome, make_files, make_in_child
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError, MissingToolError, TacbenchError
 from tacbench_cad.util.files import TEMPORARY_PREFIX, locked
@@ -99,40 +98,40 @@ def build(request: Request, progress: Progress = lambda message, done, total: No
         InputError: An option, or the output folder, is not allowed.
         MissingToolError: Something asked for by name cannot be made here.
     """
-    wanted = plan(request)
+    work = plan(request)
     if request.full:
         require("verify = 'full':", "pymeshlab")
     with Workers(cpu_count()) as workers:
-        progress("loading the CAD kernel" if wanted.needs_kernel else "meshing", 0, wanted.file_count)
-        wanted = _with_kernel(request, wanted, workers)
-        if not wanted.sources:
-            raise InputError("parts", None, "nothing can be made: " + "; ".join(one.reason for one in wanted.left_out))
-        for source in wanted.sources:
+        progress("loading the CAD kernel" if work.needs_kernel else "meshing", 0, work.file_count)
+        work = _with_kernel(request, work, workers)
+        if not work.sources:
+            raise InputError("parts", None, "nothing can be made: " + "; ".join(one.reason for one in work.left_out))
+        for source in work.sources:
             if source.part.block is not None:
                 _ = source.part.mesh  # refuses a tolerance that is too fine before anything is written
         with locked(request.out):
-            return _Making(request, wanted, workers, progress).run()
+            return _Making(request, work, workers, progress).run()
 
 
-def _with_kernel(request: Request, wanted: Plan, workers: Workers) -> Plan:
+def _with_kernel(request: Request, work: Plan, workers: Workers) -> Plan:
     """Find out, in the children that will need it, whether the CAD kernel loads; if not, do without or refuse."""
-    modules = wanted.needs_kernel
+    modules = work.needs_kernel
     if not modules:
-        return wanted
+        return work
     first = workers.submit(why_not_importable, modules, first_child=True)
     # The other children load the kernel at the same time; nobody waits for them here. Without fixtures and assemblies
     # the first child makes a solid too.
-    solids = sum("step" in source.slow_formats and not source.in_child for source in wanted.sources)
-    fixtures = bool(wanted.assemblies) or any(source.in_child for source in wanted.sources)
+    solids = sum("step" in source.slow_formats and not source.in_child for source in work.sources)
+    fixtures = bool(work.assemblies) or any(source.in_child for source in work.sources)
     for _ in range(min(cpu_count() - 1, solids - (not fixtures))):
         workers.submit(why_not_importable, modules[:1])
     reason = first.result()
     if reason is None:
-        return wanted
+        return work
     message = f"the CAD kernel does not load ({reason}); tacbench doctor shows the repair"
     if asks_for_cad(request):
         raise MissingToolError(message)
-    return wanted.without_kernel(message)
+    return work.without_kernel(message)
 
 
 class _Making:
@@ -140,15 +139,15 @@ class _Making:
 
     Args:
         request: The options.
-        wanted: What to make.
+        work: What to make.
         workers: Children for what needs the kernel.
         progress: Told after each file.
     """
 
-    def __init__(self, request: Request, wanted: Plan, workers: Workers, progress: Progress) -> None:
+    def __init__(self, request: Request, work: Plan, workers: Workers, progress: Progress) -> None:
         self._out, self._full = request.out, request.full
-        self._wanted, self._workers, self._progress = wanted, workers, progress
-        self._result = PrintSet(out=request.out, left_out=list(wanted.left_out))
+        self._work, self._workers, self._progress = work, workers, progress
+        self._result = PrintSet(out=request.out, left_out=list(work.left_out))
         self._fixture_meshes: dict[str, Mesh] = {}
         self._old = manifest.read_rows(request.out)
         for name in (manifest.MANIFEST_NAME, PREVIEW_NAME):
@@ -159,17 +158,17 @@ class _Making:
         """Make the files, the picture sheet and the manifest."""
         try:
             slow, shared = self._start_slow(), self._share_light()
-            together = {self._submit([one], _all_formats, first_child=True): [one] for one in self._wanted.assemblies}
-            for source in self._wanted.sources:
+            together = {self._submit([one], "formats", first_child=True): [one] for one in self._work.assemblies}
+            for source in self._work.sources:
                 if source.own_formats and (source not in shared or shared[source].cancel()):
                     self._take(make_files(source.part, source.own_formats, self._out, self._full))
                     shared.pop(source, None)
-            self._finish({job: [source] for source, job in shared.items()}, _own_formats)
+            self._finish({job: [source] for source, job in shared.items()}, "own_formats")
             with_meshes = {job: sources for job, sources in slow.items() if sources[0].in_child}
-            self._finish(with_meshes, _slow_formats)
+            self._finish(with_meshes, "slow_formats")
             self._preview()  # while the children are still at the solids
-            self._finish({job: sources for job, sources in slow.items() if job not in with_meshes}, _slow_formats)
-            self._finish(together, _all_formats)
+            self._finish({job: sources for job, sources in slow.items() if job not in with_meshes}, "slow_formats")
+            self._finish(together, "formats")
             if self._result.failures:
                 self._preview()
         finally:
@@ -183,27 +182,27 @@ class _Making:
     def _start_slow(self) -> dict[Future[Any], list[Source]]:
         """Hand what needs the kernel to the children: the fixtures to the first, and the longest solids first."""
         jobs: dict[Future[Any], list[Source]] = {}
-        fixtures = [source for source in self._wanted.sources if source.in_child]
+        fixtures = [source for source in self._work.sources if source.in_child]
         if fixtures:
-            jobs[self._submit(fixtures, _slow_formats, first_child=True)] = fixtures
-        solids = [source for source in self._wanted.sources if source.slow_formats and not source.in_child]
+            jobs[self._submit(fixtures, "slow_formats", first_child=True)] = fixtures
+        solids = [source for source in self._work.sources if source.slow_formats and not source.in_child]
         for source in sorted(solids, key=lambda source: -source.effort):
-            jobs[self._submit([source], _slow_formats)] = [source]
+            jobs[self._submit([source], "slow_formats")] = [source]
         return jobs
 
     def _share_light(self) -> dict[Source, Future[Any]]:
         """Offer large meshes to the children as well: they take from the end what this process has not begun."""
-        light = [source for source in self._wanted.sources if source.own_formats and not source.foreign]
+        light = [source for source in self._work.sources if source.own_formats and not source.foreign]
         triangles = sum(len(source.part.mesh[0].faces) * len(source.own_formats) for source in light)
         if triangles < SHARED_FROM or len(light) < 2:
             return {}
-        return {source: self._submit([source], _own_formats) for source in reversed(light)}
+        return {source: self._submit([source], "own_formats") for source in reversed(light)}
 
-    def _submit(self, sources: Sequence[Source], formats_of: Formats, first_child: bool = False) -> Future[Any]:
-        orders = tuple((source.thing, formats_of(source)) for source in sources)
+    def _submit(self, sources: Sequence[Source], formats_of: str, first_child: bool = False) -> Future[Any]:
+        orders = tuple((source.thing, getattr(source, formats_of)) for source in sources)
         return self._workers.submit(make_in_child, orders, self._out, self._full, first_child=first_child)
 
-    def _finish(self, jobs: dict[Future[Any], list[Source]], formats_of: Formats) -> None:
+    def _finish(self, jobs: dict[Future[Any], list[Source]], formats_of: str) -> None:
         """Take the results of children as they come."""
         for job in as_completed(jobs):
             sources = jobs[job]
@@ -212,29 +211,29 @@ class _Making:
             except TacbenchError as error:
                 if error.exit_code != 1:
                     raise
-                lost = [source.files[name] for source in sources for name in formats_of(source)]
+                lost = [source.files[name] for source in sources for name in getattr(source, formats_of)]
                 self._take([Failure(file=name, faults=(str(error),)) for name in lost])
                 continue
-            for source, (made, mesh) in zip(sources, results, strict=True):
+            for source, (outcomes, mesh) in zip(sources, results, strict=True):
                 if mesh is not None:
                     self._fixture_meshes[source.part.name] = mesh
-                self._take(made)
+                self._take(outcomes)
 
-    def _take(self, made: Sequence[Made]) -> None:
-        for one in made:
-            if isinstance(one, Failure):
-                self._result.failures.append(one)
+    def _take(self, outcomes: Sequence[Outcome]) -> None:
+        for outcome in outcomes:
+            if isinstance(outcome, Failure):
+                self._result.failures.append(outcome)
             else:
-                self._result.rows.append(one)
-            name = one.file if isinstance(one, Failure) else str(one["file"])
+                self._result.rows.append(outcome)
+            name = outcome.file if isinstance(outcome, Failure) else str(outcome["file"])
             done = len(self._result.rows) + len(self._result.failures)
-            self._progress(name, done, self._wanted.file_count)
+            self._progress(name, done, self._work.file_count)
 
     def _preview(self) -> None:
         """Draw every part of which a file was made, or will be as far as is known."""
         failed = {one.file for one in self._result.failures}
         items = []
-        for source in self._wanted.sources:
+        for source in self._work.sources:
             part = source.part
             mesh = self._fixture_meshes.get(part.name) if source.in_child else part.mesh[0]
             if mesh is not None and set(source.files.values()) - failed:
@@ -258,10 +257,3 @@ class _Making:
         if rows:
             manifest.write_manifest(self._out, manifest.unchanged(self._out, rows))
         self._result.rows.sort(key=lambda row: str(row["file"]))
-
-
-#: Which formats of a source a job makes.
-Formats = Callable[[Source], tuple[str, ...]]
-_slow_formats: Formats = attrgetter("slow_formats")
-_own_formats: Formats = attrgetter("own_formats")
-_all_formats: Formats = attrgetter("formats")

@@ -14,10 +14,10 @@ from housing.kinds import FIXTURES
 from tacbench_cad.formats import FORMATS
 from tacbench_cad.making.choice import textures_of
 from tacbench_cad.making.plan import FIXTURE_MODULES, LeftOut, Plan, Source
-from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.block import MAX_COPIES, Block
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, SampleGrid, Tolerance
 from tacbench_cad.spec.textures import Texture
-from tacbench_cad.util.errors import InputError, MissingToolError, one_of
+from tacbench_cad.util.errors import InputError, MissingToolError, one_of, require_between
 from tacbench_cad.util.packages import require, why_missing
 
 #: What ``--parts`` may name.
@@ -101,16 +101,16 @@ def plan(request: Request) -> Plan:
 def _assemblies(formats: Sequence[str], sources: Sequence[Source], left_out: list[LeftOut]) -> tuple[Source, ...]:
     """A holder each, with blocks in its slots and its jig on it."""
     require("assembly:", *FIXTURE_MODULES)
-    wanted = tuple(name for name in formats if name in ASSEMBLY_FORMATS)
-    if not wanted:
+    written = tuple(name for name in formats if name in ASSEMBLY_FORMATS)
+    if not written:
         raise InputError("formats", ",".join(formats), f"--assembly needs one of {', '.join(ASSEMBLY_FORMATS)}")
     assemblies, over = assemblies_of([source.thing for source in sources])
     left_out += [LeftOut(what=what, reason=reason) for what, reason in over]
-    made = [_without_missing(Source(thing=one, formats=wanted), left_out) for one in assemblies]
-    made = [source for source in made if source.formats]
-    if not made:
+    chosen = [_without_missing(Source(thing=one, formats=written), left_out) for one in assemblies]
+    chosen = [source for source in chosen if source.formats]
+    if not chosen:
         raise InputError("assembly", None, "needs a holder and a block that goes into it among the parts made")
-    return tuple(made)
+    return tuple(chosen)
 
 
 def _without_missing(source: Source, left_out: list[LeftOut]) -> Source:
@@ -183,8 +183,8 @@ def asks_for_cad(request: Request) -> bool:
 
 def blocks_of(request: Request) -> list[Block]:
     """The blocks without their copies; every refusal of a block happens here."""
-    if request.copies is not None and not 1 <= request.copies <= 999:
-        raise InputError("copies", request.copies, "must be from 1 to 999")
+    if request.copies is not None:
+        require_between("copies", request.copies, 1, MAX_COPIES)
     textures = textures_of(request.textures, request.preset)
     step_tolerance = STEP_TOLERANCE_MM if request.step_tolerance_mm is None else request.step_tolerance_mm
     blocks: dict[str, Block] = {}

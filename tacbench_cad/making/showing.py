@@ -69,28 +69,28 @@ def write_view(request: Request, path: Path | str, progress: Callable[[str], Non
 
 def scene_of(request: Request, progress: Callable[[str], None] = lambda message: None) -> Scene:
     """Build the meshes of a request's parts and put them where they belong; arguments as of :func:`write_view`."""
-    wanted = plan(replace(request, formats=("stl",)))
-    if wanted.needs_kernel:
+    work = plan(replace(request, formats=("stl",)))
+    if work.needs_kernel:
         progress("loading the CAD kernel")
-        reason = why_not_importable(wanted.needs_kernel)
+        reason = why_not_importable(work.needs_kernel)
         if reason is not None:
             message = f"the CAD kernel does not load ({reason}); tacbench doctor shows the repair"
             if request.parts is not None:
                 raise MissingToolError(message)
-            wanted = wanted.without_kernel(message)
+            work = work.without_kernel(message)
     # A set is a holder with its blocks and its jig: those shown, and those on which a shown jig sits.
     holders: list[Any] = []
-    for source in wanted.sources:
+    for source in work.sources:
         holder = getattr(source.thing, "holder", None)
         if holder is not None and holder not in holders:
             holders.append(holder)
     things = []
-    for i, source in enumerate(wanted.sources):
+    for i, source in enumerate(work.sources):
         progress(source.part.name)
         things.append(_thing(source, i, holders))
     if not things:
-        raise InputError("parts", None, "nothing can be shown: " + "; ".join(one.reason for one in wanted.left_out))
-    return Scene(things=tuple(things), left_out=tuple((one.what, one.reason) for one in wanted.left_out))
+        raise InputError("parts", None, "nothing can be shown: " + "; ".join(one.reason for one in work.left_out))
+    return Scene(things=tuple(things), left_out=tuple((one.what, one.reason) for one in work.left_out))
 
 
 def _thing(source: Source, number: int, holders: Sequence[Any]) -> Thing:

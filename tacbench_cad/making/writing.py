@@ -34,7 +34,7 @@ class Failure:
     faults: tuple[str, ...]
 
 
-Made = Row | Failure
+Outcome = Row | Failure
 
 
 class _RejectedError(CheckFailedError):
@@ -72,7 +72,7 @@ def export(part: Any, path: Path | str, *, full: bool = False) -> Report:
     return replace(report, path=path)
 
 
-def make_files(part: Part, formats: Sequence[str], out: Path, full: bool) -> list[Made]:
+def make_files(part: Part, formats: Sequence[str], out: Path, full: bool) -> list[Outcome]:
     """Export a part in some formats, each under its own name.
 
     Args:
@@ -87,19 +87,19 @@ def make_files(part: Part, formats: Sequence[str], out: Path, full: bool) -> lis
     Raises:
         InputError: The folder cannot be written or is full.
     """
-    made: list[Made] = []
+    outcomes: list[Outcome] = []
     for name in formats:
         path = out / file_name(part, name)
         try:
-            made.append(_row(part, name, export(part, path, full=full)))
+            outcomes.append(_row(part, name, export(part, path, full=full)))
         except CheckFailedError as error:
-            made.append(Failure(file=path.name, faults=getattr(error, "faults", (str(error),))))
-    return made
+            outcomes.append(Failure(file=path.name, faults=getattr(error, "faults", (str(error),))))
+    return outcomes
 
 
 def make_in_child(
     orders: tuple[tuple[Any, tuple[str, ...]], ...], out: Path, full: bool
-) -> list[tuple[list[Made], Mesh | None]]:
+) -> list[tuple[list[Outcome], Mesh | None]]:
     """The same in a child process, for some parts.
 
     Args:
@@ -113,8 +113,8 @@ def make_in_child(
     results = []
     for thing, formats in orders:
         part = as_part(thing)
-        made = make_files(part, formats, out, full)
-        results.append((made, part.mesh[0] if part.mesh_needs_cad and not part.placed else None))
+        outcomes = make_files(part, formats, out, full)
+        results.append((outcomes, part.mesh[0] if part.mesh_needs_cad and not part.placed else None))
     return results
 
 
@@ -139,8 +139,8 @@ def _row(part: Part, format_name: str, report: Report) -> Row:
         "deviation_mm": report.deviation_mm,
         "checks": found["checks"],
     }
-    if part.least_wall_mm is not None:
-        row["least_wall_mm"] = part.least_wall_mm
+    if part.min_wall_mm is not None:
+        row["least_wall_mm"] = part.min_wall_mm
     if part.block is not None and isinstance(part.block.sampling, SampleGrid):
         # How far the lines between samples leave the formula; said of the solid too, which follows the formula.
         proved = part.mesh[1].certificate

@@ -23,9 +23,9 @@ Colour = tuple[float, float, float]
 _SAMPLES = 2
 #: Linear colour of the material under full light.
 _MATERIAL: Colour = (0.57, 0.64, 0.71)
-#: Shares of the lamp, of the sky and of light from everywhere.
+#: Fractions of the lamp, of the sky and of light from everywhere.
 _LAMP, _SKY, _FLOOR = 0.80, 0.34, 0.04
-#: Depth, in shares of the picture's height, over which hollows are felt, and how much they darken.
+#: Depth, in fractions of the picture's height, over which hollows are felt, and how much they darken.
 _HOLLOWS = ((0.006, 0.55), (0.016, 1.1), (0.035, 0.45))
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from tacbench_cad.slicing.dialects import Dialect, Role, dialect_of
 from tacbench_cad.util.door import read_bytes, require_within
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.errors import InputError, require_between
 from tacbench_cad.util.types import Bools, Floats
 
 #: Arcs become chords that stay within this distance of them, in mm.
@@ -119,40 +119,22 @@ def read_gcode(path: Path, filament_mm: float | None = None) -> Sliced:
         InputError: The file cannot be read, is empty or binary, its dialect is not known, a number in it is broken,
             or it extrudes nothing.
     """
-    if filament_mm is not None and not 0.5 <= filament_mm <= 5.0:
-        raise InputError("filament", filament_mm, "must be from 0.5 to 5 mm")
+    if filament_mm is not None:
+        require_between("filament", filament_mm, 0.5, 5.0, " mm")
     lines = _lines(path)
-    for number, line in enumerate(lines, start=1):
-        if len(line) > MAX_LINE:
-            raise InputError(
-                f"{path}: line {number}", None, f"has {len(line):,} characters, at most {MAX_LINE:,} are read"
-            )
-    dialect = dialect_of({found[1] + found[2] for line in lines if (found := _COMMENT_OF_FEATURE.match(line))})
+    dialect = dialect_of({feature[1] + feature[2] for line in lines if (feature := _COMMENT_OF_FEATURE.match(line))})
     if dialect is None:
         known = "PrusaSlicer, Cura, Bambu Studio and OrcaSlicer name their features in comments, this file has none"
         raise InputError("file", str(path), f"is of an unknown dialect: {known}")
     machine = _Machine(path=path, dialect=dialect)
-    stated = None
-    for number, line in enumerate(lines, start=1):
+    for machine.number, line in enumerate(lines, start=1):
         if line.startswith(";"):
-            machine.comment(line, number)
-            diameter = _FILAMENT.match(line)
-            if diameter is not None:
-                stated = _stated(path, number, diameter[1])
+            machine.comment(line)
         else:
-            machine.command(line.partition(";")[0], number)
+            machine.command(line.partition(";")[0])
+    stated = machine.stated_filament
     diameter_mm = filament_mm or stated or USUAL_FILAMENT_MM
     return machine.result(diameter_mm, assumed=filament_mm is None and stated is None and not machine.volumetric)
-
-
-def _stated(path: Path, number: int, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.5 <= value <= 5.0:
-        raise InputError(f"{path}: line {number}", text, "a filament has a diameter from 0.5 to 5 mm")
-    return value
 
 
 def _lines(path: Path) -> list[str]:
@@ -163,7 +145,19 @@ def _lines(path: Path) -> list[str]:
         raise InputError("file", str(path), "is a ZIP archive; take the plain .gcode file out of it")
     if content.startswith(b"GCDE") or b"\x00" in content:
         raise InputError("file", str(path), "is binary; let the slicer write plain-text G-code")
-    return [line.rstrip() for line in content.decode("utf-8", errors="replace").splitlines()]
+    lines = [line.rstrip() for line in content.decode("utf-8", errors="replace").splitlines()]
+    longest = max(range(len(lines)), key=lambda i: len(lines[i]))
+    if len(lines[longest]) > MAX_LINE:
+        allowed = f"has {len(lines[longest]):,} characters, at most {MAX_LINE:,} are read"
+        raise InputError(f"{path}: line {longest + 1}", None, allowed)
+    return lines
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:  # two decimal points
+        return 0.0
 
 
 @dataclass
@@ -172,6 +166,8 @@ class _Machine:
 
     path: Path
     dialect: Dialect
+    #: Of the line that it follows.
+    number: int = 0
     place: dict[str, float] = field(default_factory=lambda: dict.fromkeys("XYZE", 0.0))
     #: What G92 has added to the printer's own coordinates.
     offset: dict[str, float] = field(default_factory=lambda: dict.fromkeys("XYZ", 0.0))
@@ -182,33 +178,39 @@ class _Machine:
     role: Role = "other"
     feature: str = "before the first feature"
     stated_height: float = 0.0
+    stated_filament: float | None = None
     #: Nine numbers for each bead.
     rows: array[float] = field(default_factory=lambda: array("d"))
     chords: int = 0
     left_out: dict[str, int] = field(default_factory=dict)
     unknown: dict[str, None] = field(default_factory=dict)
 
-    def comment(self, line: str, number: int) -> None:
-        """Take note of a feature's or a layer height's comment."""
-        found = _COMMENT_OF_FEATURE.match(line)
-        if found is not None and found[1] == self.dialect.feature:
-            self.feature = found[2]
+    @property
+    def where(self) -> str:
+        """The line that it follows, for messages."""
+        return f"{self.path}: line {self.number}"
+
+    def comment(self, line: str) -> None:
+        """Take note of a comment that names a feature, a layer's height or the filament's diameter."""
+        feature = _COMMENT_OF_FEATURE.match(line)
+        if feature is not None and feature[1] == self.dialect.feature:
+            self.feature = feature[2]
             role = self.dialect.roles.get(self.feature.lower())
             if role is None:
                 self.unknown[self.feature] = None
             self.role = role or "part"
             return
-        height = _HEIGHT.match(line)
-        if height is not None:
-            try:
-                self.stated_height = float(height[1])
-            except ValueError:
-                self.stated_height = 0.0
+        if height := _HEIGHT.match(line):
+            self.stated_height = _number(height[1])
             if not (self.stated_height == 0.0 or MIN_LAYER_MM <= self.stated_height <= MAX_LAYER_MM):
                 allowed = f"a layer is from {MIN_LAYER_MM:g} to {MAX_LAYER_MM:g} mm high"
-                raise InputError(f"{self.path}: line {number}", line, allowed)
+                raise InputError(self.where, line, allowed)
+        elif diameter := _FILAMENT.match(line):
+            self.stated_filament = _number(diameter[1])
+            if not 0.5 <= self.stated_filament <= 5.0:
+                raise InputError(self.where, diameter[1], "a filament has a diameter from 0.5 to 5 mm")
 
-    def command(self, text: str, number: int) -> None:
+    def command(self, text: str) -> None:
         """Follow one line."""
         text = text.partition("*")[0].strip()
         if not text:
@@ -219,16 +221,16 @@ class _Machine:
         if not words or words[0][0] not in "GM":
             return
         code = f"{words[0][0]}{words[0][1]:g}"
-        if code in ("G0", "G1", "G2", "G3", "G92"):
-            self._require_clean(text, number)
+        if code in ("G0", "G1", "G2", "G3", "G92") and (rest := _WORD.sub("", text).strip()):
+            raise InputError(self.where, text, f"{rest!r} is no letter with a number")
         values = dict(words[1:])
         for letter, value in values.items():
             if not abs(value) <= (MAX_FILAMENT if letter == "E" else MAX_MM) and letter in "XYZEIJR":
-                self._refuse_far(number, letter, value)
+                self._refuse_far(letter, value)
         if code in ("G0", "G1"):
-            self._move([self._target(values, number)], values, number)
+            self._move([self._target(values)], values)
         elif code in ("G2", "G3"):
-            self._move(list(self._arc(values, clockwise=code == "G2", number=number)), values, number)
+            self._move(list(self._arc(values, clockwise=code == "G2")), values)
         elif code == "G92":
             self._set(values)
         elif code in ("G90", "G91"):
@@ -239,25 +241,20 @@ class _Machine:
             self.volumetric = values.get("D", 0.0) > 0.0 and values.get("S", 1.0) != 0.0
         elif code in ("G20", "G18", "G19"):
             what = "inches (G20)" if code == "G20" else f"arcs in another plane than XY ({code})"
-            raise InputError(f"{self.path}: line {number}", text, f"{what} are not read; slicers write G21 and G17")
+            raise InputError(self.where, text, f"{what} are not read; slicers write G21 and G17")
 
-    def _require_clean(self, text: str, number: int) -> None:
-        rest = _WORD.sub("", text).strip()
-        if rest:
-            raise InputError(f"{self.path}: line {number}", text, f"{rest!r} is no letter with a number")
-
-    def _refuse_far(self, number: int, letter: str, value: float) -> NoReturn:
+    def _refuse_far(self, letter: str, value: float) -> NoReturn:
         limit = f"{MAX_FILAMENT:,.0f}" if letter == "E" else f"{MAX_MM:,.0f} mm"
-        raise InputError(f"{self.path}: line {number}", f"{letter}{value:.6g}", f"must be from -{limit} to {limit}")
+        raise InputError(self.where, f"{letter}{value:.6g}", f"must be from -{limit} to {limit}")
 
-    def _target(self, values: dict[str, float], number: int) -> tuple[float, float, float]:
+    def _target(self, values: dict[str, float]) -> tuple[float, float, float]:
         x, y, z = (
             values.get(axis, self.place[axis] if self.absolute else 0.0) + (0.0 if self.absolute else self.place[axis])
             for axis in "XYZ"
         )
         for axis, value in zip("XYZ", (x, y, z), strict=True):
             if not abs(value) <= MAX_MM:
-                self._refuse_far(number, axis, value)
+                self._refuse_far(axis, value)
         return x, y, z
 
     def _set(self, values: dict[str, float]) -> None:
@@ -267,22 +264,21 @@ class _Machine:
         if "E" in values:
             self.place["E"] = values["E"]
 
-    def _arc(self, values: dict[str, float], *, clockwise: bool, number: int) -> Iterator[tuple[float, float, float]]:
+    def _arc(self, values: dict[str, float], *, clockwise: bool) -> Iterator[tuple[float, float, float]]:
         """Points along an arc, its end included and its start not."""
         x0, y0, z0 = (self.place[axis] for axis in "XYZ")
-        x1, y1, z1 = self._target(values, number)
-        where = f"{self.path}: line {number}"
+        x1, y1, z1 = self._target(values)
         if "R" in values:
             radius, chord = values["R"], math.hypot(x1 - x0, y1 - y0)
             if chord == 0.0 or chord > 2.0 * abs(radius) + 1e-3:
-                raise InputError(where, radius, "no arc of this radius R joins the two ends")
+                raise InputError(self.where, radius, "no arc of this radius R joins the two ends")
             away = math.sqrt(max(0.0, radius * radius - chord * chord / 4.0))
             side = away if clockwise == (radius < 0.0) else -away
             centre = ((x0 + x1) / 2.0 - side * (y1 - y0) / chord, (y0 + y1) / 2.0 + side * (x1 - x0) / chord)
         elif "I" in values or "J" in values:
             centre = (x0 + values.get("I", 0.0), y0 + values.get("J", 0.0))
         else:
-            raise InputError(where, None, "an arc needs I and J, or R")
+            raise InputError(self.where, None, "an arc needs I and J, or R")
         radius = math.hypot(x0 - centre[0], y0 - centre[1])
         begin = math.atan2(y0 - centre[1], x0 - centre[0])
         turn = math.atan2(y1 - centre[1], x1 - centre[0]) - begin
@@ -292,17 +288,17 @@ class _Machine:
         step = 2.0 * math.acos(max(0.0, 1.0 - CHORD_MM / radius)) if radius > CHORD_MM else math.pi
         count = max(1, math.ceil(abs(turn) / step))
         self.chords += count
-        self._require_few(number)
+        self._require_few()
         for i in range(1, count):
             angle = begin + turn * i / count
-            share = i / count
-            yield centre[0] + radius * math.cos(angle), centre[1] + radius * math.sin(angle), z0 + share * (z1 - z0)
+            fraction = i / count
+            yield centre[0] + radius * math.cos(angle), centre[1] + radius * math.sin(angle), z0 + fraction * (z1 - z0)
         yield x1, y1, z1
 
-    def _require_few(self, number: int) -> None:
-        require_within("file", self.chords + len(self.rows) // 9, MAX_BEADS, "beads", f"{self.path}: line {number}")
+    def _require_few(self) -> None:
+        require_within("file", self.chords + len(self.rows) // 9, MAX_BEADS, "beads", self.where)
 
-    def _move(self, points: list[tuple[float, float, float]], values: dict[str, float], number: int) -> None:
+    def _move(self, points: list[tuple[float, float, float]], values: dict[str, float]) -> None:
         filament = 0.0
         if "E" in values:
             filament = values["E"] - self.place["E"] if self.absolute_e else values["E"]
@@ -329,7 +325,7 @@ class _Machine:
                     raise InputError("file", str(self.path), "climbs while it prints (spiral vase); it has no layers")
                 row = (a[0] + dx, a[1] + dy, b[0] + dx, b[1] + dy, b[2] + dz, self.stated_height, per_mm, wall, volume)
                 self.rows.extend(row)
-        self._require_few(number)
+        self._require_few()
 
     def result(self, filament_mm: float, *, assumed: bool) -> Sliced:
         """The beads, once the whole file was followed."""

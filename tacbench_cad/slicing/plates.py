@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from tacbench_cad.slicing.printers import Printer
-from tacbench_cad.spec.block import Block
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.spec.block import MAX_COPIES, Block
+from tacbench_cad.util.errors import InputError, require_between
 from tacbench_cad.util.files import replacing
 from tacbench_cad.util.types import Floats, Ints
 
@@ -98,10 +98,8 @@ def arrange_plates(
     Raises:
         InputError: Copies or spacing are not allowed, or one block does not fit on the bed.
     """
-    if not 1 <= copies <= 999:
-        raise InputError("copies", copies, "must be from 1 to 999")
-    if not (math.isfinite(spacing_mm) and 0.0 <= spacing_mm <= 100.0):
-        raise InputError("spacing", spacing_mm, "must be from 0 to 100 mm")
+    require_between("copies", copies, 1, MAX_COPIES)
+    require_between("spacing", spacing_mm, 0.0, 100.0, " mm")
     for block in blocks:
         if block.height_mm > printer.height_mm:
             raise InputError("printer", printer.name, f"prints up to {printer.height_mm:g} mm, {block.name} is higher")

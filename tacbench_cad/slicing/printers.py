@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 from tacbench_cad.util.convert import Length, Word, read_toml
-from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.errors import InputError, one_of, require_between
 
 #: The paper's printers.
 OWN_FILE = Path(__file__).with_name("printers.toml")
@@ -39,8 +39,7 @@ class Printer:
 
     def __post_init__(self) -> None:
         for key, side in (("bed_mm", self.bed_mm[0]), ("bed_mm", self.bed_mm[1]), ("height_mm", self.height_mm)):
-            if not 10.0 <= side <= 5000.0:
-                raise InputError(key, side, "must be from 10 to 5000 mm")
+            require_between(key, side, 10.0, 5000.0, " mm")
         if not 0.0 <= self.margin_mm < min(self.bed_mm) / 2.0:
             raise InputError("margin_mm", self.margin_mm, "must leave something of the bed")
         for x0, y0, x1, y1 in self.keep_out_mm:

@@ -20,7 +20,7 @@ from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, SampleGrid, Tolerance,
 from tacbench_cad.spec.textures import BlockTable, Texture
 from tacbench_cad.spec.textures import texture as find_texture
 from tacbench_cad.spec.waves import WaveSum
-from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.errors import InputError, one_of, require_between
 from tacbench_cad.util.text import decimal, mm, report
 from tacbench_cad.util.types import Floats
 
@@ -28,6 +28,8 @@ from tacbench_cad.util.types import Floats
 MIN_BASE_MM = 0.8
 #: Sides and heights outside of this range are taken for mistakes, in mm.
 SIZE_RANGE_MM = (0.5, 2000.0)
+#: The most copies of a block.
+MAX_COPIES = 999
 #: The key's default leg, in mm.
 KEY_MM = 3.0
 
@@ -136,19 +138,17 @@ class Block:
 
     def __post_init__(self) -> None:
         one_of("preset", self.preset, PRESETS)
-        if not (math.isfinite(self.scale) and 0.01 <= self.scale <= 100.0):
-            raise InputError("scale", self.scale, "must be between 0.01 and 100")
+        require_between("scale", self.scale, 0.01, 100.0)
         sides = (*self.nominal_size_mm, self.nominal_height_mm)
         for name, nominal in zip(("size x", "size y", "height"), sides, strict=True):
-            if not (math.isfinite(nominal) and SIZE_RANGE_MM[0] <= nominal * self.scale <= SIZE_RANGE_MM[1]):
-                least, most = SIZE_RANGE_MM
+            least, most = SIZE_RANGE_MM
+            if not least <= nominal * self.scale <= most:
                 raise InputError(name, nominal, f"must be between {least:g} and {most:g} mm once scaled")
         for name, value in zip("xyz", self.nominal_mm_per_unit, strict=True):
-            if not (math.isfinite(value) and 1e-6 <= value <= 1e6):
-                raise InputError(f"mm per unit {name}", value, "must be a positive number of mm")
-        if self.copy is not None and not 1 <= self.copy <= 999:
-            raise InputError("copy", self.copy, "must be from 1 to 999")
-        if not (math.isfinite(self.step_tolerance_mm) and 0.0 < self.step_tolerance_mm <= 1.0):
+            require_between(f"mm per unit {name}", value, 1e-6, 1e6, " mm")
+        if self.copy is not None:
+            require_between("copy", self.copy, 1, MAX_COPIES)
+        if not 0.0 < self.step_tolerance_mm <= 1.0:
             raise InputError("step tolerance", self.step_tolerance_mm, "must be above 0 and at most 1 mm")
         if self.key_mm is not None:
             self._check_key(self.key_mm)
@@ -156,7 +156,7 @@ class Block:
 
     def _check_key(self, key: float) -> None:
         most = min(self.size_mm) / 3.0
-        if not (math.isfinite(key) and 0.0 < key <= most):
+        if not 0.0 < key <= most:
             raise InputError("key", key, f"must be above 0 and at most {most:.4g} mm, a third of the shorter side")
 
     def _check_base(self) -> None:

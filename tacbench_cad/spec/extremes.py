@@ -72,8 +72,8 @@ def clipped_rectangle(
         if e0 <= 0.0:
             kept.append((u0, v0))
         if (e0 < 0.0 < e1) or (e1 < 0.0 < e0):
-            share = e0 / (e0 - e1)
-            kept.append((u0 + share * (u1 - u0), v0 + share * (v1 - v0)))
+            fraction = e0 / (e0 - e1)
+            kept.append((u0 + fraction * (u1 - u0), v0 + fraction * (v1 - v0)))
     return kept
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tacbench_cad.spec.glyphs import GLYPHS, UNITS_HIGH
+from tacbench_cad.spec.outlines import area_mm2
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
@@ -24,7 +25,7 @@ MAX_GLYPH_MM = 5.0
 MARGIN_MM = 1.6
 #: Heights are tried in such steps, in mm.
 _STEP_MM = 0.05
-#: Gaps between glyphs, words and lines as shares of the glyph's height (0.6, 2.7 and 0.9 mm at the least height).
+#: Gaps between glyphs, words and lines as fractions of the glyph's height (0.6, 2.7 and 0.9 mm at the least height).
 _GLYPH_GAP, _WORD_GAP, _LINE_GAP = 0.2, 0.9, 0.3
 #: Coordinates are rounded to this, in mm, and the outline is simplified to twenty times as much, so that no edge is
 #: shorter than 0.01 mm.
@@ -48,18 +49,12 @@ class Engraving:
     @property
     def area_mm2(self) -> float:
         """Area of the pockets in mm^2 (islands taken off)."""
-        return sum(signed_area_mm2(c) for c in self.contours)
+        return area_mm2(*self.contours)
 
     @property
     def volume_mm3(self) -> float:
         """Volume of the pockets in mm^3."""
         return self.area_mm2 * LABEL_DEPTH_MM
-
-
-def signed_area_mm2(contour: Floats) -> float:
-    """Area inside a closed contour (n, 2) in mm^2, positive where it runs counter-clockwise."""
-    n = np.roll(contour, -1, axis=0)
-    return float(np.sum(contour[:, 0] * n[:, 1] - n[:, 0] * contour[:, 1])) / 2.0
 
 
 @dataclass(frozen=True)

@@ -76,6 +76,6 @@ def highest_sample(surface: WaveSum, samples: tuple[Floats, Floats], keep: HalfP
     for ends in edges:
         (e0, e1), (z0, z1) = ends(excess), ends(z)
         crossed = (e0 < 0.0) != (e1 < 0.0)
-        share = e0[crossed] / (e0[crossed] - e1[crossed])
-        highest = max(highest, float((z0[crossed] + share * (z1[crossed] - z0[crossed])).max(initial=-np.inf)))
+        fraction = e0[crossed] / (e0[crossed] - e1[crossed])
+        highest = max(highest, float((z0[crossed] + fraction * (z1[crossed] - z0[crossed])).max(initial=-np.inf)))
     return highest

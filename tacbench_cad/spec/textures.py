@@ -122,13 +122,13 @@ def plane_waves(*waves: tuple[float, float, float] | tuple[float, float, float, 
     Raises:
         InputError: A wave has another count of numbers, or one that is not finite.
     """
-    made = []
+    table = []
     for one in waves:
         if len(one) not in (3, 4):
             raise InputError("wave", one, "must be (amplitude, f, g) or (amplitude, f, g, phase)")
         amplitude, f, g, phase = (*one, 0.0)[:4]
-        made.append(Wave(amplitude=amplitude, f=f, g=g, phase=phase))
-    return WaveSum(tuple(made))
+        table.append(Wave(amplitude=amplitude, f=f, g=g, phase=phase))
+    return WaveSum(tuple(table))
 
 
 def _series_texture(number: int, law: Law, highest: int, axes: Axes) -> Texture:
@@ -166,10 +166,10 @@ def texture(name: str | int, preset: str = "paper") -> Texture:
     Raises:
         InputError: There is no such texture.
     """
-    wanted = str(name).strip().lower()
+    word = str(name).strip().lower()
     known = catalogue(preset)
     for one in known:
-        if wanted in (str(one.number), one.name):
+        if word in (str(one.number), one.name):
             return one
     raise InputError("texture", str(name), "allowed: 1 to 6, texture-1 to texture-6, a TOML file or all")
 

@@ -21,8 +21,8 @@ from tacbench_cad.util.types import Floats
 
 #: Extremes of separable sums and of parallel waves are proved to this absolute error.
 EXTREMES_ERROR = 1e-9
-#: Extremes of any other sum are proved to this share of the sum of the amplitudes.
-EXTREMES_SHARE = 1e-7
+#: Extremes of any other sum are proved to this fraction of the sum of the amplitudes.
+EXTREMES_FRACTION = 1e-7
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -276,7 +276,7 @@ class WaveSum:
         """Lowest and highest value over a rectangle, with a proved error.
 
         The error is at most :data:`EXTREMES_ERROR` where the sum is separable or all waves are parallel, else
-        :data:`EXTREMES_SHARE` of the sum of the amplitudes. Points are ``(u, v)``.
+        :data:`EXTREMES_FRACTION` of the sum of the amplitudes. Points are ``(u, v)``.
 
         Args:
             u: Lower and upper end along u.
@@ -295,8 +295,8 @@ class WaveSum:
         found = along.extremes(low, high)
 
         def place(t: float) -> tuple[float, float]:
-            share = 0.0 if high == low else (t - low) / (high - low)
-            return (start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1]))
+            fraction = 0.0 if high == low else (t - low) / (high - low)
+            return (start[0] + fraction * (end[0] - start[0]), start[1] + fraction * (end[1] - start[1]))
 
         return Extremes(found.low, found.high, place(found.at_low[0]), place(found.at_high[0]), found.error)
 
@@ -334,7 +334,7 @@ def _extremes(waves: WaveSum, u: tuple[float, float], v: tuple[float, float], ke
     if waves._common_direction is not None:
         return waves._extremes_parallel(clipped_rectangle(u, v, keep), waves._common_direction)
     bounds = (waves.bound(2, 0), waves.bound(1, 1), waves.bound(0, 2))
-    error = EXTREMES_SHARE * waves.amplitude_sum
+    error = EXTREMES_FRACTION * waves.amplitude_sum
     return search_rectangle(waves, bounds, u, v, error, keep)
 
 

@@ -146,10 +146,10 @@ def from_plain(cls: type[T], data: Any, where: str = "") -> T:
         InputError: A key is unknown or missing, or a value is not allowed.
     """
     try:
-        made: T = _converter().structure(data, cls)
+        result: T = _converter().structure(data, cls)
     except _FaultError as fault:
         raise InputError(f"{where}{fault.field}".rstrip(" :"), fault.value, fault.allowed) from None
-    return made
+    return result
 
 
 def check_fields(value: Any) -> None:
@@ -498,12 +498,12 @@ def _annotated_hook(kind: Any, converter: Converter) -> Any:
     as_text = any(isinstance(rule, NumberAsText) for rule in rules)
 
     def structure(value: Any, _: Any) -> Any:
-        made = hook(str(value) if as_text and type(value) is int else value, inner)
+        result = hook(str(value) if as_text and type(value) is int else value, inner)
         for rule in rules:
-            refusal = rule.refusal(made) if isinstance(rule, (Bounds, Length)) else None
+            refusal = rule.refusal(result) if isinstance(rule, (Bounds, Length)) else None
             if refusal is not None:
                 raise _FaultError(value, refusal)
-        return made
+        return result
 
     return structure
 

@@ -16,10 +16,11 @@ import platform
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from tacbench_cad import __version__
+from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import MissingToolError, TacbenchError
 from tacbench_cad.util.packages import PACKAGES, has_module, install_command, version
 from tacbench_cad.util.processes import Workers, cpu_count, why_not_importable
@@ -46,11 +47,7 @@ class Finding:
     ok: bool
     detail: str
     repair: str | None = None
-    pip: tuple[str, ...] = ()
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {"name": self.name, "ok": self.ok, "detail": self.detail, "repair": self.repair}
+    pip: tuple[str, ...] = field(default=(), metadata={"key": None})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +75,7 @@ class Diagnosis:
             "system": f"{platform.system()} {platform.machine()}",
             "ok": self.ok,
             "packages": list(self.packages),
-            "findings": [finding.as_dict() for finding in self.findings],
+            "findings": to_plain(self.findings),
         }
 
 
@@ -116,34 +113,24 @@ def base_findings() -> list[Finding]:
 def kernel_findings() -> list[Finding]:
     """Whether the files of the right kernel wheel are the ones in place."""
     own, rival = version(KERNEL), version(RIVAL)
-    name = "kernel wheels"
+    if own is None and not has_module("cadquery"):
+        return []
     if own is None:
-        if not has_module("cadquery"):
-            return []
-        wanted = f"{KERNEL}=={rival}" if rival else f"{KERNEL}>=7.9,<8"
-        return [
-            Finding(
-                name=name,
-                ok=False,
-                detail=f"cadquery is installed without {KERNEL}" + (f"; {RIVAL} is no substitute" if rival else ""),
-                repair=f'pip install --force-reinstall --no-deps "{wanted}"',
-                pip=("--force-reinstall", "--no-deps", wanted),
-            )
-        ]
-    foreign = foreign_files(KERNEL)
+        wheel = f"{KERNEL}=={rival}" if rival else f"{KERNEL}>=7.9,<8"
+        detail = f"cadquery is installed without {KERNEL}" + (f"; {RIVAL} is no substitute" if rival else "")
+        return [_to_reinstall(wheel, detail, f'"{wheel}"')]
+    foreign, wheel = foreign_files(KERNEL), f"{KERNEL}=={own}"
     both = f"{KERNEL} {own} and {RIVAL} {rival} share the folder OCP" if rival else f"{KERNEL} {own}"
     if not foreign:
-        return [Finding(name=name, ok=True, detail=f"{both}; every file is {KERNEL}'s" if rival else both)]
-    wanted = f"{KERNEL}=={own}"
-    return [
-        Finding(
-            name=name,
-            ok=False,
-            detail=f"{both}; {len(foreign)} of {KERNEL}'s files are missing or not its own, as {foreign[0]}",
-            repair=f"pip install --force-reinstall --no-deps {wanted}",
-            pip=("--force-reinstall", "--no-deps", wanted),
-        )
-    ]
+        return [Finding(name="kernel wheels", ok=True, detail=f"{both}; every file is {KERNEL}'s" if rival else both)]
+    detail = f"{both}; {len(foreign)} of {KERNEL}'s files are missing or not its own, as {foreign[0]}"
+    return [_to_reinstall(wheel, detail, wheel)]
+
+
+def _to_reinstall(wheel: str, detail: str, quoted: str) -> Finding:
+    options = ("--force-reinstall", "--no-deps")
+    repair = " ".join(("pip install", *options, quoted))
+    return Finding(name="kernel wheels", ok=False, detail=detail, repair=repair, pip=(*options, wheel))
 
 
 def foreign_files(distribution: str) -> list[str]:
@@ -169,17 +156,9 @@ def library_findings() -> list[Finding]:
     if sys.platform != "linux" or not has_module("OCP"):
         return []
     missing = [name for name in LIBRARIES if not _loads(name)]
-    if not missing:
-        return [Finding(name="system libraries", ok=True, detail=", ".join(LIBRARIES))]
-    debian = " ".join(LIBRARIES.values())
-    return [
-        Finding(
-            name="system libraries",
-            ok=False,
-            detail=f"{', '.join(missing)} missing",
-            repair=f"apt-get install -y {debian}",
-        )
-    ]
+    detail = f"{', '.join(missing)} missing" if missing else ", ".join(LIBRARIES)
+    repair = f"apt-get install -y {' '.join(LIBRARIES.values())}" if missing else None
+    return [Finding(name="system libraries", ok=not missing, detail=detail, repair=repair)]
 
 
 def _loads(library: str) -> bool:
@@ -197,11 +176,11 @@ def import_findings(before: Sequence[Finding]) -> list[Finding]:
         before: What was found so far: its repairs are the likely ones for an import that fails.
     """
     repairs = [finding.repair for finding in before if finding.repair]
-    wanted = [package for package in PACKAGES if package.version is not None]
+    installed = [package for package in PACKAGES if package.version is not None]
     with Workers(cpu_count()) as workers:
-        jobs = [workers.submit(why_not_importable, (package.module,)) for package in wanted]
+        jobs = [workers.submit(why_not_importable, (package.module,)) for package in installed]
         found = []
-        for package, job in zip(wanted, jobs, strict=True):
+        for package, job in zip(installed, jobs, strict=True):
             try:
                 reason = job.result()
             except TacbenchError as error:
@@ -212,7 +191,7 @@ def import_findings(before: Sequence[Finding]) -> list[Finding]:
                     repair = repairs[0] if package.extra == "cad" and repairs else install_command(package.extra)
                 found.append(Finding(name=f"import {package.module}", ok=False, detail=reason, repair=repair))
         if not found:
-            detail = f"all {len(wanted)} installed packages load"
+            detail = f"all {len(installed)} installed packages load"
             found.append(Finding(name="imports", ok=True, detail=detail))
     return found
 

@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
-from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.util.errors import InputError, nearest, one_line
 
 #: Multiplies every limit.
 LIMITS_VARIABLE = "TACBENCH_LIMITS"
@@ -162,7 +162,7 @@ def parse_toml(text: str, what: str, name: str) -> dict[str, Any]:
     try:
         document = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, ValueError) as error:  # ValueError: a date or a number that Python cannot hold
-        raise InputError(what, name, f"is not valid TOML: {_line(error)}") from None
+        raise InputError(what, name, f"is not valid TOML: {one_line(error, 200)}") from None
     except RecursionError:
         raise InputError(what, name, f"is nested deeper than {MAX_DEPTH} levels") from None
     require_bounded(document, name)
@@ -176,7 +176,7 @@ def parse_json(text: str | bytes, what: str, name: str) -> Any:
     except UnicodeDecodeError:
         raise InputError(what, name, "is not UTF-8 text") from None
     except ValueError as error:
-        raise InputError(what, name, f"is not valid JSON: {_line(error)}") from None
+        raise InputError(what, name, f"is not valid JSON: {one_line(error, 200)}") from None
     except RecursionError:
         raise InputError(what, name, f"is nested deeper than {MAX_DEPTH} levels") from None
     require_bounded(document, name)
@@ -185,10 +185,6 @@ def parse_json(text: str | bytes, what: str, name: str) -> Any:
 
 def _no_constant(word: str) -> NoReturn:
     raise ValueError(f"{word} is not a number")
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]
 
 
 def read_rows(path: Path, what: str, columns: Sequence[str], *, within: Path | None = None) -> list[list[str]]:
@@ -247,7 +243,7 @@ def parse_table(text: str, what: str, name: str) -> tuple[list[str], list[list[s
             if len(rows) > MAX_ROWS:
                 require_within(what, math.inf, MAX_ROWS, "rows", name)
     except csv.Error as error:
-        raise InputError(f"{name} line {reader.line_num}", None, f"is not valid CSV: {_line(error)}") from None
+        raise InputError(f"{name} line {reader.line_num}", None, f"is not valid CSV: {one_line(error, 200)}") from None
     finally:
         csv.field_size_limit(previous_limit)
     if not rows:

@@ -76,6 +76,11 @@ class CheckFailedError(TacbenchError):
     exit_code = 1
 
 
+def one_line(message: object, limit: int | None = None) -> str:
+    """The message without line breaks, cut off after so many characters."""
+    return " ".join(str(message).split())[:limit]
+
+
 def nearest(word: str, allowed: Iterable[str]) -> str:
     """Return a hint naming the allowed word nearest to ``word``, or the whole list.
 
@@ -91,6 +96,16 @@ def nearest(word: str, allowed: Iterable[str]) -> str:
     if close:
         return f'did you mean "{close[0]}"?'
     return "allowed: " + ", ".join(words)
+
+
+def require_between(field: str, value: float, low: float, high: float, unit: str = "") -> None:
+    """Refuse a number out of bounds, infinity and NaN among them; both bounds are allowed.
+
+    Raises:
+        InputError: It is out of bounds, or not a number.
+    """
+    if isinstance(value, bool) or not low <= value <= high:
+        raise InputError(field, value, f"must be from {low:g} to {high:g}{unit}")
 
 
 def one_of(field: str, word: str, allowed: Iterable[str]) -> str:

@@ -26,7 +26,7 @@ from types import TracebackType
 from typing import Any
 
 from tacbench_cad.util.door import limits_factor
-from tacbench_cad.util.errors import CheckFailedError, TacbenchError
+from tacbench_cad.util.errors import CheckFailedError, TacbenchError, one_line
 
 #: A child of :func:`isolated` may use this much memory, in MB, times the user's factor of all limits.
 MAX_ISOLATED_MB = 8000
@@ -69,9 +69,9 @@ def safe_children() -> Iterator[None]:
 
 def cpu_count() -> int:
     """Processors that this process may use, or what ``PYTHON_CPU_COUNT`` says, which Python 3.13 and later obey too."""
-    told = os.environ.get("PYTHON_CPU_COUNT", "")
-    if told.isdecimal() and int(told):
-        return int(told)
+    limit = os.environ.get("PYTHON_CPU_COUNT", "")
+    if limit.isdecimal() and int(limit):
+        return int(limit)
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -356,5 +356,5 @@ def why_not_importable(modules: tuple[str, ...]) -> str | None:
         try:
             importlib.import_module(name)
         except ImportError as error:
-            return f"{name}: {' '.join(str(error).split())}"
+            return f"{name}: {one_line(error)}"
     return None

@@ -66,7 +66,7 @@ def test_each_pocket_bears_its_clearance_in_hundredths() -> None:
 
 
 def test_walls_are_stated_and_checked() -> None:
-    assert COUPON.least_wall_mm == min(COUPON.walls_mm.values()) == pytest.approx(0.7)
+    assert COUPON.min_wall_mm == min(COUPON.walls_mm.values()) == pytest.approx(0.7)
     pockets = COUPON.pockets
     between = [b.low[0] - a.high[0] for a, b in itertools.pairwise(pockets)]
     assert np.array(between) == pytest.approx(2.4)

@@ -15,7 +15,7 @@ import pytest
 from helpers.fixture_measure import block_prism, cylinders, manifold, outline_of, overhang_heights, require_sound
 
 from housing.fits import FITS, clearance_mm
-from housing.holder import Holder, least_key_mm
+from housing.holder import Holder, min_key_mm
 from housing.layout import RELEASED
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
@@ -84,7 +84,7 @@ def test_clearances_walls_rim_and_holes_do_not_scale() -> None:
 @pytest.mark.parametrize("slots", [1, 2, 3, 5, 6, 12])
 def test_slots_do_not_overlap_and_lie_in_the_plate(slots: int) -> None:
     holder = Holder(block=PAPER, slots=slots)
-    assert len(holder.pockets) == len(holder.block_placements()) == len(holder.slot_origins_mm) == slots
+    assert len(holder.pockets) == len(holder.block_placements()) == holder.slots == slots
     x, y, _ = holder.size_mm
     for one, other in itertools.combinations(holder.pockets, 2):
         apart = one.apart_mm(other)
@@ -128,7 +128,7 @@ def test_released_is_the_authors_holder() -> None:
     assert any("our reading" in note for note in holder.spec()["notes"])
     assert holder.admits_deg == (0, 90, 180, 270)
     # One hole comes within a hair of the pocket: stated, not hidden.
-    assert holder.least_wall_mm == pytest.approx(math.hypot(42.31 - 41.08, 62.13 - 60.51) - 2.0, abs=1e-9)
+    assert holder.min_wall_mm == pytest.approx(math.hypot(42.31 - 41.08, 62.13 - 60.51) - 2.0, abs=1e-9)
 
 
 def test_released_refuses_what_is_not_as_measured() -> None:
@@ -179,7 +179,7 @@ def test_nozzle_sets_the_least_wall() -> None:
 def test_every_stated_wall_is_there() -> None:
     """The plate, shrunk by half of the least wall from all sides, still reaches everywhere: nothing is thinner."""
     holder = Holder(block=KEYED, slots=2, margin_mm=8.0, web_mm=1.7)
-    assert holder.least_wall_mm == min(holder.walls_mm.values()) == 1.65
+    assert holder.min_wall_mm == min(holder.walls_mm.values()) == 1.65
     section = manifold(holder.part().mesh[0]).slice(holder.size_mm[2] - 1.0)
     least = min(wall for name, wall in holder.walls_mm.items() if "floor" not in name and "ledge" not in name)
     opened = section.offset(-least / 2 + 0.005, manifold3d.JoinType.Round, circular_segments=256)
@@ -195,7 +195,7 @@ def test_only_one_orientation_goes_into_a_keyed_pocket(fit: str | float) -> None
     c = clearance_mm(fit)
     rng = np.random.default_rng(3)
     for size in ((23.3, 30.0), (30.0, 30.0), (30.0, 30.0 + 1.9 * c)):
-        least = least_key_mm(PAPER, fit)
+        least = min_key_mm(PAPER, fit)
         for key in (least + 0.01, 3.0):
             block = Block.of(1, size_mm=size, key_mm=key)
             pocket = Holder(block=block, fit=fit).pocket_outline()
@@ -207,7 +207,7 @@ def test_only_one_orientation_goes_into_a_keyed_pocket(fit: str | float) -> None
 def test_a_smaller_key_would_let_a_half_turn_in_and_is_refused() -> None:
     rng = np.random.default_rng(4)
     for fit, c in FITS.items():
-        least = least_key_mm(PAPER, fit)
+        least = min_key_mm(PAPER, fit)
         assert least == pytest.approx((2.0 + math.sqrt(2.0)) * c)
         block = Block.of(1, key_mm=least - 0.01)
         text = refusal(block=block, fit=fit)

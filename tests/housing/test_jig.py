@@ -108,7 +108,7 @@ def test_hairs_keep_one_nozzle_off_the_lead_ins(scale: float) -> None:
     gaps = [gap_to_circle_mm(g.outer, (x, y), 1.1) for g in jig.grooves for x, y in jig.holes_mm]
     assert min(gaps) == pytest.approx(0.4, abs=1e-6)
     assert jig.walls_mm["wall between markers"] == pytest.approx(min(0.4, *gaps), abs=1e-6)
-    assert jig.least_wall_mm >= 0.4
+    assert jig.min_wall_mm >= 0.4
 
 
 def test_walls_between_markers_are_measured_not_assumed() -> None:
@@ -118,7 +118,7 @@ def test_walls_between_markers_are_measured_not_assumed() -> None:
     section = manifold(jig.part().mesh[0]).slice(0.001)
     x, y = jig.holder.block_placements()[0].origin_mm[:2]
     corners = [(x + jig.grid.x_mm[i] + a, y + jig.grid.y_mm[i] + a, 0.0) for i, a in ((0, -2.4), (-1, 2.4))]
-    low, high = np.sort(jig.to_print(corners)[:, :2], axis=0)
+    low, high = np.sort((np.column_stack([corners, (1, 1)]) @ np.linalg.inv(jig.from_print).T)[:, :2], axis=0)
     field = manifold3d.CrossSection.square(tuple(high - low)).translate(tuple(low))
     for width, lost in ((0.39, 0), (0.45, 8)):
         opened = section.offset(-width / 2, manifold3d.JoinType.Round, circular_segments=128)
@@ -148,8 +148,8 @@ def test_default_is_never_refused_at_scale_1() -> None:
                 for spacing in ("even", "1mm"):
                     grid = PressGrid.paper(1.0, spacing)  # type: ignore[arg-type]
                     jig = Jig(holder=Holder(block=block, fit=fit), press_grid=grid)
-                    assert jig.least_wall_mm >= 0.4
-    assert Jig(holder=Holder(block=Block.of(1, "released"), preset="released")).least_wall_mm >= 0.4
+                    assert jig.min_wall_mm >= 0.4
+    assert Jig(holder=Holder(block=Block.of(1, "released"), preset="released")).min_wall_mm >= 0.4
 
 
 @pytest.mark.parametrize("count", [16, pytest.param(60, marks=pytest.mark.long)])
@@ -157,9 +157,9 @@ def test_no_scale_is_refused_where_the_holes_have_room(count: int) -> None:
     """Hairs that break off near holes and near each other never merge by accident at an odd scale."""
     for scale in np.linspace(0.736, 3.2, count):
         jig = Jig(holder=Holder(block=Block.of(1, scale=float(scale))))
-        assert jig.least_wall_mm >= 0.4 - 1e-6
+        assert jig.min_wall_mm >= 0.4 - 1e-6
     for scale in np.linspace(0.96, 2.4, count // 4):
-        assert Jig(holder=Holder(block=Block.of(1, scale=float(scale))), marks="all").least_wall_mm >= 0.4 - 1e-6
+        assert Jig(holder=Holder(block=Block.of(1, scale=float(scale))), marks="all").min_wall_mm >= 0.4 - 1e-6
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,8 @@ from tacbench_cad.spec.label import (
     STROKE_MM,
     Engraving,
     engrave,
-    signed_area_mm2,
 )
+from tacbench_cad.spec.outlines import area_mm2
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools
 
@@ -73,7 +73,7 @@ def as_drawn(character: str, height: float, step: float = 0.05) -> Bools:
 
 
 def differing(first: Bools, second: Bools) -> float:
-    """Share of the ink in which two pictures differ, the better of the sizes cut to the smaller one."""
+    """Fraction of the ink in which two pictures differ, the better of the sizes cut to the smaller one."""
     rows, columns = (min(first.shape[i], second.shape[i]) for i in (0, 1))
     if max(abs(first.shape[i] - second.shape[i]) for i in (0, 1)) > 2:
         return 1.0
@@ -146,7 +146,7 @@ def test_contours_are_clean(words: tuple[str, ...], size: tuple[float, float], k
     union = section(engraving)
     assert engraving.area_mm2 == pytest.approx(union.area(), rel=1e-6)
     assert union.num_contour() == len(engraving.contours)
-    holes = sum(signed_area_mm2(c) < 0 for c in engraving.contours)
+    holes = sum(area_mm2(c) < 0 for c in engraving.contours)
     expected = sum({"A": 1, "B": 2, "D": 1, "O": 1, "P": 1, "Q": 1, "R": 1}.get(c, 0) for c in "".join(words))
     expected += sum({"0": 1, "6": 1, "8": 2, "9": 1}.get(c, 0) for c in "".join(words))
     assert holes == expected
@@ -193,7 +193,7 @@ def test_gaps_can_be_printed(words: tuple[str, ...], size: tuple[float, float], 
     engraving = engrave(words, size, key)
     least = 0.4 if engraving.glyph_mm >= 3.2 else 0.3
     assert engraving.glyph_mm / 2.0 - 1.5 * STROKE_MM >= least - 1e-9
-    islands = [c for c in engraving.contours if signed_area_mm2(c) < 0]
+    islands = [c for c in engraving.contours if area_mm2(c) < 0]
     for c in islands:
         assert CrossSection([c[::-1].tolist()]).offset(-least / 2 + 0.005, JoinType.Miter).area() > 0.0
     points = section(engraving).decompose()

@@ -10,7 +10,7 @@ from scipy.integrate import dblquad, quad
 
 from tacbench_cad.spec.extremes import HalfPlane
 from tacbench_cad.spec.textures import catalogue
-from tacbench_cad.spec.waves import EXTREMES_ERROR, EXTREMES_SHARE, Sines, Wave, WaveSum
+from tacbench_cad.spec.waves import EXTREMES_ERROR, EXTREMES_FRACTION, Sines, Wave, WaveSum
 from tacbench_cad.util.errors import InputError
 
 PERIOD = (0.0, 2.0 * math.pi)
@@ -111,7 +111,7 @@ def test_extremes_are_proved(kind: str, seed: int) -> None:
     waves = random_waves(rng, kind)
     u, v = (0.0, float(rng.uniform(1, 20))), (-3.0, float(rng.uniform(1, 20)))
     found = waves.extremes(u, v)
-    allowed = max(EXTREMES_ERROR, EXTREMES_SHARE * waves.amplitude_sum) if kind == "oblique" else EXTREMES_ERROR
+    allowed = max(EXTREMES_ERROR, EXTREMES_FRACTION * waves.amplitude_sum) if kind == "oblique" else EXTREMES_ERROR
     assert found.error <= allowed * (1 + 1e-12)
     sampled = waves.grid(np.linspace(*u, 801), np.linspace(*v, 803))
     assert sampled.max() <= found.high + found.error + 1e-12
@@ -133,7 +133,7 @@ def test_extremes_in_a_half_plane_count_only_its_points(kind: str, seed: int) ->
     assert waves(uu[counts], vv[counts]).max() <= found.high + found.error + 1e-12
     assert float(keep.excess(*found.at_high)) <= 1e-9
     assert float(waves(*found.at_high)) == pytest.approx(found.high, abs=1e-9)
-    assert found.error <= max(EXTREMES_ERROR, EXTREMES_SHARE * waves.amplitude_sum) * (1 + 1e-12)
+    assert found.error <= max(EXTREMES_ERROR, EXTREMES_FRACTION * waves.amplitude_sum) * (1 + 1e-12)
 
 
 def test_extremes_of_equal_sums_are_sought_once() -> None:

@@ -9,8 +9,9 @@ heights to 0..1, so that the size along z has to be the samples' own range.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -28,17 +29,6 @@ CONTACT = 'solref="0.002 1" solimp="0.99 0.999 0.0001" friction="0.5 0.0001 0.00
 MIN_RANGE_M = 1e-9
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Field:
-    """One field: its name, its file's path from the folder, its samples in mm (rows, columns) and its borders."""
-
-    name: str
-    file: str
-    z_mm: Floats
-    x_mm: tuple[float, float]
-    y_mm: tuple[float, float]
-
-
 def write_mjcf(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     """Write ``NAME.xml`` with one field and ``NAME-tiles.xml`` with tiles.
 
@@ -47,36 +37,24 @@ def write_mjcf(asset: SimulatorAsset, folder: Path) -> TargetFiles:
         folder: An existing folder.
     """
     heights, name = asset.heights, asset.name
-    whole = _Field(
-        name=name,
-        file=f"{name}.hf",
-        z_mm=heights.z_mm,
-        x_mm=(0.0, float(heights.x_mm[-1])),
-        y_mm=(0.0, float(heights.y_mm[-1])),
-    )
-    tiles = list(_tiles(heights, name))
+    whole = {f"{name}.hf": heights}
+    tiles = {f"{name}-tiles/{place}.hf": tile for place, tile in _tiles(heights)}
     (folder / f"{name}-tiles").mkdir()
-    for field in (whole, *tiles):
-        _write_field(field.z_mm, folder / field.file)
-    _write_model(asset, [whole], folder / f"{name}.xml")
-    _write_model(asset, tiles, folder / f"{name}-tiles.xml")
-    files = (f"{name}.xml", f"{name}-tiles.xml", *(field.file for field in (whole, *tiles)))
+    for model, fields in ((name, whole), (f"{name}-tiles", tiles)):
+        for file, field in fields.items():
+            _write_field(field.z_mm, folder / file)
+        _write_model(asset, fields, folder / f"{model}.xml")
+    files = (f"{name}.xml", f"{name}-tiles.xml", *whole, *tiles)
     return TargetFiles(files=files, note=_note(asset))
 
 
-def _tiles(heights: HeightField, name: str) -> Iterator[_Field]:
-    """The field cut into tiles that share their border samples; fewer where there are too few cells."""
-    x_cuts, y_cuts = (_cuts(len(lines) - 1) for lines in (heights.x_mm, heights.y_mm))
-    for row in range(len(y_cuts) - 1):
-        for column in range(len(x_cuts) - 1):
-            (i, j), (k, m) = x_cuts[column : column + 2], y_cuts[row : row + 2]
-            yield _Field(
-                name=f"{name}-{row}-{column}",
-                file=f"{name}-tiles/{row}-{column}.hf",
-                z_mm=heights.z_mm[k : m + 1, i : j + 1],
-                x_mm=(float(heights.x_mm[i]), float(heights.x_mm[j])),
-                y_mm=(float(heights.y_mm[k]), float(heights.y_mm[m])),
-            )
+def _tiles(heights: HeightField) -> Iterator[tuple[str, HeightField]]:
+    """The field cut into tiles that share their border samples, with row and column; fewer for too few cells."""
+    x, y, z = heights.x_mm, heights.y_mm, heights.z_mm
+    for row, (k, m) in enumerate(pairwise(_cuts(len(y) - 1))):
+        for column, (i, j) in enumerate(pairwise(_cuts(len(x) - 1))):
+            tile = replace(heights, x_mm=x[i : j + 1], y_mm=y[k : m + 1], z_mm=z[k : m + 1, i : j + 1])
+            yield f"{row}-{column}", tile
 
 
 def _cuts(cells: int) -> list[int]:
@@ -90,17 +68,18 @@ def _write_field(z_mm: Floats, path: Path) -> None:
     path.write_bytes(np.array([rows, columns], dtype="<i4").tobytes() + z_mm.astype("<f4").tobytes())
 
 
-def _write_model(asset: SimulatorAsset, fields: list[_Field], path: Path) -> None:
+def _write_model(asset: SimulatorAsset, fields: Mapping[str, HeightField], path: Path) -> None:
     name = asset.name
     assets, geoms = [], []
-    for field in fields:
+    for file, field in fields.items():
+        label = file.removesuffix(".hf").replace("-tiles/", "-")
         low, high = float(field.z_mm.min()) * 1e-3, float(field.z_mm.max()) * 1e-3
-        (x0, x1), (y0, y1) = field.x_mm, field.y_mm
+        (x0, *_, x1), (y0, *_, y1) = field.x_mm.tolist(), field.y_mm.tolist()
         size = ((x1 - x0) / 2e3, (y1 - y0) / 2e3, max(high - low, MIN_RANGE_M), low)
         place = ((x0 + x1) / 2e3, (y0 + y1) / 2e3, low)
-        assets.append(f'    <hfield name="{field.name}" file="{field.file}" size="{_numbers(size)}"/>')
+        assets.append(f'    <hfield name="{label}" file="{file}" size="{_numbers(size)}"/>')
         geoms.append(
-            f'      <geom name="{field.name}" type="hfield" hfield="{field.name}" pos="{_numbers(place)}" {CONTACT} '
+            f'      <geom name="{label}" type="hfield" hfield="{label}" pos="{_numbers(place)}" {CONTACT} '
             'rgba="0.55 0.62 0.70 1"/>'
         )
     lines = [

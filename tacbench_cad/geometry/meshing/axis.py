@@ -89,7 +89,7 @@ class Axis:
         return _rounded(at, height, self.peak_height_mm)
 
     def _samples(self, allowance: Allowance) -> Floats:
-        """Samples that leave the same share of the tube between them, the place of the peak among them."""
+        """Samples that leave the same fraction of the tube between them, the place of the peak among them."""
         t, slope, second, third = self._plan()
         slope, second, third = np.abs(slope), np.abs(second), np.abs(third)
         bend = np.hypot(second, third / (2.0 * self._finest)) + allowance.bend(slope, slope, second, third)

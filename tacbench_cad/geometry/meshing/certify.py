@@ -19,7 +19,7 @@ from tacbench_cad.util.types import Floats, Ints
 
 #: Pieces that a link is cut into, at least.
 PIECES = 40
-#: Share of what is allowed that a formula may do between the ends of a piece, about.
+#: Fraction of what is allowed that a formula may do between the ends of a piece, about.
 SPARE = 0.00125
 #: A piece spans at most this phase of the finest wave, in radians.
 PIECE_PHASE = 0.125
@@ -51,28 +51,28 @@ def derivatives(sines: Sines, t: Floats, orders: Sequence[int]) -> list[Floats]:
 
 @dataclass(frozen=True, kw_only=True)
 class Allowance:
-    """What one axis p of a separable top may deviate: ``w = share tolerance sqrt(1 + p'^2 / share)``.
+    """What one axis p of a separable top may deviate: ``w = fraction tolerance sqrt(1 + p'^2 / fraction)``.
 
     Args:
         tolerance_mm: The distance allowed to the whole top.
-        share: This axis's part of it, above 0 and at most 1.
+        fraction: This axis's part of it, above 0 and at most 1.
     """
 
     tolerance_mm: float
-    share: float
+    fraction: float
 
     def half_width(self, slope: Floats) -> Floats:
         """The deviation allowed where p has this slope."""
-        return np.asarray(self.share * self.tolerance_mm * np.sqrt(1.0 + slope**2 / self.share))
+        return np.asarray(self.fraction * self.tolerance_mm * np.sqrt(1.0 + slope**2 / self.fraction))
 
     def bend(self, least: Floats, most: Floats, second: Floats, third: Floats) -> Floats:
         """Bound of ``|w''|`` where ``least <= |p'| <= most`` and ``|p''|``, ``|p'''|`` have these bounds.
 
-        As a function of ``s = p'``, w has the slope ``tolerance s / sqrt(1 + s^2 / share)`` and the second derivative
-        ``tolerance (1 + s^2 / share)^(-3/2)``.
+        As a function of ``s = p'``, w has the slope ``tolerance s / sqrt(1 + s^2 / fraction)`` and the second
+        derivative ``tolerance (1 + s^2 / fraction)^(-3/2)``.
         """
-        slope = most / np.sqrt(1.0 + most**2 / self.share)
-        curve = (1.0 + least**2 / self.share) ** -1.5
+        slope = most / np.sqrt(1.0 + most**2 / self.fraction)
+        curve = (1.0 + least**2 / self.fraction) ** -1.5
         return np.asarray(self.tolerance_mm * (curve * second**2 + slope * third))
 
 
@@ -132,9 +132,9 @@ def prove_axis(sines: Sines, at: Floats, heights: Floats, allowance: Allowance |
         ends = np.stack([np.stack([deviation[:-1], deviation[1:]]), np.zeros((2, len(lengths)))])
         above, below = ends[0].max(axis=0), (-ends[0]).max(axis=0)
         return AxisProof(above, below, nothing, nothing, np.abs(ends), np.zeros((2, len(lengths))), lengths)
-    link, share = _pieces(sines, at, allowance)
-    points = at[link] + share * lengths[link]
-    fit = heights[link] + share * (heights[link + 1] - heights[link])
+    link, fraction = _pieces(sines, at, allowance)
+    points = at[link] + fraction * lengths[link]
+    fit = heights[link] + fraction * (heights[link + 1] - heights[link])
     value, slope, second, third = derivatives(sines, points, [0, 1, 2, 3])
     width = np.diff(points)
     square = width**2 / 8.0
@@ -154,24 +154,24 @@ def prove_axis(sines: Sines, at: Floats, heights: Floats, allowance: Allowance |
 
 
 def _pieces(sines: Sines, at: Floats, allowance: Allowance | None) -> tuple[Ints, Floats]:
-    """The link and the share along it of every end of a piece, the very last one included."""
+    """The link and the fraction along it of every end of a piece, the very last one included."""
     lengths = np.diff(at)
     finest = float(np.max(np.abs(sines.frequency)))
-    wanted = np.maximum(PIECES, lengths * (finest / PIECE_PHASE))
+    numbers = np.maximum(PIECES, lengths * (finest / PIECE_PHASE))
     if allowance is not None:
         points = (at[:-1, None] + lengths[:, None] * (np.arange(5) / 4.0)).ravel()
         slope, second, third = np.abs(derivatives(sines, points, [1, 2, 3]))
         per_mm = np.sqrt((second + allowance.bend(slope, slope, second, third)) / allowance.half_width(slope))
-        wanted = np.maximum(wanted, per_mm.reshape(-1, 5).max(axis=1) * lengths / math.sqrt(8.0 * SPARE))
-    pieces = np.ceil(wanted).astype(np.int64)
+        numbers = np.maximum(numbers, per_mm.reshape(-1, 5).max(axis=1) * lengths / math.sqrt(8.0 * SPARE))
+    pieces = np.ceil(numbers).astype(np.int64)
     link = np.repeat(np.arange(len(lengths)), pieces)
     first = np.repeat(np.cumsum(pieces) - pieces, pieces)
-    share = (np.arange(len(link)) - first) / pieces[link]
-    return np.append(link, len(lengths) - 1), np.append(share, 1.0)
+    fraction = (np.arange(len(link)) - first) / pieces[link]
+    return np.append(link, len(lengths) - 1), np.append(fraction, 1.0)
 
 
-def within(along_x: AxisProof, along_y: AxisProof, tolerance_mm: float, share: float) -> float:
-    """Bound of the distance of a separable top whose axes were given shares s and 1 - s of a tolerance.
+def within(along_x: AxisProof, along_y: AxisProof, tolerance_mm: float, fraction: float) -> float:
+    """Bound of the distance of a separable top whose axes were given fractions s and 1 - s of a tolerance.
 
     The square root is concave, so by Jensen's inequality
     ``s sqrt(1 + p'^2 / s) + (1 - s) sqrt(1 + q'^2 / (1 - s)) <= sqrt(1 + p'^2 + q'^2)``: where each axis stays in its
@@ -181,15 +181,15 @@ def within(along_x: AxisProof, along_y: AxisProof, tolerance_mm: float, share: f
         along_x: The proof along x.
         along_y: The proof along y.
         tolerance_mm: The tolerance.
-        share: The part of it that x was given.
+        fraction: The part of it that x was given.
 
     Returns:
         The bound in mm, infinite where an axis leaves its allowance.
     """
     used = [0.0]
-    for proof, part in ((along_x, share), (along_y, 1.0 - share)):
+    for proof, part in ((along_x, fraction), (along_y, 1.0 - fraction)):
         if not proof.exact:
-            used.append(proof.used(Allowance(tolerance_mm=tolerance_mm, share=part)))
+            used.append(proof.used(Allowance(tolerance_mm=tolerance_mm, fraction=part)))
     return max(used)
 
 

@@ -127,12 +127,12 @@ class _Cutter:
         found = self._on_edge.get((first, second))
         if found is None:
             p, q = self.vertices[first], self.vertices[second]
-            share = self.excess[first] / (self.excess[first] - self.excess[second])
-            place = single(p + share * (q - p))
+            fraction = self.excess[first] / (self.excess[first] - self.excess[second])
+            place = single(p + fraction * (q - p))
             # the height belongs to the rounded place, so that an edge along a grid line stays straight
             along = 0 if abs(q[0] - p[0]) >= abs(q[1] - p[1]) else 1
-            share = (place[along] - p[along]) / (q[along] - p[along])
-            place[2] = single(p[2] + share * (q[2] - p[2]))
+            fraction = (place[along] - p[along]) / (q[along] - p[along])
+            place[2] = single(p[2] + fraction * (q[2] - p[2]))
             found = len(self.vertices) + len(self.added)
             self.added.append(place)
             self._on_edge[first, second] = found

@@ -176,14 +176,14 @@ def _sampled_top(block: Block, grid: SampleGrid) -> Top:
 def _fitted_top(block: Block, tolerance: float) -> Top:
     p, q = _axes(block)
     rounding = _rounding_mm(block)
-    share = _share(p, q)
+    fraction = _share(p, q)
     budget = tolerance - rounding
-    shares = (share, 1.0 - share)
-    _refuse_fine(tolerance, *(_lines_needed(axis, budget, part) for axis, part in zip((p, q), shares, strict=True)))
-    x, a, along_x = _fit(p, budget, share)
-    y, b, along_y = _fit(q, budget, 1.0 - share)
+    fractions = (fraction, 1.0 - fraction)
+    _refuse_fine(tolerance, *(_lines_needed(axis, budget, part) for axis, part in zip((p, q), fractions, strict=True)))
+    x, a, along_x = _fit(p, budget, fraction)
+    y, b, along_y = _fit(q, budget, 1.0 - fraction)
     proofs = along_x, along_y
-    distance = within(*proofs, budget, share)
+    distance = within(*proofs, budget, fraction)
     high = vertical(*proofs)
     certificate = Certificate(distance_mm=min(distance, high) + rounding, vertical_mm=high + rounding)
     refuse_too_many("tolerance", tolerance, triangles_of(len(x), len(y)), "take a coarser one")
@@ -210,16 +210,18 @@ def _share(p: Axis, q: Axis) -> float:
     return 0.0 if p.sines.is_constant else 0.5
 
 
-def _lines_needed(axis: Axis, tolerance: float, share: float) -> float:
-    return 2.0 if axis.sines.is_constant else axis.links_needed(Allowance(tolerance_mm=tolerance, share=share)) + 1.0
+def _lines_needed(axis: Axis, tolerance: float, fraction: float) -> float:
+    return (
+        2.0 if axis.sines.is_constant else axis.links_needed(Allowance(tolerance_mm=tolerance, fraction=fraction)) + 1.0
+    )
 
 
-def _fit(axis: Axis, tolerance: float, share: float) -> tuple[Floats, Floats, AxisProof]:
+def _fit(axis: Axis, tolerance: float, fraction: float) -> tuple[Floats, Floats, AxisProof]:
     if axis.sines.is_constant:
         ends = np.array([0.0, axis.length_mm])
         height = axis.sines(ends)
         return ends, height, prove_axis(axis.sines, ends, height)
-    return axis.fit(Allowance(tolerance_mm=tolerance, share=share))
+    return axis.fit(Allowance(tolerance_mm=tolerance, fraction=fraction))
 
 
 def _refuse_fine(tolerance: float, n: float, m: float) -> None:

@@ -104,5 +104,7 @@ def _above_cut(excess: Floats, height: Floats, area: Floats) -> float:
 
 def _tip(excess: Floats, height: Floats, area: Floats) -> Floats:
     """Volume above the tip of each triangle, cut off at the zero line; the first corner is the only positive one."""
-    share = excess[0] / (excess[0] - excess[1:])
-    return np.asarray(area * share.prod(axis=0) * (height[0] + (share * (height[1:] - height[0])).sum(axis=0) / 3.0))
+    fraction = excess[0] / (excess[0] - excess[1:])
+    return np.asarray(
+        area * fraction.prod(axis=0) * (height[0] + (fraction * (height[1:] - height[0])).sum(axis=0) / 3.0)
+    )

@@ -33,7 +33,7 @@ class SolidBuilder:
         self._top = Topology()
         self._geometry = SplineGeometry(relief)
         self._xs, self._ys = relief.x.lines.tolist(), relief.y.lines.tolist()
-        self._nx, self._ny, self._key = relief.x.pieces, relief.y.pieces, relief.key_pieces
+        self._nx, self._ny, self._key = relief.x.patches, relief.y.patches, relief.key_patches
         self._vertices: dict[Corner, TopoDS_Vertex] = {}
         self._edges: dict[tuple[Corner, Corner], TopoDS_Edge] = {}
         self._traces_x = [Geom2d_Line(gp_Pnt2d(0.0, y), gp_Dir2d(1.0, 0.0)) for y in self._ys]

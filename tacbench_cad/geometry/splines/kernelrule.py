@@ -19,21 +19,21 @@ from tacbench_cad.util.types import Floats
 
 #: The most Gauss points that the kernel's default area and volume take along an axis of a face.
 KERNEL_POINTS = 61
-#: Pieces along an axis that are looked at.
-_MAX_PIECES_LOOKED_AT = 14
+#: Patches along an axis that are looked at.
+_MAX_PATCHES_LOOKED_AT = 14
 #: Rows of points summed in one array operation.
 _ROWS_AT_A_TIME = 64
 
 
-def area_error(block: Block, pieces: tuple[int, int]) -> float:
-    """Error of the top's area by the kernel's rule on so many pieces, against twice as many along each axis.
+def area_error(block: Block, patches: tuple[int, int]) -> float:
+    """Error of the top's area by the kernel's rule on so many patches, against twice as many along each axis.
 
     Relative to the area of the whole block. Of a large block's top only the corner at the origin is looked at.
     """
     areas = []
     for more in (1, 2):
-        taken = [min(count, _MAX_PIECES_LOOKED_AT) for count in pieces]
-        ends = [side * few / count for side, few, count in zip(block.size_mm, taken, pieces, strict=True)]
+        taken = [min(count, _MAX_PATCHES_LOOKED_AT) for count in patches]
+        ends = [side * few / count for side, few, count in zip(block.size_mm, taken, patches, strict=True)]
         (x, weight_x), (y, weight_y) = (_gauss(end, more * few) for end, few in zip(ends, taken, strict=True))
         areas.append(sum(float(np.dot(weight_x[rows], area)) for rows, area in _strips(block.surface, x, y, weight_y)))
     (x_side, y_side), flat = block.size_mm, ends[0] * ends[1]
@@ -64,12 +64,12 @@ def _strips(surface: WaveSum, x: Floats, y: Floats, weight_y: Floats) -> Iterato
         yield rows, np.einsum("ij,j->i", stretch, weights).astype(np.float64)
 
 
-def _gauss(length: float, pieces: int) -> tuple[Floats, Floats]:
-    """Places and weights of Gauss' rule with :data:`KERNEL_POINTS` points on each piece of [0, length]."""
+def _gauss(length: float, patches: int) -> tuple[Floats, Floats]:
+    """Places and weights of Gauss' rule with :data:`KERNEL_POINTS` points on each patch of [0, length]."""
     points, weights = _rule()
-    width = length / pieces
-    places = (np.arange(pieces)[:, None] + (points + 1.0) / 2.0) * width
-    return places.ravel(), np.tile(weights * width / 2.0, pieces)
+    width = length / patches
+    places = (np.arange(patches)[:, None] + (points + 1.0) / 2.0) * width
+    return places.ravel(), np.tile(weights * width / 2.0, patches)
 
 
 @cache

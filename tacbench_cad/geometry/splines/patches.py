@@ -27,13 +27,13 @@ FINEST_TOLERANCE_MM = 1e-6
 #: with degree 5 and 110,000 with 7 or 9, but what is then done with it takes longer with every degree. With 5, 7 and 9:
 #: the kernel's volume 1.5, 2.0 and 3.0 s, a hole 2.7, 3.1 and 4.3 s, a mesh of 20,000 nodes by gmsh 20, 39 and 53 s.
 DEGREE = 5
-#: Fewest spans on a piece, also along an axis without waves: the kernel's default volume takes as many points as twice
+#: Fewest spans on a patch, also along an axis without waves: the kernel's default volume takes as many points as twice
 #: the spans times (degree + 1) along y, for both axes of a face; with 5 spans that is 60 of at most 61.
 MIN_SPANS = 5
-#: More spans on a piece are not tried: an axis that needs more gets more pieces.
+#: More spans on a patch are not tried: an axis that needs more gets more patches.
 MAX_SPANS = 64
-#: Waves of the finest kind on one piece, at most. More leave the kernel's area and volume wrong, fewer make it slow.
-WAVES_PER_PIECE = 6.5
+#: Waves of the finest kind on one patch, at most. More leave the kernel's area and volume wrong, fewer make it slow.
+WAVES_PER_PATCH = 6.5
 #: Error of the kernel's area of the top, relative to the area of the block, that is let pass.
 AREA_ERROR = 5e-5
 #: The part of the tolerance that is aimed at: a tenth more poles, half the ripple in the area.
@@ -52,7 +52,7 @@ class Patches:
         x: The axis x.
         y: The axis y.
         certificate: What is proved of the distance between patches and formula.
-        key_pieces: Pieces of either axis within the key's square; 0 without a key.
+        key_patches: Patches of either axis within the key's square; 0 without a key.
     """
 
     surface: WaveSum
@@ -60,7 +60,7 @@ class Patches:
     x: Axis
     y: Axis
     certificate: Certificate
-    key_pieces: int
+    key_patches: int
 
     @property
     def pole_count(self) -> int:
@@ -69,7 +69,7 @@ class Patches:
 
     @cached_property
     def profiles_mm(self) -> tuple[Floats, Floats] | None:
-        """Of a separable surface ``p(x) + q(y)``: poles of p with the datum, and of q; (pieces, count) each."""
+        """Of a separable surface ``p(x) + q(y)``: poles of p with the datum, and of q; (patches, count) each."""
         if not self.surface.is_separable:
             return None
         p, q = self.surface.along_u, self.surface.along_v
@@ -94,11 +94,11 @@ class Patches:
 
     def __call__(self, x: Floats, y: Floats) -> Floats:
         """Heights z of the patches at the points (x, y), all in mm; one-dimensional arrays of one length."""
-        i = np.clip(np.searchsorted(self.x.lines, x, side="right") - 1, 0, self.x.pieces - 1)
-        j = np.clip(np.searchsorted(self.y.lines, y, side="right") - 1, 0, self.y.pieces - 1)
+        i = np.clip(np.searchsorted(self.x.lines, x, side="right") - 1, 0, self.x.patches - 1)
+        j = np.clip(np.searchsorted(self.y.lines, y, side="right") - 1, 0, self.y.patches - 1)
         z = np.empty(len(x))
-        for one in np.unique(i * self.y.pieces + j):
-            a, b = divmod(int(one), self.y.pieces)
+        for one in np.unique(i * self.y.patches + j):
+            a, b = divmod(int(one), self.y.patches)
             here = (i == a) & (j == b)
             left = self.x.basis.values(self._unit(self.x, a, x[here]))
             right = self.y.basis.values(self._unit(self.y, b, y[here]))
@@ -106,8 +106,8 @@ class Patches:
         return z
 
     @staticmethod
-    def _unit(axis: Axis, piece: int, at: Floats) -> Floats:
-        low, high = axis.lines[piece], axis.lines[piece + 1]
+    def _unit(axis: Axis, patch: int, at: Floats) -> Floats:
+        low, high = axis.lines[patch], axis.lines[patch + 1]
         return np.asarray(np.clip((at - low) / (high - low), 0.0, 1.0), dtype=np.float64)
 
 
@@ -140,7 +140,7 @@ def patches(block: Block, tolerance_mm: float) -> Patches:
         x=x,
         y=y,
         certificate=Certificate(distance_mm=bound, vertical_mm=bound),
-        key_pieces=plan.key_pieces,
+        key_patches=plan.key_patches,
     )
 
 
@@ -149,27 +149,27 @@ class _Plan:
     """How the axes are cut, as numbers only.
 
     Args:
-        pieces: Pieces along x and y outside of the key's square.
-        key_pieces: Pieces of either axis within it.
-        spans: Spans on each piece along x and y.
+        patches: Patches along x and y outside of the key's square.
+        key_patches: Patches of either axis within it.
+        spans: Spans on each patch along x and y.
     """
 
-    pieces: tuple[int, int]
-    key_pieces: int
+    patches: tuple[int, int]
+    key_patches: int
     spans: tuple[int, int]
 
     @property
     def poles(self) -> int:
         """Poles of the whole surface."""
-        along = [(self.pieces[i] + self.key_pieces) * (DEGREE + self.spans[i] - 1) + 1 for i in (0, 1)]
+        along = [(self.patches[i] + self.key_patches) * (DEGREE + self.spans[i] - 1) + 1 for i in (0, 1)]
         return along[0] * along[1]
 
     def axes(self, block: Block) -> tuple[Axis, Axis]:
         """Both axes; the key's square ends x and begins y."""
-        (x, y), key, square = block.size_mm, block.key_mm or 0.0, self.key_pieces
+        (x, y), key, square = block.size_mm, block.key_mm or 0.0, self.key_patches
         steps = key * np.arange(square + 1) / max(square, 1)
-        along_x = np.concatenate([_steps(x - key, self.pieces[0]), (x - key) + steps[1:]])
-        along_y = np.concatenate([steps[:-1], key + _steps(y - key, self.pieces[1])])
+        along_x = np.concatenate([_steps(x - key, self.patches[0]), (x - key) + steps[1:]])
+        along_y = np.concatenate([steps[:-1], key + _steps(y - key, self.patches[1])])
         along_x[-1], along_y[-1] = x, y
         return (
             Axis(along_x, basis(DEGREE, self.spans[0])),
@@ -189,23 +189,23 @@ def _plan(block: Block, tolerance_mm: float) -> _Plan:
     table = block.surface.table[block.surface.table[:, 0] != 0.0]
     amplitude = np.abs(table[:, 0])
     frequency = (np.abs(table[:, 1]), np.abs(table[:, 2]))
-    share = AIM * tolerance_mm / 2.0
-    finest = [_finest(amplitude, f, share / 4.0) for f in frequency]
+    fraction = AIM * tolerance_mm / 2.0
+    finest = [_finest(amplitude, f, fraction / 4.0) for f in frequency]
     limit = 1024.0 * max(float(f.max()) for f in frequency)
     while max(finest) <= limit:
-        pieces, in_key = _pieces(block, finest)
-        least = _Plan(pieces, in_key, (MIN_SPANS, MIN_SPANS))
+        patches, in_key = _patches(block, finest)
+        least = _Plan(patches, in_key, (MIN_SPANS, MIN_SPANS))
         if least.poles > MAX_POLES:
             return least
-        along_x = _spans(frequency[0] * _widest(block, 0, pieces, in_key), amplitude, share)
+        along_x = _spans(frequency[0] * _widest(block, 0, patches, in_key), amplitude, fraction)
         weight = amplitude
         if along_x <= MAX_SPANS and not block.surface.is_separable:
-            turn = frequency[0] * _widest(block, 0, pieces, in_key)
+            turn = frequency[0] * _widest(block, 0, patches, in_key)
             single = [basis(DEGREE, along_x).error(turn[[k]], np.ones(1)) for k in range(len(turn))]
             weight = amplitude * (1.0 + np.array(single))
-        along_y = _spans(frequency[1] * _widest(block, 1, pieces, in_key), weight, share)
+        along_y = _spans(frequency[1] * _widest(block, 1, patches, in_key), weight, fraction)
         if max(along_x, along_y) <= MAX_SPANS:
-            return _Plan(pieces, in_key, (along_x, along_y))
+            return _Plan(patches, in_key, (along_x, along_y))
         finest = [fine * (2.0 if n > MAX_SPANS else 1.0) for fine, n in zip(finest, (along_x, along_y), strict=True)]
     raise InputError("step-tolerance", tolerance_mm, "is too fine for the rounding of this surface")
 
@@ -218,36 +218,36 @@ def _finest(amplitude: Floats, frequency: Floats, rest: float) -> float:
     return float(frequency[order[min(first, len(order) - 1)]])
 
 
-def _pieces(block: Block, finest: list[float]) -> tuple[tuple[int, int], int]:
-    """Pieces along x and y outside of the key's square, and of either axis within it.
+def _patches(block: Block, finest: list[float]) -> tuple[tuple[int, int], int]:
+    """Patches along x and y outside of the key's square, and of either axis within it.
 
     The kernel's default area takes few points on a face (see :mod:`.kernelrule`). Where waves are
-    steep, :data:`WAVES_PER_PIECE` on a piece are too many for that, and more pieces are made.
+    steep, :data:`WAVES_PER_PATCH` on a patch are too many for that, and more patches are made.
 
     Args:
         block: The block.
         finest: Along x and y the frequency in radians per mm that counts.
     """
     (x, y), key = block.size_mm, block.key_mm or 0.0
-    on_piece = WAVES_PER_PIECE
+    on_patch = WAVES_PER_PATCH
 
     def count(length: float, axis: int) -> int:
-        return max(1, math.ceil(length * finest[axis] / (2.0 * math.pi * on_piece) - 1e-9))
+        return max(1, math.ceil(length * finest[axis] / (2.0 * math.pi * on_patch) - 1e-9))
 
-    while on_piece > 1.0 and area_error(block, (count(x, 0), count(y, 1))) > AREA_ERROR:
-        on_piece /= 1.25
+    while on_patch > 1.0 and area_error(block, (count(x, 0), count(y, 1))) > AREA_ERROR:
+        on_patch /= 1.25
     in_key = max(count(key, 0), count(key, 1)) if key else 0
     return (count(x - key, 0), count(y - key, 1)), in_key
 
 
-def _widest(block: Block, axis: int, pieces: tuple[int, int], in_key: int) -> float:
-    """Width of the widest piece along an axis in mm."""
+def _widest(block: Block, axis: int, patches: tuple[int, int], in_key: int) -> float:
+    """Width of the widest patch along an axis in mm."""
     key = block.key_mm or 0.0
-    return max((block.size_mm[axis] - key) / pieces[axis], key / max(in_key, 1))
+    return max((block.size_mm[axis] - key) / patches[axis], key / max(in_key, 1))
 
 
-def _spans(turn: Floats, weight: Floats, share: float) -> int:
-    """The fewest spans on one piece that keep the error within a share; one more than :data:`MAX_SPANS` if none do.
+def _spans(turn: Floats, weight: Floats, fraction: float) -> int:
+    """The fewest spans on one patch that keep the error within a fraction; one more than :data:`MAX_SPANS` if none do.
 
     On spans of which one holds the part a < 1/2 of a wave, a spline takes the wave for its alias with 1 - a as well, so
     that its error is near ``2 (a / (1 - a))^(degree + 1)``. From there one or two steps find the number.
@@ -257,19 +257,19 @@ def _spans(turn: Floats, weight: Floats, share: float) -> int:
     tried = np.arange(MIN_SPANS, MAX_SPANS + 1)
     part = np.minimum(np.abs(turn) / (2.0 * math.pi * tried[:, None]), 0.5)
     near = 2.0 * (part / (1.0 - part)) ** (DEGREE + 1) @ weight
-    enough = np.flatnonzero(near <= share)
+    enough = np.flatnonzero(near <= fraction)
     found = int(tried[enough[0]]) if len(enough) else MAX_SPANS
 
     @cache
     def error(spans: int) -> float:
         return basis(DEGREE, spans).error(turn, weight)
 
-    while error(found) > share:
+    while error(found) > fraction:
         if found == MAX_SPANS:
             return MAX_SPANS + 1
-        further = math.ceil(found * (error(found) / share) ** (1.0 / (DEGREE + 1)))
+        further = math.ceil(found * (error(found) / fraction) ** (1.0 / (DEGREE + 1)))
         found = min(max(found + 1, further), MAX_SPANS)
-    while found > MIN_SPANS and error(found - 1) <= share:
+    while found > MIN_SPANS and error(found - 1) <= fraction:
         found -= 1
     return found
 

@@ -2,11 +2,11 @@
 
 The surface of a block is a sum of plane waves, and a plane wave is a product of two complex exponentials, one along
 each axis. A spline surface needs therefore nothing but splines of ``exp(i k t)`` along an axis. An axis is cut into
-pieces; on each piece the same clamped basis with equal spans is used, scaled to the piece.
+patches; on each patch the same clamped basis with equal spans is used, scaled to the patch.
 
-The spline of a function keeps its value and its slope at both ends of the piece, so that neighbours join with C1, and
-is for the rest its least-squares projection. On two pieces of the same width the splines of one exponential differ by
-a constant factor of modulus one only: what is proved on one piece holds on all.
+The spline of a function keeps its value and its slope at both ends of the patch, so that neighbours join with C1, and
+is for the rest its least-squares projection. On two patches of the same width the splines of one exponential differ by
+a constant factor of modulus one only: what is proved on one patch holds on all.
 """
 
 from __future__ import annotations
@@ -188,44 +188,44 @@ def basis(degree: int, spans: int) -> Basis:
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """One axis of a block, cut into pieces that all carry the same basis.
+    """One axis of a block, cut into patches that all carry the same basis.
 
     Args:
-        lines: Ends of the pieces in mm, ascending, shape (pieces + 1,).
-        basis: The basis on each piece.
+        lines: Ends of the patches in mm, ascending, shape (patches + 1,).
+        basis: The basis on each patch.
     """
 
     lines: Floats
     basis: Basis
 
     @property
-    def pieces(self) -> int:
-        """Number of pieces."""
+    def patches(self) -> int:
+        """Number of patches."""
         return len(self.lines) - 1
 
     @property
     def pole_count(self) -> int:
         """Poles along the whole axis; those at the joints are shared."""
-        return self.pieces * (self.basis.count - 1) + 1
+        return self.patches * (self.basis.count - 1) + 1
 
     @cached_property
     def _widths(self) -> Floats:
-        """Widths of the pieces in mm; those that differ by rounding only are made equal."""
+        """Widths of the patches in mm; those that differ by rounding only are made equal."""
         widths = np.diff(self.lines)
         for one in widths.copy():
             widths[np.abs(widths - one) <= 1e-12 * self.lines[-1]] = one
         return widths
 
-    def knots_mm(self, piece: int) -> Floats:
-        """Ends of the spans of a piece in mm, shape (spans + 1,)."""
-        return self._scaled(piece, self.basis.breaks)
+    def knots_mm(self, patch: int) -> Floats:
+        """Ends of the spans of a patch in mm, shape (spans + 1,)."""
+        return self._scaled(patch, self.basis.breaks)
 
-    def abscissae_mm(self, piece: int) -> Floats:
-        """Where the poles of a piece lie along the axis, in mm, shape (count,)."""
-        return self._scaled(piece, self.basis.greville)
+    def abscissae_mm(self, patch: int) -> Floats:
+        """Where the poles of a patch lie along the axis, in mm, shape (count,)."""
+        return self._scaled(patch, self.basis.greville)
 
-    def _scaled(self, piece: int, unit: Floats) -> Floats:
-        low, high = self.lines[piece], self.lines[piece + 1]
+    def _scaled(self, patch: int, unit: Floats) -> Floats:
+        low, high = self.lines[patch], self.lines[patch + 1]
         found = low + (high - low) * unit
         found[0], found[-1] = low, high
         return np.asarray(found, dtype=np.float64)
@@ -237,10 +237,10 @@ class Axis:
             frequency: In radians per mm, shape (n,).
 
         Returns:
-            Shape (pieces, count, n). At a joint both pieces have the same number.
+            Shape (patches, count, n). At a joint both patches have the same number.
         """
         starts = np.exp(1j * np.outer(self.lines[:-1], frequency))
-        found = np.empty((self.pieces, self.basis.count, len(frequency)), dtype=np.complex128)
+        found = np.empty((self.patches, self.basis.count, len(frequency)), dtype=np.complex128)
         for width, chosen in self._by_width():
             unit = self.basis.poles(frequency * width)
             found[chosen] = unit[None, :, :] * starts[chosen][:, None, :]
@@ -248,8 +248,8 @@ class Axis:
         return found
 
     def sines(self, function: Sines) -> Floats:
-        """Poles of the spline of a sum of sines, shape (pieces, count)."""
-        total = np.zeros((self.pieces, self.basis.count))
+        """Poles of the spline of a sum of sines, shape (patches, count)."""
+        total = np.zeros((self.patches, self.basis.count))
         for start in range(0, len(function.amplitude), _WAVES_AT_A_TIME):
             part = slice(start, start + _WAVES_AT_A_TIME)
             rotation = function.amplitude[part] * np.exp(1j * function.phase[part])

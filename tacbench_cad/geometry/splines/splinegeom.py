@@ -35,11 +35,11 @@ class SplineGeometry:
         """Height z at the crossing of line i of x and line j of y, in mm."""
         if self._relief.profiles_mm is not None:
             return _at_line(self._relief.profiles_mm[0], i) + _at_line(self._relief.profiles_mm[1], j)
-        last = i == self._relief.x.pieces
+        last = i == self._relief.x.patches
         return float(self._row_along_x(i - last, j)[-1 if last else 0])
 
     def curve_x(self, i: int, j: int) -> Geom_BSplineCurve:
-        """The curve of piece i of x at line j of y; its parameter is x in mm."""
+        """The curve of patch i of x at line j of y; its parameter is x in mm."""
         if (i, j) not in self._made_x:
             axis, y = self._relief.x, float(self._relief.y.lines[j])
             if self._relief.profiles_mm is None:
@@ -54,7 +54,7 @@ class SplineGeometry:
         return self._made_x[i, j]
 
     def curve_y(self, i: int, j: int) -> Geom_BSplineCurve:
-        """The curve of piece j of y at line i of x; its parameter is y in mm."""
+        """The curve of patch j of y at line i of x; its parameter is y in mm."""
         if (i, j) not in self._made_y:
             axis, x = self._relief.y, float(self._relief.x.lines[i])
             if self._relief.profiles_mm is None:
@@ -121,11 +121,11 @@ class SplineGeometry:
         x, y = self._relief.x, self._relief.y
         knots_x, keep_x = _joined(x)
         knots_y, keep_y = _joined(y)
-        at_x = np.concatenate([x.abscissae_mm(i) for i in range(x.pieces)])[keep_x]
-        at_y = np.concatenate([y.abscissae_mm(j) for j in range(y.pieces)])[keep_y]
+        at_x = np.concatenate([x.abscissae_mm(i) for i in range(x.patches)])[keep_x]
+        at_y = np.concatenate([y.abscissae_mm(j) for j in range(y.patches)])[keep_y]
         degrees = (x.basis.degree, y.basis.degree)
         if self._relief.profiles_mm is None:
-            rows = [np.hstack([self._relief.heights_mm(i, j) for j in range(y.pieces)]) for i in range(x.pieces)]
+            rows = [np.hstack([self._relief.heights_mm(i, j) for j in range(y.patches)]) for i in range(x.patches)]
             heights = np.vstack(rows)[np.ix_(keep_x, keep_y)]
             return _surface(at_x, at_y, heights, knots_x, knots_y, degrees)
         a, b = (profile.ravel()[keep] for profile, keep in zip(self._relief.profiles_mm, (keep_x, keep_y), strict=True))
@@ -134,17 +134,17 @@ class SplineGeometry:
         return _coons(sides_x[0], sides_y[1], sides_x[1], sides_y[0])
 
     def _row_along_x(self, i: int, j: int) -> Floats:
-        """Heights z of the poles of piece i of x at line j of y, in mm."""
-        last = j == self._relief.y.pieces
+        """Heights z of the poles of patch i of x at line j of y, in mm."""
+        last = j == self._relief.y.patches
         return self._relief.heights_mm(i, j - last)[:, -1 if last else 0]
 
     def _column_along_y(self, i: int, j: int) -> Floats:
-        last = i == self._relief.x.pieces
+        last = i == self._relief.x.patches
         return self._relief.heights_mm(i - last, j)[-1 if last else 0, :]
 
 
 def _at_line(profile: Floats, line: int) -> float:
-    """Value of a profile (pieces, count) at a line between pieces."""
+    """Value of a profile (patches, count) at a line between patches."""
     return float(profile[line, 0] if line < len(profile) else profile[-1, -1])
 
 
@@ -152,10 +152,10 @@ def _points(x: Floats | float, y: Floats | float, z: Floats) -> Floats:
     return np.column_stack(np.broadcast_arrays(x, y, z))
 
 
-def _knots(axis: Axis, piece: int) -> tuple[Floats, list[int]]:
-    """Knots of a piece and how often each counts."""
+def _knots(axis: Axis, patch: int) -> tuple[Floats, list[int]]:
+    """Knots of a patch and how often each counts."""
     ends = axis.basis.degree + 1
-    return axis.knots_mm(piece), [ends, *([1] * (axis.basis.spans - 1)), ends]
+    return axis.knots_mm(patch), [ends, *([1] * (axis.basis.spans - 1)), ends]
 
 
 def _joined(axis: Axis) -> tuple[tuple[Floats, list[int]], Bools]:
@@ -164,10 +164,10 @@ def _joined(axis: Axis) -> tuple[tuple[Floats, list[int]], Bools]:
     A joint's own pole is a mean of its neighbours and goes.
     """
     degree, spans, count = axis.basis.degree, axis.basis.spans, axis.basis.count
-    keep = np.ones((axis.pieces, count), dtype=np.bool_)
+    keep = np.ones((axis.patches, count), dtype=np.bool_)
     keep[1:, 0] = False
     keep[:-1, -1] = False
-    knots = np.concatenate([axis.lines[:1], *(axis.knots_mm(i)[1:] for i in range(axis.pieces))])
+    knots = np.concatenate([axis.lines[:1], *(axis.knots_mm(i)[1:] for i in range(axis.patches))])
     times = np.ones(len(knots), dtype=np.intp)
     times[::spans] = degree - 1
     times[[0, -1]] = degree + 1
@@ -210,14 +210,14 @@ def _coons(
 
 
 def _reals(values: Floats) -> TColStd_Array1OfReal:
-    made = TColStd_Array1OfReal(1, len(values))
+    array = TColStd_Array1OfReal(1, len(values))
     for i, value in enumerate(values.tolist(), start=1):
-        made.SetValue(i, value)
-    return made
+        array.SetValue(i, value)
+    return array
 
 
 def _integers(values: Sequence[int]) -> TColStd_Array1OfInteger:
-    made = TColStd_Array1OfInteger(1, len(values))
+    array = TColStd_Array1OfInteger(1, len(values))
     for i, value in enumerate(values, start=1):
-        made.SetValue(i, value)
-    return made
+        array.SetValue(i, value)
+    return array

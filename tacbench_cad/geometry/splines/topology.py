@@ -29,20 +29,20 @@ class Topology:
 
     def vertex(self, point: Point) -> TopoDS_Vertex:
         """A vertex at a point in mm."""
-        made = TopoDS_Vertex()
-        self._builder.MakeVertex(made, gp_Pnt(*point), TOLERANCE_MM)
-        return made
+        result = TopoDS_Vertex()
+        self._builder.MakeVertex(result, gp_Pnt(*point), TOLERANCE_MM)
+        return result
 
     def edge(
         self, curve: Geom_Curve, first: float, last: float, start: TopoDS_Vertex, end: TopoDS_Vertex
     ) -> TopoDS_Edge:
         """An edge along a curve between two of its parameters."""
-        made = TopoDS_Edge()
-        self._builder.MakeEdge(made, curve, TOLERANCE_MM)
-        self._builder.Add(made, start.Oriented(FORWARD))
-        self._builder.Add(made, end.Oriented(REVERSED))
-        self._builder.Range(made, first, last)
-        return made
+        result = TopoDS_Edge()
+        self._builder.MakeEdge(result, curve, TOLERANCE_MM)
+        self._builder.Add(result, start.Oriented(FORWARD))
+        self._builder.Add(result, end.Oriented(REVERSED))
+        self._builder.Range(result, first, last)
+        return result
 
     def segment(self, a: Point, b: Point, start: TopoDS_Vertex, end: TopoDS_Vertex) -> TopoDS_Edge:
         """A straight edge from a to b."""
@@ -55,12 +55,12 @@ class Topology:
 
     def wire(self, edges: Iterable[TopoDS_Edge]) -> TopoDS_Wire:
         """A closed wire of edges that are oriented already."""
-        made = TopoDS_Wire()
-        self._builder.MakeWire(made)
+        result = TopoDS_Wire()
+        self._builder.MakeWire(result)
         for edge in edges:
-            self._builder.Add(made, edge)
-        made.Closed(True)
-        return made
+            self._builder.Add(result, edge)
+        result.Closed(True)
+        return result
 
     def face(self, surface: Geom_Surface, wires: Sequence[TopoDS_Wire], whole: bool = False) -> TopoDS_Face:
         """A face within wires.
@@ -70,12 +70,12 @@ class Topology:
             wires: Counter-clockwise around what belongs to the face, seen against the normal.
             whole: Whether the face covers the whole surface.
         """
-        made = TopoDS_Face()
-        self._builder.MakeFace(made, surface, TOLERANCE_MM)
+        result = TopoDS_Face()
+        self._builder.MakeFace(result, surface, TOLERANCE_MM)
         for wire in wires:
-            self._builder.Add(made, wire)
-        self._builder.NaturalRestriction(made, whole)
-        return made
+            self._builder.Add(result, wire)
+        self._builder.NaturalRestriction(result, whole)
+        return result
 
     def solid(self, faces: Iterable[TopoDS_Face]) -> TopoDS_Solid:
         """A solid bounded by faces that close."""
@@ -84,10 +84,10 @@ class Topology:
         for face in faces:
             self._builder.Add(shell, face)
         shell.Closed(True)
-        made = TopoDS_Solid()
-        self._builder.MakeSolid(made)
-        self._builder.Add(made, shell)
-        return made
+        result = TopoDS_Solid()
+        self._builder.MakeSolid(result)
+        self._builder.Add(result, shell)
+        return result
 
 
 def turned(edge: TopoDS_Edge) -> TopoDS_Edge:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Wire
 
 from tacbench_cad.geometry.splines.topology import Point, Topology, plane, turned
 from tacbench_cad.spec.label import LABEL_DEPTH_MM, Engraving
+from tacbench_cad.spec.outlines import area_mm2, is_inside
 from tacbench_cad.util.types import Floats
 
 _DOWN: Point = (0.0, 0.0, -1.0)
@@ -36,37 +36,22 @@ def underside(top: Topology, outline: TopoDS_Wire, engraving: Engraving | None) 
     yield top.face(ground, [outline, *(rims[k] for k, owner in enumerate(owners) if owner is None)])
     for k, contour in enumerate(contours):
         inner = [n for n, owner in enumerate(owners) if owner == k]
-        if signed_area_mm2(contour) > 0.0:
+        if area_mm2(contour) > 0.0:
             yield top.face(deep, [ceilings[k], *(ceilings[n] for n in inner)])
         else:
             yield top.face(ground, [rims[k], *(rims[n] for n in inner)])
 
 
-def signed_area_mm2(contour: Floats) -> float:
-    """Area of a closed outline (n, 2), positive where it runs counter-clockwise."""
-    x, y = contour.T
-    return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) / 2.0
-
-
 def _owners(contours: tuple[Floats, ...]) -> list[int | None]:
     """For each contour the index of the smallest one around it."""
-    areas = [abs(signed_area_mm2(contour)) for contour in contours]
+    areas = [abs(area_mm2(contour)) for contour in contours]
     owners: list[int | None] = []
     for k, contour in enumerate(contours):
         around = [
-            n for n, other in enumerate(contours) if n != k and areas[n] > areas[k] and _contains(other, contour[0])
+            n for n, other in enumerate(contours) if n != k and areas[n] > areas[k] and is_inside(contour[0], [other])
         ]
         owners.append(min(around, key=areas.__getitem__) if around else None)
     return owners
-
-
-def _contains(contour: Floats, point: Floats) -> bool:
-    """Whether a point lies inside of a closed outline, by the number of sides to its right."""
-    a, b = contour, np.roll(contour, -1, axis=0)
-    crosses = (a[:, 1] > point[1]) != (b[:, 1] > point[1])
-    a, b = a[crosses], b[crosses]
-    at = a[:, 0] + (point[1] - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
-    return bool(np.count_nonzero(at > point[0]) % 2)
 
 
 def _pocket_walls(top: Topology, contour: Floats) -> tuple[TopoDS_Wire, TopoDS_Wire, list[TopoDS_Face]]:

@@ -4,7 +4,7 @@
   const byId = (id) => document.getElementById(id);
   const scene = JSON.parse(byId("description").textContent);
   const things = scene.things;
-  const blocks = things.filter((one) => one.kind === "block");
+  const blocks = things.filter((thing) => thing.kind === "block");
   const state = { view: "", block: 0, colour: "part", cut: "", at: 0.5, flip: false, apart: 0.55, sizes: true, press: false, spin: false, look: "corner" };
   const DOWN = ["#0b4f8a", "#4f93c4", "#a9cce3"], UP = ["#f6c9a0", "#e2894a", "#a8430b"], ZERO = "#f4f4f2";
   const DEVIATIONS = [...DOWN, ZERO, ...UP];
@@ -42,10 +42,10 @@
   async function fill() {
     const packed = new Uint8Array(await inflated("meshes").arrayBuffer());
     let start = 0;
-    for (const one of things) {
-      const tables = restored(packed, start, one.counts), json = world.ObjectsListJson[one.id];
+    for (const thing of things) {
+      const tables = restored(packed, start, thing.counts), json = world.ObjectsListJson[thing.id];
       await K3D.reload(Object.assign(json, tables), tables);
-      start += 12 * (one.counts[0] + one.counts[1]);
+      start += 12 * (thing.counts[0] + thing.counts[1]);
     }
   }
 
@@ -82,26 +82,26 @@
     const block = theBlock();
     if (state.view === "texture" || state.view === "block") return [block];
     const set = block && block.set !== null ? block.set : 0;
-    if (state.view !== "assembly") return things.filter((one) => one.kind === state.view && (one.set === null || one.set === set)).slice(0, 1);
+    if (state.view !== "assembly") return things.filter((thing) => thing.kind === state.view && (thing.set === null || thing.set === set)).slice(0, 1);
     // The other pockets of a tray are filled too, each with the first block that has its place there.
     const slots = new Map(block ? [[block.slot, block]] : []);
-    for (const one of blocks) if (one.set === set && !slots.has(one.slot)) slots.set(one.slot, one);
+    for (const thing of blocks) if (thing.set === set && !slots.has(thing.slot)) slots.set(thing.slot, thing);
     const laid = new Set(slots.values());
-    return things.filter((one) => laid.has(one) || (one.kind !== "block" && one.set === set));
+    return things.filter((thing) => laid.has(thing) || (thing.kind !== "block" && thing.set === set));
   }
-  function lift(one) {
-    if (state.view !== "assembly" || one.kind === "holder") return 0;
+  function lift(thing) {
+    if (state.view !== "assembly" || thing.kind === "holder") return 0;
     const block = theBlock(), tall = block ? block.high[2] : 8;
-    return state.apart * (one.kind === "block" ? tall + 4 : 2.2 * tall + 8);
+    return state.apart * (thing.kind === "block" ? tall + 4 : 2.2 * tall + 8);
   }
-  const matrixOf = (one) => lifted(one.matrix, lift(one));
+  const matrixOf = (thing) => lifted(thing.matrix, lift(thing));
   // The frame that sizes and cuts are told in: the block's where a block is seen, else the holder's.
   function frame() {
     const block = shown().includes(theBlock()) ? theBlock() : null;
     return block ? matrixOf(block) : ONE;
   }
   const back = (m, p) => { const q = [p[0] - m[12], p[1] - m[13], p[2] - m[14]]; return [0, 1, 2].map((i) => m[4 * i] * q[0] + m[4 * i + 1] * q[1] + m[4 * i + 2] * q[2]); };
-  const pointsOf = (one) => corners(one.low, one.high).map((p) => place(matrixOf(one), p));
+  const pointsOf = (thing) => corners(thing.low, thing.high).map((p) => place(matrixOf(thing), p));
   const boxIn = (m) => boxOf(shown().flatMap(pointsOf).map((p) => back(m, p)));
 
   // ---- colours by pixel ----
@@ -109,17 +109,17 @@
   const real = (value) => { const text = String(Number(value)); return /[.e]/.test(text) ? text : `${text}.0`; };
   const ramp = (name, colours) => `vec3 ${name}(float t) { t = clamp(t, 0.0, 1.0) * ${real(colours.length - 1)};
     vec3 c = vec3(${rgb(colours[0]).map(real)});
-    ${colours.slice(1).map((one, i) => `c = mix(c, vec3(${rgb(one).map(real)}), clamp(t - ${real(i)}, 0.0, 1.0));`).join("\n")}
+    ${colours.slice(1).map((colour, i) => `c = mix(c, vec3(${rgb(colour).map(real)}), clamp(t - ${real(i)}, 0.0, 1.0));`).join("\n")}
     return c; }`;
   const shared = { tbMode: { value: 0 }, tbOnly: { value: 0 } };
   const MODES = { part: 0, height: 1, deviation: 2 };
 
-  function dress(one) {
-    const formula = one.formula;
+  function dress(thing) {
+    const formula = thing.formula;
     const wave = ([a, f, g, p]) => `wave(${[a, f, g, p].map(real)}, q, z, slope);`;
     const top = formula ? `
       vec3 up = cross(dFdx(tbPlace), dFdy(tbPlace));
-      if (tbOnly == ${one.id} && abs(up.z) > 1e-4 * length(up) && tbPlace.z > ${real(formula.range[0] - 0.5)} && gl_FrontFacing && facesUp()) {
+      if (tbOnly == ${thing.id} && abs(up.z) > 1e-4 * length(up) && tbPlace.z > ${real(formula.range[0] - 0.5)} && gl_FrontFacing && facesUp()) {
         if (tbMode == 1) gl_FragColor.rgb = heights((tbPlace.z - ${real(formula.range[0])}) / ${real(formula.range[1] - formula.range[0])}) * light;
         if (tbMode == 2) { vec2 q = tbPlace.xy; float z = ${real(formula.datum)}; vec2 slope = vec2(0.0);
           ${formula.waves.map(wave).join("\n")}
@@ -133,7 +133,7 @@
       // The corner of the screen's triangle decides on which side "up" lies: a block's top is a height field.
       bool facesUp() { vec3 n = normalize(cross(dFdx(vViewPosition), dFdy(vViewPosition)));
         vec3 u = normalize((viewMatrix * vec4(0.0, 0.0, 1.0, 0.0)).xyz); if (dot(n, vViewPosition) < 0.0) n = -n; return dot(n, u) > 1e-4; }`;
-    const cut = rgb(one.colour).map((c) => real(0.78 * c));
+    const cut = rgb(thing.colour).map((c) => real(0.78 * c));
     const tail = `
       float light = clamp(0.45 + 0.75 * dot(gl_FragColor.rgb, vec3(0.3333)), 0.6, 1.06);
       if (tbMode > 0) gl_FragColor.rgb = vec3(0.80, 0.81, 0.82) * light;
@@ -145,7 +145,7 @@
         gl_FragDepth = max(0.0, gl_FragDepth - 2e-4);  // a part that lies on another does not flicker with it
         #endif
       }`;
-    K3D.getObjectById(one.id).traverse((part) => {
+    K3D.getObjectById(thing.id).traverse((part) => {
       if (!part.isMesh) return;
       const material = part.material;
       material.onBeforeCompile = (shader) => {
@@ -153,7 +153,7 @@
         shader.vertexShader = "varying vec3 tbPlace;\n" + shader.vertexShader.replace("#include <begin_vertex>", "#include <begin_vertex>\n tbPlace = position;");
         shader.fragmentShader = shader.fragmentShader.replace("void main() {", `${head}\nvoid main() {`).replace("#include <dithering_fragment>", `${tail}\n#include <dithering_fragment>`);
       };
-      material.customProgramCacheKey = () => `tacbench-${one.id}`;
+      material.customProgramCacheKey = () => `tacbench-${thing.id}`;
       material.needsUpdate = true;
     });
   }
@@ -163,12 +163,12 @@
     const seen = new Set(shown());
     shared.tbMode.value = MODES[state.colour];
     shared.tbOnly.value = theBlock() ? theBlock().id : 0;  // the scale is this block's own
-    for (const one of things) {
-      for (const [id, visible] of [[one.id, seen.has(one)], [one.press && one.press.id, seen.has(one) && state.press]]) {
+    for (const thing of things) {
+      for (const [id, visible] of [[thing.id, seen.has(thing)], [thing.press && thing.press.id, seen.has(thing) && state.press]]) {
         const object = id ? K3D.getObjectById(id) : null;
         if (!object) continue;
         object.visible = visible;
-        object.position.z = one.matrix[14] + lift(one);
+        object.position.z = thing.matrix[14] + lift(thing);
         object.updateMatrix();
         object.updateMatrixWorld(true);
       }
@@ -209,7 +209,7 @@
     const size = byId("canvas").getBoundingClientRect(), half = (world.camera.fov * Math.PI) / 360;
     const narrow = Math.min(half, Math.atan(Math.tan(half) * (size.width / size.height)));
     const far = (radius * 1.1) / Math.sin(narrow), long = Math.hypot(...LOOKS[name]);
-    const eye = LOOKS[name].map((one, i) => middle[i] + (one / long) * far);
+    const eye = LOOKS[name].map((part, i) => middle[i] + (part / long) * far);
     K3D.setCamera([...eye, ...middle, 0, 0, 1]);
     paint();
   }
@@ -330,12 +330,12 @@
     }
     const facts = byId("facts");
     facts.replaceChildren();
-    for (const one of seen.filter((thing) => thing.kind !== "block" || thing === block)) {
+    for (const thing of seen.filter((other) => other.kind !== "block" || other === block)) {
       const head = element("h2", undefined, facts), mark = element("i", undefined, head);
-      mark.style.background = one.colour;
-      head.append(one.name);
+      mark.style.background = thing.colour;
+      head.append(thing.name);
       const list = element("dl", undefined, facts);
-      for (const [name, value] of one.facts) { element("dt", name, list); element("dd", value, list); }
+      for (const [name, value] of thing.facts) { element("dt", name, list); element("dd", value, list); }
     }
   }
   function drawScale(block) {
@@ -362,14 +362,14 @@
     change({ view, colour: texture ? "height" : state.colour === "height" ? "part" : state.colour }, texture ? "top" : "corner");
   }
   function fillPanel() {
-    const views = [...(blocks.length ? ["texture"] : []), ...new Set(things.map((one) => one.kind))];
-    if (new Set(things.filter((one) => one.set !== null).map((one) => one.kind)).size > 1) views.push("assembly");
+    const views = [...(blocks.length ? ["texture"] : []), ...new Set(things.map((thing) => thing.kind))];
+    if (new Set(things.filter((thing) => thing.set !== null).map((thing) => thing.kind)).size > 1) views.push("assembly");
     for (const view of views) {
       const button = element("button", view[0].toUpperCase() + view.slice(1), byId("views"));
       button.value = view;
       button.onclick = () => goTo(view);
     }
-    blocks.forEach((one, i) => { element("option", one.name, byId("texture")).value = i; });
+    blocks.forEach((thing, i) => { element("option", thing.name, byId("texture")).value = i; });
     for (const name of Object.keys(LOOKS)) element("button", name, byId("looks")).onclick = () => look(name);
     for (const id of ["colour", "cut"]) byId(id).onchange = (event) => change({ [id]: event.target.value });
     for (const [id, name] of [["texture", "block"], ["cut-at", "at"], ["apart", "apart"]]) {
@@ -379,7 +379,7 @@
     byId("flip").onclick = () => change({ flip: !state.flip });
     byId("spin").onchange = (event) => { state.spin = event.target.checked; spin(); };
     byId("version").textContent = scene.version;
-    byId("left-out").textContent = scene.left_out.map((one) => `left out: ${one.what}: ${one.reason}`).join("; ");
+    byId("left-out").textContent = scene.left_out.map((item) => `left out: ${item.what}: ${item.reason}`).join("; ");
     state.view = views.includes("assembly") ? "assembly" : views.includes("block") ? "block" : views[0];
   }
 

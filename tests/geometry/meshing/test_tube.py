@@ -22,8 +22,8 @@ def random_tube(seed: int) -> tuple[Floats, Floats, Floats]:
 
 def links_of_any_path(t: Floats, low: Floats, high: Floats, levels: int) -> int:
     """Fewest links of paths whose vertices lie on samples and on a few levels of the tube: never below the optimum."""
-    shares = np.linspace(0.0, 1.0, levels)
-    z = low[:, None] + shares * (high - low)[:, None]
+    fractions = np.linspace(0.0, 1.0, levels)
+    z = low[:, None] + fractions * (high - low)[:, None]
     best = np.full(z.shape, np.inf)
     best[0] = 0.0
     for i, j in itertools.combinations(range(len(t)), 2):

@@ -60,9 +60,9 @@ def test_error_bounds_each_sum_of_sines_on_an_axis() -> None:
         profile = axis.sines(sines)
         t = np.linspace(0.0, 1.0, 2001)
         worst = 0.0
-        for piece in range(axis.pieces):
-            x = lines[piece] + t * (lines[piece + 1] - lines[piece])
-            worst = max(worst, float(np.abs(axis.basis.values(t) @ profile[piece] - sines(x)).max()))
+        for patch in range(axis.patches):
+            x = lines[patch] + t * (lines[patch + 1] - lines[patch])
+            worst = max(worst, float(np.abs(axis.basis.values(t) @ profile[patch] - sines(x)).max()))
         assert worst <= axis.error(sines.frequency, np.abs(sines.amplitude))
 
 
