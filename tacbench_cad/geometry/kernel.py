@@ -70,10 +70,12 @@ def area_mm2(shapes: Iterable[TopoDS_Shape]) -> float:
     from OCP.BRepGProp import BRepGProp
     from OCP.GProp import GProp_GProps
 
-    properties = GProp_GProps()
+    total = 0.0
     for shape in shapes:
+        properties = GProp_GProps()  # the kernel begins anew with every call
         BRepGProp.SurfaceProperties_s(shape, properties)
-    return float(properties.Mass())
+        total += properties.Mass()
+    return total
 
 
 def box_mm(shape: TopoDS_Shape) -> tuple[Floats, Floats]:
