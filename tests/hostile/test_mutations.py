@@ -39,11 +39,12 @@ def _made(name: str, folder: Path) -> Path:
 
 
 def _storm(name: str, cases: int, workers: Workers, folder: Path) -> Counter[str]:
-    """How many changed files were read, and how many refused."""
+    """How many changed files were read as the whole one is, how many otherwise, and how many were refused."""
     kind = KINDS[name]
     outcomes: Counter[str] = Counter()
     whole = _made(name, folder)
     original = (whole / kind.file).read_bytes()
+    expected = workers.submit(kind.read, whole).result()
 
     @settings(
         max_examples=cases, deadline=None, database=None, derandomize=True, suppress_health_check=list(HealthCheck)
@@ -55,8 +56,8 @@ def _storm(name: str, cases: int, workers: Workers, folder: Path) -> Counter[str
             content = change(content)
         (whole / kind.file).write_bytes(content[: 4 << 20])
         try:
-            workers.submit(kind.read, whole, seconds=MAX_SECONDS).result()
-            outcomes["read"] += 1
+            result = workers.submit(kind.read, whole, seconds=MAX_SECONDS).result()
+            outcomes["read alike" if result == expected else "read otherwise"] += 1
         except (TacbenchError, OSError) as error:
             text = str(error)
             assert "took longer than" not in text and "was ended by" not in text and "ended with code" not in text, text
@@ -80,7 +81,8 @@ def test_a_damaged_file_is_read_or_refused(name: str, workers: Workers, tmp_path
 def test_thousands_of_damaged_files_are_read_or_refused(name: str, workers: Workers, tmp_path: Path) -> None:
     outcomes = _storm(name, MANY, workers, tmp_path / "whole")
     print(f"{name}: {dict(outcomes)}", file=sys.stderr)
-    assert outcomes.total() >= MANY and outcomes["refused"]
+    # Every binary STL file can be read: what is wrong with it is in its report.
+    assert outcomes.total() >= MANY and outcomes["refused"] + outcomes["read otherwise"]
 
 
 @pytest.mark.parametrize("name", [name for name, kind in KINDS.items() if kind.harmless])
