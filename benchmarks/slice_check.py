@@ -26,8 +26,8 @@ from tacbench_cad.slicing.gcode import read_gcode
 from tacbench_cad.spec.block import Block
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from helpers.outsiders import program
 from helpers.slicing import by_cura, by_prusa, cura_search_path
-from outsiders import program
 
 #: Options of PrusaSlicer for texture 4: name, layer height and nozzle in mm, wall generator.
 WALLS = (
