@@ -103,12 +103,12 @@ def _write_and_check(folder: Path, runs: int) -> bool:
 
 
 def _import(folder: Path) -> bool:
-    array = np.broadcast_to(image(np.random.default_rng(1))[None, :, :, None], (50, 480, 640, 3))
-    paths = []
+    paths: list[Path] = []
     for number in range(6):
         for level in ("P30", "P40", "P50"):
             paths.append(folder / f"PLAminus_z{number}_{level}_Bambu.npy")
-            np.save(paths[-1], array)
+            content = image(np.random.default_rng(len(paths)))  # two files of the same content are refused
+            np.save(paths[-1], np.broadcast_to(content[None, :, :, None], (50, 480, 640, 3)))
     peaks = []
     for blocks in (2, 6):
         start = time.perf_counter()
