@@ -118,6 +118,10 @@ class Jig(Fixture):
         if self.fit is not None:
             clearance_mm(self.fit)
         self.grid.require_on(self.holder.block)
+        size = (len(self.grid.x_mm), len(self.grid.y_mm))
+        if size != (PER_SIDE, PER_SIDE):
+            expected = f"must be {PER_SIDE} x {PER_SIDE} positions, which the marks are made for"
+            raise InputError("press_grid", f"{size[0]} x {size[1]}", expected)
         self._check_markers()
         self._check_plate()
 

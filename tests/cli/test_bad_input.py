@@ -44,11 +44,11 @@ def refusal(capsys: Capture, *argv: str) -> str:
 @pytest.mark.parametrize(
     ("options", "needles"),
     [
-        (["--scale", "-1"], ["scale", "-1", "between"]),
-        (["--scale", "0"], ["scale", "0", "between"]),
-        (["--scale", "nan"], ["scale", "nan", "between"]),
-        (["--scale", "inf"], ["scale", "inf", "between"]),
-        (["--scale", "1e9"], ["scale", "1000000000.0", "between"]),
+        (["--scale", "-1"], ["scale", "-1", "from 0.01 to 100"]),
+        (["--scale", "0"], ["scale", "0", "from 0.01 to 100"]),
+        (["--scale", "nan"], ["scale", "nan", "from 0.01 to 100"]),
+        (["--scale", "inf"], ["scale", "inf", "from 0.01 to 100"]),
+        (["--scale", "1e9"], ["scale", "1000000000.0", "from 0.01 to 100"]),
         (["--scale", "two"], ["scale", "two", "number"]),
         (["--size", "0,30"], ["size x", "0.0", "mm"]),
         (["--size", "-3,30"], ["size x", "-3.0"]),

@@ -318,6 +318,8 @@ def _rig(document: _Document, rim: HolderRim, protocol: Protocol, folder: Path, 
 
 def _stage(plain: Mapping[str, Any], teaching: bool) -> StageSettings:
     driver = plain.get("driver")
+    if isinstance(driver, str):  # before the keys are named that only an unknown driver lacks
+        StageSettings.require_driver("[stage] driver", driver)
     values = {**VIRTUAL_STAGES.get(driver if isinstance(driver, str) else "", {}), **plain}
     if teaching and not values.get("origin_mm"):
         values["origin_mm"] = (0.0, 0.0, 0.0)

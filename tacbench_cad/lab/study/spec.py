@@ -249,8 +249,13 @@ class _Device(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if ":" not in self.driver:
-            one_of("driver", self.driver, (*self.DRIVERS, "module:name"))
+        self.require_driver("driver", self.driver)
+
+    @classmethod
+    def require_driver(cls, field: str, word: str) -> None:
+        """Refuse a driver that is neither one of ours nor a ``module:name``."""
+        if ":" not in word:
+            one_of(field, word, (*cls.DRIVERS, "module:name"))
 
 
 @dataclass(frozen=True, kw_only=True)
