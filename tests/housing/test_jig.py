@@ -28,7 +28,7 @@ def refusal(holder: Holder = HOLDER, **options: object) -> str:
 
 def test_a_grid_of_another_size_is_refused() -> None:
     grid = PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0))
-    assert refusal(press_grid=grid) == "press_grid = 2 x 2: must be 5 x 5 positions, which the marks are made for"
+    assert refusal(press_grid=grid) == "press_grid = '2 x 2': must be 5 x 5 positions, which the marks are made for"
 
 
 @pytest.mark.parametrize(
