@@ -23,7 +23,8 @@ import numpy as np
 
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.heights import flat_plate
-from tacbench_cad.lab.simulate.tactip import REST, RINGS, TacTip
+from tacbench_cad.lab.simulate.looks import CLEAN
+from tacbench_cad.lab.simulate.tactip import TacTip
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import DOME_RADIUS_MM, FORCE_SPREADS_N, FORCES_N, PressGrid, contact_radius_mm
@@ -44,7 +45,7 @@ def worst_marker_px() -> float:
         moments = cv2.moments(np.where(labels == label, weight, 0).astype(np.float32))
         found.append((moments["m10"] / moments["m00"], moments["m01"] / moments["m00"]))
     worst = 0.0
-    for pins, first, step, r, z in RINGS:
+    for pins, first, step, r, z in CLEAN.rings:
         for i in range(pins):
             azimuth, radius = math.radians(first + step * i), 601.0 * r / (48.9 + z)
             place = (319.5 + radius * math.cos(azimuth), 239.5 - radius * math.sin(azimuth))
@@ -94,7 +95,9 @@ def main() -> int:
                 pose = (float(x), float(y), contact.z_for_force(x, y, force))
                 error = max(error, abs(contact.force_n(*pose) - force) / band)
                 tips = sensor.pins(contact, pose).tips_mm
-                moved.append(np.linalg.norm(sensor.camera.pixels(tips) - sensor.camera.pixels(REST.tips_mm), axis=1))
+                moved.append(
+                    np.linalg.norm(sensor.camera.pixels(tips) - sensor.camera.pixels(sensor.rest.tips_mm), axis=1)
+                )
             shifts.append(float(np.mean(moved)))
         held &= shifts == sorted(shifts) and error < 0.01
         print(f"{texture:>10}{', '.join(f'{one:.3f}' for one in shifts):>54}{error:>26.5f}")

@@ -35,12 +35,21 @@ TIME_SPENT = {
     "--study", options.text("paper|quick|FILE.toml"), "The study; a file as tacbench acquire takes it.", default="quick"
 )
 @options.flag("--colour", "Images in colour; they take three times the room.")
+@options.option(
+    "--look",
+    options.text("NAME"),
+    "What the frames look like: clean (bright pins on black), tactip-bristol (331 pins) or tactip-sussex (133 pins), "
+    "both as measured on public frames.",
+    default="clean",
+)
 @options.option("--seed", options.COUNT, "Another number gives other prints and other noise.", default="0")
 @options.jobs
 @options.dask
 @options.out("DIR", "Folder of the runs. Default: what FILE.toml says.")
 @options.json
-def command(study: str, colour: bool, seed: int, jobs: int, dask: str | None, out: Path | None, json: bool) -> None:
+def command(
+    study: str, colour: bool, look: str, seed: int, jobs: int, dask: str | None, out: Path | None, json: bool
+) -> None:
     """Simulate a study: virtual prints, pressed by a simulated TacTip, in run folders like those of a real rig.
 
     It says first how many images it makes and how many bytes they take, and refuses where the disk has no room. Blocks
@@ -54,7 +63,7 @@ def command(study: str, colour: bool, seed: int, jobs: int, dask: str | None, ou
     Examples:
       tacbench simulate --study quick --out runs
       tacbench simulate --study paper --out paper-runs --jobs 2
-      tacbench simulate --study mine.toml --colour
+      tacbench simulate --study mine.toml --look tactip-bristol --colour
       tacbench simulate --study paper --out /shared/runs --dask tcp://10.0.0.5:8786
     """
     from tacbench_cad.lab.simulate.blockrun import SimulationOptions
@@ -67,7 +76,7 @@ def command(study: str, colour: bool, seed: int, jobs: int, dask: str | None, ou
         study_of,
     )
 
-    how = SimulationOptions(colour=colour, seed=seed)
+    how = SimulationOptions(colour=colour, look=look, seed=seed)
     chosen = study_of(study)
     folder = out or chosen.out
     if folder is None:

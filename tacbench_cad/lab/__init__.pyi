@@ -77,6 +77,8 @@ from .simulate.contact import contact_for as contact_for
 from .simulate.figures import simulated_images as simulated_images
 from .simulate.heights import HeightMap as HeightMap
 from .simulate.heights import flat_plate as flat_plate
+from .simulate.looks import LOOKS as LOOKS
+from .simulate.looks import Look as Look
 from .simulate.prints import VIRTUAL_PRINTERS as VIRTUAL_PRINTERS
 from .simulate.prints import VirtualPrinter as VirtualPrinter
 from .simulate.prints import stimulus as stimulus

@@ -17,8 +17,9 @@ from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.writing import RunWriter, timed
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
+from tacbench_cad.lab.simulate.looks import CLEAN, look_named
 from tacbench_cad.lab.simulate.prints import printer_of, seeded
-from tacbench_cad.lab.simulate.tactip import REST, SIMULATED, Pins, TacTip
+from tacbench_cad.lab.simulate.tactip import SIMULATED, Pins, TacTip
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PlannedBlock, Point, Study
 from tacbench_cad.spec.printrecord import FIELDS
@@ -39,10 +40,21 @@ class SimulationOptions(Checked):
     Args:
         colour: Images in colour (BGR), else grey.
         seed: Another number gives other prints and other noise.
+        look: Name of the sensor's look, see :data:`tacbench_cad.lab.simulate.looks.LOOKS`.
     """
 
     colour: bool = False
     seed: Annotated[int, Bounds(0, 2**32 - 1)] = 0
+    look: str = CLEAN.name
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        look_named(self.look)
+
+    @property
+    def sensor(self) -> TacTip:
+        """The sensor of these options."""
+        return TacTip(colour=self.colour, look=look_named(self.look))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +78,7 @@ class SimulatedBlock:
 
 def run_info(study: Study, planned: PlannedBlock, options: SimulationOptions) -> RunInfo:
     """What ``run.json`` says of a block's simulated run."""
-    sensor = TacTip(colour=options.colour)
+    sensor = options.sensor
     printer = printer_of(planned.printed)
     return RunInfo.of(
         study,
@@ -91,7 +103,7 @@ def run_info(study: Study, planned: PlannedBlock, options: SimulationOptions) ->
             "simulated": SIMULATED,
             "units": "counts",
             "shape": list(sensor.shape),
-            "settings": {"requested": {"colour": options.colour}, "actual": sensor.as_dict()},
+            "settings": {"requested": {"colour": options.colour, "look": options.look}, "actual": sensor.as_dict()},
         },
     )
 
@@ -105,15 +117,16 @@ class FrameSource:
 
     Attributes:
         seconds: Time spent so far, see :class:`SimulatedBlock`.
+        sensor: The sensor.
     """
 
     def __init__(self, info: RunInfo, options: SimulationOptions) -> None:
         self.info = info
         self.seconds = {"print": 0.0, "press": 0.0, "draw": 0.0}
         self._seed = options.seed
-        self._sensor = TacTip(colour=options.colour)
-        # Repeats of a press have the same pose: the pins are kept, some 6 kB each.
-        self._kept: dict[tuple[int, int], tuple[Point, float, Pins]] = {}
+        self.sensor = options.sensor
+        # Where repeats of a press have the same pose, the pins are kept, some 6 kB each.
+        self._kept: dict[tuple[int, int, int], tuple[Point, float, Pins]] = {}
 
     @cached_property
     def _contact(self) -> DomeContact:
@@ -124,15 +137,19 @@ class FrameSource:
     def pressed(self, press: Press) -> tuple[Point, float, Pins]:
         """Pose of the summit in the work frame, contact force in N, and pins of a press at its target force or depth.
 
+        The pose is what a stage reports; the pins are where an approach of its own has brought them, see
+        :meth:`~tacbench_cad.lab.simulate.tactip.TacTip.approach`.
+
         Raises:
             InputError: The force cannot be reached there, or lies below the depth limit.
         """
-        key = (press.force_level, press.position)
+        key = (press.force_level, press.position, press.repeat if self.sensor.look.misses else 0)
         if key not in self._kept:
             contact = self._contact
             with timed(self.seconds, "press"):
                 pose = (press.x_mm, press.y_mm, self._depth_of(press, contact))
-                self._kept[key] = (pose, contact.force_n(*pose), self._sensor.pins(contact, pose))
+                rng = seeded("approach", self._seed, self.info.printed.name, press.number)
+                self._kept[key] = (pose, contact.force_n(*pose), self.sensor.approach(contact, pose, rng))
         return self._kept[key]
 
     def _depth_of(self, press: Press, contact: DomeContact) -> float:
@@ -150,10 +167,11 @@ class FrameSource:
             )
         return z
 
-    def frame(self, pins: Pins, name: str) -> Frame:
+    def frame(self, pins: Pins, name: str, when: datetime = BEGIN) -> Frame:
         """A frame of pins; its name seeds the noise."""
+        rng = seeded("image", self._seed, self.info.printed.name, name)
         with timed(self.seconds, "draw"):
-            return self._sensor.frame(pins, seeded("image", self._seed, self.info.printed.name, name))
+            return self.sensor.frame(pins, rng, (when - BEGIN).total_seconds())
 
 
 def simulate_block(out: Path, info: RunInfo, options: SimulationOptions) -> SimulatedBlock:
@@ -178,14 +196,14 @@ def simulate_block(out: Path, info: RunInfo, options: SimulationOptions) -> Simu
         missing = run.missing(info.presses)
         images, worst = len(missing), 0.0
         if run.reference_time is None:
-            run.reference(source.frame(REST, "reference 0"), BEGIN)
+            run.reference(source.frame(source.sensor.rest, "reference 0"), BEGIN)
             images += 1
         images += _stationary(run, source, "start")
         for press in missing:
             now = BEGIN + timedelta(seconds=SECONDS_PER_PRESS * press.number)
             since = run.reference_time
             if since is None or (now - since).total_seconds() > info.protocol.reference_every_s:
-                run.reference(source.frame(REST, f"reference before {press.number}"), now)
+                run.reference(source.frame(source.sensor.rest, f"reference before {press.number}", now), now)
                 images += 1
             pose, force_n, pins = source.pressed(press)
             force = in_band = None
@@ -193,7 +211,7 @@ def simulate_block(out: Path, info: RunInfo, options: SimulationOptions) -> Simu
                 force = Force(mean_n=force_n, spread_n=0.0, samples=1)
                 error = abs(force_n - press.target_n)
                 in_band, worst = error <= press.band_n, max(worst, error)
-            run.press(press, pose, source.frame(pins, f"press {press.number}"), force, force, in_band, now)
+            run.press(press, pose, source.frame(pins, f"press {press.number}", now), force, force, in_band, now)
         images += _stationary(run, source, "end")
         seconds = {**source.seconds, "encode": run.seconds["encode"], "write": run.seconds["sync"]}
     return SimulatedBlock(name=info.printed.name, presses=len(missing), images=images, worst_n=worst, seconds=seconds)
@@ -208,10 +226,13 @@ def other_images(info: RunInfo) -> int:
 def _stationary(run: RunWriter, source: FrameSource, when: schema.When) -> int:
     """Write the frames without motion that are missing, and return their number."""
     count = 0
+    # The frames at the start are taken once the light has settled, those at the end after the last press.
+    at = BEGIN + timedelta(seconds=SECONDS_PER_PRESS * (1 if when == "start" else len(run.info.presses)))
     for in_contact, state in ((True, "pressed"), (False, "free")):
         for index in run.stationary_missing(when, in_contact, run.info.protocol.stationary_frames):
-            pins = source.pressed(run.info.middle_press)[2] if in_contact else REST
-            run.stationary(when, in_contact, index, source.frame(pins, f"stationary {when} {index} {state}"))
+            pins = source.pressed(run.info.middle_press)[2] if in_contact else source.sensor.rest
+            frame = source.frame(pins, f"stationary {when} {index} {state}", at)
+            run.stationary(when, in_contact, index, frame)
             count += 1
     return count
 

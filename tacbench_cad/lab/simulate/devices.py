@@ -13,7 +13,8 @@ from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
-from tacbench_cad.lab.simulate.tactip import FLICKER, SIMULATED, TacTip
+from tacbench_cad.lab.simulate.looks import CLEAN, look_named
+from tacbench_cad.lab.simulate.tactip import SIMULATED, TacTip
 from tacbench_cad.lab.study.spec import HolderRim, Point, PrintedBlock, WorkFrame
 from tacbench_cad.util.convert import Bounds, from_plain
 
@@ -83,7 +84,8 @@ class SimulatedGauge(_Follower):
 @dataclass(frozen=True, kw_only=True)
 class _SensorOptions:
     colour: bool = False
-    flicker: Annotated[float, Bounds(0.0, 1.0)] = FLICKER
+    look: str = CLEAN.name
+    flicker: Annotated[float, Bounds(0.0, 1.0)] | None = None
     seed: Annotated[int, Bounds(0, 2**32 - 1)] | None = None
 
 
@@ -93,8 +95,9 @@ class SimulatedSensor(_Follower):
     Args:
         position: Where the stage says it is, in its own frame.
         clock: The rig's time.
-        options: ``colour`` (false by default: grey images), ``flicker`` (fraction) and ``seed`` of the noise (another
-            one each time by default).
+        options: ``colour`` (false by default: grey images), ``look`` (a name of
+            :data:`~tacbench_cad.lab.simulate.looks.LOOKS`, ``clean`` by default), ``flicker`` (fraction; the look's own
+            by default) and ``seed`` of the noise (another one each time by default).
 
     Raises:
         InputError: An option is unknown or not allowed.
@@ -103,7 +106,10 @@ class SimulatedSensor(_Follower):
     def __init__(self, position: Callable[[], Point], clock: Clock, options: Mapping[str, Any] | None = None) -> None:
         chosen = from_plain(_SensorOptions, dict(options or {}), "[sensor] ")
         super().__init__(position, clock, chosen.seed)
-        self._tactip = TacTip(colour=chosen.colour, flicker=chosen.flicker)
+        self._tactip = TacTip(colour=chosen.colour, flicker=chosen.flicker, look=look_named(chosen.look))
+        self._began_s = clock.now_s()
+        self._approached: tuple[DomeContact | None, Point] | None = None
+        self._pins = self._tactip.rest
         self.name = SIMULATED
         self.units = "counts"
         self.shape = self._tactip.shape
@@ -113,4 +119,9 @@ class SimulatedSensor(_Follower):
     def read(self) -> Frame:
         """An image at the reported position, one frame later."""
         self._clock.sleep(1.0 / FRAME_RATE_HZ)
-        return self._tactip.image(self._contact, self._pose(), self._rng)
+        pose = self._pose()
+        # The errors of an approach last until the stage has moved.
+        if self._approached != (self._contact, pose):
+            self._approached = self._contact, pose
+            self._pins = self._tactip.approach(self._contact, pose, self._rng)
+        return self._tactip.frame(self._pins, self._rng, self._clock.now_s() - self._began_s)

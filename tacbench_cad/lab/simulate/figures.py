@@ -8,7 +8,7 @@ import numpy as np
 
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.prints import seeded
-from tacbench_cad.lab.simulate.tactip import REST, SIMULATED, TacTip
+from tacbench_cad.lab.simulate.tactip import SIMULATED, TacTip
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.packages import require
@@ -93,7 +93,7 @@ def _show_image(panel: Axes, contact: DomeContact, x_mm: float, y_mm: float, for
     sensor = TacTip(colour=False)
     pins = sensor.pins(contact, (x_mm, y_mm, contact.z_for_force(x_mm, y_mm, force_n)))
     panel.imshow(sensor.frame(pins, seeded(seed)), cmap="gray", vmin=0, vmax=255)
-    at_rest, now = sensor.camera.pixels(REST.tips_mm), sensor.camera.pixels(pins.tips_mm)
+    at_rest, now = sensor.camera.pixels(sensor.rest.tips_mm), sensor.camera.pixels(pins.tips_mm)
     panel.plot(*np.stack([at_rest, now], axis=1).T, color=_COLOUR, linewidth=0.8, solid_capstyle="round")
     middle = sensor.camera.middle_px
     panel.set_xlim(middle[0] - _IMAGE_PX, middle[0] + _IMAGE_PX)

@@ -1,24 +1,26 @@
-"""The simulated sensor's camera: discs through a pinhole, antialiased, and the noise of a frame."""
+"""The simulated sensor's camera: what it sees round the pins, the pins as discs through a pinhole, and its noise."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from functools import cache
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tacbench_cad.lab.simulate.looks import CAMERA_BELOW_MM, Look, Profile, Spot, Tint
 from tacbench_cad.util.types import Bytes, Floats
 
-#: Read noise in counts, one standard deviation of a pixel from frame to frame, in every channel that is stored.
-READ_NOISE = 1.4
-#: What the dark skin between the pins sends back, in counts.
-BACKGROUND = 2
-#: Width over which the lens blurs an edge, in pixels.
-EDGE_PX = 1.5
-#: Fraction of the light in blue, green and red.
-WHITE_LED_BGR = (0.92, 1.0, 0.96)
+#: Standard deviations of the noise that a pin's peak has to stand above its surroundings to be visible.
+VISIBLE_SIGMAS = 5.0
+#: Width of the band round the dome's outline in which it may lie, in px.
+_BAND_PX = 16.0
+#: Directions in which a pin's surroundings are looked at, and their distance in radii of the pin.
+_DIRECTIONS, _SURROUNDINGS = 12, 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,17 +32,14 @@ class Camera:
         height_px: Height of the image.
         focal_px: Focal length.
         below_mm: How far the pinhole lies from the dome's centre, on the side away from the summit.
+        middle_px: Column and row of the axis.
     """
 
     width_px: int = 640
     height_px: int = 480
     focal_px: float = 601.0
-    below_mm: float = 48.9
-
-    @property
-    def middle_px(self) -> tuple[float, float]:
-        """Column and row of the axis."""
-        return ((self.width_px - 1) / 2.0, (self.height_px - 1) / 2.0)
+    below_mm: float = CAMERA_BELOW_MM
+    middle_px: tuple[float, float] = (319.5, 239.5)
 
     def pixels(self, points_mm: Floats) -> Floats:
         """Column and row, shape (n, 2), of points of the dome frame, shape (n, 3)."""
@@ -49,80 +48,270 @@ class Camera:
         return np.stack([column + scale * points_mm[:, 0], row - scale * points_mm[:, 1]], axis=1)
 
 
-def blank(camera: Camera) -> Bytes:
-    """What the camera sees without pins."""
-    return np.full((camera.height_px, camera.width_px), BACKGROUND, dtype=np.uint8)
-
-
-def draw_discs(
-    image: Bytes, camera: Camera, middles_mm: Floats, facing: Floats, radius_mm: float, counts: Floats
-) -> None:
-    """Draw flat discs, which the camera sees as ellipses, into a grey image; the brighter one covers the other.
+class Scene:
+    """What the camera sees without pins.
 
     Args:
-        image: Changed in place.
+        look: The numbers.
         camera: The camera.
-        middles_mm: Middles of the discs in the dome frame, shape (n, 3). A disc that leaves the image is not drawn.
+
+    Attributes:
+        counts: Skin, reflections and surround at the mean light, float32, (height, width).
+        reflections: The part of it that reflections on the skin add.
+        regions: For each of the look's tints where it holds: 1, else 0, uint8, (height, width).
+        black_counts: What the camera gives without any light.
+    """
+
+    def __init__(self, look: Look, camera: Camera) -> None:
+        rows, columns = np.indices((camera.height_px, camera.width_px), dtype=np.float32)
+        dx, dy = columns - camera.middle_px[0], rows - camera.middle_px[1]
+        distance, azimuth = np.hypot(dx, dy), np.arctan2(-dy, dx)
+        half_x, half_y = look.dome_px
+        outwards = distance - half_x * half_y / np.maximum(
+            np.hypot(half_y * np.cos(azimuth), half_x * np.sin(azimuth)), 1e-9
+        )
+        radii = distance / max(look.dome_radius_px, 1.0)
+        rng = np.random.Generator(np.random.SFC64(look.seed))
+        inside, surround = (
+            along(radii, profile) * (1.0 + fraction * _smooth_noise(radii.shape, width, rng))
+            + grain * rng.standard_normal(radii.shape)
+            for profile, fraction, width, grain in zip(
+                (look.skin, look.surround), look.unevenness, look.unevenness_px, look.grain, strict=True
+            )
+        )
+        self.reflections = _spots(look.glints, look, dx, dy)
+        inside += self.reflections
+        surround += _spots(look.leds, look, dx, dy)
+        beyond = np.where(outwards < 0.0, 0.0, np.maximum(radii, 1.0 + 1e-6))
+        limits = [0.0, *(limit for limit, _ in look.tints)]
+        self.regions = [
+            np.asarray((low <= beyond) & (beyond < high), dtype=np.uint8) for low, high in itertools.pairwise(limits)
+        ]
+        self.counts = np.where(outwards < 0.0, inside, surround).astype(np.float32)
+        self.black_counts = look.black_counts
+        # Where the outline may lie; none without a dome.
+        self._band = np.flatnonzero((np.abs(outwards) < _BAND_PX) & (half_x > 0.0))
+        self._outwards, self._inside, self._surround, along_x, along_y = (
+            np.asarray(values).ravel()[self._band]
+            for values in (outwards, inside, surround, np.cos(azimuth), -np.sin(azimuth))
+        )
+        self._along_x, self._along_y = along_x, along_y
+        self._edge_px = look.dome_edge_px
+
+    def seen(self, light: float, sway_px: tuple[float, float, float]) -> Bytes:
+        """The scene in one frame.
+
+        Args:
+            light: The light, relative to the mean.
+            sway_px: How far the dome's outline is off: its centre along columns and rows, and its radius.
+        """
+        import cv2
+
+        image = np.asarray(cv2.convertScaleAbs(self.counts, alpha=light, beta=self.black_counts), dtype=np.uint8)
+        if self._band.size:
+            shift = sway_px[0] * self._along_x + sway_px[1] * self._along_y + sway_px[2]
+            covered = np.clip((shift - self._outwards) / self._edge_px + 0.5, 0.0, 1.0)
+            band = light * (self._surround + covered * (self._inside - self._surround)) + self.black_counts
+            image.ravel()[self._band] = np.clip(np.rint(band), 0.0, 255.0)
+        return image
+
+
+@cache
+def scene(look: Look, camera: Camera) -> Scene:
+    """The scene of a look, made once."""
+    return Scene(look, camera)
+
+
+def along(places: NDArray[Any], profile: Profile) -> Floats:
+    """A profile's values at places."""
+    knots = np.array(profile)
+    return np.asarray(np.interp(places, knots[:, 0], knots[:, 1]), dtype=np.float64)
+
+
+def _smooth_noise(shape: tuple[int, ...], width_px: float, rng: np.random.Generator) -> Floats:
+    """A field of standard deviation 1 that keeps together over a width."""
+    from scipy.ndimage import gaussian_filter
+
+    field = gaussian_filter(rng.standard_normal(shape), width_px, mode="reflect")
+    return np.asarray((field - np.mean(field)) / np.std(field), dtype=np.float64)
+
+
+def _spots(spots: tuple[Spot, ...], look: Look, dx: NDArray[Any], dy: NDArray[Any]) -> Floats:
+    """Brightness of spots, by the distance of each pixel from the dome's centre along columns and rows."""
+    from scipy.special import erfc
+
+    counts = np.zeros(dx.shape)
+    for spot in spots:
+        radius, azimuth = spot.radius * look.dome_radius_px, math.radians(spot.azimuth_deg)
+        distance = np.hypot(dx - radius * math.cos(azimuth), dy + radius * math.sin(azimuth))
+        counts += spot.counts * 0.5 * erfc((distance - spot.diameter_px / 2.0) / spot.edge_px * math.sqrt(6.0))
+    return counts
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Discs:
+    """The pins as flat discs in the image.
+
+    Args:
+        middles_px: Columns and rows of their middles, shape (n, 2).
+        radius_px: Their radii, shape (n,).
+        cosine: Short axis of the ellipse that the camera sees, as a fraction of the long one, shape (n,).
+        short_along: Unit vector of the short axis, shape (n, 2).
+        counts: How much brighter they are than the skin, shape (n,).
+        edge_px: Width of their edges, shape (n,).
+    """
+
+    middles_px: Floats
+    radius_px: Floats
+    cosine: Floats
+    short_along: Floats
+    counts: Floats
+    edge_px: Floats
+
+
+def discs(
+    camera: Camera, middles_mm: Floats, facing: Floats, radius_mm: float, counts: Floats, edge_px: Floats
+) -> Discs:
+    """How the camera sees flat discs.
+
+    Args:
+        camera: The camera.
+        middles_mm: Middles of the discs in the dome frame, shape (n, 3).
         facing: Their unit normals, shape (n, 3).
         radius_mm: Their radius.
-        counts: Brightness of each, shape (n,).
+        counts: How much brighter than the skin each is, shape (n,).
+        edge_px: Width of their edges, shape (n,).
     """
-    middles = camera.pixels(middles_mm)
     to_camera = -middles_mm - np.array([0.0, 0.0, camera.below_mm])
     distance = np.linalg.norm(to_camera, axis=1)
-    radius_px = radius_mm * camera.focal_px / (camera.below_mm + middles_mm[:, 2])
-    # An ellipse is short along the image of the disc's normal, by the cosine of the angle it is seen at.
-    cosine = np.clip(np.einsum("nd,nd->n", to_camera, facing) / distance, 0.05, 1.0)
     azimuth = np.arctan2(-facing[:, 1], facing[:, 0])
-    along_x, along_y = np.cos(azimuth), np.sin(azimuth)
-    reach = math.ceil(float(np.max(radius_px)) + EDGE_PX)
-    corner = np.floor(middles).astype(int) - reach
-    at = np.arange(2 * reach + 2)
-    dx = (corner[:, :1] + at[None, :] - middles[:, :1])[:, None, :]
-    dy = (corner[:, 1:] + at[None, :] - middles[:, 1:])[:, :, None]
-    short = (dx * along_x[:, None, None] + dy * along_y[:, None, None]) / cosine[:, None, None]
-    long = dy * along_x[:, None, None] - dx * along_y[:, None, None]
-    inside = np.clip((radius_px[:, None, None] - np.sqrt(short**2 + long**2)) / EDGE_PX + 0.5, 0.0, 1.0)
-    stamps = np.clip(BACKGROUND + inside * (counts[:, None, None] - BACKGROUND) + 0.5, 0.0, 255.0).astype(np.uint8)
-    side = at.size
-    for stamp, (column, row) in zip(stamps, corner, strict=True):
-        if 0 <= column <= camera.width_px - side and 0 <= row <= camera.height_px - side:
-            window = image[row : row + side, column : column + side]
-            np.maximum(window, stamp, out=window)
+    return Discs(
+        middles_px=camera.pixels(middles_mm),
+        radius_px=radius_mm * camera.focal_px / (camera.below_mm + middles_mm[:, 2]),
+        # An ellipse is short along the image of the disc's normal, by the cosine of the angle it is seen at.
+        cosine=np.clip(np.einsum("nd,nd->n", to_camera, facing) / distance, 0.05, 1.0),
+        short_along=np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1),
+        counts=counts,
+        edge_px=edge_px,
+    )
 
 
-def with_noise(clean: Bytes, rng: np.random.Generator, *, colour: bool) -> Bytes:
-    """A frame: the clean image with read noise, clipped at 0 and 255.
+def drawn(place: Scene, pins: Discs, light: float, sway_px: tuple[float, float, float]) -> Bytes:
+    """A grey image of a scene with discs, without noise; a disc that leaves the image is not drawn.
 
     Args:
-        clean: Grey, shape (height, width).
-        rng: Decides the noise: one byte of it for each value.
-        colour: Return (height, width, 3), BGR, each channel with noise of its own.
+        place: The scene.
+        pins: The discs; where two overlap, the brighter one covers the other.
+        light: The scene's light, relative to the mean.
+        sway_px: How far the dome's outline is off, see :meth:`Scene.seen`.
+    """
+    image = place.seen(light, sway_px)
+    middles, radius_px = pins.middles_px, pins.radius_px
+    reach = math.ceil(float(np.max(radius_px + pins.edge_px / 2.0)))
+    corner = np.floor(middles).astype(int) - reach
+    at = np.arange(2 * reach + 2)
+    kept = np.all((corner >= 0) & (corner <= np.array(image.shape[::-1]) - at.size), axis=1)
+    corner, middles, radius_px = corner[kept], middles[kept], radius_px[kept]
+    along_x, along_y, cosine, counts, edge_px = (
+        values[kept, None, None] for values in (*pins.short_along.T, pins.cosine, pins.counts, pins.edge_px)
+    )
+    dx = (corner[:, :1] + at[None, :] - middles[:, :1])[:, None, :]
+    dy = (corner[:, 1:] + at[None, :] - middles[:, 1:])[:, :, None]
+    short = (dx * along_x + dy * along_y) / cosine
+    long = dy * along_x - dx * along_y
+    inside = np.clip((radius_px[:, None, None] - np.sqrt(short**2 + long**2)) / edge_px + 0.5, 0.0, 1.0)
+    windows = np.lib.stride_tricks.sliding_window_view(place.counts, (at.size, at.size))[corner[:, 1], corner[:, 0]]
+    under = windows * light + place.black_counts
+    stamps = np.clip(under + inside * counts + 0.5, 0.0, 255.0).astype(np.uint8)
+    for stamp, (column, row) in zip(stamps, corner.tolist(), strict=True):
+        window = image[row : row + at.size, column : column + at.size]
+        np.maximum(window, stamp, out=window)
+    return image
+
+
+def visible(pins: Discs, place: Scene, look: Look, light: float = 1.0) -> NDArray[np.bool_]:
+    """Which discs can be seen: the peak stands out of the noise, and no reflection covers the centre; shape (n,)."""
+    height, width = place.counts.shape
+    turn = 2.0 * math.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    around = _SURROUNDINGS * pins.radius_px[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)[None]
+
+    def at(points: Floats, values: NDArray[Any]) -> Floats:
+        columns = np.clip(np.rint(points[..., 0]).astype(int), 0, width - 1)
+        rows = np.clip(np.rint(points[..., 1]).astype(int), 0, height - 1)
+        return np.asarray(values[rows, columns], dtype=np.float64)
+
+    middles = pins.middles_px
+    surroundings = np.minimum(at(middles[:, None, :] + around, place.counts), look.white_counts).mean(axis=1)
+    peak = np.minimum(at(middles, place.counts) + pins.counts, look.white_counts)
+    stands_out = light * (peak - surroundings) >= VISIBLE_SIGMAS * along(surroundings, look.noise)
+    bare = at(middles, place.reflections) < pins.counts / 2.0
+    in_frame = np.all((middles >= 0.0) & (middles <= np.array([width - 1.0, height - 1.0])), axis=1)
+    return np.asarray(stands_out & bare & in_frame)
+
+
+def tinted(grey: Bytes, place: Scene, look: Look) -> Bytes:
+    """A grey image as a colour image, (height, width, 3), BGR."""
+    import cv2
+
+    wide = cv2.merge([grey, grey, grey])
+    image = np.empty_like(wide)
+    for (_, tint), region in zip(look.tints, place.regions, strict=True):
+        cv2.copyTo(cv2.LUT(wide, _table(tint)), region, image)
+    return np.asarray(image, dtype=np.uint8)
+
+
+def with_noise(clean: Bytes, look: Look, rng: np.random.Generator) -> Bytes:
+    """An image, grey or BGR, with the camera's noise, clipped at 0 and at its highest level.
+
+    Args:
+        clean: The image.
+        look: Its noise.
+        rng: Decides the noise: one byte of it for each value, or for each pixel.
     """
     import cv2
 
-    image = clean
-    if colour:
-        image = np.asarray(cv2.LUT(cv2.merge([clean, clean, clean]), _white_led()), dtype=np.uint8)
-    up, down = _noise_tables()
-    drawn = np.frombuffer(rng.bytes(image.size), dtype=np.uint8).reshape(image.shape)
-    # Of the two tables one is 0 at every byte, and both sums saturate: the result is clean + noise, clipped.
-    brighter = cv2.add(image, cv2.LUT(drawn, up))
-    return np.asarray(cv2.subtract(brighter, cv2.LUT(drawn, down)), dtype=np.uint8)
+    pixels = clean.size if look.noise_in_each_channel else clean.shape[0] * clean.shape[1]
+    drawn = np.frombuffer(rng.bytes(pixels), dtype=np.uint8)
+    if pixels < clean.size:
+        drawn = cv2.merge([drawn, drawn, drawn])
+    places = cv2.merge([drawn.reshape(1, -1), clean.reshape(1, -1)]).view("<u2")
+    return np.asarray(_noisy(look.noise, look.white_counts).take(places), dtype=np.uint8).reshape(clean.shape)
+
+
+def sharpened(image: Bytes, amount: float) -> Bytes:
+    """An image with so much of its difference from its binomial average over 3 x 3 pixels added."""
+    import cv2
+
+    kernel = -amount * np.outer((0.25, 0.5, 0.25), (0.25, 0.5, 0.25))
+    kernel[1, 1] += 1.0 + amount
+    return np.asarray(cv2.filter2D(image, -1, kernel), dtype=np.uint8)
+
+
+def compressed(image: Bytes, quality: int) -> Bytes:
+    """An image as it is after a compression in blocks of 8 x 8 pixels."""
+    import cv2
+
+    data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED), dtype=np.uint8)
 
 
 @cache
-def _white_led() -> Bytes:
+def _table(tint: Tint) -> Bytes:
     """A table (256, 1, 3): counts of grey in blue, green and red."""
-    return np.asarray(np.rint(np.arange(256)[:, None, None] * np.array(WHITE_LED_BGR)), dtype=np.uint8)
+    greys = [0.0, *(grey for grey, _ in tint)]
+    channels = zip((0.0, 0.0, 0.0), *(bgr for _, bgr in tint), strict=True)
+    table = np.array([np.interp(np.arange(256), greys, values) for values in channels])
+    return np.asarray(np.rint(table.T[:, None, :]), dtype=np.uint8)
 
 
 @cache
-def _noise_tables() -> tuple[Bytes, Bytes]:
-    """For each of 256 equally likely bytes what is added, and what is taken away: rounded Gaussian noise.
-
-    Rounding adds 1/12 to the variance, so the Gaussian has that much less.
-    """
-    gaussian = NormalDist(0.0, math.sqrt(READ_NOISE**2 - 1.0 / 12.0))
-    noise = np.rint([gaussian.inv_cdf((i + 0.5) / 256.0) for i in range(256)]).astype(int)
-    return np.maximum(noise, 0).astype(np.uint8), np.maximum(-noise, 0).astype(np.uint8)
+def _noisy(noise: Profile, white: int) -> Bytes:
+    """A table (65536,): for a level and one of 256 equally likely bytes, 256 level + byte, the level with noise."""
+    levels, normal = np.arange(256.0), NormalDist()
+    spreads = along(levels, noise)
+    # Rounding adds 1/12 to the variance of a wide Gaussian. Of a narrow one it leaves what lies beyond half a count.
+    narrow = np.array([0.5 / -normal.inv_cdf(max(min(spread, 0.5) ** 2 / 2.0, 1e-9)) for spread in spreads])
+    sigmas = np.where(spreads > 0.5, np.sqrt(np.maximum(spreads**2 - 1.0 / 12.0, 0.0)), narrow)
+    draws = np.array([normal.inv_cdf((i + 0.5) / 256.0) for i in range(256)])
+    noisy: Floats = np.clip(levels[:, None] + np.rint(sigmas[:, None] * draws), 0.0, white)
+    return np.asarray(noisy, dtype=np.uint8).ravel()

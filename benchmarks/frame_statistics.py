@@ -1,0 +1,84 @@
+"""What frames of a TacTip look like in numbers: simulated ones beside real ones, or anybody's own.
+
+    python benchmarks/frame_statistics.py [--look tactip-bristol]
+    python benchmarks/frame_statistics.py FILE.png ... --dome X,Y,R [--field R] [--log SIGMA,THRESHOLD]
+
+The first prints each statistic of a look beside what was measured on public frames of the sensor that it stands for.
+Claim: within 20 % of the measured value or inside of the measured range; where that is little, within 5 counts or
+0.3 px. The second prints the same statistics of image files: medians over the files, and the noise and the drift of
+the light if there are several, taken in the order of their names.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from helpers.frame_measure import Dome, find_dome, frame_statistics, grey_of, light_outside, noise_by_level
+from helpers.real_frames import SENSORS, goals, simulated_statistics
+
+LEVELS = ((0, 32), (32, 64), (64, 128), (128, 192), (192, 250))
+
+
+def print_look(look: str) -> bool:
+    """Print a look's table and return whether every goal is met."""
+    values, missed = simulated_statistics(look), 0
+    print(f"| {look} | measured | simulated | goal met |\n|---|---|---|---|")
+    for name, goal in goals(look).items():
+        met = goal.met_by(values[name])
+        missed += not met
+        measured = f"{goal.low:g}" if goal.low == goal.high else f"{goal.low:g} to {goal.high:g}"
+        unit = "" if goal.unit == "1" else f" ({goal.unit})"
+        print(f"| {name}{unit} | {measured} | {values[name]:.3g} | {'yes' if met else 'NO'} |")
+    print(f"{look}: {missed} goals are not met\n")
+    return missed == 0
+
+
+def print_files(paths: list[Path], near: Dome, field: float, log: tuple[float, float]) -> None:
+    """Print the statistics of image files."""
+    frames = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in paths]
+    for path, frame in zip(paths, frames, strict=True):
+        if frame is None:
+            raise SystemExit(f"{path}: is no image that OpenCV reads.")
+    single = [frame_statistics(frame, near, field / near.radius, log) for frame in frames]
+    for name in single[0]:
+        values = [one[name] for one in single if name in one]
+        print(f"{name:45}{np.median(values):10.4g}{min(values):10.4g} to {max(values):.4g}")
+    if len(frames) > 1:
+        for (low, high), noise in zip(LEVELS, noise_by_level(frames, LEVELS, near), strict=True):
+            print(f"{f'noise at {low} to {high}':45}{noise:10.4g}")
+        light = light_outside(frames, near)
+        print(f"{'light from frame to frame (%)':45}{100 * np.std(np.diff(light)) / np.mean(light):10.4g}")
+        print(f"{'light from first to last (%)':45}{100 * (light[-1] / light[0] - 1):10.4g}")
+        domes = [find_dome(grey_of(frame).astype(np.float64), near) for frame in frames]
+        print(f"{'motion of the radius, peak to peak (px)':45}{np.ptp([dome.radius for dome in domes]):10.4g}")
+
+
+def main() -> int:
+    """Print the tables; the exit code is 1 where a goal is not met."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("files", nargs="*", type=Path, help="images of one size; none for the looks")
+    parser.add_argument("--look", choices=list(SENSORS), help="one look; default: all that stand for a real sensor")
+    parser.add_argument("--dome", help="X,Y,R: a circle near the outline of the dome, in px; needed for FILES")
+    parser.add_argument("--field", type=float, help="radius of the field of pins in px (default 0.78 R)")
+    parser.add_argument("--log", default="4,30", help="sigma and threshold that find the pins (default 4,30)")
+    given = parser.parse_args()
+    if given.files:
+        if given.dome is None:
+            parser.error("FILES need --dome X,Y,R")
+        x, y, radius = (float(part) for part in given.dome.split(","))
+        sigma, threshold = (float(part) for part in given.log.split(","))
+        print_files(given.files, Dome(x=x, y=y, radius=radius), given.field or 0.78 * radius, (sigma, threshold))
+        return 0
+    met = [print_look(look) for look in ([given.look] if given.look else SENSORS)]
+    return 0 if all(met) else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

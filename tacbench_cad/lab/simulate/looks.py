@@ -1,0 +1,334 @@
+"""How a simulated TacTip looks to its camera: measured numbers of one real build, read by one renderer.
+
+Lengths in the image are in px of a frame of 640 x 480; brightness is in counts (0 to 255, BT.601 grey). The numbers of
+``tactip-bristol`` and ``tactip-sussex`` were measured on public frames of these sensors; where a number is a choice
+between values that the frames leave open, its comment says so.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from tacbench_cad.spec.protocol import DOME_RADIUS_MM
+from tacbench_cad.util.errors import InputError
+
+#: Radius of the dome's inside; the skin's thickness is what is left to the outside.
+INNER_RADIUS_MM = 18.4
+#: Thickness of the skin.
+SKIN_MM = DOME_RADIUS_MM - INNER_RADIUS_MM
+#: Distance of the pins' tips from the dome's centre, in mm, where only their place in the image is known.
+TIP_RADIUS_MM = 17.48
+#: How far the camera's pinhole lies from the dome's centre, on the side away from the summit, in mm.
+CAMERA_BELOW_MM = 48.9
+
+#: A ring of pins: their number, first azimuth and step in degrees, tip's r and z in the dome frame in mm.
+Ring = tuple[int, float, float, float, float]
+#: Values at places in rising order, straight between them: ((place, value), ...).
+Profile = tuple[tuple[float, float], ...]
+#: Colours by grey level: ((grey, (blue, green, red)), ...), straight between them, from black at 0.
+Tint = tuple[tuple[float, tuple[float, float, float]], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spot:
+    """Light that a shiny surface sends back: a disc that is added to what lies under it.
+
+    Args:
+        radius: Its distance from the dome's centre, in radii of the dome.
+        azimuth_deg: Its direction from there, anticlockwise in the image.
+        diameter_px: Width at half of its brightness.
+        counts: Brightness of its middle; more than the camera's highest level saturates.
+        edge_px: Width of its edge.
+    """
+
+    radius: float
+    azimuth_deg: float
+    diameter_px: float
+    counts: float
+    edge_px: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """A sensor's geometry, light and camera, in numbers.
+
+    Args:
+        name: What it is chosen by.
+        source: Where the numbers come from.
+        rings: The pins at rest.
+        focal_px: Focal length of the pinhole camera.
+        centre_px: Column and row of the dome's axis.
+        dome_px: Half widths of the dome along the image's columns and rows; 0 shows no outline.
+        dome_edge_px: Width of the dome's outline.
+        pin_diameter_mm: Diameter of a pin.
+        pin_counts: Brightness of pins at rest, at the centre, the middle and the rim of their field; a single value is
+            the mean of pins which six LEDs light as matt discs.
+        pin_spread: Standard deviation of the brightness from pin to pin, as a fraction.
+        pin_edge_px: Width of a pin's edge, at the centre, the middle and the rim; a single value holds everywhere.
+        skin: Brightness of the skin between and beyond the pins, by the distance from the centre in radii of the dome.
+        surround: Brightness of what lies beyond the dome, ring and vignetting included, likewise.
+        black_counts: What the camera gives without any light.
+        unevenness: Standard deviation of skin and surround from place to place, as a fraction of each.
+        unevenness_px: Distance over which it keeps together.
+        grain: Standard deviation of a fixed pattern from pixel to pixel, of skin and surround, in counts: dust and
+            texture, or camera noise that a video's compression has frozen.
+        glints: Reflections on the skin.
+        leds: LEDs and their reflections beyond the dome.
+        white_counts: Highest level of the camera.
+        tints: Colours of the dome and, up to distances from its centre in its radii, of what lies beyond it.
+        sharpening: How much of the difference between a frame and its average over 3 x 3 pixels the camera adds to it.
+        noise: Standard deviation of a pixel from frame to frame, by its level, in counts; what a compression leaves.
+        noise_in_each_channel: Each channel of a colour image has noise of its own, else all share one, as in cameras
+            that send brightness at full and colour at half resolution.
+        flicker: Standard deviation of the light from frame to frame, as a fraction.
+        drift_per_minute: Growth of the light over a run, as a fraction.
+        settling: Light that is gone soon after a run's begin, as a fraction, and its time constant in seconds.
+        jpeg_quality: Quality at which a frame is compressed in blocks of 8 x 8 pixels; None for no compression.
+        approach_mm: Standard deviation of the summit's place along x and y from one approach of a press to the next. A
+            calibration: with it the variance of repeats at the middle force is some 3 counts^2 at 40 % of the size, as
+            the authors' notebooks saved it for repeats of single prints (2.6 to 3.7; Bambu, PLA-).
+        sway_px: Standard deviation of the dome's outline from one approach to the next: of its centre along the columns
+            and the rows, and of its radius.
+        seed: Another number gives other unevenness.
+    """
+
+    name: str
+    source: str
+    rings: tuple[Ring, ...]
+    focal_px: float
+    centre_px: tuple[float, float]
+    dome_px: tuple[float, float] = (0.0, 0.0)
+    dome_edge_px: float = 0.0
+    pin_diameter_mm: float
+    pin_counts: tuple[float, ...]
+    pin_spread: float = 0.0
+    pin_edge_px: tuple[float, ...]
+    skin: Profile = ((0.0, 0.0),)
+    surround: Profile = ((0.0, 0.0),)
+    black_counts: float = 0.0
+    unevenness: tuple[float, float] = (0.0, 0.0)
+    unevenness_px: tuple[float, float] = (1.0, 1.0)
+    grain: tuple[float, float] = (0.0, 0.0)
+    glints: tuple[Spot, ...] = ()
+    leds: tuple[Spot, ...] = ()
+    white_counts: int = 255
+    tints: tuple[tuple[float, Tint], ...]
+    sharpening: float = 0.0
+    noise: Profile
+    noise_in_each_channel: bool = False
+    flicker: float
+    drift_per_minute: float = 0.0
+    settling: tuple[float, float] = (0.0, 1.0)
+    jpeg_quality: int | None = None
+    approach_mm: float = 0.0
+    sway_px: tuple[float, float] = (0.0, 0.0)
+    seed: int = 0
+
+    @property
+    def misses(self) -> bool:
+        """Each approach of a press has an error of its own."""
+        return any((self.approach_mm, *self.sway_px))
+
+    @property
+    def dome_radius_px(self) -> float:
+        """Radius of the circle that has the area of the dome's outline."""
+        return math.sqrt(self.dome_px[0] * self.dome_px[1])
+
+
+def rings_seen(
+    counts: tuple[int, ...], radii_px: tuple[float, ...], first_deg: float, focal_px: float
+) -> tuple[Ring, ...]:
+    """Rings of pins on a sphere of :data:`TIP_RADIUS_MM` which the camera sees at given radii.
+
+    Args:
+        counts: Pins of each ring, which are equally spaced.
+        radii_px: Where the camera sees the ring, from the dome's centre.
+        first_deg: Azimuth of each ring's first pin.
+        focal_px: The camera's focal length.
+    """
+    rings = []
+    for count, radius in zip(counts, radii_px, strict=True):
+        # From f t sin(a) = radius (below + t cos(a)) for the polar angle a.
+        far = TIP_RADIUS_MM * math.hypot(focal_px, radius)
+        polar = math.atan2(radius, focal_px) + math.asin(radius * CAMERA_BELOW_MM / far)
+        rings.append(
+            (count, first_deg, 360.0 / count, TIP_RADIUS_MM * math.sin(polar), TIP_RADIUS_MM * math.cos(polar))
+        )
+    return tuple(rings)
+
+
+def _spots(*rows: tuple[float, float, float, float, float]) -> tuple[Spot, ...]:
+    return tuple(
+        Spot(radius=radius, azimuth_deg=azimuth, diameter_px=diameter, counts=counts, edge_px=edge)
+        for radius, azimuth, diameter, counts, edge in rows
+    )
+
+
+#: Bright markers on black: what a frame shows once everything but the pins is left out.
+CLEAN = Look(
+    name="clean",
+    source="geometry measured on one TacTip of 133 pins; light and camera are ideal",
+    rings=(
+        (1, 0.0, 0.0, 0.0, 17.48),
+        (12, 7.5, 30.0, 3.38, 17.14),
+        (12, 7.5, 30.0, 4.90, 16.77),
+        (12, 7.5, 30.0, 7.03, 15.98),
+        (24, 7.5, 15.0, 9.03, 14.92),
+        (24, 7.5, 15.0, 10.88, 13.60),
+        (24, 7.5, 15.0, 12.53, 12.02),
+        (24, 7.5, 15.0, 14.00, 10.30),
+    ),
+    focal_px=601.0,
+    centre_px=(319.5, 239.5),
+    pin_diameter_mm=1.0,
+    pin_counts=(200.0,),
+    pin_edge_px=(1.5,),
+    black_counts=2.0,
+    tints=((math.inf, ((255.0, (234.6, 255.0, 244.8)),)),),
+    noise=((0.0, 1.4),),
+    noise_in_each_channel=True,
+    flicker=0.003,
+)
+
+BRISTOL = Look(
+    name="tactip-bristol",
+    source="stills of mattclifford1/tactip-sensor-IQM-VIS, 640 x 480, one for each press",
+    rings=rings_seen(
+        (1, *range(6, 66, 6)),
+        (0.0, 20.5, 39.0, 57.0, 74.0, 91.5, 108.0, 124.5, 140.0, 156.0, 169.6),
+        0.0,
+        558.0,
+    ),
+    focal_px=558.0,
+    centre_px=(304.0, 248.0),
+    dome_px=(210.0, 210.0),
+    dome_edge_px=4.0,
+    pin_diameter_mm=1.36,
+    pin_counts=(146.0, 136.0, 142.0),
+    pin_spread=0.08,
+    pin_edge_px=(2.5, 2.6, 3.8),
+    skin=((0.0, 22.0), (0.45, 23.0), (0.8, 25.0), (0.9, 31.0), (1.0, 32.0)),
+    surround=((1.0, 182.0), (1.1, 182.0), (1.3, 165.0), (1.5, 142.0), (1.8, 105.0), (2.0, 85.0)),
+    unevenness=(0.2, 0.07),
+    unevenness_px=(25.0, 50.0),
+    grain=(1.0, 1.8),
+    glints=_spots(
+        (0.475, 48.0, 4.7, 300.0, 2.5),
+        (0.477, 168.0, 5.1, 300.0, 2.5),
+        (0.472, 288.0, 4.5, 300.0, 2.5),
+        (0.70, 122.0, 4.9, 300.0, 2.5),
+        (0.94, 20.0, 5.3, 300.0, 2.5),
+        (0.93, 80.0, 4.9, 300.0, 2.5),
+        (0.94, 168.0, 8.6, 300.0, 2.5),
+        (0.95, 231.0, 4.7, 300.0, 2.5),
+        (0.93, 281.0, 5.1, 300.0, 2.5),
+    ),
+    # Six LEDs, and the light of each on what surrounds it.
+    leds=_spots(
+        *((1.075, 60.0 * i, 43.0, 400.0, 6.0) for i in range(6)),
+        *((1.075, 60.0 * i, 60.0, 45.0, 40.0) for i in range(6)),
+    ),
+    tints=(
+        (1.0, ((25.3, (36.0, 25.0, 22.0)), (138.5, (195.0, 144.0, 106.0)), (255.0, (255.0, 255.0, 255.0)))),
+        (math.inf, ((201.5, (185.0, 204.0, 203.0)), (255.0, (255.0, 255.0, 255.0)))),
+    ),
+    sharpening=1.2,
+    noise=((24.0, 1.37), (40.0, 1.25), (56.0, 1.09), (80.0, 0.96), (112.0, 0.91), (144.0, 0.76), (176.0, 0.78)),
+    flicker=0.0022,
+    drift_per_minute=0.0009,
+    approach_mm=0.22,
+    sway_px=(0.03, 0.015),
+    seed=1,
+)
+
+SUSSEX = Look(
+    name="tactip-sussex",
+    source="the recording Movement4 of shepai/RoboSkin, 640 x 480, MPEG-4",
+    rings=rings_seen((1, 12, 12, 12, 24, 24, 24, 24), (0.0, 28.0, 41.0, 58.0, 75.0, 92.0, 108.0, 124.0), 7.5, 521.0),
+    focal_px=521.0,
+    centre_px=(301.0, 262.0),
+    dome_px=(165.0, 175.0),
+    dome_edge_px=3.0,
+    pin_diameter_mm=1.24,
+    pin_counts=(242.0, 239.0, 237.0),
+    pin_spread=0.01,
+    pin_edge_px=(3.6, 3.6, 4.0),
+    skin=(
+        (0.0, 90.0),
+        (0.45, 87.0),
+        (0.7, 92.0),
+        (0.76, 99.0),
+        (0.85, 106.0),
+        (0.92, 125.0),
+        (0.96, 150.0),
+        (1.0, 165.0),
+    ),
+    surround=(
+        (1.0, 249.5),
+        (1.11, 249.5),
+        (1.13, 225.0),
+        (1.22, 225.0),
+        (1.25, 244.0),
+        (1.42, 237.0),
+        (1.84, 191.0),
+        (2.1, 172.0),
+        (2.6, 143.0),
+    ),
+    unevenness=(0.04, 0.025),
+    unevenness_px=(30.0, 50.0),
+    grain=(2.9, 2.8),
+    glints=_spots(
+        # A large one over four pins, small ones over one pin each, others between and beyond the pins.
+        (0.205, 52.5, 34.0, 300.0, 8.0),
+        (0.444, 112.5, 6.0, 300.0, 4.0),
+        (0.343, 217.5, 9.0, 300.0, 5.0),
+        (0.444, 232.5, 6.0, 300.0, 4.0),
+        (0.343, 277.5, 6.0, 300.0, 4.0),
+        (0.444, 322.5, 6.0, 300.0, 4.0),
+        (0.544, 22.5, 6.0, 300.0, 4.0),
+        (0.343, 157.5, 6.0, 300.0, 4.0),
+        (0.243, 337.5, 6.0, 300.0, 4.0),
+        (0.80, 60.0, 6.0, 300.0, 3.0),
+        (0.83, 130.0, 5.5, 300.0, 3.0),
+        (0.86, 200.0, 6.0, 300.0, 3.0),
+        (0.82, 255.0, 5.5, 300.0, 3.0),
+        (0.87, 310.0, 6.5, 300.0, 3.0),
+        (0.69, 15.0, 5.0, 300.0, 3.0),
+        (0.69, 195.0, 5.0, 300.0, 3.0),
+        (0.80, 95.0, 5.5, 300.0, 3.0),
+        (0.85, 340.0, 6.5, 300.0, 3.0),
+    ),
+    white_counts=251,
+    # The white ring round the dome, a green one round that, and the rest.
+    tints=(
+        (1.0, ((98.0, (92.0, 96.0, 106.0)), (237.6, (227.0, 240.0, 237.0)), (255.0, (255.0, 255.0, 255.0)))),
+        (1.12, ((246.4, (250.0, 252.0, 234.0)), (250.0, (252.0, 252.0, 248.0)), (255.0, (255.0, 255.0, 255.0)))),
+        (1.23, ((225.0, (205.0, 240.0, 203.0)), (255.0, (255.0, 255.0, 255.0)))),
+        (math.inf, ((246.4, (250.0, 252.0, 234.0)), (255.0, (255.0, 255.0, 255.0)))),
+    ),
+    sharpening=0.3,
+    noise=((0.0, 0.2),),
+    flicker=0.0005,
+    drift_per_minute=0.003,
+    settling=(0.07, 0.7),
+    jpeg_quality=88,
+    approach_mm=0.22,
+    sway_px=(0.25, 0.42),
+    seed=2,
+)
+
+#: The looks by their names.
+LOOKS: Mapping[str, Look] = {look.name: look for look in (CLEAN, BRISTOL, SUSSEX)}
+
+
+def look_named(name: str) -> Look:
+    """A look by its name.
+
+    Raises:
+        InputError: There is none of this name.
+    """
+    if name not in LOOKS:
+        raise InputError("look", name, f"allowed: {', '.join(LOOKS)}")
+    return LOOKS[name]

@@ -1,0 +1,246 @@
+"""Public frames of two TacTips in numbers, and the same statistics of the looks that were made from them.
+
+``tactip-bristol``: mattclifford1/tactip-sensor-IQM-VIS, stills, one for each press. ``tactip-sussex``: the recording
+Movement4 of shepai/RoboSkin. Medians over some 10 frames; a range is that of several recordings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from helpers.frame_measure import (
+    Dome,
+    find_dome,
+    find_pins,
+    frame_statistics,
+    grey_of,
+    light_outside,
+    noise_by_level,
+)
+from tacbench_cad.lab import LOOKS, HolderRim, PrintedBlock, TacTip, contact_for
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.protocol import FORCES_N
+
+#: A statistic may leave what was measured by this fraction, or by so many counts or pixels where that is more.
+FRACTION = 0.2
+SLACK = {"counts": 5.0, "px": 0.3}
+#: Statistic; unit; tactip-bristol; tactip-sussex.
+MEASURED = """
+dome centre, column; px; 304; 301
+dome centre, row; px; 248; 262
+dome radius; px; 210; 169
+motion of the dome's centre, peak to peak; px; 0.14; 1.3
+motion of the dome's radius, peak to peak; px; 0.07; 1.8
+blur of the dome's edge; px; 1.2; 1.0
+rings of pins, farthest from the measured radius; px; 0; 0
+pins seen; 1; 331; 119
+peaks of the Laplacian; 1; 331; 127
+pin width, centre; px; 11.7; 9.1
+pin width, middle; px; 11.2; 10.4
+pin width, rim; px; 10.5; 10.0
+pin spacing, centre; px; 19; 13
+pin spacing, middle; px; 17; 16
+pin spacing, rim; px; 16; 15
+blur of a pin's edge, centre; px; 0.73; 1.2
+blur of a pin's edge, middle; px; 0.75; 1.2
+blur of a pin's edge, rim; px; 0.95; 1.3
+pin peak, centre; counts; 150; 247
+pin peak, middle; counts; 139; 248
+pin peak, rim; counts; 145; 248
+skin between pins, centre; counts; 22; 92
+skin between pins, middle; counts; 23; 89
+skin between pins, rim; counts; 24; 95
+skin beyond the pins; counts; 31; 109
+grey at 1.02 R; counts; 191; 248
+grey at 1.8 R; counts; 103; 194
+white ring, width; px; ; 19.5
+white ring, level; counts; ; 248
+LEDs beyond the dome; 1; 6;
+LEDs beyond the dome, diameter; px; 40 to 50;
+LEDs beyond the dome, distance; R; 1.06 to 1.09;
+B of the pins; counts; 195; 227
+G of the pins; counts; 144; 240
+R of the pins; counts; 106; 237
+B of the skin; counts; 36; 92
+G of the skin; counts; 25; 96
+R of the skin; counts; 22; 106
+B at 1.03 to 1.10 R; counts; 185; 250
+G at 1.03 to 1.10 R; counts; 204; 252
+R at 1.03 to 1.10 R; counts; 203; 234
+mean, whole frame; counts; 113; 188
+mean, inside; counts; 54; 127
+mean, outside; counts; 160; 212
+1 % quantile, whole frame; counts; 12; 80
+5 % quantile, whole frame; counts; 20; 88
+25 % quantile, whole frame; counts; 31; 158
+50 % quantile, whole frame; counts; 130; 199
+75 % quantile, whole frame; counts; 161; 237
+95 % quantile, whole frame; counts; 221; 249
+99 % quantile, whole frame; counts; 255; 251
+1 % quantile, inside; counts; 8; 75
+5 % quantile, inside; counts; 16; 81
+25 % quantile, inside; counts; 23; 90
+50 % quantile, inside; counts; 29; 103
+75 % quantile, inside; counts; 85; 147
+95 % quantile, inside; counts; 145; 247
+99 % quantile, inside; counts; 159; 251
+saturated, whole frame; %; 3.1; 3.5
+saturated, inside; %; 0.16; 2.3
+saturated, outside; %; 4.8; 3.8
+bright spots; 1; 9; 17.5
+bright spots, median diameter; px; 4.9; 7
+bright spots, largest diameter; px; 8.3; 34
+Laplacian after a blur of 0, whole frame; counts^2; 573; 102 to 193
+Laplacian after a blur of 1, whole frame; counts^2; 64; 24
+Laplacian after a blur of 2, whole frame; counts^2; 14; 8
+Laplacian after a blur of 4, whole frame; counts^2; 3.3; 2.5
+Laplacian after a blur of 0, inside; counts^2; 1023; 467
+Laplacian after a blur of 1, inside; counts^2; 123; 69
+Laplacian after a blur of 2, inside; counts^2; 27; 22
+Laplacian after a blur of 4, inside; counts^2; 4.7; 4.3
+noise at 16 to 32; counts; 1.37;
+noise at 32 to 48; counts; 1.25;
+noise at 48 to 64; counts; 1.09;
+noise at 64 to 96; counts; 0.96;
+noise at 96 to 128; counts; 0.91;
+noise at 128 to 160; counts; 0.76;
+noise at 160 to 192; counts; 0.78;
+noise at 0 to 256; counts; ; 0 to 0.24
+drift in 100 presses; %; 0.6;
+light from press to press; %; 0.18;
+drift in a minute; %; ; -1.0 to 0.3
+light from frame to frame; %; ; 0.004 to 0.26
+light at the start of a recording; %; ; 7
+step ratio of blocks; 1; 1.0; 1.10 to 1.38
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensor:
+    """What of a sensor has to be known to measure its frames.
+
+    Args:
+        dome: Its outline.
+        rings_px: Radii of the rings of pins at rest.
+        log: Sigma and threshold of the Laplacian of a Gaussian that finds its pins.
+        levels: The grey levels by which the noise was measured.
+        recording: Frames over which the motion of the dome was measured.
+    """
+
+    dome: Dome
+    rings_px: tuple[float, ...]
+    log: tuple[float, float]
+    levels: tuple[tuple[int, int], ...]
+    recording: int
+
+    @property
+    def field(self) -> float:
+        """Radius of the field of pins, as a fraction of the dome's."""
+        return self.rings_px[-1] / self.dome.radius
+
+
+SENSORS = {
+    "tactip-bristol": Sensor(
+        dome=Dome(x=304.0, y=248.0, radius=210.0),
+        rings_px=(20.5, 39.0, 57.0, 74.0, 91.5, 108.0, 124.5, 140.0, 156.0, 170.0),
+        log=(5.0, 30.0),
+        levels=((16, 32), (32, 48), (48, 64), (64, 96), (96, 128), (128, 160), (160, 192)),
+        recording=100,
+    ),
+    "tactip-sussex": Sensor(
+        dome=Dome(x=301.0, y=262.0, radius=169.0),
+        rings_px=(28.0, 41.0, 58.0, 75.0, 92.0, 108.0, 124.0),
+        log=(3.5, 45.0),
+        levels=((0, 256),),
+        recording=40,
+    ),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Goal:
+    """What was measured on real frames, and what a simulated statistic may be."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+
+    def met_by(self, value: float) -> bool:
+        """Whether a simulated value lies inside of the measured range, or near enough."""
+
+        def slack(measured: float) -> float:
+            return max(FRACTION * abs(measured), SLACK.get(self.unit, 0.0))
+
+        return self.low - slack(self.low) <= value <= self.high + slack(self.high)
+
+
+def goals(look: str) -> dict[str, Goal]:
+    """The goals of a look by the names of their statistics."""
+    chosen = {}
+    for line in MEASURED.strip().splitlines():
+        name, unit, *values = (cell.strip() for cell in line.split(";"))
+        low, _, high = values[list(SENSORS).index(look)].partition(" to ")
+        if low:
+            chosen[name] = Goal(name=name, unit=unit, low=float(low), high=float(high or low))
+    return chosen
+
+
+def simulated_statistics(look: str, *, presses: int = 6, recording: int | None = None) -> dict[str, float]:
+    """The statistics of a look: medians over presses of the textures at the middle force, and of frames at rest.
+
+    Args:
+        look: Its name.
+        presses: Presses that are measured whole.
+        recording: Presses over which the dome's motion is measured; None for as many as were on the real sensor.
+    """
+    sensor, tactip = SENSORS[look], TacTip(look=LOOKS[look])
+    rng = np.random.Generator(np.random.SFC64(1))
+    later = 20.0
+    single: list[Mapping[str, float]] = []
+    domes = []
+    pressed = []
+    for texture in range(1, 7):
+        printed = PrintedBlock(block=Block.of(texture), printer="form-3", filament="grey-v4")
+        contact = contact_for(printed, HolderRim())
+        pressed.append((contact, (6.5, 20.5, contact.z_for_force(6.5, 20.5, FORCES_N[1]))))
+    for i in range(recording or sensor.recording):
+        pins = tactip.approach(*pressed[i % len(pressed)], rng)
+        frame = tactip.frame(pins, rng, later)
+        domes.append(find_dome(grey_of(frame).astype(np.float64), sensor.dome))
+        if i < presses:
+            markers = tactip.markers(pins)
+            seen = markers.centres_px[markers.visible]
+            single.append(frame_statistics(frame, sensor.dome, sensor.field, sensor.log, seen))
+    values = {name: float(np.median([one[name] for one in single])) for name in single[0]}
+    values["motion of the dome's centre, peak to peak"] = float(
+        max(np.ptp([dome.x for dome in domes]), np.ptp([dome.y for dome in domes]))
+    )
+    values["motion of the dome's radius, peak to peak"] = float(np.ptp([dome.radius for dome in domes]))
+    still = [tactip.frame(tactip.rest, rng, later) for _ in range(40)]
+    at_rest = frame_statistics(still[0], sensor.dome, sensor.field, sensor.log)
+    values |= {name: value for name, value in at_rest.items() if name.startswith("pin spacing")}
+    pins_px = find_pins(grey_of(still[0]).astype(np.float64), sensor.dome, *sensor.log)
+    radii = np.hypot(*(pins_px - (sensor.dome.x, sensor.dome.y)).T)
+    rings = [float(np.median(radii[np.abs(radii - ring) < 5.0])) for ring in sensor.rings_px]
+    off = float(np.max(np.abs(np.array(rings) - sensor.rings_px)))
+    values["rings of pins, farthest from the measured radius"] = off
+    for (low, high), noise in zip(sensor.levels, noise_by_level(still, sensor.levels, sensor.dome), strict=True):
+        values[f"noise at {low} to {high}"] = noise
+    light = light_outside(still, sensor.dome)
+    values["light from frame to frame"] = 100.0 * float(np.std(np.diff(light)) / np.mean(light))
+    values["light from press to press"] = 100.0 * float(np.std(light) / np.mean(light))
+    seconds = np.repeat([0.0, 4.0, 404.0], 10)
+    start, first, last = (
+        float(part.mean())
+        for part in np.split(
+            light_outside([tactip.frame(tactip.rest, rng, float(at)) for at in seconds], sensor.dome), 3
+        )
+    )
+    values["drift in 100 presses"] = 100.0 * (last / first - 1.0)
+    values["drift in a minute"] = values["drift in 100 presses"] * 60.0 / 400.0
+    values["light at the start of a recording"] = 100.0 * (start / first - 1.0)
+    return values
