@@ -83,8 +83,8 @@ class Look:
         noise_in_each_channel: Each channel of a colour image has noise of its own, else all share one, as in cameras
             that send brightness at full and colour at half resolution.
         flicker: Standard deviation of the light from frame to frame, as a fraction.
-        drift_per_minute: Growth of the light over a run, as a fraction.
-        settling: Light that is gone soon after a run's begin, as a fraction, and its time constant in seconds.
+        transients: What the light has too much at a run's begin, as a fraction, and the seconds in which it fades to
+            1/e: an exposure that settles, lamps that grow brighter as they warm up (below 0).
         jpeg_quality: Quality at which a frame is compressed in blocks of 8 x 8 pixels; None for no compression.
         approach_mm: Standard deviation of the summit's place along x and y from one approach of a press to the next. A
             calibration: with it the variance of repeats at the middle force is some 3 counts^2 at 40 % of the size, as
@@ -119,8 +119,7 @@ class Look:
     noise: Profile
     noise_in_each_channel: bool = False
     flicker: float
-    drift_per_minute: float = 0.0
-    settling: tuple[float, float] = (0.0, 1.0)
+    transients: tuple[tuple[float, float], ...] = ()
     jpeg_quality: int | None = None
     approach_mm: float = 0.0
     sway_px: tuple[float, float] = (0.0, 0.0)
@@ -237,7 +236,7 @@ BRISTOL = Look(
     sharpening=1.2,
     noise=((24.0, 1.37), (40.0, 1.25), (56.0, 1.09), (80.0, 0.96), (112.0, 0.91), (144.0, 0.76), (176.0, 0.78)),
     flicker=0.0022,
-    drift_per_minute=0.0009,
+    transients=((-0.0135, 600.0),),
     approach_mm=0.22,
     sway_px=(0.03, 0.015),
     seed=1,
@@ -266,8 +265,8 @@ SUSSEX = Look(
         (1.0, 165.0),
     ),
     surround=(
-        (1.0, 249.5),
-        (1.11, 249.5),
+        (1.0, 250.4),
+        (1.11, 250.4),
         (1.13, 225.0),
         (1.22, 225.0),
         (1.25, 244.0),
@@ -311,8 +310,7 @@ SUSSEX = Look(
     sharpening=0.3,
     noise=((0.0, 0.2),),
     flicker=0.0005,
-    drift_per_minute=0.003,
-    settling=(0.07, 0.7),
+    transients=((0.07, 0.7), (-0.004, 600.0)),
     jpeg_quality=88,
     approach_mm=0.22,
     sway_px=(0.25, 0.42),

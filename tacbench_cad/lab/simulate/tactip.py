@@ -240,9 +240,8 @@ class TacTip:
             seconds: Time since the run began.
         """
         look, place = self.look, self._scene
-        settling, constant_s = look.settling
         light = 1.0 + self.flicker * rng.standard_normal()
-        light *= 1.0 + look.drift_per_minute * seconds / 60.0 + settling * math.exp(-seconds / constant_s)
+        light *= 1.0 + sum(excess * math.exp(-seconds / constant_s) for excess, constant_s in look.transients)
         if look.jpeg_quality is not None:
             # A video's compression keeps the picture as it is until the light has changed.
             light = LIGHT_STEP * round(light / LIGHT_STEP)
