@@ -26,17 +26,25 @@ from helpers.real_frames import SENSORS, goals, simulated_statistics
 LEVELS = ((0, 32), (32, 64), (64, 128), (128, 192), (192, 250))
 
 
-def print_look(look: str) -> bool:
-    """Print a look's table and return whether every goal is met."""
-    values, missed = simulated_statistics(look), 0
-    print(f"| {look} | measured | simulated | goal met |\n|---|---|---|---|")
-    for name, goal in goals(look).items():
-        met = goal.met_by(values[name])
-        missed += not met
-        measured = f"{goal.low:g}" if goal.low == goal.high else f"{goal.low:g} to {goal.high:g}"
+def print_looks(looks: list[str]) -> bool:
+    """Print one table of the looks and return whether every goal is met."""
+    values = {look: simulated_statistics(look) for look in looks}
+    chosen = {look: goals(look) for look in looks}
+    print("| statistic |" + "".join(f" {look}: measured | simulated |" for look in looks))
+    print("|---|" + "---|---|" * len(looks))
+    missed = 0
+    for goal in {goal.name: goal for of_look in chosen.values() for goal in of_look.values()}.values():
         unit = "" if goal.unit == "1" else f" ({goal.unit})"
-        print(f"| {name}{unit} | {measured} | {values[name]:.3g} | {'yes' if met else 'NO'} |")
-    print(f"{look}: {missed} goals are not met\n")
+        line = f"| {goal.name}{unit} |"
+        for look in looks:
+            if goal.name not in chosen[look]:
+                line += " | |"
+                continue
+            value, met = values[look][goal.name], chosen[look][goal.name].met_by(values[look][goal.name])
+            missed += not met
+            line += f" {chosen[look][goal.name].shown} | {value:.3g}{'' if met else ' (goal missed)'} |"
+        print(line)
+    print(f"\n{missed} goals are missed")
     return missed == 0
 
 
@@ -48,7 +56,7 @@ def print_files(paths: list[Path], near: Dome, field: float, log: tuple[float, f
             raise SystemExit(f"{path}: is no image that OpenCV reads.")
     single = [frame_statistics(frame, near, field / near.radius, log) for frame in frames]
     for name in single[0]:
-        values = [one[name] for one in single if name in one]
+        values = [statistics[name] for statistics in single if name in statistics]
         print(f"{name:45}{np.median(values):10.4g}{min(values):10.4g} to {max(values):.4g}")
     if len(frames) > 1:
         for (low, high), noise in zip(LEVELS, noise_by_level(frames, LEVELS, near), strict=True):
@@ -76,8 +84,7 @@ def main() -> int:
         sigma, threshold = (float(part) for part in given.log.split(","))
         print_files(given.files, Dome(x=x, y=y, radius=radius), given.field or 0.78 * radius, (sigma, threshold))
         return 0
-    met = [print_look(look) for look in ([given.look] if given.look else SENSORS)]
-    return 0 if all(met) else 1
+    return 0 if print_looks([given.look] if given.look else list(SENSORS)) else 1
 
 
 if __name__ == "__main__":

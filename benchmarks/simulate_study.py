@@ -1,6 +1,6 @@
 """How long a simulated study takes, what the time goes to, and how much memory the processes hold.
 
-    python benchmarks/simulate_study.py [--study paper] [--jobs 2] [--colour] [--out FOLDER]
+    python benchmarks/simulate_study.py [--study paper] [--jobs 2] [--colour] [--look NAME] [--out FOLDER]
 
 The command's own way: blocks side by side in processes. Claims: the paper's study (12,600 presses at 640 x 480) takes
 minutes on two cores, and the memory of a process at the study's end is that of its first quarter.
@@ -33,10 +33,11 @@ def main() -> int:
     parser.add_argument("--study", default="paper", help="paper, quick or a TOML file (default paper)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default 2)")
     parser.add_argument("--colour", action="store_true", help="images in colour")
+    parser.add_argument("--look", default="clean", help="what the frames look like (default clean)")
     parser.add_argument("--out", type=Path, help="folder that is kept; default: a temporary one")
     given = parser.parse_args()
     out = given.out or Path(tempfile.mkdtemp(prefix="tacbench-simulate-"))
-    options = SimulationOptions(colour=given.colour)
+    options = SimulationOptions(colour=given.colour, look=given.look)
     study = study_of(given.study).study
     needed = estimate_simulation(study, out, options, jobs=given.jobs)
     require_room(out, needed)

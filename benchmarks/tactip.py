@@ -15,6 +15,7 @@ import os
 import statistics
 import time
 from collections.abc import Callable
+from itertools import product
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command sets it
 
@@ -23,7 +24,7 @@ import numpy as np
 
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.heights import flat_plate
-from tacbench_cad.lab.simulate.looks import CLEAN
+from tacbench_cad.lab.simulate.looks import CLEAN, LOOKS
 from tacbench_cad.lab.simulate.tactip import TacTip
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
 from tacbench_cad.spec.block import Block
@@ -113,10 +114,10 @@ def main() -> int:
         f"pose for a force: {milliseconds(lambda i: contact.z_for_force(x + 1e-4 * i, y, FORCES_N[-1]), runs):.3f} ms"
     )
     print(f"pins: {milliseconds(lambda i: sensor.pins(contact, (x + 1e-4 * i, y, z)), runs):.3f} ms")
-    for colour in (False, True):
-        camera = TacTip(colour=colour)
-        taken = milliseconds(lambda i, camera=camera: camera.frame(pins, rng(i)), runs)  # type: ignore[misc]
-        print(f"frame, {'colour' if colour else 'grey'}: {taken:.3f} ms")
+    for look, colour in product(LOOKS.values(), (False, True)):
+        camera = TacTip(colour=colour, look=look)
+        taken = milliseconds(lambda i, camera=camera: camera.frame(camera.rest, rng(i)), runs)  # type: ignore[misc]
+        print(f"frame of {look.name}, {'colour' if colour else 'grey'}: {taken:.3f} ms")
     print(f"all claims: {'yes' if held else 'NO'}")
     return 0 if held else 1
 

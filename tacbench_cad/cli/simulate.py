@@ -16,7 +16,7 @@ from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.runs.info import RunInfo
-    from tacbench_cad.lab.simulate.blockrun import SimulatedBlock
+    from tacbench_cad.lab.simulate.blockrun import SimulatedBlock, SimulationOptions
     from tacbench_cad.lab.simulate.study import SimulationEstimate
     from tacbench_cad.lab.study.spec import Study
 
@@ -91,7 +91,7 @@ def command(
             jobs = cluster.jobs
         jobs = min(jobs, len(infos))
         needed = estimate_simulation(chosen.study, folder, how, jobs=jobs)
-        for line in _plan(chosen.study, infos, needed, colour):
+        for line in _plan(chosen.study, infos, needed, how):
             note(line)
         require_room(folder, needed)
         began = time.monotonic()
@@ -112,7 +112,7 @@ def command(
         _print(folder, infos, blocks, seconds)
 
 
-def _plan(study: Study, infos: Sequence[RunInfo], needed: SimulationEstimate, colour: bool) -> list[str]:
+def _plan(study: Study, infos: Sequence[RunInfo], needed: SimulationEstimate, how: SimulationOptions) -> list[str]:
     """What will be made, in words."""
     protocol = study.protocol
     cells: dict[tuple[int, ...], int] = {}
@@ -130,7 +130,7 @@ def _plan(study: Study, infos: Sequence[RunInfo], needed: SimulationEstimate, co
         f"  {needed.others:,} images without a press of their own: references and 4 x {protocol.stationary_frames} "
         "stationary frames a block"
     )
-    kind = "colour" if colour else "grey"
+    kind = f"{how.look}, {'colour' if how.colour else 'grey'}"
     there = f"{needed.there:,} are there; " if needed.there else ""
     lines.append(
         f"{there}{needed.missing:,} images to make, {kind}, {needed.bytes_each / 1e3:.0f} kB each: {needed.gb:.2f} GB, "

@@ -169,6 +169,11 @@ class Goal:
     low: float
     high: float
 
+    @property
+    def shown(self) -> str:
+        """What was measured, in words."""
+        return f"{self.low:g}" if self.low == self.high else f"{self.low:g} to {self.high:g}"
+
     def met_by(self, value: float) -> bool:
         """Whether a simulated value lies inside of the measured range, or near enough."""
 
@@ -215,7 +220,7 @@ def simulated_statistics(look: str, *, presses: int = 6, recording: int | None =
             markers = tactip.markers(pins)
             seen = markers.centres_px[markers.visible]
             single.append(frame_statistics(frame, sensor.dome, sensor.field, sensor.log, seen))
-    values = {name: float(np.median([one[name] for one in single])) for name in single[0]}
+    values = {name: float(np.median([statistics[name] for statistics in single])) for name in single[0]}
     values["motion of the dome's centre, peak to peak"] = float(
         max(np.ptp([dome.x for dome in domes]), np.ptp([dome.y for dome in domes]))
     )

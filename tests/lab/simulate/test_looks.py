@@ -103,8 +103,8 @@ def test_the_markers_truth_is_where_the_pins_are_in_the_frame(look: str) -> None
     for pins in (tactip.rest, tactip.pins(contact, (6.5, 20.5, contact.z_for_force(6.5, 20.5, FORCES_N[0])))):
         markers = tactip.markers(pins)
         grey = grey_of(tactip.frame(pins, _rng())).astype(float)
-        found = find_pins(grey, measured.dome, *measured.log)
-        away, _ = cKDTree(found).query(markers.centres_px[markers.visible])
+        peaks = find_pins(grey, measured.dome, *measured.log)
+        away, _ = cKDTree(peaks).query(markers.centres_px[markers.visible])
         assert np.mean(away < 1.0) > 0.97
         assert np.sqrt(np.mean(away[away < 1.0] ** 2)) < 0.35
 
