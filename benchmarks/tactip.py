@@ -106,7 +106,6 @@ def main() -> int:
     cv2.setNumThreads(1)
     x, y = (float(one) for one in places[12])
     z = contact.z_for_force(x, y, FORCES_N[-1])
-    pins = sensor.pins(contact, (x, y, z))
     one_force = milliseconds(lambda i: contact.force_n(x + 1e-4 * i, y, z), runs)
     held &= one_force < 1.0
     print(f"one force at a new place: {one_force:.3f} ms (dome of {DOME_RADIUS_MM:g} mm at {FORCES_N[-1]} N)")

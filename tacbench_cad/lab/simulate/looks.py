@@ -10,8 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 from tacbench_cad.spec.protocol import DOME_RADIUS_MM
+from tacbench_cad.util.convert import Bounds, Checked, Length
 from tacbench_cad.util.errors import InputError
 
 #: Radius of the dome's inside; the skin's thickness is what is left to the outside.
@@ -23,16 +25,23 @@ TIP_RADIUS_MM = 17.48
 #: How far the camera's pinhole lies from the dome's centre, on the side away from the summit, in mm.
 CAMERA_BELOW_MM = 48.9
 
+#: A limit for what reaches to the end of the image.
+FAR = 1e6
+
+#: Lengths in px or mm, levels of grey, and fractions.
+Width = Annotated[float, Bounds(0.0, 10_000.0)]
+Counts = Annotated[float, Bounds(0.0, 1000.0)]
+Fraction = Annotated[float, Bounds(0.0, 1.0)]
 #: A ring of pins: their number, first azimuth and step in degrees, tip's r and z in the dome frame in mm.
 Ring = tuple[int, float, float, float, float]
 #: Values at places in rising order, straight between them: ((place, value), ...).
-Profile = tuple[tuple[float, float], ...]
+Profile = Annotated[tuple[tuple[float, Counts], ...], Length(1)]
 #: Colours by grey level: ((grey, (blue, green, red)), ...), straight between them, from black at 0.
-Tint = tuple[tuple[float, tuple[float, float, float]], ...]
+Tint = Annotated[tuple[tuple[float, tuple[Counts, Counts, Counts]], ...], Length(1)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spot:
+class Spot(Checked):
     """Light that a shiny surface sends back: a disc that is added to what lies under it.
 
     Args:
@@ -43,15 +52,15 @@ class Spot:
         edge_px: Width of its edge.
     """
 
-    radius: float
+    radius: Width
     azimuth_deg: float
-    diameter_px: float
+    diameter_px: Width
     counts: float
-    edge_px: float
+    edge_px: Width
 
 
 @dataclass(frozen=True, kw_only=True)
-class Look:
+class Look(Checked):
     """A sensor's geometry, light and camera, in numbers.
 
     Args:
@@ -96,34 +105,34 @@ class Look:
 
     name: str
     source: str
-    rings: tuple[Ring, ...]
-    focal_px: float
+    rings: Annotated[tuple[Ring, ...], Length(1)]
+    focal_px: Annotated[float, Bounds(1.0, 100_000.0)]
     centre_px: tuple[float, float]
-    dome_px: tuple[float, float] = (0.0, 0.0)
-    dome_edge_px: float = 0.0
-    pin_diameter_mm: float
-    pin_counts: tuple[float, ...]
-    pin_spread: float = 0.0
-    pin_edge_px: tuple[float, ...]
+    dome_px: tuple[Width, Width] = (0.0, 0.0)
+    dome_edge_px: Width = 1.0
+    pin_diameter_mm: Annotated[float, Bounds(0.01, 10.0)]
+    pin_counts: Annotated[tuple[Counts, ...], Length(1)]
+    pin_spread: Fraction = 0.0
+    pin_edge_px: Annotated[tuple[Annotated[float, Bounds(0.01, 100.0)], ...], Length(1)]
     skin: Profile = ((0.0, 0.0),)
     surround: Profile = ((0.0, 0.0),)
-    black_counts: float = 0.0
-    unevenness: tuple[float, float] = (0.0, 0.0)
-    unevenness_px: tuple[float, float] = (1.0, 1.0)
-    grain: tuple[float, float] = (0.0, 0.0)
+    black_counts: Counts = 0.0
+    unevenness: tuple[Fraction, Fraction] = (0.0, 0.0)
+    unevenness_px: tuple[Width, Width] = (1.0, 1.0)
+    grain: tuple[Counts, Counts] = (0.0, 0.0)
     glints: tuple[Spot, ...] = ()
     leds: tuple[Spot, ...] = ()
-    white_counts: int = 255
-    tints: tuple[tuple[float, Tint], ...]
-    sharpening: float = 0.0
+    white_counts: Annotated[int, Bounds(1, 255)] = 255
+    tints: Annotated[tuple[tuple[float, Tint], ...], Length(1)]
+    sharpening: Annotated[float, Bounds(0.0, 10.0)] = 0.0
     noise: Profile
     noise_in_each_channel: bool = False
-    flicker: float
-    transients: tuple[tuple[float, float], ...] = ()
-    jpeg_quality: int | None = None
-    approach_mm: float = 0.0
-    sway_px: tuple[float, float] = (0.0, 0.0)
-    seed: int = 0
+    flicker: Fraction
+    transients: tuple[tuple[float, Annotated[float, Bounds(1e-3)]], ...] = ()
+    jpeg_quality: Annotated[int, Bounds(1, 100)] | None = None
+    approach_mm: Annotated[float, Bounds(0.0, 10.0)] = 0.0
+    sway_px: tuple[Width, Width] = (0.0, 0.0)
+    seed: Annotated[int, Bounds(0, 2**32 - 1)] = 0
 
     @property
     def misses(self) -> bool:
@@ -185,7 +194,7 @@ CLEAN = Look(
     pin_counts=(200.0,),
     pin_edge_px=(1.5,),
     black_counts=2.0,
-    tints=((math.inf, ((255.0, (234.6, 255.0, 244.8)),)),),
+    tints=((FAR, ((255.0, (234.6, 255.0, 244.8)),)),),
     noise=((0.0, 1.4),),
     noise_in_each_channel=True,
     flicker=0.003,
@@ -231,7 +240,7 @@ BRISTOL = Look(
     ),
     tints=(
         (1.0, ((25.3, (36.0, 25.0, 22.0)), (138.5, (195.0, 144.0, 106.0)), (255.0, (255.0, 255.0, 255.0)))),
-        (math.inf, ((201.5, (185.0, 204.0, 203.0)), (255.0, (255.0, 255.0, 255.0)))),
+        (FAR, ((201.5, (185.0, 204.0, 203.0)), (255.0, (255.0, 255.0, 255.0)))),
     ),
     sharpening=1.2,
     noise=((24.0, 1.37), (40.0, 1.25), (56.0, 1.09), (80.0, 0.96), (112.0, 0.91), (144.0, 0.76), (176.0, 0.78)),
@@ -305,7 +314,7 @@ SUSSEX = Look(
         (1.0, ((98.0, (92.0, 96.0, 106.0)), (237.6, (227.0, 240.0, 237.0)), (255.0, (255.0, 255.0, 255.0)))),
         (1.12, ((246.4, (250.0, 252.0, 234.0)), (250.0, (252.0, 252.0, 248.0)), (255.0, (255.0, 255.0, 255.0)))),
         (1.23, ((225.0, (205.0, 240.0, 203.0)), (255.0, (255.0, 255.0, 255.0)))),
-        (math.inf, ((246.4, (250.0, 252.0, 234.0)), (255.0, (255.0, 255.0, 255.0)))),
+        (FAR, ((246.4, (250.0, 252.0, 234.0)), (255.0, (255.0, 255.0, 255.0)))),
     ),
     sharpening=0.3,
     noise=((0.0, 0.2),),

@@ -229,7 +229,7 @@ def drawn(place: Scene, pins: Discs, light: float, sway_px: tuple[float, float, 
     return image
 
 
-def visible(pins: Discs, place: Scene, look: Look, light: float = 1.0) -> NDArray[np.bool_]:
+def visible(pins: Discs, place: Scene, look: Look) -> NDArray[np.bool_]:
     """Which discs can be seen: the peak stands out of the noise, and no reflection covers the centre; shape (n,)."""
     height, width = place.counts.shape
     turn = 2.0 * math.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
@@ -243,7 +243,7 @@ def visible(pins: Discs, place: Scene, look: Look, light: float = 1.0) -> NDArra
     middles = pins.middles_px
     surroundings = np.minimum(at(middles[:, None, :] + around, place.counts), look.white_counts).mean(axis=1)
     peak = np.minimum(at(middles, place.counts) + pins.counts, look.white_counts)
-    stands_out = light * (peak - surroundings) >= VISIBLE_SIGMAS * along(surroundings, look.noise)
+    stands_out = peak - surroundings >= VISIBLE_SIGMAS * along(surroundings, look.noise)
     bare = at(middles, place.reflections) < pins.counts / 2.0
     in_frame = np.all((middles >= 0.0) & (middles <= np.array([width - 1.0, height - 1.0])), axis=1)
     return np.asarray(stands_out & bare & in_frame)

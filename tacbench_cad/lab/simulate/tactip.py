@@ -173,7 +173,9 @@ class TacTip:
         light = _light(self.rest)
         spread = 1.0 + look.pin_spread * np.random.Generator(np.random.SFC64(look.seed)).standard_normal(light.size)
         # A single level is that of the LEDs' law; several are what was measured, reflections of the skin included.
-        self._counts = spread * _by_place(places, look.pin_counts) / (light if look.pin_spread else np.mean(light))
+        self._counts = (
+            spread * _by_place(places, look.pin_counts) / (np.mean(light) if len(look.pin_counts) == 1 else light)
+        )
         self._edge_px = _by_place(places, look.pin_edge_px)
         self._skin_counts = along(radii_px / max(look.dome_radius_px, 1.0), look.skin)
 
