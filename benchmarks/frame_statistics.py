@@ -54,7 +54,10 @@ def print_files(paths: list[Path], near: Dome, field: float, log: tuple[float, f
     for path, frame in zip(paths, frames, strict=True):
         if frame is None:
             raise SystemExit(f"{path}: is no image that OpenCV reads.")
-    single = [frame_statistics(frame, near, field / near.radius, log) for frame in frames]
+    try:
+        single = [frame_statistics(frame, near, field / near.radius, log) for frame in frames]
+    except ValueError as error:
+        raise SystemExit(f"{error}; --dome, --field and --log say where and how to look for them.") from None
     for name in single[0]:
         values = [statistics[name] for statistics in single if name in statistics]
         print(f"{name:45}{np.median(values):10.4g}{min(values):10.4g} to {max(values):.4g}")

@@ -126,6 +126,9 @@ def frame_statistics(
         field: Radius of the field of pins, as a fraction of the dome's.
         log: Sigma and threshold of the pins' Laplacian of a Gaussian.
         seen: Where the pins are that can be seen, if that is known; None takes what the Laplacian finds.
+
+    Raises:
+        ValueError: Hardly any pins are there.
     """
     whole = grey_of(frame)
     grey = whole.astype(np.float64)
@@ -144,6 +147,8 @@ def frame_statistics(
     values["peaks of the Laplacian"] = len(pins)
     pins = pins if seen is None else seen
     values["pins seen"] = len(pins)
+    if len(pins) < 10:
+        raise ValueError(f"only {len(pins)} pins were found in the dome")
     nearest, _ = cKDTree(pins).query(np.stack([columns.ravel(), rows.ravel()], axis=1))
     between = nearest.reshape(grey.shape) > 8.0
     place = np.hypot(*(pins - (dome.x, dome.y)).T) / dome.radius / field
@@ -271,7 +276,8 @@ def noise_by_level(frames: Sequence[NDArray[Any]], levels: Sequence[tuple[int, i
         mean = gaussian_filter((first + second) / 2.0, 0.7)
         for i, (low, high) in enumerate(levels):
             squares[i].append(difference[inside & (mean >= low) & (mean < high)] ** 2)
-    return [float(np.sqrt(np.concatenate(square).mean() / 2.0)) / kept for square in squares]
+    pixels = [np.concatenate(square) for square in squares]
+    return [float(np.sqrt(square.mean() / 2.0)) / kept if square.size else float("nan") for square in pixels]
 
 
 def light_outside(frames: Sequence[NDArray[Any]], near: Dome) -> Floats:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from statistics import NormalDist
 from typing import Any
 
@@ -73,8 +73,7 @@ class Scene:
         radii = distance / max(look.dome_radius_px, 1.0)
         rng = np.random.Generator(np.random.SFC64(look.seed))
         inside, surround = (
-            along(radii, profile) * (1.0 + fraction * _smooth_noise(radii.shape, width, rng))
-            + grain * rng.standard_normal(radii.shape)
+            _surface(along(radii, profile), fraction, width, grain, rng)
             for profile, fraction, width, grain in zip(
                 (look.skin, look.surround), look.unevenness, look.unevenness_px, look.grain, strict=True
             )
@@ -116,9 +115,9 @@ class Scene:
         return image
 
 
-@cache
+@lru_cache(maxsize=8)
 def scene(look: Look, camera: Camera) -> Scene:
-    """The scene of a look, made once."""
+    """The scene of a look, made once for all sensors that have it."""
     return Scene(look, camera)
 
 
@@ -128,12 +127,14 @@ def along(places: NDArray[Any], profile: Profile) -> Floats:
     return np.asarray(np.interp(places, knots[:, 0], knots[:, 1]), dtype=np.float64)
 
 
-def _smooth_noise(shape: tuple[int, ...], width_px: float, rng: np.random.Generator) -> Floats:
-    """A field of standard deviation 1 that keeps together over a width."""
+def _surface(counts: Floats, fraction: float, width_px: float, grain: float, rng: np.random.Generator) -> Floats:
+    """A surface that is uneven by a fraction over a width, and grained from pixel to pixel."""
     from scipy.ndimage import gaussian_filter
 
-    field = gaussian_filter(rng.standard_normal(shape), width_px, mode="reflect")
-    return np.asarray((field - np.mean(field)) / np.std(field), dtype=np.float64)
+    if fraction > 0.0:
+        field = gaussian_filter(rng.standard_normal(counts.shape), width_px, mode="reflect")
+        counts = counts * (1.0 + fraction * (field - np.mean(field)) / np.std(field))
+    return counts + grain * rng.standard_normal(counts.shape) if grain > 0.0 else counts
 
 
 def _spots(spots: tuple[Spot, ...], look: Look, dx: NDArray[Any], dy: NDArray[Any]) -> Floats:
@@ -219,10 +220,12 @@ def drawn(place: Scene, pins: Discs, light: float, sway_px: tuple[float, float, 
     dy = (corner[:, 1:] + at[None, :] - middles[:, 1:])[:, :, None]
     short = (dx * along_x + dy * along_y) / cosine
     long = dy * along_x - dx * along_y
-    inside = np.clip((radius_px[:, None, None] - np.sqrt(short**2 + long**2)) / edge_px + 0.5, 0.0, 1.0)
+    levels = np.clip((radius_px[:, None, None] - np.sqrt(short**2 + long**2)) / edge_px + 0.5, 0.0, 1.0)
+    levels *= counts
     windows = np.lib.stride_tricks.sliding_window_view(place.counts, (at.size, at.size))[corner[:, 1], corner[:, 0]]
-    under = windows * light + place.black_counts
-    stamps = np.clip(under + inside * counts + 0.5, 0.0, 255.0).astype(np.uint8)
+    levels += windows * light + place.black_counts
+    levels += 0.5
+    stamps = np.clip(levels, 0.0, 255.0, out=levels).astype(np.uint8)
     for stamp, (column, row) in zip(stamps, corner.tolist(), strict=True):
         window = image[row : row + at.size, column : column + at.size]
         np.maximum(window, stamp, out=window)
@@ -243,7 +246,8 @@ def visible(pins: Discs, place: Scene, look: Look) -> NDArray[np.bool_]:
     middles = pins.middles_px
     surroundings = np.minimum(at(middles[:, None, :] + around, place.counts), look.white_counts).mean(axis=1)
     peak = np.minimum(at(middles, place.counts) + pins.counts, look.white_counts)
-    stands_out = peak - surroundings >= VISIBLE_SIGMAS * along(surroundings, look.noise)
+    noise = np.hypot(along(surroundings, look.noise), look.grain[0])
+    stands_out = peak - surroundings >= VISIBLE_SIGMAS * noise
     bare = at(middles, place.reflections) < pins.counts / 2.0
     in_frame = np.all((middles >= 0.0) & (middles <= np.array([width - 1.0, height - 1.0])), axis=1)
     return np.asarray(stands_out & bare & in_frame)

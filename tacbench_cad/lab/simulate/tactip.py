@@ -74,8 +74,8 @@ class Markers:
 
     Args:
         centres_px: Columns and rows of their middles, shape (n, 2).
-        visible: Which of them can be seen: the peak stands 5 standard deviations of the noise above its surroundings,
-            and no reflection covers the centre; shape (n,).
+        visible: Which of them can be seen: the peak stands 5 standard deviations of noise and grain above its
+            surroundings, and no reflection covers the centre; shape (n,).
     """
 
     centres_px: Floats
@@ -225,8 +225,8 @@ class TacTip:
                 reached where the summit really is.
             rng: Decides the errors.
         """
-        force_n = 0.0 if contact is None else contact.force_n(*pose_mm)
-        if contact is None or force_n == 0.0 or not self.look.misses:
+        force_n = contact.force_n(*pose_mm) if contact is not None and self.look.misses else 0.0
+        if contact is None or force_n == 0.0:
             return self.pins(contact, pose_mm)
         spreads = np.repeat([self.look.approach_mm, *self.look.sway_px], (2, 2, 1))
         dx, dy, column, row, radius = (spreads * rng.standard_normal(5)).tolist()
