@@ -83,7 +83,7 @@ def test_the_3mf_has_each_part_where_the_joints_put_it(folder: Path) -> None:
     assert first == len(mesh.vertices)
 
 
-@pytest.mark.parametrize("ending", ["3mf", "step"])
+@pytest.mark.parametrize("ending", ["3mf", pytest.param("step", marks=pytest.mark.long)])
 def test_check_examines_each_part_by_its_own_specification(folder: Path, ending: str) -> None:
     report = examine(folder / f"{SET.name}.{ending}", full=False)
     assert report.ok, report.faults

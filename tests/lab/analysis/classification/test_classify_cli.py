@@ -191,10 +191,10 @@ def test_bad_input_is_refused_in_one_line(
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
 def test_an_interruption_ends_with_130_and_the_same_command_goes_on(runs: Path, own: Path) -> None:
     words = ["classify", str(runs), "-o", "out", "--estimator", "own_model:Slow", "--hold-out", "copy"]
-    words += ["--trials", "3", "--jobs", "1", "--resolution", "0.5"]
+    words += ["--trials", "3", "--jobs", "1", "--resolution", "0.1"]
     command = [sys.executable, "-c", "import sys; from tacbench_cad.cli import main; sys.exit(main())", *words]
     trials = own / "out" / "trials"
-    process = subprocess.Popen(command, cwd=own, env={**os.environ, "SLOW_S": "1.5"}, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, cwd=own, env={**os.environ, "SLOW_S": "0.8"}, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60
     while not list(trials.glob("leak-free-*.json")) and time.monotonic() < deadline:
         time.sleep(0.05)
