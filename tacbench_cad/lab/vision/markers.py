@@ -1,0 +1,357 @@
+"""Finding the markers of a tactile sensor in its frames, with sub-pixel centres.
+
+A marker is a small spot, bright or dark, that occurs many times in a frame: a pin of a TacTip, a dot in a gel. The
+finder learns what such a spot looks like from some frames of the sensor, so that nothing has to be tuned:
+
+1. *Scale.* Peaks of the normalised Laplacian of Gaussian ``-s^2 L(s)`` respond most where the spots are as wide as
+   ``sqrt(8) s``. Of all scales, bright and dark, the one is taken with the largest ``n r^3``: n peaks that respond with
+   r or more. Few large reflections and many small grains of noise both lose against many equal spots.
+2. *Template.* The median of the patches around these peaks, made symmetric.
+3. *Fit.* Each patch is written as ``level + slope x + slope y + contrast template(x - dx, y - dy)``, linear in small
+   shifts, so that one matrix gives contrast, shift and the quality of the fit of every candidate. A reflection, a rim
+   or a lamp fits badly; a weak pin fits well.
+4. *Field.* The markers are those that lie near others: lamps and structures beside the sensor are cut off.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.lab.rig.sensor import Frame, is_image
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Bools, Bytes, Floats, Floats32
+
+#: The scales that are tried, in pixels.
+SCALES_PX = 1.5 * 1.2 ** np.arange(13)
+#: Fewer equal spots than this are not taken for markers.
+MIN_MARKERS = 12
+#: A candidate is a marker if ``quality + _CONTRAST_WEIGHT min(1, contrast / usual contrast)`` reaches this: weak spots
+#: must look like the template, strong ones may be partly covered by a reflection.
+_MIN_SCORE, _CONTRAST_WEIGHT = 1.0, 0.35
+#: The least contrast by default, as a fraction of the usual one, and in standard deviations of the camera's noise.
+_MIN_CONTRAST, _MIN_NOISE_RATIO = 0.22, 4.0
+#: Two markers lie at least so many scales apart: less than the width of a spot, since pins may cover each other.
+_MIN_DISTANCE = 2.0
+#: Markers belong together if they lie within so many usual distances.
+_MAX_GAP = 2.5
+#: Half the side of a patch, in scales; and how much it is smoothed before the fit, which makes a shift more linear.
+_PATCH, _SMOOTHING_PX = 1.8, 0.8
+#: A fit with a quality below this is made again with weights: a pixel that lies so far from the model, as a fraction of
+#: the usual contrast, has a quarter of the weight.
+_GOOD_FIT, _FAR, _ROBUST_STEPS = 0.985, 0.1, 3
+#: A worse fit of the first step is not followed up.
+_MIN_QUALITY = 0.4
+
+
+@dataclass(frozen=True, kw_only=True)
+class MarkerSettings:
+    """What markers look like. What is None is estimated from the frames.
+
+    Args:
+        sigma_px: Scale of the Laplacian of Gaussian: the width of a marker divided by 2.8, from 1 to 20.
+        threshold: The least contrast of a marker with what surrounds it, in counts.
+        dark: Whether the markers are darker than what surrounds them.
+    """
+
+    sigma_px: float | None = None
+    threshold: float | None = None
+    dark: bool | None = None
+
+    def __post_init__(self) -> None:
+        if self.sigma_px is not None and not 1.0 <= self.sigma_px <= 20.0:
+            raise InputError("sigma_px", self.sigma_px, "must be from 1 to 20")
+        if self.threshold is not None and not 0.0 < self.threshold <= 255.0:
+            raise InputError("threshold", self.threshold, "must be above 0 and at most 255")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Markers:
+    """The markers of a frame.
+
+    Args:
+        centres_px: Column and row of each centre, shape (n, 2); the middle of the first pixel is 0, 0.
+        contrast: How far each stands above (dark ones: below) what surrounds it, in counts, shape (n,).
+        quality: The correlation of each with the usual marker, shape (n,).
+    """
+
+    centres_px: Floats
+    contrast: Floats
+    quality: Floats
+
+    def __len__(self) -> int:
+        return len(self.centres_px)
+
+    def chosen(self, which: Bools | NDArray[np.int64]) -> Markers:
+        """The markers at some indices, or where a mask is true."""
+        return Markers(centres_px=self.centres_px[which], contrast=self.contrast[which], quality=self.quality[which])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MarkerFinder:
+    """Finds the markers of a sensor in its frames.
+
+    Args:
+        sigma_px: Scale.
+        threshold: The least contrast of a marker, in counts.
+        dark: Whether the markers are darker than what surrounds them.
+        contrast: Their usual contrast.
+        template: What a marker looks like, with a height of 1, shape (k, k), k odd.
+        mask: Where markers may lie, shape of a frame; None for everywhere.
+    """
+
+    sigma_px: float
+    threshold: float
+    dark: bool
+    contrast: float
+    template: Floats
+    mask: Bools | None = None
+
+    @classmethod
+    def learn(
+        cls, frames: Sequence[Frame], settings: MarkerSettings | None = None, mask: Bools | None = None
+    ) -> MarkerFinder:
+        """Learn what markers look like.
+
+        Args:
+            frames: Some frames of the sensor, best without contact; one is enough.
+            settings: What is known of the markers.
+            mask: Where markers may lie.
+
+        Raises:
+            InputError: There is no frame, one is no image, or none has at least 12 equal spots.
+        """
+        known = settings or MarkerSettings()
+        if not frames:
+            raise InputError("frames", 0, "must be at least one, to learn from what markers look like")
+        greys = [grey(frame) for frame in frames]
+        scales = SCALES_PX if known.sigma_px is None else np.array([known.sigma_px])
+        signs = (False, True) if known.dark is None else (known.dark,)
+        best = max(
+            ((*_strength(greys, scale, dark, mask), scale, dark) for scale in scales.tolist() for dark in signs),
+            key=lambda each: each[0],
+        )
+        strength, response, sigma_px, dark = best
+        if strength == 0.0:
+            raise InputError(
+                "markers", None, f"not found: no frame has {MIN_MARKERS} equal spots; use --features pixels"
+            )
+        # A spot of one level responds with 0.74 of its contrast.
+        draft = cls(
+            sigma_px=sigma_px, threshold=response, dark=dark, contrast=response, template=np.zeros((1, 1)), mask=mask
+        )
+        patches = np.concatenate([draft._strong_patches(image, response) for image in greys])
+        template = _symmetric(np.median(patches, axis=0))
+        draft = cls(sigma_px=sigma_px, threshold=1e-6, dark=dark, contrast=1.0, template=template, mask=mask)
+        contrast = float(np.median(np.concatenate([draft._usual(image, response) for image in greys])))
+        noise = float(np.median([_noise(image) for image in greys]))
+        threshold = known.threshold or max(_MIN_CONTRAST * contrast, _MIN_NOISE_RATIO * noise)
+        return cls(sigma_px=sigma_px, threshold=threshold, dark=dark, contrast=contrast, template=template, mask=mask)
+
+    def find(self, frame: Frame) -> Markers:
+        """The markers of a frame, in no particular order.
+
+        Args:
+            frame: uint8, shape (height, width) or (height, width, 3), BGR.
+
+        Raises:
+            InputError: The frame is no image, or not of the mask's shape.
+        """
+        image = grey(frame)
+        if self.mask is not None and self.mask.shape != image.shape:
+            raise InputError("frame", image.shape, f"must be {self.mask.shape}, the shape of the region of interest")
+        # The response to the weakest marker, less what a reflection or the neighbours may take of it.
+        candidates, _ = _peaks(image, self.sigma_px, self.dark, 0.5 * self.threshold, self.mask)
+        fitted = self._fit(image, candidates)
+        score = fitted.quality + _CONTRAST_WEIGHT * np.minimum(1.0, fitted.contrast / self.contrast)
+        fitted = fitted.chosen((score >= _MIN_SCORE) & (fitted.contrast >= self.threshold))
+        fitted = _thinned(fitted, _MIN_DISTANCE * self.sigma_px)
+        return fitted.chosen(_field(fitted.centres_px))
+
+    @cached_property
+    def _model(self) -> tuple[Bools, Floats32, Floats32]:
+        """The pixels of a patch, the matrix from these to coefficients, and the one back.
+
+        Coefficients: level, slope in x, slope in y, contrast, contrast dx, contrast dy.
+        """
+        half = self.template.shape[0] // 2
+        y, x = np.mgrid[-half : half + 1, -half : half + 1].astype(np.float64)
+        disc = np.hypot(x, y) <= half + 0.5
+        along_y, along_x = (np.asarray(np.gradient(self.template, axis=axis)) for axis in (0, 1))
+        columns = (np.ones_like(x), x / half, y / half, self.template, -along_x, -along_y)
+        design = np.column_stack([column[disc] for column in columns])
+        return disc, np.linalg.pinv(design).astype(np.float32), design.astype(np.float32)
+
+    def _fit(self, image: Floats32, places: Floats) -> Markers:
+        """Fit the model to the patches around some places, the second time where the first one says."""
+        import cv2
+
+        smooth = cv2.GaussianBlur(image, (0, 0), _SMOOTHING_PX)
+        first = self._step(smooth, places, robust=False)
+        likely = (first.quality > _MIN_QUALITY) & (first.contrast > 0.5 * self.threshold)
+        second = self._step(smooth, first.centres_px[likely], robust=True)
+        stray = np.max(np.abs(second.centres_px - places[likely]), axis=1, initial=0.0) > self.sigma_px
+        return second.chosen(~stray)
+
+    def _step(self, smooth: Floats32, places: Floats, *, robust: bool) -> Markers:
+        """Fit the model once, around the pixels nearest to some places.
+
+        Where the fit is bad, a robust one gives pixels that lie far from the model less weight: a reflection that
+        covers a part of a marker neither hides nor shifts it.
+        """
+        disc, solve, design = self._model
+        middle = np.rint(places).astype(np.int64)
+        patches: Floats32 = _patches(smooth, middle, self.template.shape[0] // 2)[:, disc]
+        weights: Floats32 = np.ones_like(patches)
+        values = patches @ solve.T
+        residual = np.asarray(patches - values @ design.T, dtype=np.float32)
+        quality = _quality(patches, residual, weights)
+        poor = np.flatnonzero(quality < _GOOD_FIT) if robust else np.zeros(0, dtype=np.int64)
+        for _ in range(_ROBUST_STEPS if len(poor) else 0):
+            weights[poor] = 1.0 / (1.0 + (residual[poor] / (_FAR * self.contrast)) ** 2) ** 2
+            weighted = (weights[poor, :, None] * design).transpose(0, 2, 1)
+            normal = weighted @ design + 1e-3 * np.eye(design.shape[1], dtype=np.float32)
+            values[poor] = np.linalg.solve(normal, weighted @ patches[poor, :, None])[:, :, 0]
+            residual[poor] = patches[poor] - values[poor] @ design.T
+        if len(poor):
+            quality = _quality(patches, residual, weights) * np.sqrt(np.mean(weights, axis=1))
+        contrast = values[:, 3:4].astype(np.float64)
+        shift = np.divide(values[:, 4:6], contrast, out=np.zeros((len(places), 2)), where=contrast != 0.0)
+        return Markers(
+            centres_px=middle + np.clip(shift, -2.0, 2.0),
+            contrast=(-1.0 if self.dark else 1.0) * contrast[:, 0],
+            quality=quality.astype(np.float64),
+        )
+
+    def _strong_patches(self, image: Floats32, response: float) -> Floats:
+        """Patches around the peaks that respond as most of the markers do, each with a height of 1."""
+        import cv2
+
+        places, _ = _peaks(image, self.sigma_px, self.dark, response, self.mask)
+        half = math.ceil(_PATCH * self.sigma_px)
+        smooth = cv2.GaussianBlur(image, (0, 0), _SMOOTHING_PX)
+        patches = _patches(smooth, np.rint(places).astype(np.int64), half).astype(np.float64)
+        low, high = (np.quantile(patches, q, axis=(1, 2), keepdims=True) for q in (0.15, 0.98))
+        sign = -1.0 if self.dark else 1.0
+        return sign * (patches - low) / np.maximum(high - low, 1.0)
+
+    def _usual(self, image: Floats32, response: float) -> Floats:
+        """The contrasts of the peaks that respond as most of the markers do."""
+        return self._fit(image, _peaks(image, self.sigma_px, self.dark, response, self.mask)[0]).contrast
+
+
+def grey(frame: Frame) -> Floats32:
+    """A frame in grey.
+
+    Raises:
+        InputError: It is no image.
+    """
+    import cv2
+
+    if not is_image(frame):
+        raise InputError("frame", f"{frame.dtype} {frame.shape}", "must be an image: markers are seen in images only")
+    image: Bytes = frame if frame.ndim == 2 else np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
+    return image.astype(np.float32)
+
+
+def _peaks(image: Floats32, scale: float, dark: bool, least: float, mask: Bools | None) -> tuple[Floats, Floats32]:
+    """Peaks of the normalised Laplacian of Gaussian above ``least``: places (n, 2), and responses (n,).
+
+    Ridges, as rims and rings give, are left out: at a spot the smoothed image is curved alike in all directions.
+    """
+    import cv2
+
+    smooth = cv2.GaussianBlur(image, (0, 0), scale)
+    response = cv2.Laplacian(smooth, cv2.CV_32F, ksize=1)
+    response *= scale**2 if dark else -(scale**2)
+    side = 2 * math.ceil(scale) + 1
+    largest = cv2.dilate(response, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
+    is_peak = (response == largest) & (response > least)
+    step = max(1, round(scale))
+    is_peak[:step] = is_peak[-step:] = is_peak[:, :step] = is_peak[:, -step:] = False
+    if mask is not None:
+        is_peak &= mask
+    y, x = np.nonzero(is_peak)
+
+    def at(dy: int, dx: int) -> Floats32:
+        return np.asarray(smooth[y + dy * step, x + dx * step])
+
+    xx, yy = at(0, 1) + at(0, -1) - 2 * at(0, 0), at(1, 0) + at(-1, 0) - 2 * at(0, 0)
+    xy = (at(1, 1) + at(-1, -1) - at(1, -1) - at(-1, 1)) / 4
+    round_ = 4 * (xx * yy - xy**2) > 0.5 * (xx + yy) ** 2
+    return np.column_stack([x, y])[round_].astype(np.float64), response[y, x][round_]
+
+
+def _strength(greys: Sequence[Floats32], scale: float, dark: bool, mask: Bools | None) -> tuple[float, float]:
+    """How much a scale looks like that of markers, and the response that most of these reach."""
+    responses = np.concatenate([_peaks(image, scale, dark, 1.0, mask)[1] for image in greys])
+    falling = np.sort(responses)[::-1].astype(np.float64)
+    value = np.arange(1, len(falling) + 1) * falling**3
+    value[: MIN_MARKERS * len(greys) - 1] = 0.0
+    if not value.any():
+        return 0.0, 0.0
+    place = int(np.argmax(value))
+    return float(value[place]), float(falling[place])
+
+
+def _patches(image: Floats32, middle: NDArray[np.int64], half: int) -> Floats32:
+    """Square patches around pixels, the image's edge repeated, shape (n, 2 half + 1, 2 half + 1)."""
+    at = np.arange(-half, half + 1)
+    rows = np.clip(middle[:, 1, None] + at, 0, image.shape[0] - 1)
+    columns = np.clip(middle[:, 0, None] + at, 0, image.shape[1] - 1)
+    return np.asarray(image[rows[:, :, None], columns[:, None, :]])
+
+
+def _symmetric(patch: Floats) -> Floats:
+    """The mean of a patch and its mirror images, so that its centre is its middle."""
+    both = patch + patch[::-1]
+    both = both + both[:, ::-1]
+    return (both + both.T) / 8.0
+
+
+def _noise(image: Floats32) -> float:
+    """The noise of a frame, in counts: the median deviation of each pixel from its neighbours (Immerkaer's mask)."""
+    import cv2
+
+    mask = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
+    return float(np.median(np.abs(cv2.filter2D(image, cv2.CV_32F, mask)))) / 6.0 * 1.4826
+
+
+def _quality(patches: Floats32, residual: Floats32, weights: Floats32) -> Floats32:
+    """The correlation of patches with the model."""
+    total = np.sum(weights, axis=1, keepdims=True)
+    level = np.sum(weights * patches, axis=1, keepdims=True) / total
+    square = np.maximum(np.sum(weights * (patches - level) ** 2, axis=1), 1e-6)
+    return np.asarray(np.sqrt(np.maximum(0.0, 1.0 - np.sum(weights * residual**2, axis=1) / square)))
+
+
+def _thinned(markers: Markers, distance: float) -> Markers:
+    """Markers without those that lie nearer than a distance to one that fits better."""
+    from scipy.spatial import cKDTree
+
+    order = markers.chosen(np.argsort(-markers.quality * np.sqrt(np.maximum(markers.contrast, 0.0))))
+    keep = np.ones(len(order), dtype=bool)
+    for first, second in cKDTree(order.centres_px).query_pairs(distance, output_type="ndarray"):
+        keep[max(first, second)] &= not keep[min(first, second)]
+    return order.chosen(keep)
+
+
+def _field(centres: Floats) -> Bools:
+    """Which centres belong to the largest group of neighbours."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    if len(centres) < MIN_MARKERS:
+        return np.ones(len(centres), dtype=bool)
+    tree = cKDTree(centres)
+    spacing = float(np.median(tree.query(centres, 2)[0][:, 1]))
+    pairs = tree.query_pairs(_MAX_GAP * spacing, output_type="ndarray")
+    near = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(centres),) * 2)
+    group = connected_components(near, directed=False)[1]
+    return np.asarray(group == np.bincount(group).argmax())
