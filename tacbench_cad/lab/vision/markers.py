@@ -17,8 +17,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,9 +32,9 @@ from tacbench_cad.util.types import Bools, Bytes, Floats, Floats32
 SCALES_PX = 1.5 * 1.2 ** np.arange(13)
 #: Fewer equal spots than this are not taken for markers.
 MIN_MARKERS = 12
-#: A candidate is a marker if ``quality + _CONTRAST_WEIGHT min(1, contrast / usual contrast)`` reaches this: weak spots
-#: must look like the template, strong ones may be partly covered by a reflection.
-_MIN_SCORE, _CONTRAST_WEIGHT = 1.0, 0.35
+#: A candidate is a marker if ``quality + weight min(1, 2 contrast / usual contrast)`` reaches this: weak spots must look
+#: like the template, strong ones may be partly covered by a reflection.
+_MIN_SCORE, _CONTRAST_WEIGHT = 1.1, 0.35
 #: The least contrast by default, as a fraction of the usual one, and in standard deviations of the camera's noise.
 _MIN_CONTRAST, _MIN_NOISE_RATIO = 0.22, 4.0
 #: Two markers lie at least so many scales apart: less than the width of a spot, since pins may cover each other.
@@ -44,9 +45,13 @@ _MAX_GAP = 2.5
 _PATCH, _SMOOTHING_PX = 1.8, 0.8
 #: A fit with a quality below this is made again with weights: a pixel that lies so far from the model, as a fraction of
 #: the usual contrast, has a quarter of the weight.
-_GOOD_FIT, _FAR, _ROBUST_STEPS = 0.985, 0.1, 3
+_GOOD_FIT, _FAR, _ROBUST_STEPS = 0.985, 0.2, 3
+#: How much a stiff and a loose fit shun other shapes than the template.
+_STIFFNESS = (4.0, 0.003)
+#: Ellipses are looked for where that finds so many times the markers.
+_MANY_MORE = 1.1
 #: A worse fit of the first step is not followed up.
-_MIN_QUALITY = 0.4
+_MIN_QUALITY = 0.6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +107,7 @@ class MarkerFinder:
         dark: Whether the markers are darker than what surrounds them.
         contrast: Their usual contrast.
         template: What a marker looks like, with a height of 1, shape (k, k), k odd.
+        ellipses: Whether the camera sees some of them askew, as those at the rim of a wide dome.
         mask: Where markers may lie, shape of a frame; None for everywhere.
     """
 
@@ -110,6 +116,7 @@ class MarkerFinder:
     dark: bool
     contrast: float
     template: Floats
+    ellipses: bool = False
     mask: Bools | None = None
 
     @classmethod
@@ -141,17 +148,20 @@ class MarkerFinder:
             raise InputError(
                 "markers", None, f"not found: no frame has {MIN_MARKERS} equal spots; use --features pixels"
             )
-        # A spot of one level responds with 0.74 of its contrast.
-        draft = cls(
-            sigma_px=sigma_px, threshold=response, dark=dark, contrast=response, template=np.zeros((1, 1)), mask=mask
+        first = cls(
+            sigma_px=sigma_px, threshold=0.0, dark=dark, contrast=response, template=np.zeros((1, 1)), mask=mask
         )
-        patches = np.concatenate([draft._strong_patches(image, response) for image in greys])
-        template = _symmetric(np.median(patches, axis=0))
-        draft = cls(sigma_px=sigma_px, threshold=1e-6, dark=dark, contrast=1.0, template=template, mask=mask)
-        contrast = float(np.median(np.concatenate([draft._usual(image, response) for image in greys])))
+        patches = np.concatenate([first._strong_patches(image, response) for image in greys])
+        first = replace(first, template=_symmetric(np.median(patches, axis=0)))
+        contrast = float(np.median(np.concatenate([first._usual(image, response) for image in greys])))
         noise = float(np.median([_noise(image) for image in greys]))
         threshold = known.threshold or max(_MIN_CONTRAST * contrast, _MIN_NOISE_RATIO * noise)
-        return cls(sigma_px=sigma_px, threshold=threshold, dark=dark, contrast=contrast, template=template, mask=mask)
+        spots = replace(first, contrast=contrast, threshold=threshold)
+        ellipses = replace(spots, ellipses=True)
+        more = sum(len(ellipses.find(frame)) for frame in frames) > _MANY_MORE * sum(
+            len(spots.find(frame)) for frame in frames
+        )
+        return ellipses if more else spots
 
     def find(self, frame: Frame) -> Markers:
         """The markers of a frame, in no particular order.
@@ -168,58 +178,75 @@ class MarkerFinder:
         # The response to the weakest marker, less what a reflection or the neighbours may take of it.
         candidates, _ = _peaks(image, self.sigma_px, self.dark, 0.5 * self.threshold, self.mask)
         fitted = self._fit(image, candidates)
-        score = fitted.quality + _CONTRAST_WEIGHT * np.minimum(1.0, fitted.contrast / self.contrast)
-        fitted = fitted.chosen((score >= _MIN_SCORE) & (fitted.contrast >= self.threshold))
+        fitted = fitted.chosen(self._are_markers(fitted))
         fitted = _thinned(fitted, _MIN_DISTANCE * self.sigma_px)
         return fitted.chosen(_field(fitted.centres_px))
 
     @cached_property
     def _model(self) -> tuple[Bools, Floats32, Floats32]:
-        """The pixels of a patch, the matrix from these to coefficients, and the one back.
+        """The pixels of a patch, the matrix from coefficients to these, and the penalties of a stiff and a loose fit.
 
-        Coefficients: level, slope in x, slope in y, contrast, contrast dx, contrast dy.
+        Coefficients: level, slope in x, slope in y, contrast, contrast dx, contrast dy, and
+        how much wider the spot is in x, in y and askew: rims show round pins as ellipses.
         """
         half = self.template.shape[0] // 2
         y, x = np.mgrid[-half : half + 1, -half : half + 1].astype(np.float64)
         disc = np.hypot(x, y) <= half + 0.5
         along_y, along_x = (np.asarray(np.gradient(self.template, axis=axis)) for axis in (0, 1))
-        columns = (np.ones_like(x), x / half, y / half, self.template, -along_x, -along_y)
+        columns = (
+            *(np.ones_like(x), x / half, y / half, self.template, -along_x, -along_y),
+            *(x * along_x, y * along_y, x * along_y + y * along_x),
+        )
         design = np.column_stack([column[disc] for column in columns])
-        return disc, np.linalg.pinv(design).astype(np.float32), design.astype(np.float32)
+        penalties = [np.diag(np.sum(design**2, axis=0) * ([1e-6] * 6 + [stiffness] * 3)) for stiffness in _STIFFNESS]
+        return disc, design.astype(np.float32), np.array(penalties, dtype=np.float32)
 
     def _fit(self, image: Floats32, places: Floats) -> Markers:
-        """Fit the model to the patches around some places, the second time where the first one says."""
+        """Fit the model to the patches around some places, the second time where the first one says.
+
+        Spots are fitted as they mostly are, and, where there are such, as ellipses if they do not fit so.
+        """
         import cv2
 
         smooth = cv2.GaussianBlur(image, (0, 0), _SMOOTHING_PX)
-        first = self._step(smooth, places, robust=False)
+        first = self._step(smooth, places, loose=True, robust=False)
         likely = (first.quality > _MIN_QUALITY) & (first.contrast > 0.5 * self.threshold)
-        second = self._step(smooth, first.centres_px[likely], robust=True)
+        second = self._step(smooth, first.centres_px[likely], loose=False, robust=True)
+        if self.ellipses:
+            others = np.flatnonzero(~self._are_markers(second))
+            ellipses = self._step(smooth, first.centres_px[likely][others], loose=True, robust=True)
+            second.centres_px[others], second.contrast[others] = ellipses.centres_px, ellipses.contrast
+            second.quality[others] = ellipses.quality
         stray = np.max(np.abs(second.centres_px - places[likely]), axis=1, initial=0.0) > self.sigma_px
         return second.chosen(~stray)
 
-    def _step(self, smooth: Floats32, places: Floats, *, robust: bool) -> Markers:
+    def _are_markers(self, fitted: Markers) -> Bools:
+        """Which candidates are markers."""
+        score = fitted.quality + _CONTRAST_WEIGHT * np.minimum(1.0, 2.0 * fitted.contrast / self.contrast)
+        return np.asarray((score >= _MIN_SCORE) & (fitted.contrast >= self.threshold))
+
+    def _step(self, smooth: Floats32, places: Floats, *, loose: bool, robust: bool) -> Markers:
         """Fit the model once, around the pixels nearest to some places.
 
         Where the fit is bad, a robust one gives pixels that lie far from the model less weight: a reflection that
         covers a part of a marker neither hides nor shifts it.
         """
-        disc, solve, design = self._model
+        disc, design, penalties = self._model
+        penalty = penalties[int(loose)]
         middle = np.rint(places).astype(np.int64)
-        patches: Floats32 = _patches(smooth, middle, self.template.shape[0] // 2)[:, disc]
-        weights: Floats32 = np.ones_like(patches)
-        values = patches @ solve.T
-        residual = np.asarray(patches - values @ design.T, dtype=np.float32)
-        quality = _quality(patches, residual, weights)
-        poor = np.flatnonzero(quality < _GOOD_FIT) if robust else np.zeros(0, dtype=np.int64)
-        for _ in range(_ROBUST_STEPS if len(poor) else 0):
-            weights[poor] = 1.0 / (1.0 + (residual[poor] / (_FAR * self.contrast)) ** 2) ** 2
-            weighted = (weights[poor, :, None] * design).transpose(0, 2, 1)
-            normal = weighted @ design + 1e-3 * np.eye(design.shape[1], dtype=np.float32)
-            values[poor] = np.linalg.solve(normal, weighted @ patches[poor, :, None])[:, :, 0]
-            residual[poor] = patches[poor] - values[poor] @ design.T
-        if len(poor):
-            quality = _quality(patches, residual, weights) * np.sqrt(np.mean(weights, axis=1))
+        patches = _patches(smooth, middle, self.template.shape[0] // 2)[:, disc]
+        values = np.linalg.solve(design.T @ design + penalty, design.T @ patches.T).T
+        quality = _quality(patches, patches - values @ design.T)
+        poor = np.flatnonzero(quality < _GOOD_FIT)
+        if robust and len(poor):
+            covered, fit = patches[poor], values[poor]
+            for _ in range(_ROBUST_STEPS):
+                residual = (covered - fit @ design.T) / np.float32(_FAR * self.contrast)
+                weights = (1.0 + residual**2) ** -2
+                weighted = (weights[:, :, None] * design).transpose(0, 2, 1)
+                fit = np.linalg.solve(weighted @ design + penalty, weighted @ covered[:, :, None])[:, :, 0]
+            values[poor] = fit
+            quality[poor] *= _quality(covered, covered - fit @ design.T, weights) * np.sqrt(np.mean(weights, axis=1))
         contrast = values[:, 3:4].astype(np.float64)
         shift = np.divide(values[:, 4:6], contrast, out=np.zeros((len(places), 2)), where=contrast != 0.0)
         return Markers(
@@ -242,7 +269,10 @@ class MarkerFinder:
 
     def _usual(self, image: Floats32, response: float) -> Floats:
         """The contrasts of the peaks that respond as most of the markers do."""
-        return self._fit(image, _peaks(image, self.sigma_px, self.dark, response, self.mask)[0]).contrast
+        import cv2
+
+        places, _ = _peaks(image, self.sigma_px, self.dark, response, self.mask)
+        return self._step(cv2.GaussianBlur(image, (0, 0), _SMOOTHING_PX), places, loose=True, robust=False).contrast
 
 
 def grey(frame: Frame) -> Floats32:
@@ -322,12 +352,12 @@ def _noise(image: Floats32) -> float:
     return float(np.median(np.abs(cv2.filter2D(image, cv2.CV_32F, mask)))) / 6.0 * 1.4826
 
 
-def _quality(patches: Floats32, residual: Floats32, weights: Floats32) -> Floats32:
-    """The correlation of patches with the model."""
-    total = np.sum(weights, axis=1, keepdims=True)
-    level = np.sum(weights * patches, axis=1, keepdims=True) / total
-    square = np.maximum(np.sum(weights * (patches - level) ** 2, axis=1), 1e-6)
-    return np.asarray(np.sqrt(np.maximum(0.0, 1.0 - np.sum(weights * residual**2, axis=1) / square)))
+def _quality(patches: NDArray[Any], residual: NDArray[Any], weights: NDArray[Any] | None = None) -> NDArray[Any]:
+    """The correlation of patches with the model, from what the model leaves of them."""
+    weight = np.ones((1, 1), dtype=np.float32) if weights is None else weights / np.mean(weights, axis=1, keepdims=True)
+    level = np.mean(weight * patches, axis=1, keepdims=True)
+    square = np.maximum(np.mean(weight * (patches - level) ** 2, axis=1), 1e-6)
+    return np.asarray(np.sqrt(np.maximum(0.0, 1.0 - np.mean(weight * residual**2, axis=1) / square)))
 
 
 def _thinned(markers: Markers, distance: float) -> Markers:
