@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     "Groups held out whole, or what the paper's text says.",
     default="leak-free",
 )
+@options.look
 @options.option(
     "--estimator",
     options.NAMES,
@@ -110,6 +111,7 @@ def command(
       tacbench classify runs
       tacbench classify runs --protocol paper -o paper-classification
       tacbench classify runs --estimator my_model:pipeline --hold-out copy,printer-filament
+      tacbench classify runs --features markers
       tacbench classify runs --sweep resolution=0.025:0.475 --hold-out copy
     """
     from tacbench_cad.lab.analysis.classification.classify import MODULES, TRIALS, classify, write_tables
@@ -141,7 +143,9 @@ def command(
         protocol=protocol,
         estimators=estimators,
         components=(None if own else 25) if components is None else None if components == "none" else components,
-        augmentation=_augmentation(noise, brightness, is_image(collection.frame(0))),
+        augmentation=_augmentation(
+            noise, brightness, settings["features"] == "pixels" and is_image(collection.frame(0))
+        ),
         hold_out=hold_out or HOLD_OUT_LEVELS,
         train_on=train_on or (),
         **settings,

@@ -270,6 +270,22 @@ key = option(
 )
 jobs = option("--jobs", JOBS, "Processes.", default=_every_processor, show_default="one for each processor", panel=WORK)
 dask = option("--dask", text("ADDRESS"), "Use a Dask cluster that is there: tcp://10.0.0.5:8786.", panel=WORK)
+roi = option(
+    "--roi",
+    text("REGION"),
+    "Region of interest: auto, circle:X,Y,R, rect:X0,Y0,X1,Y1 (pixels), a PNG file, white where the sensor is, "
+    "or none. Default: what `tacbench runs roi` kept with the runs.",
+)
+marker_settings = together(
+    option("--marker-sigma", NUMBER, "Width of a marker divided by 2.8, in pixels. Default: from the frames."),
+    option("--marker-threshold", NUMBER, "The least contrast of a marker, in counts. Default: from the frames."),
+)
+#: What is taken of each frame.
+look = together(
+    option("--features", choice("pixels", "markers"), "The pixels, or how far the markers moved.", default="pixels"),
+    roi,
+    marker_settings,
+)
 runs = argument("runs", file("RUNS"), "Run folders, or folders that hold some.", many=True)
 
 #: The options that describe a block and its fixtures, by the names of the fields of a ``Request``.

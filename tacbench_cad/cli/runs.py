@@ -14,9 +14,11 @@ from tacbench_cad.cli import options
 from tacbench_cad.cli.common import end_check, note, print_json, print_lines, print_table, simulated_devices
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.errors import InputError, one_line
+from tacbench_cad.util.files import refusing, replacing
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
+    from tacbench_cad.lab.rig.sensor import Frame
     from tacbench_cad.lab.runs.checking import RunReport
 
 #: Findings of one kind that are shown for a run before the rest is only counted.
@@ -130,6 +132,118 @@ def export(
             images += export_tactile_data(folder, target, processing, partial(progress.show, folder.name))
     exported = f"{counted(len(runs), 'run')}, {counted(images, 'image')} of {size[0]}x{size[1]} pixels"
     click.echo(f"{exported}, in {out or 'the run folders'}")
+
+
+@options.command("roi", command)
+@_folders
+@options.roi
+@options.out("DIR", "Folder for a picture of the region in a frame of each run.")
+@options.json
+def roi(folders: tuple[Path, ...], roi: str | None, out: Path | None, json: bool) -> None:
+    """Find, show and keep the region of interest: the part of each frame that shows the sensor.
+
+    With --roi, the region is kept in each run folder (roi.json), and variance, classify and the check of the runs use
+    it from then on; --roi none removes it. auto looks for a dome or a gel in the frames without contact, and keeps what
+    it is sure of. Without --roi, what auto would find is shown and nothing is kept.
+
+    Examples:
+      tacbench runs roi runs/ -o pictures
+      tacbench runs roi runs/ --roi auto
+      tacbench runs roi runs/ --roi circle:304,248,210
+    """
+    from tacbench_cad.lab.runs.reading import Run, find_runs
+    from tacbench_cad.lab.vision.region import remove_region, store_region
+    from tacbench_cad.lab.vision.resting import NO_REGION, found_region, region_of, resting_frames
+
+    runs = [Run.open(folder) for folder in find_runs(folders)]
+    region = found_region(runs) if roi is None else region_of(runs, roi)
+    files = []
+    for run in runs:
+        if roi == NO_REGION:
+            remove_region(run.folder)
+        elif roi is not None and region is not None:
+            store_region(run.folder, region)
+        if out is not None and region is not None:
+            for frame in resting_frames(run, 1):
+                files.append(_picture(out / f"{run.folder.name}_roi.png", region.drawn(frame)))
+    kept = len(runs) if roi is not None else 0
+    if json:
+        known = None if region is None else {"roi": region.text, "sureness": region.sureness, "outside": region.outside}
+        print_json({"region": known, "kept": kept, "files": [str(path) for path in files]})
+    elif region is None:
+        print_lines(f"no region is kept with {counted(len(runs), 'run')}")
+    else:
+        sure = f"{100 * region.sureness:.0f} % sure, {100 * region.outside:.0f} % of the pixels lie outside"
+        end = f"kept with {counted(kept, 'run')}" if kept else f"nothing is kept; --roi {region.text} keeps it"
+        print_lines(f"{region.text}: {sure}; {end}", *(f"picture: {path}" for path in files))
+
+
+@options.command("markers", command)
+@_folders
+@options.roi
+@options.marker_settings
+@options.out("DIR", "Folder for pictures of the markers that were found.", required=True)
+@options.json
+def markers(
+    folders: tuple[Path, ...],
+    roi: str | None,
+    marker_sigma: float | None,
+    marker_threshold: float | None,
+    out: Path,
+    json: bool,
+) -> None:
+    """Find the markers of the sensor, and draw them over frames: what --features markers would use.
+
+    For each run a picture of the press with the largest force. Green are the markers that were followed, red those that
+    were not found (where their neighbours predict them), blue what is no marker of the sensor; yellow is the way from
+    the place without contact. Nothing has to be tuned; --marker-sigma and --marker-threshold replace what is estimated.
+
+    Examples:
+      tacbench runs markers runs/ -o pictures
+      tacbench runs markers runs/ -o pictures --marker-sigma 3.5 --marker-threshold 20
+    """
+    from tacbench_cad.lab.runs.reading import Run, find_runs
+    from tacbench_cad.lab.runs.schema import frame_path
+    from tacbench_cad.lab.vision.displacements import MarkerFeatures
+    from tacbench_cad.lab.vision.markers import MarkerSettings
+    from tacbench_cad.lab.vision.pictures import markers_drawn
+    from tacbench_cad.lab.vision.resting import region_of
+
+    runs = [Run.open(folder) for folder in find_runs(folders)]
+    settings = MarkerSettings(sigma_px=marker_sigma, threshold=marker_threshold)
+    features = MarkerFeatures.learn(runs, settings, region_of(runs, roi))
+    rows = []
+    for run in runs:
+        row = max(run.rows, key=lambda row: (row.force_level, -row.number), default=None)
+        if row is None:
+            continue
+        frame = run.read(frame_path(row.sensor_image))
+        reference, found = features.references_px[run.info.printed.name], features.finder.find(frame)
+        track = features.track(run, frame)
+        path = _picture(out / f"{run.folder.name}_markers.png", markers_drawn(frame, reference, found, track))
+        largest = float((track.displacement_px**2).sum(axis=1).max()) ** 0.5
+        rows.append((run.folder.name, row.number, int(track.found.sum()), round(largest, 2), str(path)))
+    finder = features.finder
+    if json:
+        keys = ("run", "press", "found", "largest_displacement_px", "picture")
+        look = {"markers": features.count, "sigma_px": finder.sigma_px, "threshold": finder.threshold}
+        print_json({**look, "dark": finder.dark, "runs": [dict(zip(keys, row, strict=True)) for row in rows]})
+        return
+    kind = "dark" if finder.dark else "bright"
+    sizes = f"--marker-sigma {finder.sigma_px:.3g} --marker-threshold {finder.threshold:.3g}"
+    print_lines(f"{features.count} {kind} markers ({sizes})")
+    print_table("a press of each run", ("run", ">press", ">found", ">largest displacement (px)", "picture"), rows)
+
+
+def _picture(path: Path, image: Frame) -> Path:
+    """Write a picture, whole or not at all."""
+    import cv2
+
+    with refusing(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as temporary:
+        temporary.write_bytes(cv2.imencode(".png", image)[1].tobytes())
+    return path
 
 
 def _devices(simulated: Sequence[str]) -> str:

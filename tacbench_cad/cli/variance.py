@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import rich_click as click
 from click.exceptions import Exit
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 @options.command("variance")
 @options.runs
+@options.look
 @options.flag("--colour", "Keep the colours; else BT.601 grey.")
 @options.option(
     "--ddof", options.Value("0|1", options.whole_of), "Divide by n (0, as the paper's NumPy) or n - 1.", default="0"
@@ -35,6 +36,10 @@ if TYPE_CHECKING:
 @options.json
 def command(
     runs: tuple[Path, ...],
+    features: Literal["pixels", "markers"],
+    roi: str | None,
+    marker_sigma: float | None,
+    marker_threshold: float | None,
     colour: bool,
     ddof: int,
     register: bool,
@@ -55,20 +60,25 @@ def command(
     Examples:
       tacbench variance runs -o results
       tacbench variance runs --register --jobs 4
+      tacbench variance runs --features markers
+      tacbench variance runs --roi auto
       tacbench variance runs --colour --ddof 1 --json
     """
     from tacbench_cad.lab.analysis.collection import Collection
-    from tacbench_cad.lab.analysis.preprocess import Preprocess
+    from tacbench_cad.lab.analysis.preprocess import preprocess_of
     from tacbench_cad.lab.analysis.variance.registration import register as seats
     from tacbench_cad.lab.analysis.variance.table import variance_table
     from tacbench_cad.lab.analysis.variance.view import VarianceView, write_all
+    from tacbench_cad.lab.vision.markers import MarkerSettings
     from tacbench_cad.util.files import locked
 
     if ddof not in (0, 1):
         raise InputError("ddof", ddof, "allowed: 0, 1")
     if seed < 0:
         raise InputError("seed", seed, "must be 0 or more")
-    collection, preprocess = Collection.open(runs), Preprocess(colour=colour)
+    collection = Collection.open(runs)
+    markers = MarkerSettings(sigma_px=marker_sigma, threshold=marker_threshold)
+    preprocess = preprocess_of(collection, features, roi, colour=colour, markers=markers)
     if out is not None:
         with locked(out):  # a folder that cannot be written is refused before the work, not after it
             pass

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,11 +52,13 @@ class Collection:
         runs: The runs.
         run: Index into ``runs``, shape (n,).
         number: Press number within the run, shape (n,).
+        features: What is taken of a reading: its numbers, or how far the markers in its image moved.
     """
 
     runs: tuple[Run, ...]
     run: Ints
     number: Ints
+    features: Literal["pixels", "markers"] = "pixels"
 
     @classmethod
     def open(cls, folders: Sequence[Path]) -> Collection:
@@ -83,7 +85,7 @@ class Collection:
 
     def chosen(self, which: Chosen) -> Collection:
         """The presses at some indices, or where a mask is true."""
-        return Collection(runs=self.runs, run=self.run[which], number=self.number[which])
+        return replace(self, run=self.run[which], number=self.number[which])
 
     @property
     def info(self) -> RunInfo:
@@ -97,8 +99,8 @@ class Collection:
 
     @property
     def units(self) -> str:
-        """The unit of a reading's numbers, ``counts`` for images."""
-        return str(self.info.sensor.get("units", "counts"))
+        """The unit of a reading's numbers: ``counts`` for images, ``px`` for displacements of their markers."""
+        return "px" if self.features == "markers" else str(self.info.sensor.get("units", "counts"))
 
     @property
     def in_counts(self) -> bool:

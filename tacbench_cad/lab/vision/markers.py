@@ -32,8 +32,8 @@ from tacbench_cad.util.types import Bools, Bytes, Floats, Floats32
 SCALES_PX = 1.5 * 1.2 ** np.arange(13)
 #: Fewer equal spots than this are not taken for markers.
 MIN_MARKERS = 12
-#: A candidate is a marker if ``quality + weight min(1, 2 contrast / usual contrast)`` reaches this: weak spots must look
-#: like the template, strong ones may be partly covered by a reflection.
+#: A candidate is a marker if ``quality + weight min(1, 2 contrast / usual contrast)`` reaches this: weak spots must
+#: look like the template, strong ones may be partly covered by a reflection.
 _MIN_SCORE, _CONTRAST_WEIGHT = 1.1, 0.35
 #: The least contrast by default, as a fraction of the usual one, and in standard deviations of the camera's noise.
 _MIN_CONTRAST, _MIN_NOISE_RATIO = 0.22, 4.0
@@ -41,6 +41,8 @@ _MIN_CONTRAST, _MIN_NOISE_RATIO = 0.22, 4.0
 _MIN_DISTANCE = 2.0
 #: Markers belong together if they lie within so many usual distances.
 _MAX_GAP = 2.5
+#: ... and if they have more neighbours within that than so many times the usual number.
+_FEW = 0.25
 #: Half the side of a patch, in scales; and how much it is smoothed before the fit, which makes a shift more linear.
 _PATCH, _SMOOTHING_PX = 1.8, 0.8
 #: A fit with a quality below this is made again with weights: a pixel that lies so far from the model, as a fraction of
@@ -382,6 +384,8 @@ def _field(centres: Floats) -> Bools:
     tree = cKDTree(centres)
     spacing = float(np.median(tree.query(centres, 2)[0][:, 1]))
     pairs = tree.query_pairs(_MAX_GAP * spacing, output_type="ndarray")
+    count = np.bincount(pairs.ravel(), minlength=len(centres))
+    pairs = pairs[(count[pairs] > _FEW * np.median(count)).all(axis=1)]  # a spot beside the field has few neighbours
     near = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(centres),) * 2)
     group = connected_components(near, directed=False)[1]
     return np.asarray(group == np.bincount(group).argmax())

@@ -29,8 +29,8 @@ _WIDTH, _FUNCTIONS = 0.4, 40
 _QUICK, _THOROUGH, _LAST, _STEP = 0.4, 1.5, 0.2, 0.87
 #: The penalty of functions at a width of one spacing, and the weight of "no partner" against that of a perfect one.
 _STIFFNESS, _NO_PARTNER = 0.05, np.float32(0.1)
-#: A marker may lie so far from the prediction by its neighbours, in spacings.
-_REACH = 0.4
+#: A marker may lie so far from the prediction by its neighbours, in spacings; and in the end, if no other is as near.
+_REACH, _LAST_REACH = 0.4, 0.75
 #: The cost of a marker and a spot of the frame that both have no partner (each alone may be hidden, or a reflection),
 #: of a motion by one spacing (rings look the same when each turns by one marker); and a cost that is not questioned.
 _UNPAIRED_COST, _MOTION_COST, _GOOD_COST = 2.0, 0.03, 0.06
@@ -172,24 +172,36 @@ class MarkerTracker:
         return np.where(weights.sum(axis=1)[:, None] > 0.0, solution, moved)
 
     def _assigned(self, centres: Floats, moved: Floats) -> Track:
-        """The markers assigned one to one, at first by displacements that are about right, then by the neighbours'."""
-        from scipy.optimize import linear_sum_assignment
+        """The markers assigned one to one, at first by displacements that are about right, then by the neighbours'.
+
+        In the end what is left of both goes together over a longer way: relief moves single markers far.
+        """
         from scipy.spatial.distance import cdist
 
         found, reach = np.ones(len(moved), dtype=bool), _REACH * self.spacing_px
         for _ in range(3):
             predicted = self._predicted(moved, found)
-            cost = np.minimum((cdist(self.reference_px + predicted, centres) / reach) ** 2, 1.0)
-            rows, columns = linear_sum_assignment(cost)
-            good = cost[rows, columns] < 1.0
-            index = np.full(len(predicted), -1)
-            index[rows[good]] = columns[good]
+            square = (cdist(self.reference_px + predicted, centres) / reach) ** 2
+            index = _pairs(square, 1.0)
             found = index >= 0
             moved = np.where(found[:, None], centres[index] - self.reference_px, predicted)
         count = int(found.sum())
-        unpaired = min(len(index), len(centres)) - count
-        total = float(np.sum(cost[rows[good], columns[good]])) + _UNPAIRED_COST * unpaired
+        total = float(np.sum(square[found, index[found]])) + _UNPAIRED_COST * (min(square.shape) - count)
         total = total / len(index) + _MOTION_COST * float(np.mean(np.hypot(*moved.T))) / self.spacing_px
-        return Track(
-            displacement_px=moved, found=found, index=index, cost=min(1.0, total) if 2 * count > len(index) else 1.0
-        )
+        left, free = np.flatnonzero(~found), np.setdiff1d(np.arange(len(centres)), index)
+        partner = _pairs(square[np.ix_(left, free)], (_LAST_REACH / _REACH) ** 2)
+        index[left[partner >= 0]] = free[partner[partner >= 0]]
+        moved = np.where(index[:, None] >= 0, centres[index] - self.reference_px, moved)
+        cost = min(1.0, total) if 2 * count > len(index) else 1.0
+        return Track(displacement_px=moved, found=index >= 0, index=index, cost=cost)
+
+
+def _pairs(square: Floats, limit: float) -> Ints:
+    """For each row the column that it is assigned to, -1 where that would cost the limit or more, shape (rows,)."""
+    from scipy.optimize import linear_sum_assignment
+
+    index = np.full(len(square), -1)
+    rows, columns = linear_sum_assignment(np.minimum(square, limit))
+    good = square[rows, columns] < limit
+    index[rows[good]] = columns[good]
+    return index

@@ -19,8 +19,10 @@ from tacbench_cad.lab.analysis.classification.result import Result
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, one_thread
 from tacbench_cad.lab.analysis.classification.splits import UNITS, PressTable
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import Preprocess
+from tacbench_cad.lab.analysis.preprocess import preprocess_of
 from tacbench_cad.lab.parallel import Executor
+from tacbench_cad.lab.vision.markers import MarkerSettings
+from tacbench_cad.lab.vision.resting import NO_REGION, region_of
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.door import parse_json, read_bytes
 from tacbench_cad.util.errors import InputError
@@ -61,6 +63,7 @@ def classify(
     """
     if trials < 1:
         raise InputError("trials", trials, "must be at least 1")
+    collection = replace(collection, features=settings.features)
     presses = PressTable.of(collection)
     if settings.protocol == "paper":
         settings = replace(settings, train_on=settings.train_on or default_train_on(collection))
@@ -98,7 +101,9 @@ def _outcomes(
     show: Progress,
 ) -> Iterator[Outcome]:
     """The outcomes of all trials, each read from its file or else computed and kept there."""
-    key = f"{settings.protocol}-{replace(settings, train_on=()).key(collection.data_key)}"
+    region = region_of(collection.runs, settings.roi)
+    data = f"{collection.data_key} {region.digest if region else ''}"
+    key = f"{settings.protocol}-{replace(settings, train_on=()).key(data)}"
     groups = {name: f"{key}-{name}" for name in settings.train_on} or {"": key}
     files = {
         (group, trial): folder / f"{stem}-trial-{trial:03d}.json"
@@ -111,7 +116,10 @@ def _outcomes(
     }
     done = len(files) - sum(map(len, missing.values()))
     if done < len(files):
-        prepare = Preprocess(resolution=settings.resolution)
+        markers = MarkerSettings(sigma_px=settings.marker_sigma, threshold=settings.marker_threshold)
+        prepare = preprocess_of(
+            collection, settings.features, region or NO_REGION, resolution=settings.resolution, markers=markers
+        )
         features = read_features(collection, prepare, executor.jobs, lambda *counts: show("readings", *counts))
         study = Study(features=features, presses=presses, settings=settings)
         calls_of = leak_free.calls if settings.protocol == "leak-free" else paper_protocol.calls

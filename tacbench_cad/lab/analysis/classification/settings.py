@@ -55,6 +55,10 @@ class ClassificationSettings:
         batch_size: Rows of a step of the network.
         depth: Largest depth of the forest's trees.
         train_on: Combinations that are trained on, one at a time (``paper`` only).
+        features: The numbers of a reading, or how far the markers in its image moved.
+        roi: Region of interest, as ``--roi`` takes it; None for what is kept with the runs.
+        marker_sigma: Width of a marker divided by 2.8, in pixels; None: estimated.
+        marker_threshold: The least contrast of a marker, in counts; None: estimated.
 
     Raises:
         InputError: A value is not allowed.
@@ -74,6 +78,10 @@ class ClassificationSettings:
     batch_size: Annotated[int, Bounds(1)] = 200
     depth: Annotated[int, Bounds(1)] = 50
     train_on: tuple[str, ...] = ()
+    features: Literal["pixels", "markers"] = "pixels"
+    roi: str | None = None
+    marker_sigma: float | None = None
+    marker_threshold: float | None = None
 
     def __post_init__(self) -> None:
         check_fields(self)

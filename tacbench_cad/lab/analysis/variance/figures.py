@@ -23,6 +23,7 @@ from tacbench_cad.lab.analysis.variance.cells import (
 from tacbench_cad.lab.analysis.variance.components import LEVELS
 from tacbench_cad.lab.analysis.variance.streaming import levels_with_most_prints
 from tacbench_cad.lab.analysis.variance.table import VarianceResult
+from tacbench_cad.lab.vision.tracking import MarkerTracker
 from tacbench_cad.util.text import counted
 from tacbench_cad.util.types import Floats
 
@@ -59,6 +60,8 @@ def draw_all(result: VarianceResult, folder: Path) -> list[Path]:
         "between_textures": texture_figure,
         "components": component_figure,
     }
+    if result.fields:
+        figures["displacements"] = displacement_figure
     simulated = result.collection.simulated
     with styled():
         return [path for stem, draw in figures.items() for path in save(draw(result), folder / stem, simulated)]
@@ -140,7 +143,7 @@ def _table_panel(axes: Axes, result: VarianceResult, level: Level, combinations:
             lowest = min([lowest, *(value for value in (cell.variance, cell.noise_alone) if value)])
             _point(axes, cell, x, step, look, top)
             paper = variance_of(cell.printer, cell.filament, texture)
-            if paper is not None and result.collection.in_counts:
+            if paper is not None and result.like_paper:
                 papers.append((x + 0.32 * step, paper))
         for place in papers:
             axes.plot(*place, **look, linestyle="", markersize=4.0, markerfacecolor="none")
@@ -177,9 +180,7 @@ def _table_legend(result: VarianceResult, combinations: Sequence[str]) -> list[A
     ]
     if any(cell.floor for cell in result.cells):
         handles.append(Line2D([], [], color=INK, linewidth=1.0, label="what noise alone gives"))
-    if result.collection.in_counts and any(
-        tuple(combination.split("_", 1)) in PAPER_VARIANCE for combination in combinations
-    ):
+    if result.like_paper and any(tuple(combination.split("_", 1)) in PAPER_VARIANCE for combination in combinations):
         hollow: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 4.0, "markerfacecolor": "none"}
         handles.append(Line2D([], [], color=INK, label="hollow: the paper's table", **hollow))
     return handles
@@ -207,13 +208,46 @@ def pixel_figure(result: VarianceResult) -> Figure:
     pictures = _cropped({key: picture for key, picture in result.maps.items() if key[0] in compared(result)})
     height, width = next(iter(pictures.values())).shape
     ratio = min(2.0, max(0.25, height / width))  # what fits on a page
-    return _mosaic(result, pictures, f"variance of a pixel ({squared_unit(result)})", ratio=ratio, outline=False)
+    what = "marker" if result.fields else "pixel"
+    return _mosaic(result, pictures, f"variance of a {what} ({squared_unit(result)})", ratio=ratio, outline=False)
+
+
+def displacement_figure(result: VarianceResult) -> Figure:
+    """How far the markers move at the largest force: arrows for each combination and texture, mean over positions."""
+    markers = result.preprocess.markers
+    assert markers is not None  # there are fields
+    places = next(iter(markers.references_px.values()))
+    textures, combinations = result.collection.textures, compared(result)
+    level = max(at for at, _ in result.fields)
+    most = max(float(np.max(np.hypot(*moved.T))) for (at, _), moved in result.fields.items() if at == level)
+    spacing = MarkerTracker(reference_px=places).spacing_px
+    longer = float(max(1, round(1.5 * spacing / most))) if most else 1.0  # so that the longest one is well seen
+    side = min(2.4, (PAGE_IN - 0.9) / len(textures))
+    figure = new_figure(max(4.0, 0.9 + side * len(textures)), 0.5 + side * len(combinations))
+    panels = figure.subplots(len(combinations), len(textures), squeeze=False, sharex=True, sharey=True)
+    for axes, key in zip(panels.flat, product(combinations, textures), strict=True):
+        moved = result.fields.get((level, key))
+        if moved is not None:
+            arrows = {"angles": "xy", "scale_units": "xy", "scale": 1.0 / longer, "width": 0.006}
+            axes.quiver(*places.T, *moved.T, np.hypot(*moved.T), clim=(0.0, most), **arrows)
+        axes.set(xticks=[], yticks=[], aspect="equal")
+        axes.spines[:].set_visible(False)
+    low, high = places.min(axis=0) - spacing, places.max(axis=0) + spacing
+    panels[0, 0].set(xlim=(low[0], high[0]), ylim=(high[1], low[1]))
+    _name_panels(panels, textures, combinations)
+    drawn = [collection for axes in figure.axes for collection in axes.collections]
+    bar = figure.colorbar(drawn[-1], ax=figure.axes, pad=0.01, shrink=0.9)
+    bar.set_label("displacement (px)")
+    bar.outline.set_linewidth(0.5)
+    scale = "" if longer == 1.0 else f", arrows {longer:g} times as long"
+    figure.suptitle(f"{_title(result, level)}{scale}", x=0.01, ha="left", fontsize=8.0)
+    return figure
 
 
 def _cropped(pictures: dict[tuple[str, str], Floats]) -> dict[tuple[str, str], Floats]:
     """The pictures without the margins in which no pixel of any of them varies."""
-    most = np.max(list(pictures.values()), axis=0)
-    strong = most > 0.05 * np.percentile(most, _SPAN)
+    most = np.fmax.reduce(list(pictures.values()))  # NaN lies outside of the region of interest
+    strong = most > 0.05 * np.nanpercentile(most, _SPAN)
     ranges = []
     for axis in (0, 1):
         inside = np.flatnonzero(strong.any(axis=1 - axis))
@@ -267,14 +301,19 @@ def _mosaic(
             axes.imshow(picture, vmin=low, vmax=max(high, low + 1e-12), aspect=aspect)
         axes.set(xticks=[], yticks=[])
         axes.spines[:].set_visible(False)
+    _name_panels(panels, textures, combinations)
+    above = "max" if everything.size and everything.max() > high else "neither"
+    _colour_bar(figure, what, shrink=0.9, aspect=max(12.0, 9.0 * rows), extend=above, extendfrac=0.03)
+    return figure
+
+
+def _name_panels(panels: Any, textures: Sequence[str], combinations: Sequence[str]) -> None:
+    """Name the columns of panels by texture, the rows by printer and filament."""
     for axes, texture in zip(panels[0], textures, strict=True):
         axes.set_title(f"texture {short_texture(texture)}" if short_texture(texture).isdigit() else texture)
     for axes, combination in zip(panels[:, 0], combinations, strict=True):
         name = "\n".join(name_of(combination).rsplit(" ", 1))
         axes.set_ylabel(name, rotation=0, ha="right", va="center", labelpad=6.0)
-    above = "max" if everything.size and everything.max() > high else "neither"
-    _colour_bar(figure, what, shrink=0.9, aspect=max(12.0, 9.0 * rows), extend=above, extendfrac=0.03)
-    return figure
 
 
 def _colour_bar(figure: Figure, label: str, **options: Any) -> None:

@@ -34,7 +34,7 @@ from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import Preprocess, read_usable
 from tacbench_cad.lab.analysis.variance.components import NestedSums
 from tacbench_cad.lab.analysis.variance.intervals import CellSums
-from tacbench_cad.lab.analysis.variance.moments import Running, moments, running_moments, small_map
+from tacbench_cad.lab.analysis.variance.moments import Running, moments, running_moments
 from tacbench_cad.lab.parallel import Executor
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.reading import Run
@@ -93,6 +93,8 @@ class Pass:
             prints, at a resolution for figures, and the number of places.
         floors: Stationary frames, by run; runs without such frames are missing.
         left_out: Readings that could not be used, with the reason.
+        fields: For each level and cell the mean reading, summed over places, and the number of places. Only of markers,
+            whose displacements are drawn.
         readings: Readings that were decoded.
         seconds: Time of all processes: ``decode`` (reading and decoding files, grey), ``sums``.
     """
@@ -101,6 +103,7 @@ class Pass:
     maps: dict[CellKey, tuple[Floats, int]] = field(default_factory=dict)
     floors: list[Floor] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
+    fields: dict[tuple[int, CellKey], tuple[Floats, int]] = field(default_factory=dict)
     readings: int = 0
     seconds: dict[str, float] = field(default_factory=lambda: {"decode": 0.0, "sums": 0.0})
 
@@ -108,6 +111,11 @@ class Pass:
         """Add a map of variances."""
         before, places = self.maps.get(key, (0.0, 0))
         self.maps[key] = (before + picture, places + count)
+
+    def add_field(self, key: tuple[int, CellKey], mean: Floats, count: int = 1) -> None:
+        """Add a mean reading."""
+        before, places = self.fields.get(key, (0.0, 0))
+        self.fields[key] = (before + mean, places + count)
 
     def add(self, part: Pass) -> None:
         """Add another part of the same pass."""
@@ -119,6 +127,8 @@ class Pass:
             self.seconds[name] += seconds
         for key, (picture, count) in part.maps.items():
             self.add_map(key, picture, count)
+        for place, (mean, count) in part.fields.items():
+            self.add_field(place, mean, count)
 
 
 class Press(NamedTuple):
@@ -199,8 +209,10 @@ class _Task:
                 labels += [(names[texture], number, copy) for copy in copies]
                 textures.setdefault(texture, Running()).add(len(used), summed.mean, 0.0)
                 means[texture] = summed.mean
+                if self.preprocess.markers is not None:
+                    self.passed.add_field((level, key), summed.mean)
                 if len(used) > 1 and level in self.drawn[key]:
-                    self.passed.add_map(key, small_map(summed.squares, shape) / len(used))
+                    self.passed.add_map(key, self.preprocess.picture(summed.squares, shape) / len(used))
             if means:
                 distances[combination] = (tuple(means), _distances(list(means.values())))
         if not cells:

@@ -17,7 +17,7 @@ from __future__ import annotations
 import operator
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from itertools import chain, combinations, product
 from typing import Any
@@ -33,6 +33,8 @@ from tacbench_cad.lab.analysis.variance.intervals import CellSums, component_int
 from tacbench_cad.lab.analysis.variance.permutation import PermutationTest, dispersion_test
 from tacbench_cad.lab.analysis.variance.streaming import CellKey, Floor, Pass, PlaceSums, stream
 from tacbench_cad.lab.parallel import workers
+from tacbench_cad.lab.vision.region import SURE
+from tacbench_cad.lab.vision.resting import found_region
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
@@ -77,6 +79,10 @@ class VarianceResult:
         positions: Variance at each position by level and cell, shape (positions,); NaN where there is none.
         maps: Variance of each pixel (ddof as the table), mean over positions and those levels at which the cell has
             the most prints, at a resolution for figures.
+        fields: Mean displacement of each marker over positions, prints and repeats, by level and cell, shape (n, 2);
+            empty for pixels.
+        outside: Fraction of the pixels that lie outside of the sensor, where no region of interest leaves them out and
+            it is sure; else None.
         sums: What intervals are made of, by cell and level.
         left_out: Readings that could not be used.
         passed: The pass over the readings: counts and times.
@@ -92,9 +98,16 @@ class VarianceResult:
     tests: tuple[PrinterTest, ...]
     positions: Mapping[tuple[int, CellKey], Floats]
     maps: Mapping[CellKey, Floats]
+    fields: Mapping[tuple[int, CellKey], Floats]
+    outside: float | None
     sums: _Sums
     left_out: tuple[str, ...]
     passed: Pass
+
+    @property
+    def like_paper(self) -> bool:
+        """Whether the figures are of whole images in counts, as the paper's are."""
+        return self.collection.in_counts and self.preprocess.region is None
 
     def cell(self, level: Level, combination: str, texture: str) -> Cell | None:
         """A cell of the table, or None if there is no such one."""
@@ -132,6 +145,7 @@ def variance_table(
     if ddof not in (0, 1):
         raise InputError("ddof", ddof, "allowed: 0, 1")
     settings = preprocess or Preprocess()
+    collection = replace(collection, features=settings.features)
     with workers(jobs, dask, [run.folder for run in collection.runs]) as executor:
         passed = stream(collection, settings, executor, progress)
     sums = _summed(collection, passed.places)
@@ -164,10 +178,23 @@ def variance_table(
         tests=tuple(_tests(collection, sums, seed)),
         positions=_positions(collection, passed.places, ddof),
         maps={key: _map(*passed.maps[key], of_levels.values(), ddof) for key, of_levels in sums.items()},
+        fields={place: (total / count).reshape(-1, 2) for place, (total, count) in passed.fields.items()},
+        outside=_outside(collection, settings),
         sums=sums,
         left_out=tuple(passed.left_out),
         passed=passed,
     )
+
+
+def _outside(collection: Collection, preprocess: Preprocess) -> float | None:
+    """The fraction of the pixels in the table that do not show the sensor, if it is sure where that lies."""
+    if preprocess.region is not None or not collection.in_counts:
+        return None
+    try:
+        region = found_region(collection.runs)
+    except InputError:
+        return None  # no images, or nothing to be seen in them
+    return region.outside if region.sureness >= SURE else None
 
 
 def _summed(collection: Collection, places: Sequence[PlaceSums]) -> _Sums:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -124,6 +124,10 @@ class Settings:
     registered: bool
     left_out: tuple[str, ...]
     data: str
+    features: Literal["pixels", "markers"] = "pixels"
+    markers: int = 0
+    roi: str = ""
+    outside: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -170,6 +174,10 @@ class VarianceView:
                 registered=bool(seatings),
                 left_out=result.left_out,
                 data=result.collection.data_key,
+                features=preprocess.features,
+                markers=preprocess.markers.count if preprocess.markers else 0,
+                roi=preprocess.region.text if preprocess.region else "",
+                outside=result.outside,
             ),
             cells=result.cells,
             tables={name: Table.of(COLUMNS[name], rows) for name, rows in items.items()},
@@ -197,6 +205,7 @@ class VarianceView:
             )
         except (InputError, TypeError, ValueError) as error:
             raise InputError("table", str(folder / "variance.csv"), f"holds a wrong value: {error}") from None
+        collection = replace(collection, features=settings.features)
         return cls(collection=collection, settings=settings, cells=cells, tables=tables)
 
     def write(self, folder: Path) -> list[Path]:
@@ -217,6 +226,7 @@ class VarianceView:
             "units": self.unit,
             "grey": not self.settings.colour,
             "ddof": self.settings.ddof,
+            **{key: getattr(self.settings, key) for key in ("features", "markers", "roi", "outside")},
             "variance": [
                 {
                     **{key: getattr(cell, key) for key in (*keys, "floor_from")},
@@ -261,7 +271,20 @@ class VarianceView:
             f"{f' ({sources})' if sources else ''}. Interval: prints are its unit. Floor removed: variance with ddof 1 "
             "less the floor."
         ]
-        if self.collection.in_counts:
+        if self.settings.features == "markers":
+            notes.append(
+                f"Variance of displacement: of each of {self.settings.markers} markers from its place without contact, "
+                "mean over the markers and both axes of the image. Where one is hidden, its neighbours predict it. "
+                "Lighting does not change these figures, and the paper's in counts^2 cannot be compared with them."
+            )
+        if self.settings.roi:
+            notes.append(f"Region of interest: {self.settings.roi}; what lies outside of it is not in any figure.")
+        elif self.settings.outside is not None:
+            notes.append(
+                f"{100 * self.settings.outside:.0f} % of the pixels lie outside the sensor and are in each variance: "
+                "--roi auto leaves them out."
+            )
+        if self.collection.in_counts and not self.settings.roi:
             readings = ", ".join(f"{value:.3g} counts^2 if it is a {what}" for what, value in PAPER_FLOORS.items())
             notes.append(
                 f"The paper gives the average pixel variation of a stationary sensor as {FLOOR:g}, without a unit: "
@@ -291,7 +314,7 @@ class VarianceView:
 
         def paper(cell: Cell) -> str:
             value = variance_of(cell.printer, cell.filament, cell.texture)
-            return "" if value is None or not collection.in_counts else f"{value:g}"
+            return "" if value is None or not collection.in_counts or self.settings.roi else f"{value:g}"
 
         lines: dict[str, Callable[[Cell], str]] = {
             "noise alone": lambda cell: number(cell.noise_alone),
@@ -316,6 +339,8 @@ class VarianceView:
         columns += [Column(texture, head=short_texture(texture), right=True) for texture in collection.textures]
         columns += [Column(name, right=True) for name in ("prints", "presses")]
         kind = f"; {'colour' if self.settings.colour else 'grey'}, full size" if collection.in_counts else ""
+        kind += "; displacement of markers" if self.settings.features == "markers" else ""
+        kind += f"; inside of {self.settings.roi}" if self.settings.roi else ""
         title = f"variance, {self._level_name(level)} ({self.unit}{kind}, ddof {self.settings.ddof})"
         return _filled(columns, rows, title)
 

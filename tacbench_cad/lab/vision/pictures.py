@@ -1,0 +1,49 @@
+"""What was found, drawn over a frame for people to see."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tacbench_cad.lab.rig.sensor import Frame
+from tacbench_cad.lab.vision.markers import Markers
+from tacbench_cad.lab.vision.tracking import Track
+from tacbench_cad.util.types import Floats
+
+#: The picture is so many times as large as the frame, and coordinates have so many binary places.
+_ENLARGED, _PLACES = 2, 4
+_FOUND, _PREDICTED, _OTHER, _MOVED = (0, 220, 0), (0, 0, 255), (255, 160, 0), (0, 255, 255)
+
+
+def markers_drawn(frame: Frame, reference_px: Floats, markers: Markers, track: Track) -> Frame:
+    """A frame, twice as large, with the markers in it.
+
+    Args:
+        frame: The frame.
+        reference_px: Where the markers are without contact, shape (n, 2).
+        markers: What was found in the frame.
+        track: Where the reference's markers are in it.
+
+    Returns:
+        BGR. Green: a marker that was followed; red: one that was not found, where its neighbours predict it; blue:
+        found, but no marker of the reference; yellow: the way from the reference.
+    """
+    import cv2
+
+    colour = frame if frame.ndim == 3 else cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR)
+    picture = cv2.resize(colour, None, fx=_ENLARGED, fy=_ENLARGED, interpolation=cv2.INTER_CUBIC)
+    radius = round(_ENLARGED * 2.0**_PLACES * 5)
+
+    def at(places: Floats) -> list[tuple[int, int]]:
+        return [(x, y) for x, y in np.rint((places + 0.5) * _ENLARGED * 2.0**_PLACES).astype(int).tolist()]
+
+    def circle(place: tuple[int, int], shade: tuple[int, int, int]) -> None:
+        cv2.circle(picture, place, radius, shade, 1, cv2.LINE_AA, _PLACES)
+
+    places = reference_px + track.displacement_px
+    for start, end, found in zip(at(reference_px), at(places), track.found.tolist(), strict=True):
+        cv2.line(picture, start, end, _MOVED, 1, cv2.LINE_AA, _PLACES)
+        circle(end, _FOUND if found else _PREDICTED)
+    others = np.setdiff1d(np.arange(len(markers)), track.index)
+    for place in at(markers.centres_px[others]):
+        circle(place, _OTHER)
+    return np.asarray(picture)
