@@ -58,6 +58,7 @@ class Plan:
         simulated: What ``run.json`` says of the sensor.
         shape: Shape of a reading.
         units: Unit of its numbers.
+        resting: Makes a frame without contact; None for a run without such frames.
     """
 
     textures: Sequence[int] = (1, 2)
@@ -70,6 +71,7 @@ class Plan:
     simulated: str = ""
     shape: tuple[int, ...] = SHAPE
     units: str = "counts"
+    resting: Callable[[np.random.Generator], Reading] | None = None
 
 
 def write_study(folder: Path, plan: Plan | None = None, **changes: Any) -> list[Path]:
@@ -111,6 +113,9 @@ def write_run(folder: Path, printed: PrintedBlock, plan: Plan) -> Path:
             name = f"{printed.name} {press.number}"
             rng = np.random.default_rng(list(name.encode()))
             writer.press(press, (press.x_mm, press.y_mm, -0.5), plan.image(printed, press, rng), time_utc=WHEN)
+        if plan.resting is not None:
+            for index in range(3):
+                writer.reference(plan.resting(np.random.default_rng([index, *printed.name.encode()])), time_utc=WHEN)
         middle = info.presses[0]
         for when in ("start", "end"):
             for index in range(1, plan.still + 1):

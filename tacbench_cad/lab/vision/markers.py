@@ -153,8 +153,11 @@ class MarkerFinder:
         first = cls(
             sigma_px=sigma_px, threshold=0.0, dark=dark, contrast=response, template=np.zeros((1, 1)), mask=mask
         )
+        response *= 0.99  # so that the weakest of them is above it
         patches = np.concatenate([first._strong_patches(image, response) for image in greys])
-        first = replace(first, template=_symmetric(np.median(patches, axis=0)))
+        low, high = (np.quantile(patches, part, axis=(1, 2), keepdims=True) for part in (0.15, 0.98))
+        heights = (-1.0 if dark else 1.0) * (patches - low) / np.maximum(high - low, 1.0)
+        first = replace(first, template=_symmetric(np.median(heights, axis=0)))
         contrast = float(np.median(np.concatenate([first._usual(image, response) for image in greys])))
         noise = float(np.median([_noise(image) for image in greys]))
         threshold = known.threshold or max(_MIN_CONTRAST * contrast, _MIN_NOISE_RATIO * noise)
@@ -258,16 +261,13 @@ class MarkerFinder:
         )
 
     def _strong_patches(self, image: Floats32, response: float) -> Floats:
-        """Patches around the peaks that respond as most of the markers do, each with a height of 1."""
+        """Patches around the peaks that respond as most of the markers do."""
         import cv2
 
         places, _ = _peaks(image, self.sigma_px, self.dark, response, self.mask)
         half = math.ceil(_PATCH * self.sigma_px)
         smooth = cv2.GaussianBlur(image, (0, 0), _SMOOTHING_PX)
-        patches = _patches(smooth, np.rint(places).astype(np.int64), half).astype(np.float64)
-        low, high = (np.quantile(patches, q, axis=(1, 2), keepdims=True) for q in (0.15, 0.98))
-        sign = -1.0 if self.dark else 1.0
-        return sign * (patches - low) / np.maximum(high - low, 1.0)
+        return _patches(smooth, np.rint(places).astype(np.int64), half).astype(np.float64)
 
     def _usual(self, image: Floats32, response: float) -> Floats:
         """The contrasts of the peaks that respond as most of the markers do."""

@@ -1,0 +1,146 @@
+"""Variance and classification of a region of interest and of markers, against NumPy and against the truth."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.dots import REST, SHAPE, dots_at_rest, dots_image, dots_moved
+from helpers.studies import write_study
+
+from tacbench_cad.cli import main
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.preprocess import Preprocess, preprocess_of
+from tacbench_cad.lab.analysis.variance.table import variance_table
+from tacbench_cad.lab.study.presses import plan_presses
+from tacbench_cad.lab.vision.displacements import MarkerFeatures
+from tacbench_cad.lab.vision.region import parse_region, store_region
+from tacbench_cad.lab.vision.resting import region_of
+from tacbench_cad.util.errors import CheckFailedError, InputError
+
+
+@pytest.mark.parametrize("colour", [False, True])
+def test_variance_of_a_region_is_numpys_of_its_pixels(tmp_path: Path, colour: bool) -> None:
+    shape = (24, 32, 3) if colour else (24, 32)
+    write_study(
+        tmp_path, shape=shape, image=lambda printed, press, rng: rng.integers(0, 256, shape, dtype=np.uint8), still=2
+    )
+    collection = Collection.open([tmp_path])
+    preprocess = preprocess_of(collection, roi="circle:15,11,7", colour=colour)
+    result = variance_table(collection, preprocess)
+    y, x = np.mgrid[:24, :32]
+    mask = (x - 15) ** 2 + (y - 11) ** 2 <= 49
+    for cell in result.cells[:-4]:
+        parts = []
+        for position in np.unique(collection.position):
+            here = (collection.texture == cell.texture) & (collection.combination == cell.combination)
+            frames = [collection.frame(i) for i in np.flatnonzero(here & (collection.position == position))]
+            parts.append(np.var([frame[mask] for frame in frames], axis=0).mean())
+        assert cell.variance == pytest.approx(np.mean(parts), rel=1e-9)
+    picture = next(iter(result.maps.values()))
+    assert picture.shape == (24, 32)
+    assert np.array_equal(np.isfinite(picture), mask)
+    assert not result.like_paper
+
+
+def test_a_kept_region_is_used_until_it_is_said_otherwise(tmp_path: Path) -> None:
+    folders = write_study(tmp_path)
+    runs = Collection.open([tmp_path]).runs
+    for folder in folders[:-1]:
+        store_region(folder, parse_region("rect:2,2,20,20", 24, 32))
+    assert region_of(runs) is None
+    store_region(folders[-1], parse_region("rect:10,2,28,20", 24, 32))
+    region = region_of(runs)
+    assert region is not None
+    assert region.mask.sum() == 11 * 19
+    assert region_of(runs, "none") is None
+    store_region(folders[-1], parse_region("rect:10,2,28,20", 48, 64))
+    with pytest.raises(InputError, match="different sizes"):
+        region_of(runs)
+
+
+@pytest.fixture(scope="module")
+def pressed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("dots")
+    write_study(folder, shape=SHAPE, image=dots_image, resting=dots_at_rest, levels=(1, 2))
+    return folder
+
+
+def test_variance_of_markers_is_that_of_their_true_displacements(pressed: Path) -> None:
+    collection = Collection.open([pressed])
+    preprocess = preprocess_of(collection, "markers")
+    result = variance_table(collection, preprocess)
+    assert preprocess.markers is not None
+    assert preprocess.markers.count == len(REST)
+    assert result.collection.units == "px"
+    assert result.outside is None
+    for cell in (cell for cell in result.cells if cell.force_level != "all"):
+        truth = []
+        for position in (1, 2, 3, 4):
+            moved = [
+                dots_moved(run.info.printed, press)
+                for run in collection.runs
+                if (run.info.printed.combination, run.info.printed.texture) == (cell.combination, cell.texture)
+                for press in plan_presses(run.info.protocol, run.info.levels, run.info.printed.name)
+                if (press.force_level, press.position) == (cell.force_level, position)
+            ]
+            truth.append(np.var(moved, axis=0).mean())
+        assert cell.variance == pytest.approx(np.mean(truth), rel=0.1)
+    assert len(result.fields) == 2 * 4
+    field = result.fields[2, ("ender-3_pla-plus", "texture-1")]
+    reference = next(iter(preprocess.markers.references_px.values()))
+    nearest = np.argmin(np.hypot(*(reference[:, None] - REST[None]).transpose(2, 0, 1)), axis=1)
+    run = next(run for run in collection.runs if run.info.printed.combination == "ender-3_pla-plus")
+    press = plan_presses(run.info.protocol, run.info.levels, run.info.printed.name)[-1]
+    assert np.corrcoef(field[:, 0], dots_moved(run.info.printed, press)[nearest, 0])[0, 1] > 0.98
+
+
+def test_markers_in_processes_give_the_same_table(pressed: Path) -> None:
+    collection = Collection.open([pressed])
+    preprocess = preprocess_of(collection, "markers")
+    alone, together = (variance_table(collection, preprocess, jobs=jobs) for jobs in (1, 2))
+    assert [cell.variance for cell in alone.cells] == pytest.approx([cell.variance for cell in together.cells])
+
+
+def test_the_commands_say_what_was_analysed(pressed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["variance", str(pressed), "--features", "markers", "-o", str(tmp_path / "out"), "--jobs", "1"]) == 0
+    shown = capsys.readouterr().out
+    assert "px^2; displacement of markers" in shown
+    assert "49 markers" in shown
+    assert (tmp_path / "out" / "displacements.png").is_file()
+    assert main(["variance", str(pressed), "--roi", "rect:10,10,150,150", "--json", "--jobs", "1"]) == 0
+    assert json.loads(capsys.readouterr().out)["roi"] == "rect:10,10,150,150"
+    command = ["classify", str(pressed), "--features", "markers", "--trials", "1", "--hold-out", "copy", "--jobs", "1"]
+    assert main([*command, "-o", str(tmp_path / "classes")]) == 0
+    assert "100.0" in capsys.readouterr().out
+    assert main(["runs", "markers", str(pressed), "-o", str(tmp_path / "pictures")]) == 0
+    assert "49 bright markers" in capsys.readouterr().out
+    assert len(list((tmp_path / "pictures").glob("*_markers.png"))) == 8
+    assert main(["runs", "roi", str(pressed), "--roi", "circle:100,90,80", "-o", str(tmp_path / "pictures")]) == 0
+    assert "kept with 8 runs" in capsys.readouterr().out
+    assert main(["runs", "roi", str(pressed), "--roi", "none", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["region"] is None
+    assert not list(pressed.glob("*/roi.json"))
+
+
+def test_a_frame_without_markers_is_left_out(pressed: Path) -> None:
+    collection = Collection.open([pressed])
+    features = MarkerFeatures.learn(collection.runs)
+    run = collection.runs[0]
+    with pytest.raises(CheckFailedError, match="0 of 49 markers found"):
+        Preprocess(markers=features).of(_Black(run), collection.path(0))  # type: ignore[arg-type]
+
+
+class _Black:
+    """A run whose frames are black."""
+
+    def __init__(self, run: object) -> None:
+        self._run = run
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._run, name)
+
+    def read(self, path: str) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+        return np.zeros(SHAPE, dtype=np.uint8)
