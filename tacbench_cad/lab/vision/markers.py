@@ -48,6 +48,8 @@ _PATCH, _SMOOTHING_PX = 1.8, 0.8
 #: A fit with a quality below this is made again with weights: a pixel that lies so far from the model, as a fraction of
 #: the usual contrast, has a quarter of the weight.
 _GOOD_FIT, _FAR, _ROBUST_STEPS = 0.985, 0.2, 3
+#: How far above the markers' usual brightness the ceiling lies, as a fraction of the contrast.
+_CEILING = 0.3
 #: How much a stiff and a loose fit shun other shapes than the template.
 _STIFFNESS = (4.0, 0.003)
 #: Ellipses are looked for where that finds so many times the markers.
@@ -109,6 +111,8 @@ class MarkerFinder:
         dark: Whether the markers are darker than what surrounds them.
         contrast: Their usual contrast.
         template: What a marker looks like, with a height of 1, shape (k, k), k odd.
+        ceiling: Where candidates are looked for, what is brighter than the markers by far is cut off here, in counts: a
+            reflection must not draw the peak of a marker to itself.
         ellipses: Whether the camera sees some of them askew, as those at the rim of a wide dome.
         mask: Where markers may lie, shape of a frame; None for everywhere.
     """
@@ -118,6 +122,7 @@ class MarkerFinder:
     dark: bool
     contrast: float
     template: Floats
+    ceiling: float = np.inf
     ellipses: bool = False
     mask: Bools | None = None
 
@@ -161,7 +166,8 @@ class MarkerFinder:
         contrast = float(np.median(np.concatenate([first._usual(image, response) for image in greys])))
         noise = float(np.median([_noise(image) for image in greys]))
         threshold = known.threshold or max(_MIN_CONTRAST * contrast, _MIN_NOISE_RATIO * noise)
-        spots = replace(first, contrast=contrast, threshold=threshold)
+        ceiling = np.inf if dark else float(np.median(high)) + _CEILING * contrast
+        spots = replace(first, contrast=contrast, threshold=threshold, ceiling=ceiling)
         ellipses = replace(spots, ellipses=True)
         more = sum(len(ellipses.find(frame)) for frame in frames) > _MANY_MORE * sum(
             len(spots.find(frame)) for frame in frames
@@ -181,7 +187,8 @@ class MarkerFinder:
         if self.mask is not None and self.mask.shape != image.shape:
             raise InputError("frame", image.shape, f"must be {self.mask.shape}, the shape of the region of interest")
         # The response to the weakest marker, less what a reflection or the neighbours may take of it.
-        candidates, _ = _peaks(image, self.sigma_px, self.dark, 0.5 * self.threshold, self.mask)
+        cut = np.minimum(image, np.float32(self.ceiling))
+        candidates, _ = _peaks(cut, self.sigma_px, self.dark, 0.5 * self.threshold, self.mask)
         fitted = self._fit(image, candidates)
         fitted = fitted.chosen(self._are_markers(fitted))
         fitted = _thinned(fitted, _MIN_DISTANCE * self.sigma_px)
