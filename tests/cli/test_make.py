@@ -83,7 +83,7 @@ def test_the_manifest_names_no_place_and_no_time(made: Run) -> None:
 
 
 def test_progress_goes_to_the_standard_error(made: Run) -> None:
-    assert made.messages.count("[9/9]") == 1
+    assert made.messages.count("[6/6]") == 1
     assert "Traceback" not in made.messages
 
 
