@@ -118,7 +118,7 @@ def command(
     from tacbench_cad.lab.analysis.classification.figures import draw_result
     from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
     from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS
-    from tacbench_cad.lab.analysis.classification.sweep import Sweep, at_level, run_sweep
+    from tacbench_cad.lab.analysis.classification.sweep import Sweep, run_sweep
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.lab.parallel import workers
     from tacbench_cad.lab.rig.plugin import is_plugin
@@ -138,7 +138,7 @@ def command(
     require("classify", *MODULES)
     collection = Collection.open(runs)
     if isinstance(force_level, int):
-        collection = at_level(collection, force_level)
+        collection = collection.at_level(force_level)
     how = ClassificationSettings(
         protocol=protocol,
         estimators=estimators,

@@ -21,6 +21,19 @@ if TYPE_CHECKING:
 
 @options.command("variance")
 @options.runs
+@options.option(
+    "--protocol",
+    options.text("paper|as-published"),
+    "The variance over prints and repeats, as the paper's text says, or that over the repeats on one print, which the "
+    "paper's printed figures are.",
+    default="paper",
+)
+@options.option(
+    "--force-level",
+    options.LEVEL,
+    "Use the presses of one force level only. Default: all; with as-published the lowest.",
+    default="all",
+)
 @options.look
 @options.flag("--colour", "Keep the colours; else BT.601 grey.")
 @options.option(
@@ -36,6 +49,8 @@ if TYPE_CHECKING:
 @options.json
 def command(
     runs: tuple[Path, ...],
+    protocol: Literal["paper", "as-published"],
+    force_level: int | Literal["all"],
     features: Literal["pixels", "markers"],
     roi: str | None,
     marker_sigma: float | None,
@@ -54,11 +69,16 @@ def command(
     For each printer-filament and texture, at each force and as the mean of the forces. Under each row: what the
     sensor's noise alone gives in this table (from the stationary frames in contact; without any, from repeats on one
     print, which is only an upper bound), the 95 % interval with prints as its unit, the estimate with the noise floor
-    removed (ddof 1), and the paper's own figures where it has some. Then variance components with ISO 5725 limits, and
-    permutation tests between printers. A reading that cannot be used is named and left out; the exit code is then 1.
+    removed (ddof 1). Then variance components with ISO 5725 limits, and permutation tests between printers. A reading
+    that cannot be used is named and left out; the exit code is then 1.
+
+    --protocol as-published computes what the paper's printed figures are, by the saved outputs of its authors'
+    notebooks, and sets them beside ours: the variance over the repeats on one print (divisor n), mean over prints,
+    positions and pixels, of images at 40 % of their size, grey without rounding, at one force.
 
     Examples:
       tacbench variance runs -o results
+      tacbench variance runs --protocol as-published
       tacbench variance runs --register --jobs 4
       tacbench variance runs --features markers
       tacbench variance runs --roi auto
@@ -74,11 +94,18 @@ def command(
 
     if ddof not in (0, 1):
         raise InputError("ddof", ddof, "allowed: 0, 1")
+    if protocol == "as-published" and (colour or ddof or register):
+        name = "colour" if colour else "ddof" if ddof else "register"
+        raise InputError(name, ddof or True, "is for --protocol paper; as-published has its own grey, size and divisor")
     if seed < 0:
         raise InputError("seed", seed, "must be 0 or more")
     collection = Collection.open(runs)
+    if isinstance(force_level, int):
+        collection = collection.at_level(force_level)
     markers = MarkerSettings(sigma_px=marker_sigma, threshold=marker_threshold)
-    preprocess = preprocess_of(collection, features, roi, colour=colour, markers=markers)
+    preprocess = None
+    if protocol == "paper":
+        preprocess = preprocess_of(collection, features, roi, colour=colour, markers=markers)
     if out is not None:
         with locked(out):  # a folder that cannot be written is refused before the work, not after it
             pass
@@ -93,7 +120,8 @@ def command(
             seatings = seats(collection, preprocess, ddof=ddof, jobs=jobs, dask=dask)
         result = variance_table(
             collection,
-            preprocess,
+            preprocess if protocol == "paper" else None,
+            protocol=protocol,
             ddof=ddof,
             jobs=jobs,
             dask=dask,
@@ -120,5 +148,6 @@ def _print(view: VarianceView) -> None:
     for _, shown in view.shown():
         show_table(shown)
     print_lines(*view.notes, *(f"warning: {text}" for text in view.warnings))
-    if not view.tables["permutation"].rows and len(view.collection.combinations) > 1:
+    tests = view.tables.get("permutation")
+    if tests and not tests.rows and len(view.collection.combinations) > 1:
         note("no permutation test between printers: it needs two printers with two prints of one texture each")

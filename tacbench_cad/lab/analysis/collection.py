@@ -87,6 +87,16 @@ class Collection:
         """The presses at some indices, or where a mask is true."""
         return replace(self, run=self.run[which], number=self.number[which])
 
+    def at_level(self, level: int) -> Collection:
+        """The presses of one force level.
+
+        Raises:
+            InputError: There is none.
+        """
+        if level not in self.levels:
+            raise InputError("force-level", level, f"the runs have {', '.join(map(str, self.levels))}")
+        return self.chosen(self.level == level)
+
     @property
     def info(self) -> RunInfo:
         """What all runs have in common: the first one's."""

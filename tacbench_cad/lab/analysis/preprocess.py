@@ -22,6 +22,10 @@ from tacbench_cad.util.convert import Bounds, check_fields
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Bytes, Floats
 
+#: Weights of the channels of a stored image in the authors' notebooks: BT.601's for red, green and blue. The frames are
+#: stored as blue, green, red, so that red and blue have each other's weight.
+NOTEBOOK_GREY = (0.2989, 0.5870, 0.1140)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Preprocess:
@@ -32,12 +36,16 @@ class Preprocess:
         resolution: Fraction of the image's width and height that is kept, by averaging areas; 1 keeps every pixel.
         region: Only its pixels are kept; None keeps all.
         markers: How far these moved is kept instead of the pixels.
+        notebook: Make an image grey as the authors' notebooks do (:data:`NOTEBOOK_GREY`) and do not round it.
+        edges: Replace each pixel by the magnitude of its Sobel derivatives, rounded and cut at 255.
     """
 
     colour: bool = False
     resolution: Annotated[float, Bounds(0.001, 1.0)] = 1.0
     region: Region | None = field(default=None, metadata={"key": None})
     markers: MarkerFeatures | None = field(default=None, metadata={"key": None})
+    notebook: bool = False
+    edges: bool = False
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -54,8 +62,8 @@ class Preprocess:
             reading: An image, uint8 (height, width) or (height, width, 3) in BGR, or any array of real numbers.
 
         Returns:
-            uint8 (height', width') or (height', width', 3) for an image, (pixels,) or (pixels, 3) of a region; the same
-            numbers as float64 for the rest.
+            uint8 (height', width') or (height', width', 3) for an image, (pixels,) or (pixels, 3) of a region; float64 for
+            an image that is not rounded; the same numbers as float64 for the rest.
 
         Raises:
             InputError: The region is for images of another size.
@@ -65,16 +73,22 @@ class Preprocess:
         import cv2
 
         image = reading
-        if image.ndim == 3 and not self.colour:
+        if self.notebook:
+            image = image.astype(np.float64)
+            image = image @ NOTEBOOK_GREY if image.ndim == 3 else image
+        elif image.ndim == 3 and not self.colour:
             image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         if self.resolution != 1.0:
-            height, width = image.shape[:2]
-            size = (max(1, round(width * self.resolution)), max(1, round(height * self.resolution)))
-            image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+            whole = int if self.notebook else round
+            height, width = (max(1, whole(side * self.resolution)) for side in image.shape[:2])
+            image = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+        if self.edges:
+            slopes = (cv2.Sobel(image, cv2.CV_64F, *axis, ksize=3) for axis in ((1, 0), (0, 1)))
+            image = cv2.convertScaleAbs(np.hypot(*slopes))
         if self.region is not None:
             require_size(self.region.mask, reading)
             image = image[self.region.scaled(*image.shape[:2])]
-        return np.asarray(image, dtype=np.uint8)
+        return np.asarray(image)
 
     def of(self, run: Run, path: str) -> Bytes | Floats:
         """The numbers of a frame of a run: as of calling, or (markers, 2) displacements in pixels.
@@ -100,6 +114,10 @@ class Preprocess:
             whole[self.region.scaled(height, width)] = values.reshape(shape)
             return small_map(whole.ravel(), whole.shape)
         return small_map(values, shape)
+
+
+#: What the notebooks do to an image before its variance is taken. With ``edges``, before it is classified.
+AS_PUBLISHED = Preprocess(resolution=0.4, notebook=True)
 
 
 def preprocess_of(

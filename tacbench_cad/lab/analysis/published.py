@@ -13,7 +13,12 @@ from dataclasses import dataclass
 Combination = tuple[str, str]
 
 #: Variance, mean over pixels and positions, counts^2, textures 1 to 6. PAPER.md, "The tables to reproduce", first
-#: table. The text does not say whether the images are grey, at which force, or which ddof.
+#: table. By the authors' notebooks it is the repeatability of single prints, not the variance between prints: for each
+#: print the variance over its two repeats (ddof 0), then the mean over prints, positions and pixels, of images made
+#: grey as floating-point numbers and reduced to 40 %, at one force. Known for Bambu PLA- only, whose saved output is
+#: 2.80017674, 2.64039746, 3.61887302, 3.6796849, 3.63699284, 3.51960279 from copies 1 to 4; the printed row is cut
+#: to two decimals. Row numbers were kept in 8 bits, so that from texture 2 on its frames are not of the named texture.
+#: ``tacbench variance --protocol as-published`` computes this quantity, without that fault.
 PAPER_VARIANCE: Mapping[Combination, tuple[float, ...]] = {
     ("ender-3-v3-se", "pla-plus"): (2.60, 10.36, 12.12, 10.75, 7.026, 8.28),  # "| Ender-3 V3 SE, PLA+ | ..."
     ("bambu-p1p", "pla-minus"): (2.80, 2.64, 3.61, 3.67, 3.63, 3.51),  # "| Bambu, PLA- | ..."
@@ -39,11 +44,11 @@ PAPER_ROW_NAMES: Mapping[Combination, str] = {
     ("bambu-p1p", "pla-minus"): "Bambu P1P PLA-",
     ("form-3", "grey-v4"): "Form 3 resin",
 }
-#: Prints and readings of each press place behind a figure of :data:`PAPER_VARIANCE`: "ddof 0 over the 6 x 2 readings".
+#: Prints of each texture of the three selected combinations, as the text says. The notebook took the first four.
 PRINTS = 6
-#: Readings of each press place.
+#: Repeats at each press place.
 REPEATS = 2
-#: Positions behind a figure of :data:`PAPER_VARIANCE`: the 5 x 5 grid.
+#: The 5 x 5 grid.
 POSITIONS = 25
 
 #: "Stationary sensor: 'average pixel variation' 2.6". PAPER.md, above the first table and weakness 2. It has no unit.

@@ -14,9 +14,9 @@ from helpers.studies import write_study
 from tacbench_cad.cli import main
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.variance.cells import FRAMES, REPEATS, Cell
+from tacbench_cad.lab.analysis.variance.cells import FRAMES, Cell
 from tacbench_cad.lab.analysis.variance.grade import Grade, grade
-from tacbench_cad.lab.analysis.variance.grade_limits import factors
+from tacbench_cad.lab.analysis.variance.grade_limits import to_two_repeats
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.names import SELECTED
@@ -33,14 +33,16 @@ def cell(texture: int | str, low: float | None, high: float | None, **changes: A
         "printer": "mine",
         "filament": "petg",
         "texture": f"texture-{texture}" if isinstance(texture, int) else texture,
-        "force_level": "all",
+        "force_level": 1,
         "variance": 1.0 if low is None or high is None else (low + high) / 2.0,
         "floor": 0.2,
+        "noise_alone": 0.1,
         "low": low,
         "high": high,
         "prints": 6,
         "presses": 900,
         "floor_from": FRAMES,
+        "quantity": "repeats of one print",
     }
     return Cell(**{**values, **changes})
 
@@ -96,34 +98,34 @@ def test_an_interval_below_all_figures_is_as_consistent() -> None:
     found = graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.9))
     assert differences(found) == [["less"] * 3] * 6
     resin = found.verdicts[2]
-    assert (resin.printer, resin.filament, resin.verdict) == (*RESIN, "as consistent, or more")
+    assert (resin.printer, resin.filament, resin.verdict) == (*RESIN, "repeats as well, or better")
     assert (resin.less, resin.more, resin.unclear) == ((1, 2, 3, 4, 5, 6), (), ())
-    assert resin.text == "Form 3 resin: as consistent, or more (less: 1, 2, 3, 4, 5, 6)"
+    assert resin.text == "Form 3 resin: repeats as well, or better (less: 1, 2, 3, 4, 5, 6)"
 
 
 def test_an_interval_above_a_figure_is_less_consistent() -> None:
     ender, bambu, _ = graded(like(published.PAPER_VARIANCE[ENDER], 0.5, 0.8)).verdicts
-    assert ender.verdict == "as consistent, or more"
-    assert bambu.verdict == "less consistent"
+    assert ender.verdict == "repeats as well, or better"
+    assert bambu.verdict == "repeats less well"
     assert (bambu.less, bambu.more, bambu.unclear) == ((1,), (2, 3, 4, 6), (5,))
     assert bambu.at_least == pytest.approx(0.5 * 10.36 / 2.64)
     assert bambu.at_most == pytest.approx(0.8 * 7.026 / 3.63)
     assert bambu.text == (
-        "Bambu P1P PLA-: less consistent (more: 2, 3, 4, 6, at least 2 times as much; less: 1; unclear: 5, up to 1.5 "
+        "Bambu P1P PLA-: repeats less well (more: 2, 3, 4, 6, at least 2 times as much; less: 1; unclear: 5, up to 1.5 "
         "times as much)"
     )
 
 
 @pytest.mark.parametrize(
-    ("floor", "verdict"),
+    ("noise", "verdict"),
     [
-        (1.0, "less consistent"),
+        (1.0, "repeats less well"),
         (3.0, "varies more, but the sensor's noise may explain it"),
         (None, "varies more, but without a noise floor the reason is unknown"),
     ],
 )
-def test_noise_is_not_held_against_the_prints(floor: float | None, verdict: str) -> None:
-    resin = graded([cell(1, 4.0, 5.0, floor=floor)]).verdicts[2]
+def test_noise_is_not_held_against_the_prints(noise: float | None, verdict: str) -> None:
+    resin = graded([cell(1, 4.0, 5.0, noise_alone=noise)]).verdicts[2]
     assert (resin.verdict, resin.more) == (verdict, (1,))
 
 
@@ -133,22 +135,34 @@ def test_an_interval_around_a_figure_shows_nothing() -> None:
     assert bambu.at_most == pytest.approx(4.0) and bambu.at_least is None
 
 
-def test_fewer_prints_are_brought_to_six_before_they_are_compared() -> None:
-    assert factors(6, 2) == (1.0, 1.0)
-    assert factors(3, 2) == pytest.approx((1.1, 1.25))
-    assert factors(2, 2) == pytest.approx((11 / 9, 5 / 3))
-    assert factors(12, 2) == pytest.approx((10 / 11, 22 / 23))
-    six, three = (graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.85, prints=prints)) for prints in (6, 3))
-    assert six.textures[0].published[2].ours_is == "less"
-    assert three.textures[0].published[2].ours_is == "unclear"
-    assert any("3 prints where the paper has 6" in one and "20 % too low" in one for one in three.limits)
+def test_other_repeats_are_brought_to_two_before_they_are_compared() -> None:
+    assert [to_two_repeats(repeats) for repeats in (2, 3, 6)] == pytest.approx([1.0, 0.75, 0.6])
+    two, five = (graded(like(published.PAPER_VARIANCE[RESIN], 1.1, 1.5), study_of(repeats=n)) for n in (2, 5))
+    assert two.textures[0].published[2].ours_is == "more"
+    assert five.textures[0].published[2].ours_is == "less"
+    assert five.textures[0].published[2].ratio == pytest.approx((1.1 * 0.625, 1.5 * 0.625))
+
+
+def test_few_prints_are_said() -> None:
+    limits = graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.85, prints=3)).limits
+    assert "3 prints where the paper has 6: the interval is wide." in limits
+
+
+def test_both_sides_of_a_ratio_have_the_same_divisor() -> None:
+    """Two repeats of noise of variance 3 alone show 1.5 with ddof 0: nothing is left for the prints."""
+    noise = graded([cell(1, 2.4, 2.6, variance=2.5, floor=5.0, noise_alone=2.5)])
+    assert noise.verdicts[2].verdict == "varies more, but the sensor's noise may explain it"
+    assert any("Up to 100 % of the figure is noise" in one for one in noise.limits)
+    half = graded([cell(1, 9.0, 11.0, variance=10.0, floor=8.0, noise_alone=4.0)])
+    assert half.verdicts[2].verdict == "repeats less well"
+    assert not any("of the figure is noise" in one for one in half.limits)
 
 
 def test_one_print_has_no_verdict_and_says_why() -> None:
     found = graded([cell(i, None, None, prints=1) for i in range(1, 7)])
     assert differences(found) == [[None] * 3] * 6
     assert [one.text for one in found.verdicts][2] == "Form 3 resin: no interval"
-    assert any(one.startswith("One print of textures 1, 2, 3, 4, 5, 6: the figure") for one in found.limits)
+    assert any(one.startswith("One print of textures 1, 2, 3, 4, 5, 6: others may") for one in found.limits)
 
 
 @pytest.mark.parametrize(
@@ -170,33 +184,27 @@ def test_what_differs_from_the_paper_is_said(changes: dict[str, Any], sentence: 
     assert any(sentence in one for one in graded(cells, study_of(**changes)).limits)
 
 
-@pytest.mark.parametrize(
-    ("changes", "sentence"),
-    [
-        ({"floor": None, "floor_from": ""}, "No noise floor"),
-        ({"floor_from": REPEATS}, "The noise floor is an upper bound"),
-    ],
-)
-def test_a_floor_that_is_missing_or_a_bound_is_said(changes: dict[str, Any], sentence: str) -> None:
-    assert any(sentence in one for one in graded(like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9, **changes)).limits)
+def test_a_floor_that_is_missing_is_said() -> None:
+    cells = like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9, floor=None, floor_from="", noise_alone=None)
+    assert any("No noise floor" in one for one in graded(cells).limits)
 
 
 def test_a_study_like_the_papers_still_cannot_take_off_the_papers_floor() -> None:
     limits = graded(like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9)).limits
-    assert len(limits) == 2
-    assert "2.6 counts^2 if a variance or 6.8 counts^2 if a standard deviation" in limits[0]
+    assert len(limits) == 3
+    assert "2.6 counts^2 if a variance or 6.8 counts^2 if a standard deviation" in limits[1]
 
 
 def test_another_sensors_unit_is_not_compared() -> None:
     found = graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.9), study_of(sensor={"units": "kPa", "shape": [16]}))
     assert differences(found) == [[None] * 3] * 6 and found.units == "kPa^2"
     assert {one.verdict for one in found.verdicts} == {"another unit"}
-    assert not any("published" in one for one in found.limits)
+    assert not any("The published figures" in one for one in found.limits)
 
 
 def test_noise_that_makes_up_the_figure_is_said() -> None:
     cells = like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9)
-    cells[1] = replace(cells[1], floor=0.8 * cells[1].variance)
+    cells[1] = replace(cells[1], noise_alone=0.8 * cells[1].variance)
     assert any("Up to 80 % of the figure is noise (texture 2)" in one for one in graded(cells).limits)
 
 
@@ -207,17 +215,16 @@ def test_missing_and_own_textures_are_named() -> None:
     assert "Not in the paper, so not compared: hex." in found.limits
 
 
-def test_each_printer_and_filament_has_its_own_grade_at_the_level_asked_for() -> None:
-    cells = [cell(1, 0.5, 1.0, printer=printer, force_level=level) for printer in ("b", "a") for level in (1, 2, "all")]
-    found = grade(cells, PAPER, 2)
+def test_each_printer_and_filament_has_its_own_grade_at_the_level_of_its_cells() -> None:
+    found = grade([cell(1, 0.5, 1.0, printer=printer, force_level=2) for printer in ("b", "a")], PAPER)
     assert [one.printer for one in found] == ["b", "a"]
     assert all(one.force_level == 2 and len(one.textures) == 1 for one in found)
-    assert any("Force level 2 alone" in one for one in found[0].limits)
+    assert any("Force level 2; the published figures are of level 1" in one for one in found[0].limits)
 
 
 def test_what_cannot_be_graded_is_refused() -> None:
-    with pytest.raises(InputError, match="force_level"):
-        grade([cell(1, 0.5, 1.0)], PAPER, 3)
+    with pytest.raises(InputError, match="protocol = 'paper': must be as-published"):
+        grade([cell(1, 0.5, 1.0, quantity="prints and repeats")], PAPER)
     with pytest.raises(InputError, match="none of them is one of the paper's six"):
         grade([cell("hex", 0.5, 1.0)], PAPER)
 
@@ -250,12 +257,12 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_command_prints_table_verdicts_and_reasons(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["grade", str(study)]) == 0
     out = capsys.readouterr().out
-    assert "ender-3, pla-plus: mean over the forces" in out
-    assert "bambu-p1p, pla-minus: mean over the forces" in out
+    assert "ender-3, pla-plus: force level 1" in out
+    assert "bambu-p1p, pla-minus: force level 1" in out
     for sentence in (
         "The data are simulated (sensor: simulated TacTip)",
         "3 prints where the paper has 6",
-        "The noise floor is an upper bound",
+        "No noise floor",
         "Not pressed: textures 3, 4, 5, 6.",
         "Other positions than the paper's grid",
         "Images of 24 x 32",

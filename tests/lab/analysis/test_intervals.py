@@ -234,7 +234,7 @@ def test_presses_may_be_missing() -> None:
     random = np.random.default_rng(8)
     cells = [with_holes(random, FIELDS["smooth"], 0.25) for _ in range(80)]
     assert all(one.whole < one.positions == 4 for one in cells[:3])
-    expected = np.mean([one.weights[0] @ [PRINT, REPEAT] / one.positions for one in cells])
+    expected = np.mean([one.weights[0, 0] @ [PRINT, REPEAT] / one.positions for one in cells])
     assert np.mean([one.variance() for one in cells]) == pytest.approx(expected, rel=0.1)
     found = [component_interval([one], "print") for one in cells]
     assert np.mean([one.estimate for one in found]) == pytest.approx(PRINT, rel=0.12)

@@ -93,19 +93,7 @@ class Sweep:
             return collection, replace(settings, components=int(value))
         if self.parameter == "copies":
             return collection, replace(settings, copies=int(value))
-        return at_level(collection, int(value)), settings
-
-
-def at_level(collection: Collection, level: int) -> Collection:
-    """The presses of one force level.
-
-    Raises:
-        InputError: There is none.
-    """
-    which = collection.level == level
-    if not which.any():
-        raise InputError("force-level", level, f"the runs have {', '.join(map(str, collection.levels))}")
-    return collection.chosen(which)
+        return collection.at_level(int(value)), settings
 
 
 def run_sweep(

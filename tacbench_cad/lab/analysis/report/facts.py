@@ -161,12 +161,17 @@ def open_points(collection: Collection, colour: bool, ddof: int) -> Table:
             spacing.get(info.grid_spacing, f"the study's own grid, {positions}"),
             "grid_spacing",
         ),
+        (
+            "variance of what: the text has all prints and repeats, the notebooks the repeats on one print",
+            "both, each by itself",
+            "tacbench variance --protocol paper|as-published",
+        ),
         ("variance of grey or colour images", "colour" if colour else "grey (BT.601)", "--colour"),
         ("divisor of the variance (ddof)", str(ddof), "--ddof 0|1"),
         (
             "force of the 300 images of a cell",
-            f"each of the levels {levels}, and their mean",
-            "force_level in variance.csv",
+            f"each of the levels {levels}, and their mean; as published: level {collection.levels[0]}",
+            "--force-level",
         ),
     )
     return _table("How it was read here", ("what is open", "taken here", "the other reading"), rows)

@@ -16,6 +16,7 @@ from typing import Any
 from tacbench_cad.lab.analysis.classification.classify import MODULES, Progress
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
 from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.published import texture_number
 from tacbench_cad.lab.analysis.report.classification import Classification, classify_into
 from tacbench_cad.lab.analysis.report.facts import open_points, write_facts
 from tacbench_cad.lab.analysis.report.rendering import template
@@ -80,6 +81,8 @@ def write_report(
     # Folders that are not of these runs are refused before anything is computed.
     if chosen.variance is not None:
         settings = read_settings(chosen.variance / SETTINGS_FILE, Settings)
+        if settings.protocol != "paper":
+            raise InputError("variance", str(chosen.variance), "must be of --protocol paper; the report adds the other")
         _require_same("variance", chosen.variance, settings.data, collection)
     for folder in chosen.classifications:
         _require_same("classify", folder, ClassificationRecord.read(folder).data, collection)
@@ -134,12 +137,32 @@ def _variance(collection: Collection, folder: Path, options: Options, progress: 
             return {"no_variance": _refusal_of(error), "open_points": open_points(collection, colour=False, ddof=0)}
         write_all(result, folder)
     view = VarianceView.read(folder, collection)
-    try:
-        grades = grade(view.cells, collection)
-    except InputError:
-        grades = ()  # none of the paper's textures: there is nothing to stand beside
     points = open_points(collection, view.settings.colour, view.settings.ddof)
-    return {"no_variance": "", "view": view, "grades": grades, "open_points": points}
+    beside = _beside_the_paper(collection, folder.with_name("variance_as_published"), options, progress)
+    return {"no_variance": "", "view": view, "open_points": points, **beside}
+
+
+def _beside_the_paper(collection: Collection, folder: Path, options: Options, progress: Progress) -> dict[str, Any]:
+    """Have the files of what the paper's printed figures are, and give these beside them, or why there are none."""
+    from tacbench_cad.lab.analysis.variance.table import variance_table
+    from tacbench_cad.lab.analysis.variance.view import write_all
+
+    clear(folder)
+    if not collection.in_counts or not any(map(texture_number, collection.textures)):
+        return {"published": None, "grades": (), "no_grades": "they are not images of the paper's textures"}
+    try:
+        result = variance_table(
+            collection,
+            protocol="as-published",
+            jobs=options.jobs,
+            dask=options.dask,
+            progress=lambda done, total: progress("variance as published", done, total),
+        )
+    except InputError as error:
+        return {"published": None, "grades": (), "no_grades": _refusal_of(error)}
+    write_all(result, folder)
+    grades = grade(result.cells, result.collection, result.left_out)
+    return {"published": VarianceView.of(result), "grades": grades, "no_grades": ""}
 
 
 def _classifications(collection: Collection, files: Path, options: Options, progress: Progress) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from tacbench_cad.lab.analysis.published import PAPER_ROW_NAMES
 from tacbench_cad.lab.study.spec import Protocol
@@ -16,6 +16,8 @@ ALL_LEVELS = "all"
 #: Where a noise floor comes from.
 FRAMES, REPEATS = "stationary frames", "repeats (upper bound)"
 
+#: What a figure is the variance of: all presses of a place (prints and repeats), or the repeats on each of its prints.
+Quantity = Literal["prints and repeats", "repeats of one print"]
 #: A force level from 1, or :data:`ALL_LEVELS`.
 Level = int | str
 _Variance = Annotated[float, Bounds(0.0)]
@@ -34,7 +36,7 @@ class Cell:
         texture: Name of the texture: ``texture-4``.
         force_level: Level from 1, or ``"all"`` for the mean over the levels.
         variance: Variance of each pixel over prints x repeats at each position, then the mean over pixels and
-            positions.
+            positions; or what ``quantity`` says.
         floor: Noise floor in the same unit, for ddof 1; None where none could be measured.
         low: Lower end of the 95 % interval of ``variance``; None where there is no interval.
         high: Upper end; ``inf`` never stands here, None does.
@@ -46,6 +48,9 @@ class Cell:
         floor_removed: ``unbiased`` less the floor; may be negative. None without a floor.
         floor_removed_low: Lower end of its 95 % interval, None without one.
         floor_removed_high: Upper end.
+        quantity: What ``variance`` is taken over.
+        published: The paper's figure for this printer, filament and texture, if ``variance`` is the quantity that the
+            paper printed.
     """
 
     printer: str
@@ -64,6 +69,8 @@ class Cell:
     floor_removed: float | None = None
     floor_removed_low: float | None = None
     floor_removed_high: float | None = None
+    quantity: Quantity = "prints and repeats"
+    published: float | None = None
 
     def __post_init__(self) -> None:
         check_fields(self)

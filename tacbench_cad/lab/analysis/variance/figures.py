@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure, save, styled
-from tacbench_cad.lab.analysis.published import PAPER_VARIANCE, variance_of
 from tacbench_cad.lab.analysis.variance.cells import (
     Cell,
     Level,
@@ -62,6 +61,8 @@ def draw_all(result: VarianceResult, folder: Path) -> list[Path]:
     }
     if result.fields:
         figures["displacements"] = displacement_figure
+    if result.protocol == "as-published":
+        figures = {"variance": table_figure}
     simulated = result.collection.simulated
     with styled():
         return [path for stem, draw in figures.items() for path in save(draw(result), folder / stem, simulated)]
@@ -88,6 +89,8 @@ def compared(result: VarianceResult) -> list[str]:
 
     One print shows how the sensor repeats, and nothing of how prints differ.
     """
+    if result.protocol == "as-published":
+        return list(dict.fromkeys(cell.combination for cell in result.cells))
     prints: dict[str, int] = {}
     for cell in result.cells:
         prints[cell.combination] = max(prints.get(cell.combination, 0), cell.prints)
@@ -110,7 +113,8 @@ def table_figure(result: VarianceResult) -> Figure:
     for axes, level in zip(panels, levels, strict=True):
         _table_panel(axes, result, level, combinations, top)
         axes.set_title(_title(result, level), loc="left")
-    figure.supylabel(f"variance ({squared_unit(result)})", fontsize=8.0)
+    what = "variance" if result.protocol == "paper" else "variance of the repeats on one print"
+    figure.supylabel(f"{what} ({squared_unit(result)})", fontsize=8.0)
     figure.supxlabel("texture", fontsize=8.0)
     figure.legend(handles=_table_legend(result, combinations), loc="outside upper left", ncols=3)
     return figure
@@ -142,9 +146,8 @@ def _table_panel(axes: Axes, result: VarianceResult, level: Level, combinations:
             x = j + (i - (len(combinations) - 1) / 2.0) * step
             lowest = min([lowest, *(value for value in (cell.variance, cell.noise_alone) if value)])
             _point(axes, cell, x, step, look, top)
-            paper = variance_of(cell.printer, cell.filament, texture)
-            if paper is not None and result.like_paper:
-                papers.append((x + 0.32 * step, paper))
+            if cell.published is not None:
+                papers.append((x + 0.32 * step, cell.published))
         for place in papers:
             axes.plot(*place, **look, linestyle="", markersize=4.0, markerfacecolor="none")
     _log_axes(axes, [short_texture(texture) for texture in textures])
@@ -180,7 +183,7 @@ def _table_legend(result: VarianceResult, combinations: Sequence[str]) -> list[A
     ]
     if any(cell.floor for cell in result.cells):
         handles.append(Line2D([], [], color=INK, linewidth=1.0, label="what noise alone gives"))
-    if result.like_paper and any(tuple(combination.split("_", 1)) in PAPER_VARIANCE for combination in combinations):
+    if any(cell.published is not None for cell in result.cells):
         hollow: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 4.0, "markerfacecolor": "none"}
         handles.append(Line2D([], [], color=INK, label="hollow: the paper's table", **hollow))
     return handles

@@ -1,15 +1,15 @@
-"""A printer's variances beside the published ones: a verdict for each published printer, with its numbers and reasons.
+"""A printer's repeatability beside the published figures: a verdict for each published printer, with its reasons.
 
-A published figure is taken as it stands: it comes from six prints, has no interval, and the text does not say at which
-force or in which colours it was taken. Ours is grey, ddof 0, with prints as the unit of its interval.
+The published figures are the variance over the two repeats on one print (:data:`.published.PAPER_VARIANCE`), so ours
+are the same: the table of the protocol ``as-published``. They say how well a print repeats, not how prints differ. A
+published figure has no interval and is taken as it stands; ours has prints as the unit of its interval.
 
-With ddof 0 the expected figure depends on the number of prints: k prints of R repeats show (k-1)/k of the variance
-between prints and (kR-1)/(kR) of that between repeats, so three prints read up to 20 % lower than six would. Before it
-is compared, an interval is brought to the paper's six prints of two repeats: its lower end by the smaller of the two
-factors that this takes, its upper end by the larger one, because the fraction of the prints is not known well.
+With ddof 0 the expected figure depends on the number of repeats: R of them show (R-1)/R of their variance. Before it is
+compared, our interval is brought to two repeats.
 
-A figure contains the sensor's noise too. The verdict is "less consistent" only where our figure stays above the
-published one with our noise floor taken off; the noise in the published figures is unknown.
+A figure contains the sensor's noise too. The verdict is "repeats less well" only where our figure stays above the
+published one once what our noise floor adds to it (the same divisor, the same number of repeats) is taken off; the
+noise in the published figures is unknown.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.published import texture_number
 from tacbench_cad.lab.analysis.tables import Column, Table, short
-from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, Cell, Level, squared
-from tacbench_cad.lab.analysis.variance.grade_limits import factors, limits
-from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.lab.analysis.variance.cells import Cell, Level, squared
+from tacbench_cad.lab.analysis.variance.grade_limits import limits, to_two_repeats
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import interval
 
 #: What our figure of a texture is against a published one.
@@ -33,8 +33,8 @@ Difference = Literal["less", "more", "unclear"]
 
 #: What can be said of a printer beside a published one.
 Verdict = Literal[
-    "as consistent, or more",
-    "less consistent",
+    "repeats as well, or better",
+    "repeats less well",
     "varies more, but the sensor's noise may explain it",
     "varies more, but without a noise floor the reason is unknown",
     "not enough data",
@@ -52,7 +52,7 @@ class Compared:
         filament: Its filament.
         variance: Its figure.
         ours_is: What ours is; None without an interval, or in another unit.
-        ratio: Our interval, brought to six prints of two repeats, over the published figure; None without an interval.
+        ratio: Our interval, brought to two repeats, over the published figure; None without an interval.
     """
 
     printer: str
@@ -68,7 +68,7 @@ class Texture:
 
     texture: int
     variance: float
-    floor: float | None
+    noise_alone: float | None
     low: float | None
     high: float | None
     prints: int
@@ -123,7 +123,7 @@ class Grade:
     Args:
         printer: Printer.
         filament: Filament.
-        force_level: The level that was compared, or ``all``.
+        force_level: The level that was compared.
         units: The unit of the variances: ``counts^2``.
         textures: The paper's textures that there are, by number.
         verdicts: What the data say, for each of the paper's rows.
@@ -150,56 +150,55 @@ class Grade:
         columns = (
             Column("texture"),
             Column("prints"),
-            Column("variance", head=f"variance ({self.units})", text=short),
+            Column("variance", head=f"variance of repeats ({self.units})", text=short),
             Column("interval", head="95 % interval", source=lambda t: interval(t.low, t.high), right=True),
-            Column("floor", source=lambda t: "none" if t.floor is None else short(t.floor), right=True),
+            Column(
+                "noise_alone", source=lambda t: "none" if t.noise_alone is None else short(t.noise_alone), right=True
+            ),
             *(Column(name, source=partial(beside, place), right=True) for place, name in enumerate(names)),
         )
-        level = "mean over the forces" if self.force_level == ALL_LEVELS else f"force level {self.force_level}"
+        level = f"force level {self.force_level}"
         title = f"{self.printer}, {self.filament}: {level}; published figures with what yours is beside them"
         return Table.of(columns, self.textures, title)
 
 
-def grade(
-    cells: Sequence[Cell], collection: Collection, force_level: Level = ALL_LEVELS, left_out: Sequence[str] = ()
-) -> tuple[Grade, ...]:
+def grade(cells: Sequence[Cell], collection: Collection, left_out: Sequence[str] = ()) -> tuple[Grade, ...]:
     """Each printer-filament of a variance table beside the published table.
 
     Args:
-        cells: The variance table's cells.
+        cells: The cells of a table of the protocol ``as-published``.
         collection: The study.
-        force_level: The level to compare, or ``all`` for the pooled cells.
         left_out: Readings that could not be used.
 
     Returns:
         One grade for each printer and filament, in the order of the cells.
 
     Raises:
-        InputError: There is no cell at this level, or none of one of the paper's textures.
+        InputError: The cells are of another quantity than the published figures, or none is of one of the paper's
+            textures.
     """
-    levels = list(dict.fromkeys(str(cell.force_level) for cell in cells))
-    chosen = [cell for cell in cells if str(cell.force_level) == str(force_level)]
-    if not chosen:
-        raise InputError("force_level", force_level, nearest(str(force_level), levels))
-    if not any(texture_number(cell.texture) for cell in chosen):
-        names = ", ".join(dict.fromkeys(cell.texture for cell in chosen))
+    if any(cell.quantity != "repeats of one print" for cell in cells):
+        what = "must be as-published: the published figures are the variance over the repeats on one print"
+        raise InputError("protocol", "paper", what)
+    if not any(texture_number(cell.texture) for cell in cells):
+        names = ", ".join(dict.fromkeys(cell.texture for cell in cells))
         raise InputError("texture", names, "none of them is one of the paper's six; `tacbench variance` takes any")
     grades = []
-    for printer, filament in dict.fromkeys((cell.printer, cell.filament) for cell in chosen):
-        mine = [cell for cell in chosen if (cell.printer, cell.filament) == (printer, filament)]
+    for printer, filament in dict.fromkeys((cell.printer, cell.filament) for cell in cells):
+        mine = [cell for cell in cells if (cell.printer, cell.filament) == (printer, filament)]
         textures = [_texture(cell, number, collection) for cell in mine if (number := texture_number(cell.texture))]
         textures.sort(key=lambda texture: texture.texture)
         grades.append(
             Grade(
                 printer=printer,
                 filament=filament,
-                force_level=force_level,
+                force_level=mine[0].force_level,
                 units=squared(collection.units),
                 textures=tuple(textures),
                 verdicts=tuple(
                     _judged(i, textures, collection.in_counts) for i in range(len(published.PAPER_VARIANCE))
                 ),
-                limits=limits(mine, collection, left_out, force_level),
+                limits=limits(mine, collection, left_out),
             )
         )
     return tuple(grades)
@@ -211,11 +210,11 @@ def _texture(cell: Cell, number: int, collection: Collection) -> Texture:
         value, ratio = values[number - 1], None
         ours_is: Difference | None = None
         if cell.low is not None and cell.high is not None and collection.in_counts:
-            smaller, larger = factors(cell.prints, collection.info.protocol.repeats)
-            ratio = (smaller * cell.low / value, larger * cell.high / value)
+            two = to_two_repeats(collection.info.protocol.repeats)
+            ratio = (two * cell.low / value, two * cell.high / value)
             ours_is = "less" if ratio[1] < 1.0 else "more" if ratio[0] > 1.0 else "unclear"
         compared.append(Compared(printer=printer, filament=filament, variance=value, ours_is=ours_is, ratio=ratio))
-    numbers = {name: getattr(cell, name) for name in ("variance", "floor", "low", "high", "prints", "presses")}
+    numbers = {name: getattr(cell, name) for name in ("variance", "noise_alone", "low", "high", "prints", "presses")}
     return Texture(texture=number, published=tuple(compared), **numbers)
 
 
@@ -226,24 +225,26 @@ def _judged(row: int, textures: Sequence[Texture], comparable: bool) -> Judgemen
         of = texture.published[row]
         if of.ours_is and of.ratio:
             by[of.ours_is].append((texture, of.ratio))
-    # What of the lower end the noise floor cannot explain.
+    # What of the lower end the noise cannot explain. Interval and noise are both for ddof 0 and our number of repeats.
     beyond = [
-        texture.floor is not None and ratio[0] - texture.floor / texture.published[row].variance > 1.0
+        texture.noise_alone is not None
+        and texture.low is not None
+        and ratio[0] * (1.0 - texture.noise_alone / texture.low) > 1.0
         for texture, ratio in by["more"]
     ]
     verdict: Verdict
     if not comparable:
         verdict = "another unit"
     elif any(beyond):
-        verdict = "less consistent"
-    elif any(texture.floor is None for texture, _ in by["more"]):
+        verdict = "repeats less well"
+    elif any(texture.noise_alone is None for texture, _ in by["more"]):
         verdict = "varies more, but without a noise floor the reason is unknown"
     elif by["more"]:
         verdict = "varies more, but the sensor's noise may explain it"
     elif by["unclear"]:
         verdict = "not enough data"
     else:
-        verdict = "as consistent, or more" if by["less"] else "no interval"
+        verdict = "repeats as well, or better" if by["less"] else "no interval"
     less, more, unclear = (tuple(texture.texture for texture, _ in members) for members in by.values())
     printer, filament = list(published.PAPER_VARIANCE)[row]
     return Judgement(

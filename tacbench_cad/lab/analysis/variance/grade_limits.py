@@ -9,45 +9,33 @@ import numpy as np
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.published import PRINTS, texture_number
-from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, REPEATS, Cell, Level
+from tacbench_cad.lab.analysis.variance.cells import Cell, Level
 from tacbench_cad.spec.protocol import FORCE_SPREADS_N, FORCES_N, PressGrid
 from tacbench_cad.util.text import counted
 
 #: Rows and columns of the camera's images.
 IMAGE_SHAPE = (480, 640)
-#: A noise floor above this fraction of a figure is a reason.
-LARGE_FLOOR = 0.5
+#: Noise above this fraction of a figure is a reason.
+LARGE_NOISE = 0.5
 
 
-def factors(prints: int, repeats: int) -> tuple[float, float]:
-    """What takes an expected figure (ddof 0) to the paper's six prints of two repeats: the least and the most.
-
-    Args:
-        prints: Prints of the cell, at least 2.
-        repeats: Readings at each place.
-    """
-    paper = PRINTS * published.REPEATS
-    own = prints * repeats
-    of_prints = (1.0 - 1.0 / PRINTS) / (1.0 - 1.0 / prints)
-    of_repeats = (1.0 - 1.0 / paper) / (1.0 - 1.0 / own)
-    return min(of_prints, of_repeats), max(of_prints, of_repeats)
+def to_two_repeats(repeats: int) -> float:
+    """What takes an expected variance of so many repeats (ddof 0) to that of the paper's two."""
+    return (1.0 - 1.0 / published.REPEATS) / (1.0 - 1.0 / repeats)
 
 
-def limits(
-    cells: Sequence[Cell], collection: Collection, left_out: Sequence[str], force_level: Level
-) -> tuple[str, ...]:
+def limits(cells: Sequence[Cell], collection: Collection, left_out: Sequence[str]) -> tuple[str, ...]:
     """What the cells of one printer cannot support: those of the reasons that hold, a sentence each.
 
     Args:
-        cells: Its cells at the level that is compared.
+        cells: Its cells.
         collection: The study.
         left_out: Readings that could not be used.
-        force_level: That level.
     """
     return (
         *_of_data(cells, collection, left_out),
         *_of_noise(cells, collection),
-        *_of_pressing(collection, force_level),
+        *_of_pressing(collection, cells[0].force_level),
     )
 
 
@@ -59,14 +47,14 @@ def _of_data(cells: Sequence[Cell], collection: Collection, left_out: Sequence[s
         yield f"{counted(len(left_out), 'reading')} could not be used, the first: {left_out[0]}."
     single = [cell for cell in cells if cell.prints == 1]
     if single:
-        yield f"One print of {_names(single)}: the figure shows repeats, not how prints differ; print {PRINTS}."
+        yield f"One print of {_names(single)}: others may repeat otherwise, so there is no interval; print {PRINTS}."
     few = sorted({cell.prints for cell in cells if 1 < cell.prints < PRINTS})
     if few:
-        low = 100.0 * (1.0 - 1.0 / factors(few[0], published.REPEATS)[1])
-        yield (
-            f"{' and '.join(map(str, few))} prints where the paper has {PRINTS}: the interval is wide, the figure "
-            f"is expected up to {low:.0f} % too low (ddof 0), which the comparison allows for."
-        )
+        yield f"{' and '.join(map(str, few))} prints where the paper has {PRINTS}: the interval is wide."
+    yield (
+        'The figures are the variance over the repeats on one print. How prints differ is in "tacbench variance", '
+        "and the paper has no figure for it."
+    )
     without = [cell for cell in cells if cell.prints > 1 and cell.low is None]
     if without:
         yield f"No interval for {_names(without)}."
@@ -79,15 +67,14 @@ def _of_data(cells: Sequence[Cell], collection: Collection, left_out: Sequence[s
 
 
 def _of_noise(cells: Sequence[Cell], collection: Collection) -> Iterator[str]:
-    """No noise floor, an upper bound only, or a large one; the paper's own, whose unit is unknown."""
-    if all(cell.floor is None for cell in cells):
+    """No noise floor, or a large one; the paper's own, whose unit is unknown."""
+    noise = {cell: cell.noise_alone for cell in cells if cell.noise_alone is not None}
+    if not noise:
         yield "No noise floor: how much of the figures is the sensor's own noise is unknown."
-    elif any(cell.floor_from == REPEATS for cell in cells):
-        yield "The noise floor is an upper bound: it comes from repeats on one print, which contain re-approach."
-    large = [cell for cell in cells if cell.floor is not None and cell.floor > LARGE_FLOOR * cell.variance]
+    large = [cell for cell, value in noise.items() if value > LARGE_NOISE * cell.variance]
     if large:
-        noise = max(min(1.0, (cell.floor or 0.0) / cell.variance) if cell.variance else 1.0 for cell in large)
-        yield f"Up to {100.0 * noise:.0f} % of the figure is noise ({_names(large)})."
+        most = max(min(1.0, noise[cell] / cell.variance) if cell.variance else 1.0 for cell in large)
+        yield f"Up to {100.0 * most:.0f} % of the figure is noise ({_names(large)})."
     if collection.in_counts:
         readings = " or ".join(f"{value:.2g} counts^2 if a {kind}" for kind, value in published.PAPER_FLOORS.items())
         yield f"The paper's own noise floor, {published.FLOOR}, has no unit ({readings})."
@@ -101,8 +88,8 @@ def _of_pressing(collection: Collection, force_level: Level) -> Iterator[str]:
     elif not _same_forces(protocol.forces_n):
         own, paper = (", ".join(f"{force:g}" for force in forces) for forces in (protocol.forces_n, FORCES_N))
         yield f"Other forces ({own} N) than the paper's ({paper} N): variance grows with force."
-    elif force_level != ALL_LEVELS:
-        yield f"Force level {force_level} alone; the paper does not say at which force its figures were taken."
+    elif force_level != 1:
+        yield f"Force level {force_level}; the published figures are of level 1: variance grows with force."
     shape = collection.info.frame_shape or ()
     if shape[:2] not in ((), IMAGE_SHAPE) and collection.in_counts:
         yield f"Images of {' x '.join(map(str, shape))}, not 480 x 640 pixels: another camera or sensor."
@@ -116,8 +103,9 @@ def _of_pressing(collection: Collection, force_level: Level) -> Iterator[str]:
         yield f"{protocol.repeats} repeats at each place where the paper has {published.REPEATS}."
     if collection.in_counts:
         yield (
-            "The published figures come from six prints each and have no interval; the text gives neither their force "
-            "nor whether they are grey, so a small difference from them may be one of method."
+            "The published figures have no interval, and frames of other textures are among theirs (row numbers were "
+            "kept in 8 bits), so a small difference from them may be one of method. That all three rows were made as "
+            "that of Bambu PLA- is assumed: its output alone was saved."
         )
 
 

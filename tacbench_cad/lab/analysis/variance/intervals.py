@@ -68,6 +68,8 @@ from numpy.typing import ArrayLike
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats, Ints
 
+#: What a variance is over: all presses of a place, or the repeats on each of its prints.
+OF_ALL, OF_REPEATS = 0, 1
 #: Draws behind an interval. From seed to seed the ends then move by less than 1 %, with two prints by some 10 %.
 DRAWS = 10_000
 #: Ends of the interval as quantiles of the draws.
@@ -87,19 +89,23 @@ class CellSums:
         gram: Sum of the Gram matrices of the whole positions, presses in the order of ``design``, shape (n, n).
         positions: Positions (times force levels).
         whole: Positions at which no press is missing: only they show how pixels move together.
+        repeated: Prints that were pressed more than once, summed over positions.
         presses: Presses.
         between: Sum over positions of the squares between prints.
         within: The same within prints.
         dof: Degrees of freedom between and within prints, summed over positions.
         kappa: Coefficient of sigma_P^2 in ``between``.
-        variances: Sum over positions of the variance for ddof 0 and 1; NaN where a position has one press.
-        weights: Coefficients of sigma_P^2 and sigma_e^2 in ``variances``, shape (2, 2), a row for each ddof.
+        variances: A row for each quantity, of two entries for ddof 0 and 1. :data:`OF_ALL`: sum over positions of the
+            variance of all presses, NaN where a position has one. :data:`OF_REPEATS`: sum over positions and prints of
+            the variance of the repeats on the print, where it was pressed more than once. Shape (2, 2).
+        weights: Coefficients of sigma_P^2 and sigma_e^2 in ``variances``, shape (2, 2, 2).
     """
 
     design: Ints
     gram: Floats
     positions: int
     whole: int
+    repeated: int
     presses: int
     between: float
     within: float
@@ -122,25 +128,32 @@ class CellSums:
         order = np.argsort(copies, kind="stable")
         copies, products = copies[order], products[np.ix_(order, order)]
         expected = copies if design is None else np.sort(np.asarray(design, dtype=np.int64))
-        sizes = np.unique(copies, return_counts=True)[1].astype(np.float64)
+        _, starts, counts = np.unique(copies, return_index=True, return_counts=True)
+        sizes = counts.astype(np.float64)
         k = len(sizes)
         total = float(np.trace(products))
         between = float(np.trace(_between(products, copies)))
         kappa = n - float((sizes**2).sum()) / n
         whole = np.array_equal(copies, expected)
         divisors = np.array([n, n - 1.0 if n > 1 else np.nan])
+        sums = np.add.reduceat(np.add.reduceat(products, starts, axis=0), starts, axis=1)
+        squares = np.maximum(0.0, np.add.reduceat(np.diag(products), starts) - np.diag(sums) / sizes)
+        more = sizes > 1
+        of_repeats = np.stack([squares[more] / sizes[more], squares[more] / (sizes[more] - 1.0)]).sum(axis=1)
+        seen = np.array([(1.0 - 1.0 / sizes[more]).sum(), more.sum()])
         return cls(
             design=expected,
             gram=products if whole else np.zeros((len(expected), len(expected))),
             positions=1,
             whole=int(whole),
+            repeated=int(more.sum()),
             presses=n,
             between=between,
             within=max(0.0, total - between),
             dof=(k - 1, n - k),
             kappa=kappa,
-            variances=total / divisors,
-            weights=np.array([kappa, n - 1.0]) / divisors[:, None],
+            variances=np.stack([total / divisors, of_repeats]),
+            weights=np.stack([np.array([kappa, n - 1.0]) / divisors[:, None], np.stack([0.0 * seen, seen], axis=1)]),
         )
 
     def __add__(self, other: CellSums) -> CellSums:
@@ -152,6 +165,7 @@ class CellSums:
             gram=larger.gram + smaller.gram if alike else larger.gram,
             positions=self.positions + other.positions,
             whole=larger.whole + (smaller.whole if alike else 0),
+            repeated=self.repeated + other.repeated,
             presses=self.presses + other.presses,
             between=self.between + other.between,
             within=self.within + other.within,
@@ -166,12 +180,21 @@ class CellSums:
         """Prints in the cell, k."""
         return len(np.unique(self.design))
 
-    def variance(self, ddof: int = 0) -> float:
+    def counts(self, quantity: int) -> int:
+        """What a quantity is the mean over: positions, or positions of prints that were pressed more than once."""
+        return self.positions if quantity == OF_ALL else self.repeated
+
+    def variance(self, ddof: int = 0, quantity: int = OF_ALL) -> float:
         """The table's figure: variance over the presses of a position, then the mean over pixels and positions.
 
         NaN for ``ddof`` 1 where a position has one press.
+
+        Args:
+            ddof: 0 or 1.
+            quantity: :data:`OF_ALL`, or :data:`OF_REPEATS` for the variance over the repeats on each print, then the
+                mean over prints too.
         """
-        return float(self.variances[ddof]) / self.positions
+        return float(self.variances[quantity, ddof]) / self.counts(quantity)
 
     def print_gram(self) -> Floats:
         """Gram matrix of the prints' mean deviations over the whole positions, each times sqrt(repeats), (k, k)."""
@@ -214,7 +237,9 @@ class Interval:
     parts: float
 
 
-def variance_interval(cell: CellSums, *, ddof: int = 0, floor: float = 0.0, seed: int = 0) -> Interval:
+def variance_interval(
+    cell: CellSums, *, ddof: int = 0, floor: float = 0.0, seed: int = 0, quantity: int = OF_ALL
+) -> Interval:
     """Interval of a cell's variance, or of its variance with the noise floor removed.
 
     Args:
@@ -222,11 +247,12 @@ def variance_interval(cell: CellSums, *, ddof: int = 0, floor: float = 0.0, seed
         ddof: As for the variance.
         floor: Noise floor to remove, a variance with ddof 1 in the reading's unit squared; 0 removes nothing.
         seed: Seed of the draws.
+        quantity: :data:`OF_ALL` or :data:`OF_REPEATS`.
 
     Raises:
         InputError: There is one print.
     """
-    of_print, of_repeat = cell.weights[ddof] / cell.positions
+    of_print, of_repeat = cell.weights[quantity, ddof] / cell.counts(quantity)
     return _interval([cell], float(of_print), float(of_repeat), float(of_repeat) * floor, seed)
 
 

@@ -36,8 +36,12 @@ def _warnings(collection: Collection, cells: Sequence[Cell]) -> Iterator[tuple[s
     by_combination = _by(of_level, lambda cell: cell.combination)
     most = {combination: max(cell.prints for cell in members) for combination, members in by_combination}
     fullest = [cell for cell in of_level if cell.prints == most[cell.combination]]
+    of_repeats = any(cell.quantity == "repeats of one print" for cell in cells)
     for prints, members in _by(fullest, lambda cell: cell.prints):
-        if prints == 1:
+        if of_repeats:
+            if prints == 1:
+                yield _where(members), "one print of each texture, so there is no interval"
+        elif prints == 1:
             yield (
                 _where(members),
                 "one print of each texture; its variance holds noise and re-approach but nothing of how prints differ, "
@@ -45,7 +49,7 @@ def _warnings(collection: Collection, cells: Sequence[Cell]) -> Iterator[tuple[s
             )
         elif prints < PRINTS:
             wide = "; with two, an interval can only be very wide" if prints == 2 else ""
-            yield _where(members), f"{prints} prints of each texture, the paper has {PRINTS}{wide}"
+            yield _where(members), f"{prints} prints of each texture, the paper's text has {PRINTS}{wide}"
     mixed = [cell for _, members in by_combination if len({cell.prints for cell in members}) > 1 for cell in members]
     counts = _listed(sorted({cell.prints for cell in mixed}))
     yield (
@@ -60,16 +64,16 @@ def _warnings(collection: Collection, cells: Sequence[Cell]) -> Iterator[tuple[s
     )
     yield (
         _where(cell for cell in cells if not cell.floor_from),
-        "no noise floor (no stationary frames in contact and no second repeat); how much of the variance is noise is "
-        "not known",
+        f"no noise floor (no stationary frames in contact{'' if of_repeats else ' and no second repeat'}); how much of "
+        "the variance is noise is not known",
     )
     for (presses, prints), members in _by(fullest, lambda cell: (cell.presses, cell.prints)):
         design = (prints, positions, repeats)
-        if design != (PRINTS, POSITIONS, PAPER_REPEATS) and presses == prints * positions * repeats:
+        if not of_repeats and design != (PRINTS, POSITIONS, PAPER_REPEATS) and presses == prints * positions * repeats:
             yield (
                 _where(members),
                 f"{counted(presses, 'press')} in a cell ({prints} x {counted(positions, 'position')} x "
-                f"{counted(repeats, 'repeat')}), the paper's table has {PRINTS * POSITIONS * PAPER_REPEATS} "
+                f"{counted(repeats, 'repeat')}), the paper's text has {PRINTS * POSITIONS * PAPER_REPEATS} "
                 f"({PRINTS} x {POSITIONS} x {PAPER_REPEATS})",
             )
     yield (

@@ -10,6 +10,9 @@ and the sensor's own noise are all in it, so the noise floor stands beside it, i
   an upper bound of the noise, and is named so.
 
 The estimate with the floor removed is the variance with ddof 1 less the floor; it is unbiased and may be negative.
+
+The figures that the paper printed are another quantity: the variance of the repeats on one print, then the mean over
+prints, positions and pixels. With the protocol ``as-published`` V is that.
 """
 
 from __future__ import annotations
@@ -20,28 +23,41 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from itertools import chain, combinations, product
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import Preprocess
+from tacbench_cad.lab.analysis.preprocess import AS_PUBLISHED, Preprocess
+from tacbench_cad.lab.analysis.published import variance_of
 from tacbench_cad.lab.analysis.variance.between import TextureMatrix, texture_matrices
-from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, FRAMES, REPEATS, Cell, Level, parts_of
+from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, FRAMES, REPEATS, Cell, Level, Quantity, parts_of
 from tacbench_cad.lab.analysis.variance.components import component_rows, components
-from tacbench_cad.lab.analysis.variance.intervals import CellSums, component_interval, variance_interval
+from tacbench_cad.lab.analysis.variance.intervals import (
+    OF_ALL,
+    OF_REPEATS,
+    CellSums,
+    component_interval,
+    variance_interval,
+)
 from tacbench_cad.lab.analysis.variance.permutation import PermutationTest, dispersion_test
 from tacbench_cad.lab.analysis.variance.streaming import CellKey, Floor, Pass, PlaceSums, stream
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.lab.vision.region import SURE
 from tacbench_cad.lab.vision.resting import found_region
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.types import Floats
 
 #: Sums over positions by cell, in the study's order, and by level, rising.
 _Sums = Mapping[CellKey, Mapping[int, CellSums]]
 
-_NOT_REPEATED = "no place was pressed more than once; a variance needs a second repeat or a second print"
+#: ``paper``: the variance of prints and repeats, as the text says; ``as-published``: what the printed figures are.
+Protocol = Literal["paper", "as-published"]
+#: Why there is no table, for each quantity.
+_NOT_REPEATED = (
+    "no place was pressed more than once; a variance needs a second repeat or a second print",
+    "no print was pressed twice at one place; the published quantity is the variance over the repeats on a print",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +84,8 @@ class VarianceResult:
     """Everything that ``tacbench variance`` says.
 
     Args:
-        collection: The study.
+        collection: The study; with the protocol ``as-published`` its presses at one force level.
+        protocol: Which quantity the table holds.
         preprocess: What was done to a reading first.
         ddof: 0 as in the paper, or 1.
         seed: Seed of intervals and permutations.
@@ -89,6 +106,7 @@ class VarianceResult:
     """
 
     collection: Collection
+    protocol: Protocol
     preprocess: Preprocess
     ddof: int
     seed: int
@@ -104,11 +122,6 @@ class VarianceResult:
     left_out: tuple[str, ...]
     passed: Pass
 
-    @property
-    def like_paper(self) -> bool:
-        """Whether the figures are of whole images in counts, as the paper's are."""
-        return self.collection.in_counts and self.preprocess.region is None
-
     def cell(self, level: Level, combination: str, texture: str) -> Cell | None:
         """A cell of the table, or None if there is no such one."""
         return self._by_key.get((level, combination, texture))
@@ -122,6 +135,7 @@ def variance_table(
     collection: Collection,
     preprocess: Preprocess | None = None,
     *,
+    protocol: Protocol = "paper",
     ddof: int = 0,
     jobs: int = 1,
     dask: str | None = None,
@@ -133,6 +147,9 @@ def variance_table(
     Args:
         collection: The study.
         preprocess: What is done to a reading first; None for grey at full size.
+        protocol: ``paper`` for the variance over prints and repeats; ``as-published`` for the quantity that the paper
+            printed: the variance over the repeats on one print, at the lowest force level that there is, of images at
+            40 % that were made grey and not rounded, ``ddof`` 0.
         ddof: 0 as in the paper, or 1.
         jobs: Processes of this machine.
         dask: Address of a Dask scheduler whose workers do the work instead.
@@ -140,27 +157,45 @@ def variance_table(
         progress: Called with the readings that were passed and with all of them.
 
     Raises:
-        InputError: No place was pressed more than once, or ``ddof`` is not 0 or 1.
+        InputError: No place was pressed more than once, or a setting is not allowed.
     """
     if ddof not in (0, 1):
         raise InputError("ddof", ddof, "allowed: 0, 1")
-    settings = preprocess or Preprocess()
+    one_of("protocol", protocol, get_args(Protocol))
+    settings, quantity = preprocess or Preprocess(), OF_ALL
+    if protocol == "as-published":
+        if preprocess not in (None, AS_PUBLISHED) or ddof:
+            raise InputError(
+                "protocol", protocol, "has its own grey, resolution and ddof; leave out --colour and --ddof"
+            )
+        settings, quantity = AS_PUBLISHED, OF_REPEATS
+        collection = collection.at_level(collection.levels[0])
     collection = replace(collection, features=settings.features)
     with workers(jobs, dask, [run.folder for run in collection.runs]) as executor:
         passed = stream(collection, settings, executor, progress)
-    sums = _summed(collection, passed.places)
+    sums = _summed(collection, passed.places, quantity)
     if not sums:
-        raise InputError("presses", 1, _NOT_REPEATED)
-    floors = _floors(collection, passed.floors, sums)
+        raise InputError("presses", 1, _NOT_REPEATED[quantity])
+    floors = _floors(collection, passed.floors, sums, quantity)
     cells = tuple(
-        _cell(key, level, {at: cell for at, cell in of_levels.items() if at in members}, floors[key], ddof, seed)
-        for level, members in _pools(sums.values())
+        _cell(
+            key,
+            level,
+            {at: cell for at, cell in of_levels.items() if at in members},
+            floors[key],
+            ddof,
+            seed,
+            quantity,
+            collection.in_counts,
+        )
+        for level, members in _pools(sums.values())[: None if quantity == OF_ALL else 1]
         for key, of_levels in sums.items()
         if not of_levels.keys().isdisjoint(members)
     )
     variances = {(at, key): cell.variance(ddof) for key, of_levels in sums.items() for at, cell in of_levels.items()}
     return VarianceResult(
         collection=collection,
+        protocol=protocol,
         preprocess=settings,
         ddof=ddof,
         seed=seed,
@@ -176,7 +211,7 @@ def variance_table(
             )
         ),
         tests=tuple(_tests(collection, sums, seed)),
-        positions=_positions(collection, passed.places, ddof),
+        positions=_positions(collection, passed.places, ddof, quantity),
         maps={key: _map(*passed.maps[key], of_levels.values(), ddof) for key, of_levels in sums.items()},
         fields={place: (total / count).reshape(-1, 2) for place, (total, count) in passed.fields.items()},
         outside=_outside(collection, settings),
@@ -197,7 +232,7 @@ def _outside(collection: Collection, preprocess: Preprocess) -> float | None:
     return region.outside if region.sureness >= SURE else None
 
 
-def _summed(collection: Collection, places: Sequence[PlaceSums]) -> _Sums:
+def _summed(collection: Collection, places: Sequence[PlaceSums], quantity: int) -> _Sums:
     """Each cell's sums over positions. A place with one press says nothing of variance and is left out."""
     sums: dict[CellKey, dict[int, CellSums]] = {}
     for key in product(collection.combinations, collection.textures):
@@ -206,14 +241,18 @@ def _summed(collection: Collection, places: Sequence[PlaceSums]) -> _Sums:
             if cell is not None and cell.presses > 1:
                 of_levels = sums.setdefault(key, {})
                 of_levels[place.level] = of_levels[place.level] + cell if place.level in of_levels else cell
-    return sums
+    measured = {
+        key: {level: cell for level, cell in of_levels.items() if cell.counts(quantity)}
+        for key, of_levels in sums.items()
+    }
+    return {key: of_levels for key, of_levels in measured.items() if of_levels}
 
 
 #: Noise floor of a cell by level, None for a level without one; and where it comes from.
 _CellFloor = tuple[Mapping[int, float | None], str]
 
 
-def _floors(collection: Collection, frames: Sequence[Floor], sums: _Sums) -> dict[CellKey, _CellFloor]:
+def _floors(collection: Collection, frames: Sequence[Floor], sums: _Sums, quantity: int) -> dict[CellKey, _CellFloor]:
     squares: dict[CellKey, float] = defaultdict(float)
     dof: dict[CellKey, int] = defaultdict(int)
     for floor in frames:
@@ -224,6 +263,8 @@ def _floors(collection: Collection, frames: Sequence[Floor], sums: _Sums) -> dic
     for key, of_levels in sums.items():
         if key in dof:
             floors[key] = (dict.fromkeys(of_levels, squares[key] / dof[key]), FRAMES)
+        elif quantity == OF_REPEATS:
+            floors[key] = (dict.fromkeys(of_levels), "")  # the repeats are what the table shows
         else:
             # Variance between repeats on one print, pooled over prints and positions.
             repeats = {at: cell.within / cell.dof[1] if cell.dof[1] else None for at, cell in of_levels.items()}
@@ -231,7 +272,16 @@ def _floors(collection: Collection, frames: Sequence[Floor], sums: _Sums) -> dic
     return floors
 
 
-def _cell(key: CellKey, level: Level, sums: Mapping[int, CellSums], floors: _CellFloor, ddof: int, seed: int) -> Cell:
+def _cell(
+    key: CellKey,
+    level: Level,
+    sums: Mapping[int, CellSums],
+    floors: _CellFloor,
+    ddof: int,
+    seed: int,
+    quantity: int,
+    in_counts: bool,
+) -> Cell:
     """One cell of the table: of one level, or of several whose figures are averaged."""
     combination, texture = key
     levels = list(sums.values())
@@ -240,16 +290,22 @@ def _cell(key: CellKey, level: Level, sums: Mapping[int, CellSums], floors: _Cel
     whole = pooled(levels)
     interval = removed = None
     if whole is not None and whole.prints > 1:
-        interval = variance_interval(whole, ddof=ddof, seed=seed)
-        removed = None if floor is None else variance_interval(whole, ddof=1, floor=floor, seed=seed)
+        interval = variance_interval(whole, ddof=ddof, seed=seed, quantity=quantity)
+        if floor is not None:
+            removed = variance_interval(whole, ddof=1, floor=floor, seed=seed, quantity=quantity)
     # ``weights`` holds the fraction of a repeat's variance in the figure, summed over positions: 1 for ddof 1.
-    of_noise = 1.0 if ddof else float(np.mean([level.weights[0, 1] / level.positions for level in levels]))
-    unbiased = float(np.mean([level.variance(1) for level in levels]))
+    weights = [sums.weights[quantity, 0, 1] / sums.counts(quantity) for sums in levels]
+    of_noise = 1.0 if ddof else float(np.mean(weights))
+    unbiased = float(np.mean([level.variance(1, quantity) for level in levels]))
+    parts = parts_of(combination)
+    published = (
+        variance_of(parts["printer"], parts["filament"], texture) if quantity == OF_REPEATS and in_counts else None
+    )
     return Cell(
-        **parts_of(combination),
+        **parts,
         texture=texture,
         force_level=level,
-        variance=float(np.mean([level.variance(ddof) for level in levels])),
+        variance=float(np.mean([level.variance(ddof, quantity) for level in levels])),
         floor=floor,
         low=interval.low if interval else None,
         high=interval.high if interval else None,
@@ -261,6 +317,8 @@ def _cell(key: CellKey, level: Level, sums: Mapping[int, CellSums], floors: _Cel
         floor_removed=None if floor is None else unbiased - floor,
         floor_removed_low=removed.low if removed else None,
         floor_removed_high=removed.high if removed else None,
+        quantity=get_args(Quantity)[quantity],
+        published=published,
     )
 
 
@@ -328,18 +386,20 @@ def holm(values: Sequence[float]) -> list[float]:
     return adjusted
 
 
-def _positions(collection: Collection, places: Sequence[PlaceSums], ddof: int) -> dict[tuple[int, CellKey], Floats]:
+def _positions(
+    collection: Collection, places: Sequence[PlaceSums], ddof: int, quantity: int
+) -> dict[tuple[int, CellKey], Floats]:
     count = len(collection.info.protocol.grid.positions_mm)
     positions: dict[tuple[int, CellKey], Floats] = {}
     for place in places:
         for key, cell in place.cells.items():
-            if cell.presses > 1:
+            if cell.presses > 1 and cell.counts(quantity):
                 row = positions.setdefault((place.level, key), np.full(count, np.nan))
-                row[place.position - 1] = cell.variance(ddof)
+                row[place.position - 1] = cell.variance(ddof, quantity)
     return positions
 
 
 def _map(picture: Floats, count: int, levels: Iterable[CellSums], ddof: int) -> Floats:
     """Mean map of a cell. ``ddof`` rescales it as a whole: all pixels have the same presses."""
-    plain, unbiased = np.sum([level.variances for level in levels], axis=0)
+    plain, unbiased = np.sum([level.variances[OF_ALL] for level in levels], axis=0)
     return picture / count * (unbiased / plain if ddof else 1.0)

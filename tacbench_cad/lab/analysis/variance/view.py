@@ -16,7 +16,7 @@ import numpy as np
 
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.published import FLOOR, PAPER_FLOORS, variance_of
+from tacbench_cad.lab.analysis.published import FLOOR, PAPER_FLOORS
 from tacbench_cad.lab.analysis.tables import Column, Row, Table, read_settings, short, write_settings
 from tacbench_cad.lab.analysis.variance.cells import (
     ALL_LEVELS,
@@ -34,7 +34,7 @@ from tacbench_cad.lab.analysis.variance.cells import (
 from tacbench_cad.lab.analysis.variance.components import LIMIT_FACTOR
 from tacbench_cad.lab.analysis.variance.notes import variance_warnings
 from tacbench_cad.lab.analysis.variance.registration import Seating
-from tacbench_cad.lab.analysis.variance.table import VarianceResult
+from tacbench_cad.lab.analysis.variance.table import Protocol, VarianceResult
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked
 from tacbench_cad.util.text import interval
@@ -58,6 +58,8 @@ COLUMNS: Mapping[str, tuple[Column, ...]] = {
         *(Column(name, float) for name in ("variance", "floor", "low", "high")),
         *(Column(name, int) for name in ("prints", "presses")),
         Column("noise_alone", float),
+        Column("quantity"),
+        Column("published", float),
     ),
     # Everything in it is for ddof 1.
     "floor_removed": (
@@ -108,6 +110,8 @@ COLUMNS: Mapping[str, tuple[Column, ...]] = {
         Column("variance_without_seating", float, "without seating", text=short),
     ),
 }
+#: The files that hold the quantity of the protocol ``as-published``; the others are of the text's.
+AS_PUBLISHED_FILES = ("variance", "floor_removed", "positions")
 _COMPONENTS = {"texture": "texture", "printer": "printer-filament", "print": "print", "repeat": "repeat on one print"}
 
 
@@ -117,6 +121,7 @@ class Settings:
 
     analysis: Literal["variance"] = "variance"
     version: str = __version__
+    protocol: Protocol = "paper"
     colour: bool
     resolution: float
     ddof: int
@@ -167,6 +172,7 @@ class VarianceView:
         return cls(
             collection=result.collection,
             settings=Settings(
+                protocol=result.protocol,
                 colour=preprocess.colour,
                 resolution=preprocess.resolution,
                 ddof=result.ddof,
@@ -180,7 +186,11 @@ class VarianceView:
                 outside=result.outside,
             ),
             cells=result.cells,
-            tables={name: Table.of(COLUMNS[name], rows) for name, rows in items.items()},
+            tables={
+                name: Table.of(COLUMNS[name], rows)
+                for name, rows in items.items()
+                if result.protocol == "paper" or name in AS_PUBLISHED_FILES
+            },
         )
 
     @classmethod
@@ -192,6 +202,8 @@ class VarianceView:
         """
         settings = read_settings(folder / SETTINGS_FILE, Settings)
         names = ("variance", "floor_removed", "components", "permutation", *["registration"] * settings.registered)
+        if settings.protocol == "as-published":
+            names = names[:2]
         tables = {name: Table.read(folder / f"{name}.csv", COLUMNS[name]) for name in names}
         try:
             cells = tuple(
@@ -214,7 +226,7 @@ class VarianceView:
         Raises:
             InputError: A file cannot be written.
         """
-        names = [name for name in COLUMNS if name != "registration" or self.settings.registered]
+        names = [name for name in self.tables if name != "registration" or self.settings.registered]
         paths = [self.tables[name].write(folder / f"{name}.csv") for name in names]
         return [*paths, write_settings(folder / SETTINGS_FILE, self.settings)]
 
@@ -223,6 +235,7 @@ class VarianceView:
         keys = [column.name for column in COLUMNS["variance"]]
         return {
             "simulated": list(self.collection.simulated),
+            "protocol": self.settings.protocol,
             "units": self.unit,
             "grey": not self.settings.colour,
             "ddof": self.settings.ddof,
@@ -234,11 +247,7 @@ class VarianceView:
                 }
                 for cell, removed in zip(self.cells, self.tables["floor_removed"].rows, strict=True)
             ],
-            **{
-                name: self.tables[name].records()
-                for name in COLUMNS
-                if name not in ("variance", "floor_removed", "positions")
-            },
+            **{name: self.tables[name].records() for name in self.tables if name not in AS_PUBLISHED_FILES},
             "warnings": list(self.warnings),
             "left_out": list(self.settings.left_out),
         }
@@ -280,22 +289,37 @@ class VarianceView:
         if self.settings.roi:
             notes.append(f"Region of interest: {self.settings.roi}; what lies outside of it is not in any figure.")
         elif self.settings.outside is not None:
+            how = ": --roi auto leaves them out" if self.settings.protocol == "paper" else ""
             notes.append(
-                f"{100 * self.settings.outside:.0f} % of the pixels lie outside the sensor and are in each variance: "
-                "--roi auto leaves them out."
+                f"{100 * self.settings.outside:.0f} % of the pixels lie outside the sensor and are in each variance{how}."
             )
-        if self.collection.in_counts and not self.settings.roi:
-            readings = ", ".join(f"{value:.3g} counts^2 if it is a {what}" for what, value in PAPER_FLOORS.items())
-            notes.append(
-                f"The paper gives the average pixel variation of a stationary sensor as {FLOOR:g}, without a unit: "
-                f"{readings}. It does not say whether the images are grey, at which force, nor which ddof."
-            )
+        if self.collection.in_counts:
+            notes.append(self._on_the_paper)
         return notes
+
+    @property
+    def _on_the_paper(self) -> str:
+        """What the paper's figures are beside these: of images, since its own are counts."""
+        if self.settings.protocol == "paper":
+            return (
+                "The paper's printed figures are another quantity, the variance over the two repeats on one print; "
+                '"tacbench variance --protocol as-published" computes it and sets them beside it.'
+            )
+        readings = ", ".join(f"{value:.3g} counts^2 if it is a {what}" for what, value in PAPER_FLOORS.items())
+        return (
+            "The variance over the repeats on one print, then the mean over prints, positions and pixels, is what the "
+            "paper's printed figures are by the authors' notebooks; it says nothing of how prints differ. The printed "
+            "figures are of four prints at the lowest force, from frames of other textures too (row numbers were kept "
+            f"in 8 bits). The paper gives the average pixel variation of a stationary sensor as {FLOOR:g}, without a "
+            f"unit: {readings}."
+        )
 
     def shown(self) -> Iterator[tuple[str, Table]]:
         """The tables that people are shown, each with the name of the file that has it with every digit."""
         for level in shown_levels(self.cells):
             yield "variance", self._level_table(level)
+        if self.settings.protocol == "as-published":
+            return
         yield "components", self._component_table()
         if self.tables["permutation"].rows:
             yield "permutation", self._test_table()
@@ -312,37 +336,40 @@ class VarianceView:
         def number(value: float | None) -> str:
             return "" if value is None else f"{round(value, decimals) + 0.0:.{decimals}f}"  # no minus where all are 0
 
-        def paper(cell: Cell) -> str:
-            value = variance_of(cell.printer, cell.filament, cell.texture)
-            return "" if value is None or not collection.in_counts or self.settings.roi else f"{value:g}"
-
         lines: dict[str, Callable[[Cell], str]] = {
             "noise alone": lambda cell: number(cell.noise_alone),
             "floor removed (ddof 1)": lambda cell: number(cell.floor_removed),
             "95 % interval": lambda cell: "" if cell.low is None else interval(cell.low, cell.high),
-            "the paper": paper,
+            "the paper": lambda cell: "" if cell.published is None else f"{cell.published:g}",
         }
+        what = "variance" if self.settings.protocol == "paper" else "variance of the repeats on one print"
         rows: list[Row] = []
         for combination in collection.combinations:
             cells = {t: by_key[combination, t] for t in collection.textures if (combination, t) in by_key}
             if not cells:
                 continue
-            counts = {what: _range([getattr(cell, what) for cell in cells.values()]) for what in ("prints", "presses")}
+            counts = {name: _range([getattr(cell, name) for cell in cells.values()]) for name in ("prints", "presses")}
             values = {texture: number(cell.variance) for texture, cell in cells.items()}
-            rows.append({"name": name_of(combination), "what": "variance", **values, **counts})
+            rows.append({"name": name_of(combination), "what": what, **values, **counts})
             bound = any(cell.floor_from == REPEATS for cell in cells.values())
-            for what, text in lines.items():
+            for name, text in lines.items():
                 texts = {texture: text(cell) for texture, cell in cells.items()}
                 if any(texts.values()):
-                    rows.append({"what": f"{what}, at most" if bound and what == "noise alone" else what, **texts})
+                    rows.append({"what": f"{name}, at most" if bound and name == "noise alone" else name, **texts})
         columns = [Column("name", head="printer, filament"), Column("what", head="")]
         columns += [Column(texture, head=short_texture(texture), right=True) for texture in collection.textures]
         columns += [Column(name, right=True) for name in ("prints", "presses")]
-        kind = f"; {'colour' if self.settings.colour else 'grey'}, full size" if collection.in_counts else ""
-        kind += "; displacement of markers" if self.settings.features == "markers" else ""
-        kind += f"; inside of {self.settings.roi}" if self.settings.roi else ""
-        title = f"variance, {self._level_name(level)} ({self.unit}{kind}, ddof {self.settings.ddof})"
+        title = f"{what}, {self._level_name(level)} ({self.unit}{self._kind}, ddof {self.settings.ddof})"
         return _filled(columns, rows, title)
+
+    @property
+    def _kind(self) -> str:
+        """What was made of images first."""
+        kind = f"; {'colour' if self.settings.colour else 'grey'}, full size" if self.collection.in_counts else ""
+        if self.settings.protocol == "as-published":
+            kind = f"; grey not rounded, {100.0 * self.settings.resolution:g} % of the size" if kind else ""
+        kind += "; displacement of markers" if self.settings.features == "markers" else ""
+        return kind + (f"; inside of {self.settings.roi}" if self.settings.roi else "")
 
     def _component_table(self) -> Table:
         """The components and ISO 5725's standard deviations, a column for each level."""
