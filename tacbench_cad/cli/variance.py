@@ -94,9 +94,9 @@ def command(
 
     if ddof not in (0, 1):
         raise InputError("ddof", ddof, "allowed: 0, 1")
-    if protocol == "as-published" and (colour or ddof or register):
-        name = "colour" if colour else "ddof" if ddof else "register"
-        raise InputError(name, ddof or True, "is for --protocol paper; as-published has its own grey, size and divisor")
+    others = {"colour": colour, "ddof": ddof, "register": register, "roi": roi, "features": features != "pixels"}
+    for name in (name for name, value in others.items() if value and protocol == "as-published"):
+        raise InputError(name, others[name], "is for --protocol paper; as-published has its own grey, size and divisor")
     if seed < 0:
         raise InputError("seed", seed, "must be 0 or more")
     collection = Collection.open(runs)

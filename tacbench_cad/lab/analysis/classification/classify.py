@@ -19,7 +19,7 @@ from tacbench_cad.lab.analysis.classification.result import Result
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, one_thread
 from tacbench_cad.lab.analysis.classification.splits import UNITS, PressTable
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import preprocess_of
+from tacbench_cad.lab.analysis.preprocess import AS_PUBLISHED, preprocess_of
 from tacbench_cad.lab.parallel import Executor
 from tacbench_cad.lab.vision.markers import MarkerSettings
 from tacbench_cad.lab.vision.resting import NO_REGION, region_of
@@ -27,9 +27,10 @@ from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.door import parse_json, read_bytes
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import refusing, replacing
+from tacbench_cad.util.text import counted
 
 #: Trials by protocol where nothing else is said; the paper's are the text's.
-TRIALS = {"leak-free": 5, "paper": published.TRIALS}
+TRIALS = {"leak-free": 5, "paper": published.TRIALS, "as-published": published.TRIALS}
 #: What classifying, and drawing what comes of it, imports beside the base install.
 MODULES = ("sklearn", "joblib", "cv2", "matplotlib")
 #: Where finished trials are kept, in the output folder.
@@ -65,7 +66,7 @@ def classify(
         raise InputError("trials", trials, "must be at least 1")
     collection = replace(collection, features=settings.features)
     presses = PressTable.of(collection)
-    if settings.protocol == "paper":
+    if settings.protocol != "leak-free":
         settings = replace(settings, train_on=settings.train_on or default_train_on(collection))
     notes = _notes(collection, presses, settings)
     for name in settings.estimators:
@@ -120,6 +121,8 @@ def _outcomes(
         prepare = preprocess_of(
             collection, settings.features, region or NO_REGION, resolution=settings.resolution, markers=markers
         )
+        if settings.protocol == "as-published":
+            prepare = replace(AS_PUBLISHED, resolution=settings.resolution, edges=True)
         features = read_features(collection, prepare, executor.jobs, lambda *counts: show("readings", *counts))
         study = Study(features=features, presses=presses, settings=settings)
         calls_of = leak_free.calls if settings.protocol == "leak-free" else paper_protocol.calls
@@ -165,8 +168,11 @@ def _notes(collection: Collection, presses: PressTable, settings: Classification
             f"intervals (95 %) count as one what is held out or repeated: {units}; of a named group: its prints"
         )
     else:
-        notes += [paper_protocol.WARNING, "intervals (95 %) count prints as one, over all trials"]
+        notes += [paper_protocol.WARNINGS[settings.protocol], "intervals (95 %) count prints as one, over all trials"]
         notes += _paper_counts(presses, settings)
+    forces = {row.force_level for run in collection.runs for row in run.rows}
+    if len(collection.levels) == 1 < len(forces):
+        notes.append(f"of {len(forces)} force levels only level {collection.levels[0]} is used")
     cells = [
         int(np.sum((presses.combination == combination) & (presses.texture == texture)))
         for combination in collection.combinations
@@ -181,16 +187,17 @@ def _notes(collection: Collection, presses: PressTable, settings: Classification
 
 
 def _paper_counts(presses: PressTable, settings: ClassificationSettings) -> Iterator[str]:
-    """Where the data differ from what the text says."""
+    """Where the data differ from what the text says, or from what the notebooks had."""
+    expected, whose = {
+        "paper": (300, "the text says 300 of each (6 prints x 25 positions x 2, one force)"),
+        "as-published": (50, "the notebooks had 50 of each (1 print x 25 positions x 2, one force)"),
+    }[settings.protocol]
     for train_on in settings.train_on:
-        mine = presses.combination == train_on
-        images = int(mine.sum()) / max(1, len(np.unique(presses.texture[mine])))
-        levels = len(np.unique(presses.level[mine]))
-        if images != 300:
-            yield (
-                f"{train_on}: trained on {images:g} images a texture ({levels} force level"
-                f"{'s' * (levels > 1)}); the text says 300 of each (6 prints x 25 positions x 2, one force)"
-            )
+        mine = paper_protocol.Design.of(settings.protocol, presses, train_on).trained
+        images = len(mine) / max(1, len(np.unique(presses.texture[mine])))
+        levels = counted(len(np.unique(presses.level[mine])), "force level")
+        if images != expected:
+            yield f"{train_on}: trained on {images:g} images of each texture ({levels}); {whose}"
 
 
 def write_tables(result: Result, out: Path) -> list[Path]:

@@ -26,7 +26,7 @@ ACROSS = 3
 
 
 def draw_result(result: Result, out: Path) -> list[Path]:
-    """Draw ``hold_out_levels`` (or ``paper_table``) and ``confusion``, or ``sweep_<parameter>``, as PNG and PDF.
+    """Draw a classification as PNG and PDF: accuracies by column and confusions, or the curve of a sweep.
 
     Raises:
         MissingToolError: matplotlib is not installed.
@@ -35,8 +35,9 @@ def draw_result(result: Result, out: Path) -> list[Path]:
     with styled():
         if result.parameter:
             figures = {f"sweep_{result.parameter}": _sweep(result)}
-        elif result.settings.protocol == "paper":
-            figures = {"paper_table": _paper(result), **_confusions(result)}
+        elif result.settings.protocol in PAPER_COLUMNS:
+            stem = "paper_table" if result.settings.protocol == "paper" else "published_table"
+            figures = {stem: _paper(result), **_confusions(result)}
         else:
             figures = {"hold_out_levels": _levels(result), **_confusions(result)}
         simulated = result.collection.simulated
@@ -89,7 +90,7 @@ def _levels(result: Result) -> Figure:
 
 
 def _paper(result: Result) -> Figure:
-    names = result.settings.estimators
+    names, columns = result.settings.estimators, PAPER_COLUMNS[result.settings.protocol]
     paper = {(row.train_on, row.estimator): row.paper for row in beside_paper(result)}
     figure = new_figure(PAGE_IN, 2.9)
     panels = figure.subplots(1, len(result.settings.train_on), sharey=True, squeeze=False)[0]
@@ -97,13 +98,15 @@ def _paper(result: Result) -> Figure:
         for index, name in enumerate(names):
             shift = 0.24 * (index - (len(names) - 1) / 2)
             mine = [s for s in result.scores if s.whole and (s.estimator, s.train_on) == (name, train_on)]
-            _points(panel, [PAPER_COLUMNS.index(score.hold_out) + shift for score in mine], mine, index, name)
-            for place, value in enumerate(paper[train_on, name]):
+            _points(panel, [columns.index(score.hold_out) + shift for score in mine], mine, index, name)
+            for place, value in enumerate(paper.get((train_on, name), ())):
                 if value is not None:
                     panel.plot(place + shift + 0.08, value, "x", color=INK, ms=4.5, mew=1.0, zorder=4)
         panel.set_title(train_on.replace("_", ", "))
-        panel.set_xticks(range(3), ["train", "test\n(inflated)", "unseen"])
-        panel.set_xlim(-0.5, 2.5)
+        inflated = ("test", "all copies")
+        panel.set_xticks(range(len(columns)), [f"{name}\n(inflated)" if name in inflated else name for name in columns])
+        panel.tick_params(axis="x", labelsize=6.5)
+        panel.set_xlim(-0.5, len(columns) - 0.5)
         _chance(panel, result.chance)
         panel.label_outer()
     if any(value is not None for values in paper.values() for value in values):
@@ -116,7 +119,7 @@ def _confusions(result: Result) -> dict[str, Figure]:
     """Confusion matrices, one file an estimator (and training combination)."""
     figures: dict[str, Figure] = {}
     rows = [score for score in result.scores if score.whole and score.hold_out != "train"]
-    paper = result.settings.protocol == "paper"
+    paper = result.settings.protocol != "leak-free"
     for name, train_on in dict.fromkeys((score.estimator, score.train_on) for score in rows):
         mine = [score for score in rows if (score.estimator, score.train_on) == (name, train_on)]
         down = -(-len(mine) // ACROSS)

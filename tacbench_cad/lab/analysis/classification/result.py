@@ -12,7 +12,7 @@ from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.classification.accuracy import Score, is_whole
 from tacbench_cad.lab.analysis.classification.outcomes import Outcome
 from tacbench_cad.lab.analysis.classification.paper_protocol import COLUMNS as PAPER_COLUMNS
-from tacbench_cad.lab.analysis.classification.settings import ESTIMATORS, ClassificationRecord, ClassificationSettings
+from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord, ClassificationSettings
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.tables import Column, Row, Table, interval_column, percent
 from tacbench_cad.util.convert import to_plain
@@ -105,7 +105,7 @@ class Result:
             value = Column("value", head=self.parameter, text=lambda value: f"{value:g}")
             yield self._swept.select(*SHOWN[:3], value, *SHOWN[4:7], "images", title=title)
             return
-        if self.settings.protocol == "paper":
+        if beside_paper(self):
             yield self._paper_shown()
         yield Table.of(SCORE_COLUMNS, self.scores).select(*SHOWN, title=title)
         yield recall_table(Table.of(CONFUSION_COLUMNS, self._confusions()))
@@ -117,13 +117,12 @@ class Result:
             pairs = zip(self.values, self._swept.select(*SCORE_COLUMNS).records(), strict=True)
             points = [{self.parameter: value, **row} for value, row in pairs]
             return {**head, "parameter": self.parameter, "points": points, "notes": list(self.notes)}
-        beside = beside_paper(self) if self.settings.protocol == "paper" else []
         return {
             **head,
             "textures": list(self.textures),
             "chance": self.chance,
             "scores": Table.of(SCORE_COLUMNS, self.scores).records(),
-            "beside_paper": to_plain(beside),
+            "beside_paper": to_plain(beside_paper(self)),
             "notes": list(self.notes),
         }
 
@@ -190,13 +189,14 @@ class Result:
         def two_digits(value: float) -> str:
             return f"{value:.2f}"
 
-        heads = [f"{column}, {whose}" for column in PAPER_COLUMNS for whose in ("ours", "paper")]
+        heads = [f"{column}, {whose}" for column in PAPER_COLUMNS["as-published"] for whose in ("ours", "paper")]
         rows = []
         for row in beside_paper(self):
             values = [value for pair in zip(row.ours, row.paper, strict=True) for value in pair]
             rows.append({**dict(zip(heads, values, strict=True)), "estimator": row.estimator, "train_on": row.train_on})
-        columns = [Column(head, float, text=two_digits, right=True) for head in heads]
-        return Table.of((*_WHO[1:3], *columns), rows, "the paper's table beside ours, per cent")
+        columns = [Column(head, float, text=two_digits, right=True) for head in heads[:-1]]
+        title = "the paper's table beside what its authors' cells compute, per cent (other copies: without copy 1)"
+        return Table.of((*_WHO[1:3], *columns), rows, title)
 
 
 def recall_table(confusion: Table) -> Table:
@@ -218,8 +218,8 @@ class Beside:
     Args:
         estimator: Ours.
         train_on: The combination.
-        ours: Train, test, unseen.
-        paper: Likewise.
+        ours: Train, test, all copies, other copies.
+        paper: Train, test, unseen prints (which are all copies), and none for the other copies.
     """
 
     estimator: str
@@ -229,9 +229,11 @@ class Beside:
 
 
 def beside_paper(result: Result) -> list[Beside]:
-    """The paper's table beside ours, one row a combination and estimator."""
+    """The paper's table beside ours, one row for each combination; none where ours are other quantities."""
+    if result.settings.protocol != "as-published" or result.parameter:
+        return []
     printed = {
-        ("_".join(row.train_on), row.model): (row.train, row.test, row.unseen) for row in published.CLASSIFICATION
+        ("_".join(row.train_on), row.model): (row.train, row.test, row.unseen, None) for row in published.CLASSIFICATION
     }
     accuracies = {
         (score.train_on, score.estimator, score.hold_out): 100.0 * score.accuracy
@@ -242,8 +244,8 @@ def beside_paper(result: Result) -> list[Beside]:
         Beside(
             estimator=name,
             train_on=train_on,
-            ours=tuple(accuracies.get((train_on, name, column)) for column in PAPER_COLUMNS),
-            paper=printed.get((train_on, name if name in ESTIMATORS else ""), (None,) * 3),
+            ours=tuple(accuracies.get((train_on, name, column)) for column in PAPER_COLUMNS["as-published"]),
+            paper=printed.get((train_on, name), (None,) * 4),
         )
         for train_on in result.settings.train_on
         for name in result.settings.estimators

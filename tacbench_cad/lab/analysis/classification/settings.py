@@ -6,9 +6,9 @@ import hashlib
 import inspect
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -32,8 +32,13 @@ HIDDEN = 50
 ALGORITHM = 1
 #: What was asked for, beside the tables.
 SETTINGS_FILE = "classification_settings.json"
-#: Fraction of the augmented rows that the paper's protocol holds back.
-TEST_FRACTION = 0.2
+#: What classifies, by name.
+Protocol = Literal["leak-free", "paper", "as-published"]
+#: What the saved cells of the authors' notebooks took for each estimator, beside one noisy copy of each image.
+SAVED: Mapping[str, Mapping[str, Any]] = {
+    "forest": {"components": 25},
+    "network": {"components": 45, "epochs": 15_000, "batch_size": 64},
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +46,8 @@ class ClassificationSettings:
     """A classification; together with the data it decides every number.
 
     Args:
-        protocol: ``leak-free`` keeps all of the test set out of training, ``paper`` does as the paper's text says.
+        protocol: ``leak-free`` keeps all of the test set out of training, ``paper`` does as the paper's text says,
+            ``as-published`` as the notebooks' cells that gave the printed accuracies.
         estimators: ``forest``, ``network`` or ``module:name``.
         resolution: Fraction of an image's width and height that is kept.
         components: Principal components that the estimators get; None: the readings themselves.
@@ -54,7 +60,7 @@ class ClassificationSettings:
         epochs: Epochs of the network.
         batch_size: Rows of a step of the network.
         depth: Largest depth of the forest's trees.
-        train_on: Combinations that are trained on, one at a time (``paper`` only).
+        train_on: Combinations that are trained on, one at a time (not ``leak-free``).
         features: The numbers of a reading, or how far the markers in its image moved.
         roi: Region of interest, as ``--roi`` takes it; None for what is kept with the runs.
         marker_sigma: Width of a marker divided by 2.8, in pixels; None: estimated.
@@ -64,7 +70,7 @@ class ClassificationSettings:
         InputError: A value is not allowed.
     """
 
-    protocol: Literal["leak-free", "paper"] = "leak-free"
+    protocol: Protocol = "leak-free"
     estimators: tuple[str, ...] = ("forest",)
     resolution: float = 0.4
     components: Annotated[int, Bounds(1)] | None = 25
@@ -93,10 +99,15 @@ class ClassificationSettings:
             raise InputError("estimator", list(self.estimators), "must be names, each once")
         for level in self.hold_out:
             one_of("hold-out", level, HOLD_OUT_LEVELS)
-        if self.protocol == "paper" and self.components is None:
+        if self.protocol != "leak-free" and self.components is None:
             raise InputError("components", "none", "the paper's protocol has principal components; 25 of them")
-        if self.clip and self.protocol == "leak-free":
-            raise InputError("clip", True, "is the paper's protocol only; leak-free leaves its copies unclipped")
+        if self.clip and self.protocol != "paper":
+            raise InputError("clip", True, "is for --protocol paper only; the others leave their copies unclipped")
+        if self.protocol == "as-published" and (self.features != "pixels" or self.roi is not None):
+            raise InputError("protocol", self.protocol, "has the pixels of whole images; leave out --features and --roi")
+        if self.protocol == "as-published" and len(self.estimators) > 1:
+            what = "must be one: the saved cells have other settings for each; classify twice"
+            raise InputError("estimator", ",".join(self.estimators), what)
 
     def key(self, data: str) -> str:
         """Names the numbers that follow from these settings, from the data and from the programs that compute them.
@@ -125,6 +136,13 @@ class ClassificationSettings:
             from sklearn.ensemble import RandomForestClassifier
 
             return RandomForestClassifier(max_depth=self.depth, random_state=seed)
+        if name == "network" and self.protocol == "as-published":
+            from sklearn.neural_network import MLPClassifier
+
+            # Two hidden layers, all epochs, no weight penalty. The first weights are scikit-learn's, not PyTorch's.
+            epochs = {"max_iter": self.epochs, "n_iter_no_change": self.epochs, "tol": 0.0}
+            layers = (HIDDEN, HIDDEN)
+            return MLPClassifier(layers, batch_size=self.batch_size, alpha=0.0, random_state=seed, **epochs)
         if name == "network":
             from tacbench_cad.lab.analysis.classification.network import NetworkClassifier
 
@@ -174,6 +192,23 @@ class ClassificationRecord(ClassificationSettings):
             InputError: It cannot be written.
         """
         return write_settings(folder / SETTINGS_FILE, self)
+
+
+def usual(protocol: Protocol, estimators: tuple[str, ...], *, image: bool = True) -> dict[str, Any]:
+    """What a protocol takes where nothing else is said, as arguments of :class:`ClassificationSettings`.
+
+    Args:
+        protocol: The protocol.
+        estimators: The estimators.
+        image: Whether the readings are images.
+    """
+    copies = Augmentation() if image else Augmentation(noise=None, brightness=())
+    values: dict[str, Any] = {"protocol": protocol, "estimators": estimators, "augmentation": copies}
+    if protocol == "as-published":
+        return {**values, "augmentation": replace(copies, brightness=()), **SAVED.get(estimators[0], {})}
+    if protocol == "leak-free" and any(is_plugin(name) for name in estimators):
+        values["components"] = None
+    return values
 
 
 def _own(name: str, seed: int) -> Any:

@@ -120,8 +120,8 @@ def run_sweep(
         InputError: As :func:`.classify.classify`, or the protocol has no such setting.
         CheckFailedError: A reading is damaged.
     """
-    if settings.protocol == "paper" and sweep.parameter == "copies":
-        raise InputError("sweep", sweep.parameter, "is of the leak-free protocol; the paper's trains on all copies")
+    if settings.protocol != "leak-free" and sweep.parameter == "copies":
+        raise InputError("sweep", sweep.parameter, "is of the leak-free protocol; the paper's has its own copies")
     if sweep.parameter == "components" and settings.components is None:
         raise InputError("sweep", sweep.parameter, "needs principal components; leave out --components none")
     points: list[tuple[float, Score]] = []

@@ -77,14 +77,12 @@ def classify_into(
         CheckFailedError: A reading is damaged.
         MissingToolError: scikit-learn or matplotlib is not installed.
     """
-    from tacbench_cad.lab.analysis.classification.augment import Augmentation
     from tacbench_cad.lab.analysis.classification.classify import TRIALS, classify, write_tables
     from tacbench_cad.lab.analysis.classification.figures import draw_result
-    from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
+    from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, usual
     from tacbench_cad.lab.rig.sensor import is_image
 
-    image = is_image(collection.frame(0))
-    settings = ClassificationSettings(augmentation=Augmentation() if image else Augmentation(noise=None, brightness=()))
+    settings = ClassificationSettings(**usual("leak-free", ("forest",), image=is_image(collection.frame(0))))
 
     def show(what: str, done: int, total: int) -> None:
         progress(f"classification: {what}", done, total)

@@ -109,12 +109,13 @@ def _checked(collection: Collection, progress: Progress) -> Iterator[RunReport]:
 
 
 def _require_same(option: str, folder: Path, data: str, collection: Collection) -> None:
-    """Refuse the folder of an analysis that is not of these presses.
+    """Refuse the folder of an analysis that is not of these presses, all of them or those of one force level.
 
     Raises:
         InputError: It is of others.
     """
-    if data != collection.data_key:
+    parts = (collection, *(collection.at_level(level) for level in collection.levels))
+    if all(data != part.data_key for part in parts):
         raise InputError(option, str(folder), "is not of these runs, all of their presses; run the analysis on them")
 
 
