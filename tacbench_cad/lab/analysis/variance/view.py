@@ -342,7 +342,9 @@ class VarianceView:
             "95 % interval": lambda cell: "" if cell.low is None else interval(cell.low, cell.high),
             "the paper": lambda cell: "" if cell.published is None else f"{cell.published:g}",
         }
-        what = "variance" if self.settings.protocol == "paper" else "variance of the repeats on one print"
+        what, title = "variance", "variance"
+        if self.settings.protocol == "as-published":
+            what, title = "variance of repeats", "variance of the repeats on one print"
         rows: list[Row] = []
         for combination in collection.combinations:
             cells = {t: by_key[combination, t] for t in collection.textures if (combination, t) in by_key}
@@ -359,7 +361,7 @@ class VarianceView:
         columns = [Column("name", head="printer, filament"), Column("what", head="")]
         columns += [Column(texture, head=short_texture(texture), right=True) for texture in collection.textures]
         columns += [Column(name, right=True) for name in ("prints", "presses")]
-        title = f"{what}, {self._level_name(level)} ({self.unit}{self._kind}, ddof {self.settings.ddof})"
+        title = f"{title}, {self._level_name(level)} ({self.unit}{self._kind}, ddof {self.settings.ddof})"
         return _filled(columns, rows, title)
 
     @property
