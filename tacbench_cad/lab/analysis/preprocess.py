@@ -62,8 +62,8 @@ class Preprocess:
             reading: An image, uint8 (height, width) or (height, width, 3) in BGR, or any array of real numbers.
 
         Returns:
-            uint8 (height', width') or (height', width', 3) for an image, (pixels,) or (pixels, 3) of a region; float64 for
-            an image that is not rounded; the same numbers as float64 for the rest.
+            uint8 (height', width') or (height', width', 3) for an image, (pixels,) or (pixels, 3) of a region; float64
+            for an image that is not rounded; the same numbers as float64 for the rest.
 
         Raises:
             InputError: The region is for images of another size.

@@ -104,7 +104,9 @@ class ClassificationSettings:
         if self.clip and self.protocol != "paper":
             raise InputError("clip", True, "is for --protocol paper only; the others leave their copies unclipped")
         if self.protocol == "as-published" and (self.features != "pixels" or self.roi is not None):
-            raise InputError("protocol", self.protocol, "has the pixels of whole images; leave out --features and --roi")
+            raise InputError(
+                "protocol", self.protocol, "has the pixels of whole images; leave out --features and --roi"
+            )
         if self.protocol == "as-published" and len(self.estimators) > 1:
             what = "must be one: the saved cells have other settings for each; classify twice"
             raise InputError("estimator", ",".join(self.estimators), what)

@@ -290,9 +290,8 @@ class VarianceView:
             notes.append(f"Region of interest: {self.settings.roi}; what lies outside of it is not in any figure.")
         elif self.settings.outside is not None:
             how = ": --roi auto leaves them out" if self.settings.protocol == "paper" else ""
-            notes.append(
-                f"{100 * self.settings.outside:.0f} % of the pixels lie outside the sensor and are in each variance{how}."
-            )
+            outside = f"{100 * self.settings.outside:.0f} %"
+            notes.append(f"{outside} of the pixels lie outside the sensor and are in each variance{how}.")
         if self.collection.in_counts:
             notes.append(self._on_the_paper)
         return notes
