@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.util.convert import Bounds, Checked
-from tacbench_cad.util.types import Ints
+from tacbench_cad.util.types import Bools, Ints
 
 #: The faults that :func:`frame_faults` can name.
 FAULTS = ("dark", "blurred", "stuck")
@@ -19,8 +19,16 @@ FAULTS = ("dark", "blurred", "stuck")
 _BRIGHT_FRACTION = 0.005
 #: Fraction of the pixels that may be darker than the dark level.
 _DARK_FRACTION = 0.01
-#: Fraction of the slopes that may be steeper than what is called the steepest slope.
+#: From here on a pixel is saturated; compressed videos clip at 249 to 251.
+SATURATED = 250
+#: Fraction of the pixels of a frame whose slopes are called the steepest ones.
 _STEEP_FRACTION = 0.001
+#: A step lies within so many pixels, and is at least so high, as a fraction of the frame's contrast.
+_STEP_PX, _MIN_STEP = 25, 0.3
+#: A frame with a shorter side is small.
+_SMALL_PX = 64
+#: The width of an edge that lies between two pixels.
+_PIXEL_PX = 0.79
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +43,26 @@ class FrameLimits(Checked):
 
     dark_counts: Annotated[float, Bounds(0.0, 255.0)] = 25.0
     blur_px: Annotated[float, Bounds(0.0, 1000.0)] = 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameQuality:
+    """What is measured of a frame, inside of a region or in all of it.
+
+    Args:
+        bright: The bright level, in counts: of the brightest channel, exceeded by 0.5 % of the pixels.
+        contrast: The bright level less the dark one, which 1 % of the pixels fall below.
+        edge_px: Width of the sharpest edges: the standard deviation of the Gaussian that smooths a step as much; about
+            0.8 at best, since a pixel has a size; infinite without structure.
+        mean: The mean of the brightest channel, in counts, outside of the region too.
+        saturated: Fraction of the pixels at 250 or more.
+    """
+
+    bright: float
+    contrast: float
+    edge_px: float
+    mean: float
+    saturated: float
 
 
 def frame_faults(
@@ -52,33 +80,66 @@ def frame_faults(
         Some of ``dark``, ``blurred``, ``stuck``; empty for a sound frame. A dark frame is not called blurred too.
     """
     chosen = limits or FrameLimits()
+    quality = frame_quality(image, edges=chosen.blur_px > 0.0)
     faults = []
-    brightest = image if image.ndim == 2 else np.maximum(np.maximum(image[..., 0], image[..., 1]), image[..., 2])
-    levels = _counts(brightest)
-    bright = _level_above(levels, _BRIGHT_FRACTION)
-    if bright < chosen.dark_counts:
+    if quality.bright < chosen.dark_counts:
         faults.append("dark")
-    elif chosen.blur_px > 0.0 and _edge_px(brightest, levels, chosen.dark_counts) > chosen.blur_px:
+    elif chosen.blur_px > 0.0 and (quality.contrast <= chosen.dark_counts or quality.edge_px > chosen.blur_px):
         faults.append("blurred")
     if previous is not None and np.array_equal(image, previous):
         faults.append("stuck")
     return tuple(faults)
 
 
-def _edge_px(grey: NDArray[Any], levels: Ints, min_contrast: float) -> float:
-    """Width of a frame's sharpest edges, about 0.8 pixels at best since a pixel has a size; infinite without structure.
+def frame_quality(image: NDArray[Any], mask: Bools | None = None, *, edges: bool = True) -> FrameQuality:
+    """Measure a frame.
+
+    Args:
+        image: uint8, shape (height, width) or (height, width, 3).
+        mask: The pixels that count, shape (height, width); None for all.
+        edges: Whether to measure the edges too; else their width is 0.
+    """
+    brightest = image if image.ndim == 2 else np.maximum(np.maximum(image[..., 0], image[..., 1]), image[..., 2])
+    levels = _counts(brightest if mask is None else brightest[mask])
+    bright, dark = _level_above(levels, _BRIGHT_FRACTION), _level_above(levels, 1.0 - _DARK_FRACTION)
+    return FrameQuality(
+        bright=bright,
+        contrast=bright - dark,
+        edge_px=_edge_px(brightest, mask, bright - dark) if edges else 0.0,
+        mean=float(brightest.mean()),
+        saturated=float(levels[SATURATED:].sum() / levels.sum()),
+    )
+
+
+def _edge_px(grey: NDArray[Any], mask: Bools | None, contrast: float) -> float:
+    """Width of the sharpest edges.
 
     A step of height c smoothed by a Gaussian of standard deviation s has the steepest slope c / (s sqrt(2 pi)). The
-    height is taken as the contrast between dark and bright level, the slope from central differences.
+    height is that of the step itself, the largest difference within some pixels; where it is small, there is only
+    noise. The slope comes from central differences of means over 3 x 3 pixels, which noise changes little (of single
+    pixels in small frames).
     """
-    contrast = _level_above(levels, _BRIGHT_FRACTION) - _level_above(levels, 1.0 - _DARK_FRACTION)
-    if contrast <= min_contrast:
+    import cv2
+
+    large = min(grey.shape) >= _SMALL_PX
+    smooth = (cv2.blur(grey, (3, 3)) if large else grey).astype(np.int16)
+    slope = np.zeros_like(smooth)
+    slope[:, 1:-1] = np.abs(smooth[:, 2:] - smooth[:, :-2])
+    slope[1:-1] = np.maximum(slope[1:-1], np.abs(smooth[2:] - smooth[:-2]))
+    window = np.ones((_STEP_PX, _STEP_PX), dtype=np.uint8)
+    height = cv2.subtract(cv2.dilate(grey, window), cv2.erode(grey, window))
+    counting = height >= max(1.0, _MIN_STEP * contrast)
+    if mask is not None:
+        counting &= mask
+    slopes, heights = slope[counting], height[counting]
+    if not slopes.size:
         return math.inf
-    wide = grey.astype(np.int16)
-    slopes = _counts(np.abs(wide[:, 2:] - wide[:, :-2])) + _counts(np.abs(wide[2:] - wide[:-2]))
-    # A central difference spans two pixels.
-    steepest = _level_above(slopes, _STEEP_FRACTION) / 2.0
-    return contrast / (steepest * math.sqrt(2.0 * math.pi)) if steepest > 0.0 else math.inf
+    steep = slopes >= max(1, _level_above(_counts(slopes), _STEEP_FRACTION * grey.size / slopes.size))
+    if not steep.any():
+        return math.inf
+    # A central difference spans two pixels; the mean over three widens a step as a variance of about 0.8 does.
+    width = float(np.median(heights[steep] / slopes[steep])) * 2.0 / math.sqrt(2.0 * math.pi)
+    return math.sqrt(max(width**2 - 0.8, _PIXEL_PX**2)) if large else width
 
 
 def _counts(values: NDArray[Any]) -> Ints:

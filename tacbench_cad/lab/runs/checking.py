@@ -10,14 +10,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.lab.rig.frames import FrameLimits, frame_faults
+from tacbench_cad.lab.rig.frames import FrameLimits
 from tacbench_cad.lab.rig.sensor import is_image
 from tacbench_cad.lab.runs import params, schema
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.pictures import decoded, sha256
+from tacbench_cad.lab.runs.quality import Judge, Measured, beside_each_other
 from tacbench_cad.lab.runs.reading import Run, planned, shape_fault
 from tacbench_cad.lab.runs.schema import Reference, Row, Stationary
 from tacbench_cad.lab.runs.table import cut_torn_line, read_table
+from tacbench_cad.lab.vision.region import REGION_FILE, SURE, Region
+from tacbench_cad.lab.vision.resting import found_region, region_of
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked
@@ -32,8 +35,9 @@ class Finding:
     """Something wrong with a run.
 
     Args:
-        kind: ``missing``, ``extra``, ``duplicate``, ``unreadable``, ``dark``, ``blurred``, ``stuck``, ``checksum``,
-            ``shape``, ``gap``, ``row``, ``torn`` or ``record``.
+        kind: ``missing``, ``extra``, ``duplicate``, ``unreadable``, ``dark``, ``blurred``, ``saturated``,
+            ``brightness``, ``flicker``, ``drift``, ``moved``, ``stuck``, ``checksum``, ``shape``, ``gap``, ``row``,
+            ``torn`` or ``record``.
         where: File from the run folder, or what of the protocol.
         text: What is wrong, as the end of a sentence.
     """
@@ -128,6 +132,8 @@ class _Check:
     findings: list[Finding] = field(default_factory=list)
     repaired: list[str] = field(default_factory=list)
     expected: list[tuple[str, str]] = field(default_factory=list)
+    in_time: list[str] = field(default_factory=list)
+    still: dict[str, list[str]] = field(default_factory=dict)
 
     def add(self, kind: str, where: str, text: str) -> None:
         self.findings.append(Finding(kind=kind, where=where, text=text))
@@ -154,6 +160,12 @@ class _Check:
                 kind_of_fault = "duplicate" if "already" in fault.allowed else "row"
                 self.add(kind_of_fault, kind.FILE, str(fault).removeprefix(f"{self.run.folder}{os.sep}"))
         read = [rows.get(kind, ()) for kind in schema.TABLES]
+        presses = rows.get(Row, ())
+        if all(row.time_utc for row in presses):
+            self.in_time = [row.path for row in sorted(presses, key=lambda row: row.time_utc)]
+        for row in rows.get(Stationary, ()):
+            contact = "in contact" if row.in_contact else "without contact"
+            self.still.setdefault(f"{schema.STATIONARY_FOLDER} ({contact}, {row.when})", []).append(row.path)
         self.expected = [(row.path, row.image_sha256) for kind_rows in read for row in kind_rows]
         if rows.get(Reference) == () and not self.run.info.source:
             self.add("gap", "references", "there is no reading without contact")
@@ -196,19 +208,35 @@ class _Check:
     def frames(self, workers: int, progress: FramesExamined | None) -> None:
         """Read and judge every frame; two images with the same bytes come from a camera that hangs."""
         expected = dict(self.expected)
-        limits = limits_of(self.run.info)
+        judge = Judge(limits=limits_of(self.run.info), region=self.region())
         first: dict[str, str] = {}
+        measured: dict[str, Measured] = {}
         with ThreadPoolExecutor(workers) as pool:
-            judged = pool.map(lambda path: _judge(self.run, path, expected[path], limits), expected)
-            for number, (path, (digest, faults)) in enumerate(zip(expected, judged, strict=True), start=1):
+            judged = pool.map(lambda path: _judge(self.run, path, expected[path], judge), expected)
+            for number, (path, (digest, faults, values)) in enumerate(zip(expected, judged, strict=True), start=1):
                 for kind, text in faults:
                     self.add(kind, path, text)
+                if values is not None and not faults:
+                    measured[path] = values
                 if digest and digest in first:
                     self.add("stuck", path, f"is identical to {first[digest]}: the camera gave an old frame again")
                 elif digest:
                     first[digest] = path
                 if progress is not None:
                     progress(number, len(expected))
+        for kind, where, text in beside_each_other(measured, self.in_time, self.still):
+            self.add(kind, where, text)
+
+    def region(self) -> Region | None:
+        """The region of interest that is kept with the run, or the one that its frames show, if that is sure."""
+        try:
+            region = region_of([self.run]) or found_region([self.run])
+        except InputError as error:
+            if (self.run.folder / REGION_FILE).exists():
+                self.add("unreadable", REGION_FILE, str(error))
+            return None
+        fits = region.mask.shape == (self.run.info.frame_shape or ())[:2]
+        return region if region.sureness >= SURE and fits else None
 
     def print_record(self) -> tuple[str, ...]:
         """Examine ``print.toml``; the result is its empty fields."""
@@ -242,14 +270,16 @@ def _cut(folder: Path, kind: type[Any]) -> int:
         return len(text.torn)
 
 
-def _judge(run: Run, path: str, expected: str, limits: FrameLimits) -> tuple[str | None, list[tuple[str, str]]]:
-    """The checksum of a frame (of an image; else None), and its faults by kind and text."""
+def _judge(
+    run: Run, path: str, expected: str, judge: Judge
+) -> tuple[str | None, list[tuple[str, str]], Measured | None]:
+    """The checksum of a frame (of an image; else None), its faults by kind and text, and what was measured of it."""
     if not os.path.lexists(run.folder / path):
-        return None, [("missing", "is not there though a row names it")]
+        return None, [("missing", "is not there though a row names it")], None
     try:
         data = run.read_bytes(path)
     except InputError as error:
-        return None, [("unreadable", error.allowed)]
+        return None, [("unreadable", error.allowed)], None
     digest = sha256(data)
     faults = []
     if digest != expected:
@@ -257,16 +287,19 @@ def _judge(run: Run, path: str, expected: str, limits: FrameLimits) -> tuple[str
     try:
         frame = decoded(data, path)
     except CheckFailedError as error:
-        return None, [*faults, ("unreadable", str(error))]
+        return None, [*faults, ("unreadable", str(error))], None
     fault = shape_fault(run.info, frame)
     if fault:
         faults.append(("shape", fault))
     if not path.endswith(".png"):
-        return None, faults
+        return None, faults, None
     if not is_image(frame):
         faults.append(("shape", f"is an image of {frame.dtype}, shape {frame.shape}; uint8, grey or BGR belong here"))
-        return digest, faults
-    return digest, [*faults, *((name, f"is {name}") for name in frame_faults(frame, limits=limits))]
+        return digest, faults, None
+    if fault:
+        return digest, faults, None
+    measured = judge.measure(frame)
+    return digest, [*faults, *judge.faults(measured)], measured
 
 
 def limits_of(info: RunInfo) -> FrameLimits:

@@ -199,6 +199,8 @@ def _around_markers(frames: Sequence[Frame]) -> str:
 #: Directions of the rays, shape (2, rays); and how many circles of the coarse image are looked at closely.
 _RAY = np.stack([f(np.arange(_RAYS) * 2.0 * np.pi / _RAYS) for f in (np.cos, np.sin)])
 _CIRCLES = 4
+#: How far from its place a dome is looked for in each frame.
+_NEAR_PX = 12.0
 #: How sure a circle around the markers is, where no outline can be seen.
 _OF_MARKERS = 0.5
 #: The weakest step of an outline, in counts, the fraction of it that agrees, and what it is.
@@ -228,15 +230,44 @@ def _refined(smooth: Floats32, place: Sequence[float], scale: float) -> _Candida
     """A circle of the coarse image at full resolution: through the steepest place of each ray, three times."""
     x, y, r = (scale * (each + half) - half for each, half in zip(place, (0.5, 0.5, 0.0), strict=True))
     for reach in (3.0 * scale, 1.5 * scale, 1.5 * scale):
-        offset = np.arange(-reach, reach + 0.25, 0.5)
-        radii = r + offset[:, None]
-        step = _steps(smooth, x + radii * _RAY[0], y + radii * _RAY[1], _RAY, 1.5)
-        sign = 1.0 if np.nanmedian(step[len(offset) // 2]) >= 0.0 else -1.0
-        there: Bools = np.asarray(np.isfinite(step).all(axis=0))
-        ends = r + offset[np.argmax(np.where(np.isfinite(step), sign * step, -np.inf), axis=0)]
-        x, y, r = _fitted(x + ends * _RAY[0], y + ends * _RAY[1], there, (x, y, r))
+        x, y, r = _through_edges(smooth, (x, y, r), reach)
     step = _steps(smooth, x + r * _RAY[0], y + r * _RAY[1], _RAY, 2.0 * scale)
     return (*_judged(step), f"circle:{x:.1f},{y:.1f},{r:.1f}")
+
+
+def circle_near(frame: Frame, region: Region) -> tuple[float, float] | None:
+    """Where the dome of a region is in a frame: column and row of its centre.
+
+    Args:
+        frame: The frame.
+        region: Where the dome is in most frames.
+
+    Returns:
+        None for a region that is no circle, and where its outline cannot be seen.
+    """
+    import cv2
+
+    match = _CIRCLE.fullmatch(region.text)
+    if match is None:
+        return None
+    smooth = cv2.blur(grey(frame), (5, 5))
+    x, y, r = (float(each) for each in match.groups())
+    for reach in (_NEAR_PX, _NEAR_PX / 2.0):
+        x, y, r = _through_edges(smooth, (x, y, r), reach)
+    agreeing = _judged(_steps(smooth, x + r * _RAY[0], y + r * _RAY[1], _RAY, 4.0))[1]
+    return (x, y) if agreeing >= SURE else None
+
+
+def _through_edges(image: Floats32, circle: tuple[float, float, float], reach: float) -> tuple[float, float, float]:
+    """The circle through the steepest place of each ray, within a reach of a circle."""
+    x, y, r = circle
+    offset = np.arange(-reach, reach + 0.25, 0.5)
+    radii = r + offset[:, None]
+    step = _steps(image, x + radii * _RAY[0], y + radii * _RAY[1], _RAY, 1.5)
+    sign = 1.0 if np.nanmedian(step[len(offset) // 2]) >= 0.0 else -1.0
+    there: Bools = np.asarray(np.isfinite(step).all(axis=0))
+    ends = r + offset[np.argmax(np.where(np.isfinite(step), sign * step, -np.inf), axis=0)]
+    return _fitted(x + ends * _RAY[0], y + ends * _RAY[1], there, circle)
 
 
 def _fitted(x: Floats, y: Floats, there: Bools, start: tuple[float, float, float]) -> tuple[float, float, float]:

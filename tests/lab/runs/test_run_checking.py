@@ -156,7 +156,7 @@ def test_a_sensor_without_markers_is_not_called_blurred(tmp_path: Path, make_inf
         filled(writer)
     put(tmp_path / "run", 3, smooth())
     put(tmp_path / "run", 4, np.random.default_rng(0).integers(2, 6, (24, 32), dtype=np.uint8))
-    assert check_run(tmp_path / "run").ok
+    assert {finding.kind for finding in check_run(tmp_path / "run").findings} <= {"brightness", "drift"}
 
 
 def test_only_a_torn_last_row_is_repaired_and_only_when_asked(run_folder: Path) -> None:
