@@ -147,7 +147,7 @@ def _time_spent(blocks: Sequence[SimulatedBlock]) -> dict[str, float]:
 def _print(folder: Path, infos: Sequence[RunInfo], blocks: Sequence[SimulatedBlock], seconds: float) -> None:
     groups: dict[tuple[str, str], list[int]] = {}
     for i, info in enumerate(infos):
-        groups.setdefault((info.printed.printer, info.printed.filament), []).append(i)
+        groups.setdefault((info.plan.printed.printer, info.plan.printed.filament), []).append(i)
     print_table(
         f"{counted(len(blocks), 'simulated run')} in {folder}",
         ("printer", "filament", ">copies", ">runs", ">presses made", ">images made", ">worst force error (mN)"),

@@ -161,10 +161,10 @@ class BlockUnderDome:
 
     @cached_property
     def _contact(self) -> DomeContact:
-        from tacbench_cad.lab.runs.info import printed_from
+        from tacbench_cad.lab.runs.info import printed_block_from
         from tacbench_cad.lab.simulate.contact import contact_for
 
-        return contact_for(printed_from(self.printed), self.holder)
+        return contact_for(printed_block_from(self.printed), self.holder)
 
     def force_n(self, point_mm: Point) -> float:
         """See :class:`FlatSpring`. Above all that stands there, nothing is worked out."""

@@ -74,9 +74,9 @@ def press_block(
         settings = rig.settings.stage
         carriage = Carriage(
             rig.stage,
-            info.frame,
-            info.protocol,
-            info.holder,
+            info.plan.frame,
+            info.plan.protocol,
+            info.plan.holder,
             travel_mm_s=settings.travel_mm_s,
             approach_mm_s=settings.approach_mm_s,
             may_home=settings.home,
@@ -114,7 +114,7 @@ class _BlockSession:
     _previous: Frame | None = None
 
     def __post_init__(self) -> None:
-        self.protocol, gauge = self.run.info.protocol, self.rig.gauge
+        self.protocol, gauge = self.run.info.plan.protocol, self.rig.gauge
         self.force = None if gauge is None else ContactForce(gauge, self.carriage, self.protocol, self.rig.clock)
         self.presser = Presser(self.protocol, self.carriage, self.force, self._touch())
 

@@ -175,7 +175,7 @@ def _finished(rig: RigSettings, place: Place) -> bool:
         advice = "it holds no press, so delete it or name another folder"
     run.info.require_same(now, str(place.folder), advice)
     still = [(frame.when, frame.in_contact) for frame in run.stationary_frames]
-    count = run.info.protocol.stationary_frames
+    count = run.info.plan.protocol.stationary_frames
     done = {row.number for row in run.rows}
     return all(still.count(group) >= count for group in STATIONARY) and all(
         press.number in done for press in run.info.presses

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,22 +13,30 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from tacbench_cad.lab.analysis.pressing import Pressing
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run, find_runs
 from tacbench_cad.lab.study.names import COMBINATIONS
+from tacbench_cad.lab.study.spec import UNKNOWN
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Ints
 
 Chosen = Ints | Bools
+#: What may be unknown of an imported press, and the field that has it: of its row, and of what was pressed.
+_OF_ROWS = {"position": "position", "force": "force_level", "repeat": "repeat"}
+_OF_PRINTS = {"label": "texture", "printer": "printer", "filament": "filament", "print": "copy"}
 
 
 def _of_print(name: str) -> cached_property[NDArray[Any]]:
     """What each press was made on: an attribute of the printed block."""
 
     def values(self: Collection) -> NDArray[Any]:
-        return np.array([getattr(run.info.printed, name) for run in self.runs])[self.run]
+        words = [getattr(run.info.printed, name) for run in self.runs]
+        if not all(isinstance(word, int) for word in words):
+            words = [UNKNOWN if word is None else str(word) for word in words]
+        return np.array(words)[self.run]
 
     return cached_property(values)
 
@@ -36,8 +45,7 @@ def _of_press(place: int) -> cached_property[NDArray[Any]]:
     """What each press was: an entry of its row's key."""
 
     def values(self: Collection) -> NDArray[Any]:
-        pairs = zip(self.run.tolist(), self.number.tolist(), strict=True)
-        return np.array([self._rows[run][number].key[place] for run, number in pairs], dtype=np.int64)
+        return np.array([row.key[place] for row in self.rows], dtype=np.int64)
 
     return cached_property(values)
 
@@ -73,6 +81,7 @@ class Collection:
         empty = next((run for run in runs if not run.rows), None)
         if empty is not None:
             raise InputError("run", str(empty.folder), "has no press yet; finish it or leave it out")
+        Pressing.of(runs)  # refuses levels that contradict each other
         numbers = [sorted(row.number for row in run.rows) for run in runs]
         return cls(
             runs=runs,
@@ -101,6 +110,41 @@ class Collection:
     def info(self) -> RunInfo:
         """What all runs have in common: the first one's."""
         return self.runs[0].info
+
+    @cached_property
+    def pressing(self) -> Pressing:
+        """Where, how hard and how often the presses were made, as far as that is known."""
+        return Pressing.of(self.runs)
+
+    def has(self, what: str) -> bool:
+        """Whether something is known of every press.
+
+        Args:
+            what: ``label``, ``printer``, ``filament``, ``print``, ``position``, ``force`` or ``repeat``.
+        """
+        if what in _OF_ROWS:
+            return all(getattr(row, _OF_ROWS[what]) is not None for run in self.runs for row in run.rows)
+        return all(getattr(run.info.printed, _OF_PRINTS[what]) is not None for run in self.runs)
+
+    def require(self, purpose: str, *needed: str) -> None:
+        """Refuse an analysis that needs what is unknown.
+
+        Args:
+            purpose: The analysis: ``the variance table``.
+            needed: Words of :meth:`has`; of several in one word (``print or repeat``) one is enough.
+
+        Raises:
+            InputError: Something is unknown; the message says which column would be needed.
+        """
+        for words in needed:
+            if not any(self.has(word) for word in words.split(" or ")):
+                first = words.partition(" ")[0]
+                raise InputError(
+                    purpose,
+                    None,
+                    f"needs the {words} of every sample, which these runs do not have; import them with a column for "
+                    f"it: --columns {first}=COLUMN",
+                )
 
     @property
     def simulated(self) -> tuple[str, ...]:
@@ -131,12 +175,37 @@ class Collection:
     printer = _of_print("printer")
     filament = _of_print("filament")
     combination = _of_print("combination")
-    #: Number of the print's copy, (n,).
+    #: Number of the print's copy, or what the prints are called where one has no number, (n,).
     copy = _of_print("copy")
-    #: Force level, repeat and position, each from 1, (n,).
+    #: Force level and position, each from 1 or 0 where it is unknown, (n,).
     level = _of_press(0)
-    repeat = _of_press(1)
     position = _of_press(2)
+
+    @cached_property
+    def print_number(self) -> Ints:
+        """The print's copy as a number from 1, (n,)."""
+        if self.copy.dtype.kind == "i":
+            return self.copy
+        return np.unique(self.copy, return_inverse=True)[1] + 1
+
+    @cached_property
+    def repeat(self) -> Ints:
+        """The repeat from 1, (n,). Where it is unknown, samples of one print, level and position are counted."""
+        if self.info.protocol is not None:
+            return np.array([row.key[1] for row in self.rows], dtype=np.int64)
+        counts: Counter[tuple[Any, ...]] = Counter()
+        repeats = []
+        columns = (self.combination, self.texture, self.copy, self.level, self.position)
+        for key in zip(*(column.tolist() for column in columns), strict=True):
+            counts[key] += 1
+            repeats.append(counts[key])
+        return np.array(repeats, dtype=np.int64)
+
+    @property
+    def rows(self) -> list[schema.Row]:
+        """The row of each press."""
+        pairs = zip(self.run.tolist(), self.number.tolist(), strict=True)
+        return [self._rows[run][number] for run, number in pairs]
 
     @property
     def textures(self) -> tuple[str, ...]:
@@ -181,8 +250,9 @@ def _require_mixable(runs: Sequence[Run]) -> None:
     first = runs[0]
     seen: dict[str, Run] = {}
     for run in runs:
+        known = _common(first.info)
         for what, value in _common(run.info).items():
-            expected = _common(first.info)[what]
+            expected = known.get(what, value)  # of an imported run, the block may be known in one and not in another
             if value != expected:
                 raise InputError(
                     what, value, f"in {run.folder}, but {expected!r} in {first.folder}; analyse them apart"
@@ -195,16 +265,17 @@ def _require_mixable(runs: Sequence[Run]) -> None:
 
 def _common(info: RunInfo) -> dict[str, object]:
     """What must be equal for presses to be comparable."""
-    block, protocol = info.printed.block, info.protocol
-    grid = [[round(place, 9) for place in line] for line in (protocol.grid.x_mm, protocol.grid.y_mm)]
-    levels = "forces_n" if protocol.contact == "force" else "depths_mm"
+    block, protocol, common = info.printed.block, info.protocol, dict[str, object]()
+    if protocol is not None:
+        levels = "forces_n" if protocol.contact == "force" else "depths_mm"
+        common = {"contact": protocol.contact, levels: list(getattr(protocol, levels))}
+        common["grid"] = [[round(place, 9) for place in line] for line in (protocol.grid.x_mm, protocol.grid.y_mm)]
+    if block is not None:
+        common |= {"block size": [round(side, 9) for side in block.size_mm]}
+        common |= {"preset": block.preset, "scale": block.scale}
     return {
-        "contact": protocol.contact,
-        levels: list(getattr(protocol, levels)),
-        "grid": grid,
-        "block size": [round(side, 9) for side in block.size_mm],
-        "preset": block.preset,
-        "scale": block.scale,
+        "protocol": "none" if protocol is None else "planned",
+        **common,
         "sensor": info.sensor.get("name"),
         "sensor shape": list(info.frame_shape or ()),
         "sensor units": info.sensor.get("units"),

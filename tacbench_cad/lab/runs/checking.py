@@ -113,7 +113,7 @@ def check_run(
         folder=folder,
         name=run.info.printed.name,
         simulated=run.info.simulated,
-        planned=len(run.info.presses),
+        planned=len(run.info.presses) if run.info.protocol else len(targets),
         presses=len(targets),
         references=len(references),
         stationary=len(still),
@@ -181,7 +181,7 @@ class _Check:
             self.add("gap", "protocol", text)
 
     def _stationary_gaps(self, present: set[tuple[str, bool, int]]) -> None:
-        count = self.run.info.protocol.stationary_frames
+        count = self.run.info.protocol.stationary_frames if self.run.info.protocol else 0
         for when, in_contact in schema.STATIONARY:
             missing = sum((when, in_contact, index) not in present for index in range(1, count + 1))
             if missing:

@@ -5,18 +5,28 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 from tacbench_cad.lab.study.presses import Press, plan_presses
-from tacbench_cad.lab.study.spec import HolderRim, PlannedBlock, PrintedBlock, Protocol, Study, WorkFrame
+from tacbench_cad.lab.study.spec import (
+    UNKNOWN,
+    HolderRim,
+    PlannedBlock,
+    Pressed,
+    PrintedBlock,
+    Protocol,
+    Specimen,
+    Study,
+    WorkFrame,
+)
 from tacbench_cad.spec.presets import PRESETS
 from tacbench_cad.util.convert import from_plain, to_plain
 from tacbench_cad.util.errors import InputError, one_of
 
 #: What ``run.json`` calls this kind of folder, and the version of its layout that this program writes and reads.
 SCHEMA = "tacbench-run"
-#: The version of a run folder's layout.
-SCHEMA_VERSION = 1
+#: The version of a run folder's layout; that of a run without a plan, which programs that know 1 alone must not read.
+SCHEMA_VERSION, IMPORTED_VERSION = 1, 2
 #: The work frame in words, as it stands in ``run.json``.
 FRAME_TEXT = (
     "x and y are the block's own, z is 0 at the block's highest point and grows upwards; a pose is where the sensor's "
@@ -24,19 +34,32 @@ FRAME_TEXT = (
 )
 #: Keys that may change between two sessions of one run: where a device is plugged in and what it calls itself.
 CHANGING = ("identity", "port", "firmware", "version")
+#: The most force levels of a run without a protocol.
+MAX_LEVELS = 1000
 #: Differences between two runs that are named; the others are counted.
 MAX_SHOWN = 6
 
 Plain = Mapping[str, Any]
 
 
+class Plan(NamedTuple):
+    """What is pressed, and how and where."""
+
+    printed: PrintedBlock
+    protocol: Protocol
+    holder: HolderRim
+    frame: WorkFrame
+
+
 @dataclass(frozen=True, kw_only=True)
 class RunInfo:
-    """A run: its block, its protocol and its rig.
+    """A run: what was pressed, its protocol and its rig.
+
+    An imported run has no protocol: its rows are its plan, and whatever nobody said of it is None.
 
     Args:
-        printed: The printed block.
-        levels: The force levels that are pressed, rising.
+        printed: The printed block, or what is known of it.
+        levels: The force levels that are pressed, rising; empty where they are unknown.
         protocol: How they are pressed.
         grid_spacing: Which interpretation of the paper's grid was used, or ``own``.
         holder: What surrounds the block.
@@ -51,23 +74,24 @@ class RunInfo:
         InputError: A mapping holds what JSON cannot, or a level is not in the protocol.
     """
 
-    printed: PrintedBlock = field(metadata={"key": "block"})
+    printed: Pressed = field(metadata={"key": "block"})
     levels: tuple[int, ...]
-    protocol: Protocol
-    grid_spacing: str
-    holder: HolderRim
-    frame: WorkFrame
-    slot: int
+    protocol: Protocol | None
+    grid_spacing: str | None
+    holder: HolderRim | None
+    frame: WorkFrame | None
+    slot: int | None
     stage: Plain
     gauge: Plain
     sensor: Plain
     source: Plain = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not self.levels or list(self.levels) != sorted(set(self.levels)):
+        if list(self.levels) != sorted(set(self.levels)) or (self.protocol and not self.levels):
             raise InputError("levels", list(self.levels), "must be force levels, rising")
-        if not 1 <= self.levels[0] <= self.levels[-1] <= self.protocol.levels:
-            raise InputError("levels", list(self.levels), f"must be from 1 to {self.protocol.levels}")
+        highest = self.protocol.levels if self.protocol else MAX_LEVELS
+        if self.levels and not 1 <= self.levels[0] <= self.levels[-1] <= highest:
+            raise InputError("levels", list(self.levels), f"must be from 1 to {highest}")
         for name in ("stage", "gauge", "sensor", "source"):
             # What comes back from a file must be equal to what went in: tuples are lists from the start.
             object.__setattr__(self, name, _plain(name, getattr(self, name)))
@@ -116,9 +140,26 @@ class RunInfo:
         return tuple(shape) if shape else None
 
     @property
+    def plan(self) -> Plan:
+        """What is pressed, and how and where.
+
+        Raises:
+            InputError: The run was imported, so that not all of it is known.
+        """
+        printed, protocol, holder, frame = self.printed, self.protocol, self.holder, self.frame
+        if not isinstance(printed, PrintedBlock) or protocol is None or holder is None or frame is None:
+            raise InputError("run", printed.name, "was imported and has no protocol to press it by")
+        return Plan(printed=printed, protocol=protocol, holder=holder, frame=frame)
+
+    @property
     def presses(self) -> tuple[Press, ...]:
-        """Every press of the run in the order of the protocol."""
-        return plan_presses(self.protocol, self.levels, self.printed.name)
+        """Every press of the run in the order of the protocol; none where there is no protocol."""
+        return () if self.protocol is None else plan_presses(self.protocol, self.levels, self.printed.name)
+
+    @property
+    def version(self) -> int:
+        """The version of the layout that it is written in."""
+        return SCHEMA_VERSION if self.protocol else IMPORTED_VERSION
 
     @property
     def middle_press(self) -> Press:
@@ -132,8 +173,10 @@ class RunInfo:
         """Plain values for ``run.json``."""
         values: dict[str, Any] = to_plain(self)
         values["block"] = self.printed.as_dict()
-        values["protocol"]["grid"] = values["protocol"].pop("grid")
-        values["frame"]["meaning"] = FRAME_TEXT
+        if self.protocol:
+            values["protocol"]["grid"] = values["protocol"].pop("grid")
+        if self.frame:
+            values["frame"]["meaning"] = FRAME_TEXT
         return values
 
     @classmethod
@@ -217,7 +260,25 @@ def _shown(values: Mapping[str, Any], key: str) -> str:
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
-def printed_from(values: Any, where: str = "") -> PrintedBlock:
+def printed_from(values: Any, where: str = "") -> Pressed:
+    """What ``as_dict()`` of a printed block or a specimen described.
+
+    Raises:
+        InputError: A key is missing, or a value is not allowed.
+    """
+    if not isinstance(values, Mapping) or "geometry" not in values:
+        return printed_block_from(values, where)
+    known = dict(values)
+    geometry = known.pop("geometry")
+    if geometry is not None:
+        if not isinstance(geometry, Mapping):
+            raise InputError(f"{where}[block] geometry", None, "must be a table or null")
+        made = printed_block_from({**geometry, "printer": UNKNOWN, "filament": UNKNOWN, "copy": 1}, where)
+        known["block"] = made.block
+    return from_plain(Specimen, known, f"{where}[block] ")
+
+
+def printed_block_from(values: Any, where: str = "") -> PrintedBlock:
     """The printed block of ``PrintedBlock.as_dict()``, its texture made from the waves: it may be a user's own.
 
     Raises:

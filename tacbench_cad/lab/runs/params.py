@@ -19,33 +19,40 @@ PROCESSED_FILE = "processed_image_params.json"
 
 
 def collect_params(info: RunInfo) -> dict[str, Any]:
-    """``collect_params.json``: the objects, and the limits of the poses from which models take the range of labels."""
+    """``collect_params.json``: the objects, and the limits of the poses from which models take the range of labels.
+
+    Of an imported run they are unknown, and null.
+    """
     protocol, label = info.protocol, info.printed.object_label
-    x, y = protocol.grid.x_mm, protocol.grid.y_mm
-    deepest = -protocol.depth_limit_mm
+    lowest = highest = shear = pose = None
+    if protocol is not None:
+        x, y = protocol.grid.x_mm, protocol.grid.y_mm
+        lowest, highest = [x[0], y[0], -protocol.depth_limit_mm, 0.0, 0.0, 0.0], [x[-1], y[-1], 0.0, 0.0, 0.0, 0.0]
+        shear = pose = [0.0] * 6
     return {
         "pose_label_names": list(POSE_COLUMNS),
-        "pose_llims": [x[0], y[0], deepest, 0.0, 0.0, 0.0],
-        "pose_ulims": [x[-1], y[-1], 0.0, 0.0, 0.0, 0.0],
+        "pose_llims": lowest,
+        "pose_ulims": highest,
         "shear_label_names": list(SHEAR_COLUMNS),
-        "shear_llims": [0.0] * 6,
-        "shear_ulims": [0.0] * 6,
-        "object_poses": {str(label): [0.0] * 6},
-        "sample_disk": False,
-        "sort": False,
-        "seed": protocol.seed,
+        "shear_llims": shear,
+        "shear_ulims": shear,
+        "object_poses": {} if label is None else {str(label): pose},
+        "sample_disk": False if protocol else None,
+        "sort": False if protocol else None,
+        "seed": protocol.seed if protocol else None,
     }
 
 
 def environment_params(info: RunInfo) -> dict[str, Any]:
     """``env_params.json``: the robot, what is pressed, and the work frame in the stage's frame."""
+    driver, frame = info.stage.get("settings", {}).get("driver", "stage" if info.stage else None), info.frame
     return {
-        "robot": "sim" if info.stage.get("simulated") else str(info.stage.get("settings", {}).get("driver", "stage")),
+        "robot": "sim" if info.stage.get("simulated") else driver and str(driver),
         "stim_name": info.printed.name,
         "speed": info.stage.get("settings", {}).get("approach_mm_s"),
-        "work_frame": [*info.frame.origin_mm, 0.0, 0.0, 90.0 * info.frame.quarter_turns],
-        "tcp_pose": [0.0] * 6,
-        "work_frame_meaning": FRAME_TEXT,
+        "work_frame": frame and [*frame.origin_mm, 0.0, 0.0, 90.0 * frame.quarter_turns],
+        "tcp_pose": frame and [0.0] * 6,
+        "work_frame_meaning": frame and FRAME_TEXT,
         "simulated": list(info.simulated),
     }
 
@@ -56,7 +63,7 @@ def sensor_params(info: RunInfo) -> dict[str, Any]:
     height, width = shape[:2] if shape and len(shape) in (2, 3) else (None, None)
     settings = info.sensor.get("settings", {})
     return {
-        "type": str(info.sensor.get("name", "sensor")),
+        "type": str(info.sensor.get("name", "sensor")) if info.protocol else info.sensor.get("name"),
         "source": settings.get("actual", {}).get("device", settings.get("requested", {}).get("device")),
         "exposure": settings.get("actual", {}).get("exposure"),
         "gray": shape is not None and len(shape) == 2,

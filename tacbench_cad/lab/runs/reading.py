@@ -11,7 +11,7 @@ from typing import Any
 
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
-from tacbench_cad.lab.runs.info import SCHEMA, SCHEMA_VERSION, RunInfo
+from tacbench_cad.lab.runs.info import IMPORTED_VERSION, SCHEMA, SCHEMA_VERSION, RunInfo
 from tacbench_cad.lab.runs.pictures import decoded, sha256
 from tacbench_cad.lab.runs.schema import PressKey, Reference, Row, Stationary
 from tacbench_cad.lab.runs.table import RunTable, read_table
@@ -47,11 +47,12 @@ class Run:
         if not isinstance(document, dict) or document.get("schema") != SCHEMA:
             raise InputError("run", str(path), f'is of another kind: "schema" must be "{SCHEMA}"')
         version = document.get("version")
-        if version != SCHEMA_VERSION:
+        if version not in (SCHEMA_VERSION, IMPORTED_VERSION):
             raise InputError(
                 "run",
                 str(path),
-                f"has schema version {version!r}, this program reads {SCHEMA_VERSION}; use the version that wrote it",
+                f"has schema version {version!r}, this program reads {SCHEMA_VERSION} and {IMPORTED_VERSION}; "
+                "use the version that wrote it",
             )
         return cls(folder=folder, info=RunInfo.from_dict(document, f"{path}: "))
 
@@ -197,26 +198,33 @@ def shape_fault(info: RunInfo, frame: Frame) -> str | None:
 
 
 def planned(info: RunInfo) -> Callable[[int, Any], None]:
-    """A check of one row of ``targets.csv`` after another: it is of the run's plan and block, and not there already."""
+    """A check of one row of ``targets.csv`` after another: it is of the run's plan and block, and not there already.
+
+    The rows of a run without a protocol are its plan.
+    """
     plan = {press.number: press for press in info.presses}
     block = info.printed
-    seen: dict[PressKey, int] = {}
+    seen: dict[PressKey | int, int] = {}
 
     def check(line: int, row: Row) -> None:
         press = plan.get(row.number)
-        if press is None:
+        if press is None and info.protocol is not None:
             raise InputError("sensor_image", row.sensor_image, f"the protocol has {len(plan)} presses")
-        key = (press.force_level, press.repeat, press.position)
-        if row.key != key:
+        empty = next((name for name in schema.PLANNED if getattr(row, name) is None), None)
+        if press is not None and empty is not None:
+            raise InputError(empty, "", "must not be empty in a run with a protocol")
+        if press is not None and row.key != (press.force_level, press.repeat, press.position):
             raise InputError(
                 "force_level, repeat, position",
                 row.key,
-                f"contradicts the protocol, where press {press.number} is {key}",
+                f"contradicts the protocol, where press {press.number} is "
+                f"{(press.force_level, press.repeat, press.position)}",
             )
         if any(getattr(row, name) != getattr(block, name) for name in ("texture", "printer", "filament", "copy")):
             raise InputError("texture", row.texture, f"the run is of {block.name}")
-        if seen.setdefault(row.key, line) != line:
-            raise InputError("sensor_image", row.sensor_image, f"stands in line {seen[row.key]} already")
+        for key in (row.key, row.number):
+            if seen.setdefault(key, line) != line:
+                raise InputError("sensor_image", row.sensor_image, f"stands in line {seen[key]} already")
 
     return check
 

@@ -1,6 +1,7 @@
 """The files of a run folder: their names, the columns of their three tables, and the rows as dataclasses.
 
-A press is identified by force level, repeat and position; the order of the rows has no meaning.
+A press is identified by force level, repeat and position, or by its number where these are unknown; the order of the
+rows has no meaning. What nobody knows of an imported frame is empty in its row.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from functools import cache, cached_property
 from types import NoneType
 from typing import Any, ClassVar, Literal, TypeVar, get_args, get_type_hints
 
-from tacbench_cad.lab.study.spec import Point, PrintedBlock
+from tacbench_cad.lab.study.spec import Point, Pressed
 from tacbench_cad.util.errors import InputError, one_of
 
 #: What stays the same in a run, one row for each press, and what the person at the printer fills in.
@@ -31,7 +32,8 @@ STATIONARY_FILE = f"{STATIONARY_FOLDER}/stationary.csv"
 POSE_COLUMNS = ("pose_x", "pose_y", "pose_z", "pose_Rx", "pose_Ry", "pose_Rz")
 SHEAR_COLUMNS = ("shear_x", "shear_y", "shear_z", "shear_Rx", "shear_Ry", "shear_Rz")
 
-#: (force level, repeat, position), each from 1.
+#: (force level, repeat, position), each from 1. An unknown level or position is 0, and the frame's number then stands
+#: for the repeat, as it does where the repeat is unknown.
 PressKey = tuple[int, int, int]
 When = Literal["start", "end"]
 #: The four groups of frames without motion in the order in which they are taken: when, and whether in contact.
@@ -40,7 +42,7 @@ STATIONARY: tuple[tuple[When, bool], ...] = (("start", True), ("start", False), 
 _FRAME_NAME = re.compile(r"(?:image_(?P<image>0|[1-9]\d{0,8})\.png|reading_(?P<data>0|[1-9]\d{0,8})\.npy)")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 #: Whole numbers as ``object_label`` and as the other columns have them.
-_LABEL, _WHOLE = re.compile(r"[1-9]\d?"), re.compile(r"\d{1,9}")
+_LABEL, _WHOLE = re.compile(r"[1-9]\d{0,2}"), re.compile(r"\d{1,9}")
 
 
 def frame_name(number: int, image: bool) -> str:
@@ -79,18 +81,20 @@ T = TypeVar("T", bound=TableRow)
 class Row(TableRow):
     """One press, as ``targets.csv`` has it; the first fourteen columns are those of the TacTip toolchains.
 
+    What is unknown is None.
+
     Args:
         sensor_image: File name of its frame.
-        object_label: 1 to 6, or the name of a user's own texture.
+        object_label: 1 to 6, or the name of another texture.
         pose_x: Position of the sensor's summit in the work frame, in mm.
         pose_y: Likewise.
-        pose_z: Likewise; None where nobody measured it.
+        pose_z: Likewise.
         texture: Name of the texture.
         preset: The block's preset.
         scale: The block's scale.
         printer: Printer.
         filament: Filament.
-        copy: Copy, from 1.
+        copy: Copy, from 1, or what an imported print is called.
         position: From 1, row by row from low y, each row from low x.
         force_level: From 1.
         target_force_n: Target in N, None in depth mode.
@@ -105,32 +109,32 @@ class Row(TableRow):
 
     FILE = TARGETS_FILE
     sensor_image: str
-    object_label: int | str
-    pose_x: float
-    pose_y: float
+    object_label: int | str | None
+    pose_x: float | None
+    pose_y: float | None
     pose_z: float | None
-    pose_rx: float = field(default=0.0, metadata={"column": "pose_Rx"})
-    pose_ry: float = field(default=0.0, metadata={"column": "pose_Ry"})
-    pose_rz: float = field(default=0.0, metadata={"column": "pose_Rz"})
-    shear_x: float = 0.0
-    shear_y: float = 0.0
-    shear_z: float = 0.0
-    shear_rx: float = field(default=0.0, metadata={"column": "shear_Rx"})
-    shear_ry: float = field(default=0.0, metadata={"column": "shear_Ry"})
-    shear_rz: float = field(default=0.0, metadata={"column": "shear_Rz"})
-    texture: str
-    preset: str
-    scale: float
-    printer: str
-    filament: str
-    copy: int
-    position: int
-    force_level: int
+    pose_rx: float | None = field(default=0.0, metadata={"column": "pose_Rx"})
+    pose_ry: float | None = field(default=0.0, metadata={"column": "pose_Ry"})
+    pose_rz: float | None = field(default=0.0, metadata={"column": "pose_Rz"})
+    shear_x: float | None = 0.0
+    shear_y: float | None = 0.0
+    shear_z: float | None = 0.0
+    shear_rx: float | None = field(default=0.0, metadata={"column": "shear_Rx"})
+    shear_ry: float | None = field(default=0.0, metadata={"column": "shear_Ry"})
+    shear_rz: float | None = field(default=0.0, metadata={"column": "shear_Rz"})
+    texture: str | None
+    preset: str | None
+    scale: float | None
+    printer: str | None
+    filament: str | None
+    copy: int | str | None
+    position: int | None
+    force_level: int | None
     target_force_n: float | None
     measured_force_n: float | None
     force_after_n: float | None
     in_band: bool | None
-    repeat: int
+    repeat: int | None
     time_utc: datetime | None
     image_sha256: str
     reference_age_s: float | None
@@ -154,13 +158,22 @@ class Row(TableRow):
 
     @property
     def pose_mm(self) -> Point:
-        """The sensor's summit in the work frame; z is nan where nobody measured it."""
-        return (self.pose_x, self.pose_y, math.nan if self.pose_z is None else self.pose_z)
+        """The sensor's summit in the work frame; nan where nobody measured it."""
+        x, y, z = (math.nan if value is None else value for value in (self.pose_x, self.pose_y, self.pose_z))
+        return (x, y, z)
 
     @property
     def key(self) -> PressKey:
         """What makes the row unique."""
-        return (self.force_level, self.repeat, self.position)
+        repeat = self.repeat if self.repeat and self.position else self.number
+        return (self.force_level or 0, repeat, self.position or 0)
+
+
+#: The fields of a row that are known of every press of a planned run.
+PLANNED = (
+    *("object_label", "pose_x", "pose_y", "texture", "preset", "scale", "printer", "filament", "copy"),
+    *("position", "force_level", "repeat"),
+)
 
 
 class _FrameRow(TableRow):
@@ -215,11 +228,12 @@ class Stationary(_FrameRow):
         return (self.when, self.in_contact, self.index)
 
 
-def block_values(printed: PrintedBlock) -> dict[str, Any]:
+def block_values(printed: Pressed) -> dict[str, Any]:
     """What each row of ``targets.csv`` says of the run's block."""
     block = printed.block
     names = ("object_label", "texture", "printer", "filament", "copy")
-    return {"preset": block.preset, "scale": block.scale, **{name: getattr(printed, name) for name in names}}
+    values = {name: getattr(printed, name) for name in names}
+    return {"preset": block and block.preset, "scale": block and block.scale, **values}
 
 
 def columns(kind: type[Any]) -> tuple[str, ...]:
@@ -257,7 +271,7 @@ def _parsers(kind: Any) -> tuple[tuple[str, str, Callable[[str, str], Any]], ...
 def _parser(hint: Any, low: int) -> Callable[[str, str], Any]:
     kinds = get_args(hint)
     if NoneType in kinds:
-        parse = _parser(kinds[0], low)
+        parse = _parser(int | str if str in kinds and int in kinds else kinds[0], low)
         return lambda column, text: parse(column, text) if text else None
     if hint == int | str:
         return lambda _, text: int(text) if _LABEL.fullmatch(text) else text

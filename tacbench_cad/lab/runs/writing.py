@@ -12,15 +12,17 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from tacbench_cad import __version__
 from tacbench_cad.lab.rig.errors import SensorError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import params, schema
-from tacbench_cad.lab.runs.info import SCHEMA, SCHEMA_VERSION, RunInfo
+from tacbench_cad.lab.runs.info import SCHEMA, RunInfo
 from tacbench_cad.lab.runs.pictures import encoded, sha256
 from tacbench_cad.lab.runs.reading import Run, planned
 from tacbench_cad.lab.runs.schema import Reference, Row, Stationary, T, When
@@ -32,6 +34,26 @@ from tacbench_cad.util import door
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, refusing, write_json, write_text
 from tacbench_cad.util.packages import version
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameFile:
+    """A frame as it is stored.
+
+    Args:
+        data: The bytes of its file.
+        image: Whether it is a PNG.
+        sha256: Their SHA-256.
+    """
+
+    data: bytes
+    image: bool
+    sha256: str
+
+    @classmethod
+    def of(cls, data: bytes, image: bool) -> FrameFile:
+        """The file with some bytes."""
+        return cls(data=data, image=image, sha256=sha256(data))
 
 
 class RunWriter:
@@ -130,8 +152,10 @@ class RunWriter:
             SensorError: The frame has another shape than the sensor's.
             InputError: The disk is full, or the folder cannot be written.
         """
-        path, digest = self._store(frame, lambda image: schema.reference_path(self._reference_count, image))
-        row = Reference(path=path, time_utc=time_utc, after_press=self._last_press, image_sha256=digest)
+        file = self._encoded(frame)
+        path = schema.reference_path(self._reference_count, file.image)
+        self._store(file, path)
+        row = Reference(path=path, time_utc=time_utc, after_press=self._last_press, image_sha256=file.sha256)
         self._append(self._references, row)
         self._reference_count += 1
         self.reference_time = time_utc
@@ -151,8 +175,10 @@ class RunWriter:
         """
         if (when, in_contact, index) in self._still:
             raise InputError("stationary frame", f"{when} {index}", "is in the run already")
-        path, digest = self._store(frame, lambda image: schema.stationary_path(when, in_contact, index, image))
-        row = Stationary(path=path, when=when, in_contact=in_contact, index=index, image_sha256=digest)
+        file = self._encoded(frame)
+        path = schema.stationary_path(when, in_contact, index, file.image)
+        self._store(file, path)
+        row = Stationary(path=path, when=when, in_contact=in_contact, index=index, image_sha256=file.sha256)
         self._append(self._stationary, row)
         self._still.add(row.key)
 
@@ -181,16 +207,13 @@ class RunWriter:
             SensorError: The frame has another shape than the sensor's.
             InputError: The press is there already, the disk is full, or the folder cannot be written.
         """
-        if press.number in self.done:
-            raise InputError("press", press.number, "is in the run already")
-        path, digest = self._store(frame, lambda image: schema.frame_path(schema.frame_name(press.number, image)))
         age_s = None
         if time_utc is not None and self.reference_time is not None:
             age_s = (time_utc - self.reference_time).total_seconds()
         x, y, z = (round(float(value), 6) for value in pose_mm)
-        row = Row(
-            **schema.block_values(self.info.printed),
-            sensor_image=path.rpartition("/")[2],
+        self.sample(
+            press.number,
+            self._encoded(frame),
             pose_x=x,
             pose_y=y,
             pose_z=z,
@@ -202,30 +225,48 @@ class RunWriter:
             in_band=None if in_band is None else bool(in_band),
             repeat=press.repeat,
             time_utc=time_utc,
-            image_sha256=digest,
             reference_age_s=None if age_s is None else round(age_s, 3),
         )
-        self._append(self._targets, row)
-        self.done.add(press.number)
-        self._last_press = press.number
 
-    def _store(self, frame: Frame, path_of: Callable[[bool], str]) -> tuple[str, str]:
-        """Write a frame's file; with ``durable`` it and its folder's entry are on the disk afterwards.
+    def sample(self, number: int, file: FrameFile, **values: Any) -> None:
+        """Keep a frame as the bytes of its file, then its row.
 
         Args:
-            frame: The frame.
-            path_of: Its path from the run folder; called with whether it is an image.
+            number: Its number, from 1.
+            file: The file.
+            **values: The fields of its row that the run does not say.
 
-        Returns:
-            The path, and the SHA-256 of the file.
+        Raises:
+            InputError: The number is there already, the disk is full, or the folder cannot be written.
+        """
+        if number in self.done:
+            raise InputError("press", number, "is in the run already")
+        name = schema.frame_name(number, file.image)
+        self._store(file, schema.frame_path(name))
+        row = Row(**schema.block_values(self.info.printed), sensor_image=name, image_sha256=file.sha256, **values)
+        self._append(self._targets, row)
+        self.done.add(number)
+        self._last_press = number
+
+    def _encoded(self, frame: Frame) -> FrameFile:
+        """A frame as its file.
+
+        Raises:
+            SensorError: It has another shape than the sensor's.
         """
         shape = self.info.frame_shape
         if shape is not None and frame.shape != shape:
             raise SensorError(f"the sensor gave a frame of shape {frame.shape} where the run has {shape}")
         with timed(self.seconds, "encode"):
-            data, image = encoded(frame, self.info.simulated)
-            digest = sha256(data)
-        name = path_of(image)
+            return FrameFile.of(*encoded(frame, self.info.simulated))
+
+    def _store(self, file: FrameFile, name: str) -> None:
+        """Write a frame's file; with ``durable`` it and its folder's entry are on the disk afterwards.
+
+        Args:
+            file: The file.
+            name: Its path from the run folder.
+        """
         path = self.folder / name
         with timed(self.seconds, "sync"), refusing(path.parent):
             # What is no image has a folder of its own, made when the first such frame comes.
@@ -234,12 +275,11 @@ class RunWriter:
                 if self._durable:
                     sync_folder(self.folder)
             with path.open("wb") as stream:
-                stream.write(data)
+                stream.write(file.data)
                 if self._durable:
                     stream.flush()
                     os.fsync(stream.fileno())
                     sync_folder(path.parent)
-        return name, digest
 
     def _append(self, table: GrowingTable[T], row: T) -> None:
         with timed(self.seconds, "sync"):
@@ -273,9 +313,9 @@ def _begin(folder: Path, info: RunInfo) -> None:
         write_json(folder / name, parameters(info))
     if not (folder / schema.PRINT_FILE).is_file():
         printed = info.printed
-        record = form(f"Record of the print {printed.name}.", printed.printer, printed.filament)
+        record = form(f"Record of the print {printed.name}.", printed.printer or "", printed.filament or "")
         write_text(folder / schema.PRINT_FILE, record)
-    head = {"schema": SCHEMA, "version": SCHEMA_VERSION, "name": info.printed.name, "simulated": list(info.simulated)}
+    head = {"schema": SCHEMA, "version": info.version, "name": info.printed.name, "simulated": list(info.simulated)}
     write_json(folder / schema.RUN_FILE, {**head, **info.as_dict(), "sittings": []})
     with refusing(folder):
         sync_folder(folder)

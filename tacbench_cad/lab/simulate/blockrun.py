@@ -132,7 +132,7 @@ class FrameSource:
     def _contact(self) -> DomeContact:
         """Printed when the first press needs it, so that a complete run takes no time."""
         with timed(self.seconds, "print"):
-            return contact_for(self.info.printed, self.info.holder, seed=self._seed)
+            return contact_for(self.info.plan.printed, self.info.plan.holder, seed=self._seed)
 
     def pressed(self, press: Press) -> tuple[Point, float, Pins]:
         """Pose of the summit in the work frame, contact force in N, and pins of a press at its target force or depth.
@@ -158,7 +158,7 @@ class FrameSource:
         else:
             assert press.depth_mm is not None, "a press has a force or a depth"
             z = contact.first_touch(press.x_mm, press.y_mm) - press.depth_mm
-        limit = self.info.protocol.depth_limit_mm
+        limit = self.info.plan.protocol.depth_limit_mm
         if z < -limit:
             raise InputError(
                 "depth_limit_mm",
@@ -202,7 +202,7 @@ def simulate_block(out: Path, info: RunInfo, options: SimulationOptions) -> Simu
         for press in missing:
             now = BEGIN + timedelta(seconds=SECONDS_PER_PRESS * press.number)
             since = run.reference_time
-            if since is None or (now - since).total_seconds() > info.protocol.reference_every_s:
+            if since is None or (now - since).total_seconds() > info.plan.protocol.reference_every_s:
                 run.reference(source.frame(source.sensor.rest, f"reference before {press.number}", now), now)
                 images += 1
             pose, force_n, pins = source.pressed(press)
@@ -219,8 +219,8 @@ def simulate_block(out: Path, info: RunInfo, options: SimulationOptions) -> Simu
 
 def other_images(info: RunInfo) -> int:
     """Reference and stationary images of a run: all of its images that show no press."""
-    presses_each = math.floor(info.protocol.reference_every_s / SECONDS_PER_PRESS) + 1
-    return 1 + len(info.presses) // presses_each + 4 * info.protocol.stationary_frames
+    presses_each = math.floor(info.plan.protocol.reference_every_s / SECONDS_PER_PRESS) + 1
+    return 1 + len(info.presses) // presses_each + 4 * info.plan.protocol.stationary_frames
 
 
 def _stationary(run: RunWriter, source: FrameSource, when: schema.When) -> int:
@@ -229,7 +229,7 @@ def _stationary(run: RunWriter, source: FrameSource, when: schema.When) -> int:
     # The frames at the start are taken once the light has settled, those at the end after the last press.
     at = BEGIN + timedelta(seconds=SECONDS_PER_PRESS * (1 if when == "start" else len(run.info.presses)))
     for in_contact, state in ((True, "pressed"), (False, "free")):
-        for index in run.stationary_missing(when, in_contact, run.info.protocol.stationary_frames):
+        for index in run.stationary_missing(when, in_contact, run.info.plan.protocol.stationary_frames):
             pins = source.pressed(run.info.middle_press)[2] if in_contact else source.sensor.rest
             frame = source.frame(pins, f"stationary {when} {index} {state}", at)
             run.stationary(when, in_contact, index, frame)
@@ -239,7 +239,7 @@ def _stationary(run: RunWriter, source: FrameSource, when: schema.When) -> int:
 
 def _record_print(folder: Path, info: RunInfo, options: SimulationOptions) -> None:
     """Write the print's record of a new run: a virtual printer knows what a person would have to look up."""
-    printed, printer = info.printed, printer_of(info.printed)
+    printed, printer = info.plan.printed, printer_of(info.plan.printed)
     known: dict[str, Any] = {
         "printer": f"{printed.printer}, virtual",
         "filament": f"{printed.filament}, virtual",

@@ -5,6 +5,8 @@ Everything in the lab reads these; nothing here touches a file or a device. Mill
 
 from __future__ import annotations
 
+import hashlib
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
@@ -46,8 +48,46 @@ MAX_PRESSES = 1_000_000
 DEPTHS_MM = (0.35, 1.7, 2.2)
 
 
+#: What stands in tables for a printer, a filament or a label that nobody named.
+UNKNOWN = "unknown"
+
+
 @dataclass(frozen=True, kw_only=True)
-class PrintedBlock(Checked):
+class Pressed(Checked):
+    """What was pressed: one of our own :class:`PrintedBlock`, or a :class:`Specimen` of which less may be known."""
+
+    block: Block | None
+    printer: str | None
+    filament: str | None
+    copy: int | str | None
+
+    @property
+    def texture(self) -> str | None:
+        """Name of its texture, the label that classifiers learn: ``texture-4``."""
+        raise NotImplementedError
+
+    @property
+    def object_label(self) -> int | str | None:
+        """The label for TacTip toolchains: 1 to 6, or the name of another texture."""
+        raise NotImplementedError
+
+    @property
+    def name(self) -> str:
+        """Name of its run folder."""
+        raise NotImplementedError
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for ``run.json``; :mod:`tacbench_cad.lab.runs` makes the object again from them."""
+        raise NotImplementedError
+
+    @property
+    def combination(self) -> str:
+        """Printer and filament in one word: ``bambu-p1p_pla-minus``."""
+        return f"{self.printer or UNKNOWN}_{self.filament or UNKNOWN}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrintedBlock(Pressed):
     """One printed block: what it is and where it came from.
 
     Args:
@@ -73,11 +113,6 @@ class PrintedBlock(Checked):
         return self.block.texture.number or self.texture
 
     @property
-    def combination(self) -> str:
-        """Printer and filament in one word: ``bambu-p1p_pla-minus``."""
-        return f"{self.printer}_{self.filament}"
-
-    @property
     def name(self) -> str:
         """Name of its run folder: ``texture-4_paper_x1_bambu-p1p_pla-minus_copy01``."""
         stem = self.block.name.split("_copy")[0]
@@ -85,30 +120,85 @@ class PrintedBlock(Checked):
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for ``run.json``; :mod:`tacbench_cad.lab.runs` makes the block again from them."""
-        block, texture = self.block, self.block.texture
+        origin = {"printer": self.printer, "filament": self.filament, "copy": self.copy}
+        return {**block_values(self.block), **origin}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Specimen(Pressed):
+    """What was pressed as far as anybody said it; None where nobody did.
+
+    Args:
+        label: What classifiers learn.
+        printer: Printer.
+        filament: Filament.
+        copy: Number of the print, or what it is called.
+        session: What the recording is called, where one print was recorded more than once.
+        block: Its geometry.
+    """
+
+    label: str | None = None
+    printer: str | None = None
+    filament: str | None = None
+    copy: int | str | None = None
+    session: str | None = None
+    block: Block | None = None
+
+    @property
+    def texture(self) -> str | None:
+        """The label."""
+        return self.label
+
+    @property
+    def object_label(self) -> int | str | None:
+        """The label for TacTip toolchains; a number of up to three digits is a number."""
+        number = self.block.texture.number if self.block else None
+        return number or (int(self.label) if self.label and re.fullmatch(r"[1-9]\d{0,2}", self.label) else self.label)
+
+    @property
+    def name(self) -> str:
+        """What is known, fit for a file name; a hash is added where that changes a word."""
+        copy = f"copy{self.copy:02d}" if isinstance(self.copy, int) else self.copy
+        words = [self.label, self.printer, self.filament, copy, self.session]
+        known = [word for word in words if word is not None]
+        plain = [re.sub(r"[^A-Za-z0-9.+-]+", "-", word).strip("-.")[:40] for word in known]
+        name = "_".join(word for word in plain if word) or UNKNOWN
+        if plain == known:
+            return name
+        return f"{name}_{hashlib.sha256(repr(words).encode()).hexdigest()[:6]}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for ``run.json``."""
+        names = ("label", "printer", "filament", "copy", "session")
         return {
-            "texture": texture.name,
-            "number": texture.number,
-            "equation": texture.equation,
-            "waves": [[w.amplitude, w.f, w.g, w.phase] for w in texture.waves.waves],
-            "preset": block.preset,
-            "scale": block.scale,
-            "nominal_size_mm": list(block.nominal_size_mm),
-            "nominal_height_mm": block.nominal_height_mm,
-            "nominal_mm_per_unit": list(block.nominal_mm_per_unit),
-            "origin_uv": list(block.origin_uv),
-            "key_mm": block.key_mm,
-            "sampling": (
-                {"tolerance_mm": block.sampling.mm}
-                if isinstance(block.sampling, Tolerance)
-                else {"grid": [block.sampling.nx, block.sampling.ny]}
-            ),
-            "label": block.label,
-            "engraved_copy": block.copy,
-            "printer": self.printer,
-            "filament": self.filament,
-            "copy": self.copy,
+            **{name: getattr(self, name) for name in names},
+            "geometry": None if self.block is None else block_values(self.block),
         }
+
+
+def block_values(block: Block) -> dict[str, Any]:
+    """A block as plain values for ``run.json``."""
+    texture = block.texture
+    return {
+        "texture": texture.name,
+        "number": texture.number,
+        "equation": texture.equation,
+        "waves": [[w.amplitude, w.f, w.g, w.phase] for w in texture.waves.waves],
+        "preset": block.preset,
+        "scale": block.scale,
+        "nominal_size_mm": list(block.nominal_size_mm),
+        "nominal_height_mm": block.nominal_height_mm,
+        "nominal_mm_per_unit": list(block.nominal_mm_per_unit),
+        "origin_uv": list(block.origin_uv),
+        "key_mm": block.key_mm,
+        "sampling": (
+            {"tolerance_mm": block.sampling.mm}
+            if isinstance(block.sampling, Tolerance)
+            else {"grid": [block.sampling.nx, block.sampling.ny]}
+        ),
+        "label": block.label,
+        "engraved_copy": block.copy,
+    }
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -237,7 +237,7 @@ def test_what_cannot_be_graded_is_refused() -> None:
         {"high": float("inf")},
         {"low": None},
         {"prints": 0},
-        {"force_level": 0},
+        {"force_level": -1},
         {"force_level": "both"},
     ],
 )

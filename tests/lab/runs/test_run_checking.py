@@ -267,10 +267,10 @@ def test_another_schema_version_ends_with_2_and_the_others_are_checked(
     other = run_folder.parent / "other"
     with RunWriter.open(other, make_info()) as writer:
         filled(writer)
-    (other / "run.json").write_text((other / "run.json").read_text().replace('"version": 1,', '"version": 2,'))
+    (other / "run.json").write_text((other / "run.json").read_text().replace('"version": 1,', '"version": 3,'))
     assert main(["runs", "check", str(run_folder.parent)]) == 2
     said = capsys.readouterr()
-    assert "has schema version 2, this program reads 1" in said.err
+    assert "has schema version 3, this program reads 1 and 2" in said.err
     assert "1 run, 16 presses: nothing wrong" in said.out
 
 

@@ -88,7 +88,7 @@ def test_a_run_is_read_without_pandas_opencv_or_cad(run_folder: Path) -> None:
         ("position", "x", "position = 'x': must be a whole number from 1"),
         ("measured_force_n", "nan", "measured_force_n = 'nan': must be a finite number"),
         ("target_force_n", "1e999", "target_force_n"),
-        ("pose_x", "", "pose_x = '': must be a finite number"),
+        ("pose_x", "", "pose_x = '': must not be empty"),
         ("in_band", "yes", "in_band = 'yes': must be true, false or empty"),
         ("time_utc", "yesterday", "time_utc = 'yesterday'"),
         ("time_utc", "2026-01-31T12:00:00", "must name its time zone"),

@@ -64,6 +64,7 @@ def classify(
     """
     if trials < 1:
         raise InputError("trials", trials, "must be at least 1")
+    collection.require("classification", "label")
     collection = replace(collection, features=settings.features)
     presses = PressTable.of(collection)
     if settings.protocol != "leak-free":

@@ -157,19 +157,15 @@ def named(key: Key) -> str:
 
 def split_presses(collection: Collection) -> tuple[SplitPress, ...]:
     """The presses of a collection as a split names them, in its order."""
-    rows = [run.by_key for run in collection.runs]
     names = [run.info.printed.name for run in collection.runs]
-    arrays = (collection.run, collection.level, collection.repeat, collection.position, collection.texture)
     return tuple(
         SplitPress(
             run=names[run],
-            force_level=level,
-            repeat=repeat,
-            position=position,
+            **dict(zip(("force_level", "repeat", "position"), row.key, strict=True)),
             texture=texture,
-            image_sha256=rows[run][level, repeat, position].image_sha256,
+            image_sha256=row.image_sha256,
         )
-        for run, level, repeat, position, texture in zip(*(array.tolist() for array in arrays), strict=True)
+        for run, row, texture in zip(collection.run.tolist(), collection.rows, collection.texture.tolist(), strict=True)
     )
 
 
@@ -191,6 +187,7 @@ def make_splits(
         InputError: A level is unknown, or the data support none; see
             :func:`tacbench_cad.lab.analysis.classification.splits.folds_of`.
     """
+    collection.require("a split", "label")
     drawn = folds_of(PressTable.of(collection), levels, seed=seed, folds=folds)
     presses = split_presses(collection)
     splits = []

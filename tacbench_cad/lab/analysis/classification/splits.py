@@ -27,6 +27,8 @@ UNITS = {
     "copy": ("prints", "run"),
     "printer-filament": ("printer-filament combinations", "combination"),
 }
+#: What must be known of every press for a level, in words of :meth:`Collection.has`.
+NEEDS = {"position": "position", "force": "force", "copy": "print", "printer-filament": "printer or filament"}
 #: Names of the hold-out levels, from the easiest claim to the hardest.
 HOLD_OUT_LEVELS = tuple(UNITS)
 #: Folds of the levels whose groups are many: presses and positions.
@@ -44,6 +46,7 @@ class PressTable:
         copy: Number of the copy.
         level: Force level.
         position: Number of the position.
+        unknown: What is unknown of some press, of :data:`NEEDS`.
     """
 
     run: Ints
@@ -52,6 +55,7 @@ class PressTable:
     copy: Ints
     level: Ints
     position: Ints
+    unknown: frozenset[str] = frozenset()
 
     @property
     def textures(self) -> list[str]:
@@ -61,7 +65,9 @@ class PressTable:
     @classmethod
     def of(cls, collection: Collection) -> PressTable:
         """That of a collection."""
-        return cls(**{field.name: getattr(collection, field.name) for field in fields(cls)})
+        columns = {field.name: getattr(collection, field.name) for field in fields(cls) if field.name != "unknown"}
+        unknown = {need for need in NEEDS.values() if not any(collection.has(word) for word in need.split(" or "))}
+        return cls(**columns, unknown=frozenset(unknown))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -135,6 +141,10 @@ def folds_of(presses: PressTable, levels: Sequence[str] = HOLD_OUT_LEVELS, *, se
 def _groups(presses: PressTable, level: str, seed: int, folds: int) -> tuple[Ints, list[str], str]:
     """To which fold each press belongs (-1: it always trains), names of the folds, and why there are none."""
     random = np.random.default_rng([seed, HOLD_OUT_LEVELS.index(level)])
+    if NEEDS.get(level) in presses.unknown:
+        column = NEEDS[level].partition(" ")[0]
+        reason = f"the {NEEDS[level]} is unknown; import with a column for it: --columns {column}=COLUMN"
+        return np.zeros(len(presses.run), dtype=np.int64), [], reason
     if level == "press":
         _, counts = np.unique(presses.texture, return_counts=True)
         fewest = int(counts.min())

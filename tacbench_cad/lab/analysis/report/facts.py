@@ -13,6 +13,7 @@ from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.tables import Column, Table
 from tacbench_cad.lab.analysis.variance.cells import parts_of
 from tacbench_cad.lab.runs.checking import RunReport
+from tacbench_cad.lab.study.spec import UNKNOWN
 from tacbench_cad.spec.printrecord import FIELDS, PrintRecord
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
 from tacbench_cad.util.convert import to_plain
@@ -25,17 +26,30 @@ MAX_FINDINGS = 5
 
 def prints_in_words(collection: Collection) -> str:
     """The prints of each printer-filament."""
-    groups: dict[str, dict[str, set[int]]] = defaultdict(lambda: defaultdict(set))
+    groups: dict[str, dict[str, set[int | str | None]]] = defaultdict(lambda: defaultdict(set))
     for run in collection.runs:
         printed = run.info.printed
-        groups[printed.combination][printed.texture].add(printed.copy)
+        groups[printed.combination][printed.texture or UNKNOWN].add(printed.copy)
     parts = []
     for combination in collection.combinations:
         counts = sorted({len(copies) for copies in groups[combination].values()})
         prints = counted(counts[0], "print") if len(counts) == 1 else f"{counts[0]} to {counts[-1]} prints"
+        if not collection.has("print"):
+            prints = "an unknown number of prints"
         textures = counted(len(groups[combination]), "texture")
         parts.append(f"{prints} of {textures} on {combination.replace('_', ' in ')}")
     return "; ".join(parts)
+
+
+def unknown_in_words(collection: Collection) -> str:
+    """A sentence that names what is unknown of imported runs; empty for others."""
+    if collection.info.protocol is not None:
+        return ""
+    names = ("label", "print", "printer", "filament", "position", "force", "repeat")
+    unknown = [name for name in names if not collection.has(name)]
+    if all(run.info.printed.block is None for run in collection.runs):
+        unknown += ["formula", "size"]
+    return f"Unknown, because nobody recorded it: {', '.join(unknown)}." if unknown else ""
 
 
 def sampling_in_words(sampling: Tolerance | SampleGrid) -> str:
@@ -48,6 +62,9 @@ def sampling_in_words(sampling: Tolerance | SampleGrid) -> str:
 def forces_in_words(collection: Collection) -> str:
     """How hard, or how deep, the blocks were pressed: a sentence."""
     protocol = collection.info.protocol
+    if protocol is None:
+        known = [f"{value:.6g}" for level, value in sorted(collection.pressing.levels.items()) if value is not None]
+        return f"The forces were {', '.join(known)} N; which forces were reached is unknown." if known else ""
     if protocol.contact == "depth":
         depths = ", ".join(f"{protocol.depths_mm[level - 1]:g}" for level in collection.levels)
         how = {
@@ -62,7 +79,7 @@ def forces_in_words(collection: Collection) -> str:
     forces = ", ".join(f"{protocol.forces_n[n - 1]:.6g} ± {protocol.bands_n[n - 1]:.3g}" for n in collection.levels)
     measured: dict[int, list[float]] = defaultdict(list)
     for row in (row for run in collection.runs for row in run.rows):
-        if row.measured_force_n is not None:
+        if row.measured_force_n is not None and row.force_level is not None:
             measured[row.force_level].append(row.measured_force_n)
     text = f"Target forces were {forces} N"
     if all(len(measured[level]) > 1 for level in collection.levels):
@@ -143,38 +160,47 @@ def findings_table(reports: Iterable[RunReport], most: int | None = None) -> Tab
 
 
 def open_points(collection: Collection, colour: bool, ddof: int) -> Table:
-    """Where the paper's text leaves something open, what was taken, and what leads to the other reading."""
+    """Where the paper's text leaves something open, what was taken, and what leads to the other reading.
+
+    What is unknown of imported runs was not taken in any way, and has no row.
+    """
     info = collection.info
-    positions = counted(len(info.protocol.grid.positions_mm), "position")
+    positions = counted(len(collection.pressing.positions_mm), "position")
     spacing = {"even": "18 to 23 mm in 1.25 mm steps", "1mm": "18 to 22 mm in 1 mm steps"}
-    preset = info.printed.block.preset
+    block, placed = info.printed.block, collection.has("position")
+    preset = block.preset if block else ""
     sizes = {"paper": "the text's 23.3 x 30 mm", "released": "the released files' 29.3 x 30 mm"}
     levels = ", ".join(map(str, collection.levels))
     rows = (
-        (
+        block
+        and (
             "size and scale of the block: the text's numbers cannot all hold",
             f"preset {preset}: {sizes.get(preset, 'its own size')}",
             "tacbench make --preset paper|released",
         ),
-        (
+        info.protocol
+        and (
             '"5 equally spaced 1 mm positions between 18 and 23 mm"',
-            spacing.get(info.grid_spacing, f"the study's own grid, {positions}"),
+            spacing.get(info.grid_spacing or "", f"the study's own grid, {positions}"),
             "grid_spacing",
         ),
-        (
+        placed
+        and (
             "variance of what: the text has all prints and repeats, the notebooks the repeats on one print",
             "both, each by itself",
             "tacbench variance --protocol paper|as-published",
         ),
-        ("variance of grey or colour images", "colour" if colour else "grey (BT.601)", "--colour"),
-        ("divisor of the variance (ddof)", str(ddof), "--ddof 0|1"),
-        (
+        placed and ("variance of grey or colour images", "colour" if colour else "grey (BT.601)", "--colour"),
+        placed and ("divisor of the variance (ddof)", str(ddof), "--ddof 0|1"),
+        placed
+        and (
             "force of the 300 images of a cell",
             f"each of the levels {levels}, and their mean; as published: level {collection.levels[0]}",
             "--force-level",
         ),
     )
-    return _table("How it was read here", ("what is open", "taken here", "the other reading"), rows)
+    heads = ("what is open", "taken here", "the other reading")
+    return _table("How it was read here", heads, (row for row in rows if row))
 
 
 def write_facts(collection: Collection, reports: Sequence[RunReport], folder: Path) -> dict[str, Any]:

@@ -60,7 +60,13 @@ def template(name: str) -> Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    words = (facts.prints_in_words, facts.sampling_in_words, facts.forces_in_words, facts.devices_in_words)
+    words = (
+        facts.prints_in_words,
+        facts.sampling_in_words,
+        facts.forces_in_words,
+        facts.devices_in_words,
+        facts.unknown_in_words,
+    )
     environment.globals.update({function.__name__: function for function in (*words, counted, citations, read_image)})
     environment.globals["version"] = __version__
     return environment.get_template(name)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from tacbench_cad.lab.analysis.published import PAPER_ROW_NAMES
-from tacbench_cad.lab.study.spec import Protocol
 from tacbench_cad.util.convert import Bounds, check_fields
 from tacbench_cad.util.errors import InputError
 
@@ -34,7 +33,7 @@ class Cell:
         printer: Printer.
         filament: Filament.
         texture: Name of the texture: ``texture-4``.
-        force_level: Level from 1, or ``"all"`` for the mean over the levels.
+        force_level: Level from 1, 0 if it is unknown, or ``"all"`` for the mean over the levels.
         variance: Variance of each pixel over prints x repeats at each position, then the mean over pixels and
             positions; or what ``quantity`` says.
         floor: Noise floor in the same unit, for ddof 1; None where none could be measured.
@@ -74,8 +73,8 @@ class Cell:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if self.force_level != ALL_LEVELS and (not isinstance(self.force_level, int) or self.force_level < 1):
-            raise InputError("force_level", self.force_level, f'must be a whole number from 1, or "{ALL_LEVELS}"')
+        if self.force_level != ALL_LEVELS and (not isinstance(self.force_level, int) or self.force_level < 0):
+            raise InputError("force_level", self.force_level, f'must be a whole number from 0, or "{ALL_LEVELS}"')
         if (self.low is None) != (self.high is None):
             raise InputError("low, high", (self.low, self.high), "must both be numbers or both be left out")
 
@@ -104,14 +103,6 @@ def squared(units: str) -> str:
 def short_texture(texture: str) -> str:
     """``4`` for ``texture-4``; a user's own name as it is."""
     return texture.removeprefix("texture-")
-
-
-def level_name(protocol: Protocol, level: Level) -> str:
-    """A force level as figures and tables call it: ``1.91 N``, ``1.70 mm deep``, ``mean of all forces``."""
-    force = protocol.contact == "force"
-    if not isinstance(level, int):
-        return "mean of all forces" if force else "mean of all depths"
-    return f"{protocol.forces_n[level - 1]:.2f} N" if force else f"{protocol.depths_mm[level - 1]:.2f} mm deep"
 
 
 def shown_levels(cells: Iterable[Cell]) -> tuple[Level, ...]:

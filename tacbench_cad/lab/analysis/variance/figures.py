@@ -14,7 +14,6 @@ from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure,
 from tacbench_cad.lab.analysis.variance.cells import (
     Cell,
     Level,
-    level_name,
     name_of,
     short_texture,
     shown_levels,
@@ -102,7 +101,7 @@ def _title(result: VarianceResult, level: Level) -> str:
     """The level of a panel, and what the figure does not show."""
     count = len({cell.combination for cell in result.cells}) - len(compared(result))
     hidden = f" ({counted(count, 'printer-filament')} with one print not shown)" if count else ""
-    return f"{level_name(result.collection.info.protocol, level)}{hidden}"
+    return f"{result.collection.pressing.level_name(level)}{hidden}"
 
 
 def table_figure(result: VarianceResult) -> Figure:
@@ -262,8 +261,10 @@ def _cropped(pictures: dict[tuple[str, str], Floats]) -> dict[tuple[str, str], F
 
 def position_figure(result: VarianceResult) -> Figure:
     """Which positions vary: the press grid for each combination and texture, mean over forces."""
-    grid = result.collection.info.protocol.grid
-    shape = (len(grid.y_mm), len(grid.x_mm))
+    pressing = result.collection.pressing
+    grid = pressing.grid
+    # Positions of which nobody said where they are stand in one row.
+    shape = (len(grid.y_mm), len(grid.x_mm)) if grid else (1, len(pressing.positions_mm))
     pictures: dict[tuple[str, str], Floats] = {}
     drawn = levels_with_most_prints(
         {(level, key): cell.design.tolist() for key, of in result.sums.items() for level, cell in of.items()}
@@ -274,6 +275,8 @@ def position_figure(result: VarianceResult) -> Figure:
             # Rows run from low y: upwards in the figure, as on the block.
             pictures[key] = np.mean(levels, axis=0).reshape(shape)[::-1]
     figure = _mosaic(result, pictures, f"variance ({squared_unit(result)})", ratio=1.0, outline=True)
+    if grid is None:
+        return figure
     first = figure.axes[0]
     arrow = {"arrowstyle": "->", "linewidth": 0.6, "color": INK, "shrinkA": 0.0, "shrinkB": 0.0}
     for end, start in (((1.0, -0.06), (0.0, -0.06)), ((-0.06, 1.0), (-0.06, 0.0))):
@@ -387,7 +390,7 @@ def component_figure(result: VarianceResult) -> Figure:
         Line2D([], [], linestyle="", marker=_MARKERS[j], markersize=5.0, color=COLOURS[j], label=name)
         for j, name in enumerate(("texture", "printer-filament", "print", "repeat"))
     ]
-    _log_axes(axes, [level_name(result.collection.info.protocol, level) for level in levels])
+    _log_axes(axes, [result.collection.pressing.level_name(level) for level in levels])
     axes.set_ylim(bottom, top)
     axes.tick_params(axis="x", length=0.0)
     axes.set_ylabel(f"variance component ({squared_unit(result)})")

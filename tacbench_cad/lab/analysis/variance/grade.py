@@ -174,9 +174,10 @@ def grade(cells: Sequence[Cell], collection: Collection, left_out: Sequence[str]
         One grade for each printer and filament, in the order of the cells.
 
     Raises:
-        InputError: The cells are of another quantity than the published figures, or none is of one of the paper's
-            textures.
+        InputError: The cells are of another quantity than the published figures, none is of one of the paper's
+            textures, or the print, the place or the force of some press is unknown.
     """
+    collection.require("the grade", "print", "position", "force")
     if any(cell.quantity != "repeats of one print" for cell in cells):
         what = "must be as-published: the published figures are the variance over the repeats on one print"
         raise InputError("protocol", "paper", what)
@@ -210,7 +211,7 @@ def _texture(cell: Cell, number: int, collection: Collection) -> Texture:
         value, ratio = values[number - 1], None
         ours_is: Difference | None = None
         if cell.low is not None and cell.high is not None and collection.in_counts:
-            two = to_two_repeats(collection.info.protocol.repeats)
+            two = to_two_repeats(collection.pressing.repeats)
             ratio = (two * cell.low / value, two * cell.high / value)
             ours_is = "less" if ratio[1] < 1.0 else "more" if ratio[0] > 1.0 else "unclear"
         compared.append(Compared(printer=printer, filament=filament, variance=value, ours_is=ours_is, ratio=ratio))

@@ -82,25 +82,30 @@ def _of_noise(cells: Sequence[Cell], collection: Collection) -> Iterator[str]:
 
 def _of_pressing(collection: Collection, force_level: Level) -> Iterator[str]:
     """Another way of pressing, another camera, other blocks than the paper's; how little the paper says of its own."""
-    protocol, block = collection.info.protocol, collection.info.printed.block
-    if protocol.contact != "force":
+    pressing, block = collection.pressing, collection.info.printed.block
+    forces_n = [force or 0.0 for force in pressing.levels.values()]
+    if pressing.contact is None:
+        yield "The contact force is unknown: variance grows with force."
+    elif pressing.contact != "force":
         yield "Pressed to a depth, not to a force as in the paper: a higher print is pressed harder."
-    elif not _same_forces(protocol.forces_n):
-        own, paper = (", ".join(f"{force:g}" for force in forces) for forces in (protocol.forces_n, FORCES_N))
+    elif pressing.protocol and not _same_forces(forces_n):
+        own, paper = (", ".join(f"{force:g}" for force in forces) for forces in (forces_n, FORCES_N))
         yield f"Other forces ({own} N) than the paper's ({paper} N): variance grows with force."
     elif force_level != 1:
         yield f"Force level {force_level}; the published figures are of level 1: variance grows with force."
     shape = collection.info.frame_shape or ()
     if shape[:2] not in ((), IMAGE_SHAPE) and collection.in_counts:
         yield f"Images of {' x '.join(map(str, shape))}, not 480 x 640 pixels: another camera or sensor."
-    grids = [PressGrid.paper(block.scale, spacing).positions_mm for spacing in ("even", "1mm")]
-    positions = protocol.grid.positions_mm
+    grids = [PressGrid.paper(block.scale if block else 1.0, spacing).positions_mm for spacing in ("even", "1mm")]
+    positions = pressing.positions_mm
     if not any(positions.shape == grid.shape and np.allclose(positions, grid, atol=1e-6) for grid in grids):
         yield "Other positions than the paper's grid."
-    if (block.preset, block.scale) != ("released", 1.0):
+    if block is None:
+        yield "The geometry of what was pressed is unknown."
+    elif (block.preset, block.scale) != ("released", 1.0):
         yield f"Blocks of preset {block.preset} at scale {block.scale:g}, not preset released at scale 1."
-    if protocol.repeats != published.REPEATS:
-        yield f"{protocol.repeats} repeats at each place where the paper has {published.REPEATS}."
+    if pressing.repeats != published.REPEATS:
+        yield f"{pressing.repeats} repeats at each place where the paper has {published.REPEATS}."
     if collection.in_counts:
         yield (
             "The published figures have no interval, and frames of other textures are among theirs (row numbers were "

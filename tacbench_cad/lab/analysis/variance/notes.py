@@ -31,7 +31,7 @@ def variance_warnings(collection: Collection, cells: Sequence[Cell], left_out: S
 
 def _warnings(collection: Collection, cells: Sequence[Cell]) -> Iterator[tuple[str, str]]:
     """What a warning is about, and its text; one that is about nothing does not hold."""
-    positions, repeats = len(collection.info.protocol.grid.positions_mm), collection.info.protocol.repeats
+    positions, repeats = len(collection.pressing.positions_mm), collection.pressing.repeats
     of_level = [cell for cell in cells if cell.force_level != ALL_LEVELS]
     by_combination = _by(of_level, lambda cell: cell.combination)
     most = {combination: max(cell.prints for cell in members) for combination, members in by_combination}

@@ -33,6 +33,7 @@ from tacbench_cad.lab.analysis.preprocess import Preprocess, read_usable
 from tacbench_cad.lab.analysis.variance.streaming import Press, presses_of, runs_to_send
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.study.spec import UNKNOWN
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.types import Floats32, Ints
@@ -98,7 +99,9 @@ def register(
     Raises:
         InputError: The grid has one row and one column, or no cell has two prints.
     """
-    grid = collection.info.protocol.grid
+    grid = collection.pressing.grid
+    if grid is None:
+        raise InputError("register", None, "needs the places of the positions in mm, which these runs do not have")
     if len(grid.x_mm) < 2 and len(grid.y_mm) < 2:
         raise InputError("register", len(grid.positions_mm), "needs positions in two columns or rows to see a shift")
     cells = list(_cells(collection))
@@ -145,9 +148,9 @@ def _seating(
     offsets, explained = _fit(_readings(presses, runs, preprocess), sums, grid, copies, numbers - ddof)
     printed = runs[presses[0].run].info.printed
     return Seating(
-        printer=printed.printer,
-        filament=printed.filament,
-        texture=printed.texture,
+        printer=printed.printer or UNKNOWN,
+        filament=printed.filament or UNKNOWN,
+        texture=printed.texture or UNKNOWN,
         force_level=presses[0].level,
         offsets_mm=offsets,
         variance=float(np.mean(np.maximum(0.0, squares) / (numbers - ddof))),

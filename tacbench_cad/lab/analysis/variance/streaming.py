@@ -287,7 +287,7 @@ def presses_of(collection: Collection) -> list[Press]:
     """The presses of a study, in its own order."""
     columns = (
         *(collection.level, collection.position, collection.combination, collection.texture),
-        *(collection.copy, collection.repeat, collection.run),
+        *(collection.print_number, collection.repeat, collection.run),
     )
     values = zip(*(column.tolist() for column in columns), strict=True)
     return [Press._make((*press, collection.path(i))) for i, press in enumerate(values)]

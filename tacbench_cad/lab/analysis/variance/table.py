@@ -43,6 +43,7 @@ from tacbench_cad.lab.analysis.variance.intervals import (
 from tacbench_cad.lab.analysis.variance.permutation import PermutationTest, dispersion_test
 from tacbench_cad.lab.analysis.variance.streaming import CellKey, Floor, Pass, PlaceSums, stream
 from tacbench_cad.lab.parallel import workers
+from tacbench_cad.lab.study.spec import UNKNOWN
 from tacbench_cad.lab.vision.region import SURE
 from tacbench_cad.lab.vision.resting import found_region
 from tacbench_cad.util.errors import InputError, one_of
@@ -157,11 +158,13 @@ def variance_table(
         progress: Called with the readings that were passed and with all of them.
 
     Raises:
-        InputError: No place was pressed more than once, or a setting is not allowed.
+        InputError: The place or the print of the presses is unknown, no place was pressed more than once, or a
+            setting is not allowed.
     """
     if ddof not in (0, 1):
         raise InputError("ddof", ddof, "allowed: 0, 1")
     one_of("protocol", protocol, get_args(Protocol))
+    collection.require("the variance", "position", "print or repeat")
     settings, quantity = preprocess or Preprocess(), OF_ALL
     if protocol == "as-published":
         if preprocess not in (None, AS_PUBLISHED) or ddof:
@@ -257,8 +260,9 @@ def _floors(collection: Collection, frames: Sequence[Floor], sums: _Sums, quanti
     dof: dict[CellKey, int] = defaultdict(int)
     for floor in frames:
         printed = collection.runs[floor.run].info.printed
-        squares[printed.combination, printed.texture] += floor.squares
-        dof[printed.combination, printed.texture] += floor.dof
+        key = (printed.combination, printed.texture or UNKNOWN)
+        squares[key] += floor.squares
+        dof[key] += floor.dof
     floors: dict[CellKey, _CellFloor] = {}
     for key, of_levels in sums.items():
         if key in dof:
@@ -389,7 +393,7 @@ def holm(values: Sequence[float]) -> list[float]:
 def _positions(
     collection: Collection, places: Sequence[PlaceSums], ddof: int, quantity: int
 ) -> dict[tuple[int, CellKey], Floats]:
-    count = len(collection.info.protocol.grid.positions_mm)
+    count = len(collection.pressing.positions_mm)
     positions: dict[tuple[int, CellKey], Floats] = {}
     for place in places:
         for key, cell in place.cells.items():

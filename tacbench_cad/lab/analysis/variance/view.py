@@ -24,7 +24,6 @@ from tacbench_cad.lab.analysis.variance.cells import (
     REPEATS,
     Cell,
     Level,
-    level_name,
     name_of,
     parts_of,
     short_texture,
@@ -420,7 +419,7 @@ class VarianceView:
         )
 
     def _level_name(self, level: Level) -> str:
-        return level_name(self.collection.info.protocol, level)
+        return self.collection.pressing.level_name(level)
 
 
 def write_all(result: VarianceResult, folder: Path, seatings: Sequence[Seating] = ()) -> list[Path]:
@@ -461,7 +460,7 @@ def _pairs(result: VarianceResult) -> Iterator[Row]:
 
 def _positions(result: VarianceResult) -> Iterator[Row]:
     """Rows of ``positions.csv``."""
-    places = result.collection.info.protocol.grid.positions_mm
+    places = result.collection.pressing.positions_mm
     for (level, (combination, texture)), values in result.positions.items():
         for number in np.flatnonzero(np.isfinite(values)).tolist():
             yield {

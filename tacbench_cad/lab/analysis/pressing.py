@@ -1,0 +1,101 @@
+"""How the presses of a study were made, as far as that is known: from the protocol of its runs, or from their rows."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.study.spec import ContactMode, Protocol
+from tacbench_cad.spec.protocol import PressGrid
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Floats
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pressing:
+    """Where, how hard and how often a study was pressed.
+
+    Args:
+        protocol: The protocol; None for imported runs.
+        contact: Whether the levels are forces or depths; None where nobody said.
+        levels: Force in N, or depth in mm, of each level; None for one of which only the name is known. Level 0 is an
+            unknown one.
+        positions_mm: Place of each position, (n, 2), NaN where it is unknown.
+        grid: The rows and columns that the positions make; None where they make none.
+        repeats: The most samples of one print at one position and level.
+    """
+
+    protocol: Protocol | None
+    contact: ContactMode | None
+    levels: Mapping[int, float | None]
+    positions_mm: Floats
+    grid: PressGrid | None
+    repeats: int
+
+    @classmethod
+    def of(cls, runs: Sequence[Run]) -> Pressing:
+        """That of some runs.
+
+        Raises:
+            InputError: A level is one force in one run and another in the next.
+        """
+        protocol = runs[0].info.protocol
+        if protocol is not None:
+            of_levels = protocol.forces_n if protocol.contact == "force" else protocol.depths_mm
+            return cls(
+                protocol=protocol,
+                contact=protocol.contact,
+                levels=dict(enumerate(of_levels, start=1)),
+                positions_mm=protocol.grid.positions_mm,
+                grid=protocol.grid,
+                repeats=protocol.repeats,
+            )
+        levels: dict[int, float | None] = {}
+        places: dict[int, set[tuple[float, float]]] = {}
+        presses: Counter[tuple[object, ...]] = Counter()
+        for run in runs:
+            for row in run.rows:
+                level, position = row.force_level or 0, row.position or 0
+                if levels.setdefault(level, row.target_force_n) != row.target_force_n:
+                    both = f"{row.target_force_n} N, but {levels[level]} N in other runs; import them together"
+                    raise InputError("force level", level, f"is in {run.folder} {both}")
+                places.setdefault(position, set()).add(row.pose_mm[:2])
+                presses[
+                    run.info.printed.combination, run.info.printed.texture, run.info.printed.copy, level, position
+                ] += 1
+        places.pop(0, None)
+        positions = np.full((max(places, default=0), 2), np.nan)
+        for position, of_position in places.items():
+            if len(of_position) == 1:
+                positions[position - 1] = of_position.pop()
+        return cls(
+            protocol=None,
+            contact="force" if any(levels.values()) else None,
+            levels=levels,
+            positions_mm=positions,
+            grid=_grid(positions),
+            repeats=max(presses.values()),
+        )
+
+    def level_name(self, level: int | str) -> str:
+        """A level as figures and tables call it: ``1.91 N``, ``1.70 mm deep``, ``mean of all forces``."""
+        depth = self.contact == "depth"
+        if not isinstance(level, int):
+            return "mean of all depths" if depth else "mean of all forces"
+        value = self.levels.get(level)
+        if value is None:
+            return f"force level {level}" if level else "force unknown"
+        return f"{value:.2f} mm deep" if depth else f"{value:.2f} N"
+
+
+def _grid(positions_mm: Floats) -> PressGrid | None:
+    """The grid whose positions, row by row, these are."""
+    if not len(positions_mm) or not np.isfinite(positions_mm).all():
+        return None
+    x_mm, y_mm = (tuple(np.unique(places).tolist()) for places in positions_mm.T)
+    grid = PressGrid(x_mm=x_mm, y_mm=y_mm)
+    return grid if np.array_equal(grid.positions_mm, positions_mm) else None
