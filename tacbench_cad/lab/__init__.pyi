@@ -64,8 +64,9 @@ from .runs.authors import import_block as import_block
 from .runs.checking import Finding as Finding
 from .runs.checking import RunReport as RunReport
 from .runs.checking import check_run as check_run
-from .runs.export import Processing as Processing
-from .runs.export import export_tactile_data as export_tactile_data
+from .runs.exporting.formats import export_runs as export_runs
+from .runs.exporting.tactile_data import Processing as Processing
+from .runs.exporting.tactile_data import export_tactile_data as export_tactile_data
 from .runs.info import RunInfo as RunInfo
 from .runs.reading import Run as Run
 from .runs.reading import find_runs as find_runs

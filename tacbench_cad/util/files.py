@@ -7,6 +7,7 @@ import errno
 import hashlib
 import json
 import os
+import shutil
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -86,6 +87,31 @@ def replacing(path: Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
+@contextlib.contextmanager
+def replacing_folder(path: Path) -> Iterator[Path]:
+    """Write a folder so that ``path`` is either not there or whole: :func:`replacing` for a folder that is new.
+
+    Args:
+        path: Where the folder shall be in the end. It does not exist yet, or is empty.
+
+    Yields:
+        The temporary folder, beside it.
+
+    Raises:
+        InputError: ``path`` exists already, or its folder is unwritable or full.
+    """
+    if path.exists() and not (path.is_dir() and not any(path.iterdir())):
+        raise InputError("output folder", str(path), "exists already; remove it or name another one")
+    temporary = path.parent / f"{TEMPORARY_PREFIX}{os.getpid()}-{path.name}"
+    with locked(path.parent), refusing(path.parent):
+        temporary.mkdir()
+        try:
+            yield temporary
+            temporary.replace(path)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a UTF-8 file that is whole or not there; arguments and errors as of :func:`replacing`."""
     with replacing(path) as temporary:
@@ -122,6 +148,9 @@ def locked(folder: Path) -> Iterator[None]:
         raise InputError("output folder", str(folder), "another tacbench is writing to it; wait for it to end")
     try:
         for leftover in folder.glob(f"{TEMPORARY_PREFIX}*"):
+            if leftover.is_dir() and not leftover.is_symlink():
+                shutil.rmtree(leftover, ignore_errors=True)
+                continue
             with contextlib.suppress(OSError):
                 leftover.unlink()
         yield

@@ -51,6 +51,9 @@ PACKAGES: tuple[Package, ...] = (
     Package(distribution="scikit-learn", module="sklearn", extra="analysis", use="classifiers and their scores"),
     Package(distribution="joblib", module="joblib", extra="analysis", use="analysis on several processors"),
     Package(distribution="jinja2", module="jinja2", extra="analysis", use="the page of tacbench report"),
+    Package(distribution="pyarrow", module="pyarrow", extra="export", use="runs export --to huggingface"),
+    Package(distribution="zarr", module="zarr", extra="export", use="runs export --to zarr"),
+    Package(distribution="rocrate", module="rocrate", extra="publish", use="tacbench publish"),
     Package(distribution="distributed", module="distributed", extra="dask", use="analysis on a Dask cluster"),
 )
 

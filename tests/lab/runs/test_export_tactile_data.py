@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.cli import main
-from tacbench_cad.lab.runs.export import Processing, export_tactile_data
+from tacbench_cad.lab.runs.exporting.tactile_data import Processing, export_tactile_data
 from tacbench_cad.lab.runs.pictures import decoded
 from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.util.errors import CheckFailedError, InputError

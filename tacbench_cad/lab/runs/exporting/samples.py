@@ -1,0 +1,132 @@
+"""The frames of runs one after another, as the bytes of their files, each with its columns. None is kept."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tacbench_cad.lab.rig.sensor import Frame
+from tacbench_cad.lab.runs.exporting.columns import COLUMNS, Column, values_of
+from tacbench_cad.lab.runs.pictures import decoded, sha256
+from tacbench_cad.lab.runs.reading import Run, find_runs
+from tacbench_cad.lab.runs.schema import Row
+from tacbench_cad.util.errors import CheckFailedError, InputError
+
+#: Called with the number of frames written so far and the number of all.
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample:
+    """A frame.
+
+    Args:
+        key: Its number among all, from ``00000001``: a name that no other has.
+        data: The bytes of its file, which have the checksum of their row.
+        image: Whether they are a PNG; else a NumPy file.
+        values: Its columns.
+    """
+
+    key: str
+    data: bytes
+    image: bool
+    values: dict[str, Any]
+
+    @property
+    def suffix(self) -> str:
+        """The ending of its file."""
+        return ".png" if self.image else ".npy"
+
+    def decoded(self) -> Frame:
+        """The frame as an array.
+
+        Raises:
+            CheckFailedError: It cannot be decoded.
+        """
+        return decoded(self.data, self.suffix)
+
+
+class Samples:
+    """The frames of all presses of some runs, in the order of the folders' names and of the presses' numbers.
+
+    Args:
+        folders: Run folders, or folders that hold some.
+        progress: Receives how many were taken.
+
+    Raises:
+        InputError: There is none, or a run cannot be read.
+
+    Attributes:
+        labels: How many frames have a label; None counts those without one.
+        unknown: How many frames lack a column's value.
+        simulated: What of the rigs was simulated, each once.
+    """
+
+    def __init__(self, folders: Iterable[Path], progress: Progress = lambda done, count: None) -> None:
+        self._folders = find_runs(folders)
+        self._progress = progress
+        self.labels: Counter[str | None] = Counter()
+        self.unknown: Counter[str] = Counter()
+        self.simulated: dict[str, None] = {}
+        self.not_images: list[str] = []
+        names = Counter(folder.name for folder in self._folders)
+        common = Path(os.path.commonpath([folder.absolute().parent for folder in self._folders]))
+        self.runs = tuple(
+            folder.name if names[folder.name] == 1 else folder.absolute().relative_to(common).as_posix()
+            for folder in self._folders
+        )
+        for _, row, values in self._rows():
+            self.labels[values["label"]] += 1
+            self.unknown.update(name for name, value in values.items() if value is None)
+            if not row.sensor_image.endswith(".png"):
+                self.not_images.append(row.sensor_image)
+        if not self.labels:
+            raise InputError("runs", str(self._folders[0]), "holds no press yet")
+
+    def __len__(self) -> int:
+        return self.labels.total()
+
+    def __iter__(self) -> Iterator[Sample]:
+        """The samples; each is compared with its checksum.
+
+        Raises:
+            CheckFailedError: A frame is missing, damaged or changed.
+        """
+        for number, (run, row, values) in enumerate(self._rows(), start=1):
+            yield Sample(key=f"{number:08d}", data=_verified(run, row), image=row.path.endswith(".png"), values=values)
+            self._progress(number, len(self))
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The columns that have a value for some frame."""
+        return tuple(column for column in COLUMNS if self.unknown[column.name] < len(self))
+
+    def require_images(self, what: str) -> None:
+        """Refuse readings that are no images.
+
+        Raises:
+            InputError: There are some.
+        """
+        if self.not_images:
+            raise InputError("to", what, f"is for images, and a run holds {self.not_images[0]}: use zarr or npz")
+
+    def _rows(self) -> Iterator[tuple[Run, Row, dict[str, Any]]]:
+        for folder, name in zip(self._folders, self.runs, strict=True):
+            run = Run.open(folder)
+            self.simulated.update(dict.fromkeys(run.info.simulated))
+            for row in sorted(run.rows, key=lambda row: row.number):
+                yield run, row, values_of(name, row, run.info.simulated)
+
+
+def _verified(run: Run, row: Row) -> bytes:
+    try:
+        data = run.read_bytes(row.path)
+    except InputError as error:
+        raise CheckFailedError(f"{run.folder / row.path}: {error.allowed}") from None
+    if sha256(data) != row.image_sha256:
+        raise CheckFailedError(f"{run.folder / row.path}: is not the file that was written: its checksum differs")
+    return data
