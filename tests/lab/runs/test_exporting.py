@@ -110,7 +110,7 @@ def test_numpy_reads_frames_and_columns(run_folder: Path, tmp_path: Path) -> Non
         assert np.array_equal(data["frames"], [run.frame(row) for row in rows])
         assert data["label"].tolist() == ["texture-4"] * 16
         assert data["measured_force_n"].tolist() == [row.measured_force_n for row in rows]
-        assert data["in_band"].dtype == bool and data["copy"].tolist() == [2] * 16
+        assert data["in_band"].dtype == bool and data["repeat"].dtype == int and data["copy"].tolist() == ["2"] * 16
         assert data["simulated"].tolist() == [SIMULATED] * 16
 
 
