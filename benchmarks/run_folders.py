@@ -35,9 +35,8 @@ LIMIT_GROWTH = 1.1
 IMPORT = """
 import resource, sys
 from pathlib import Path
-from tacbench_cad.lab.runs.authors import ImportOptions, gather_authors_files, import_block
-for block in gather_authors_files([Path(one) for one in sys.argv[2:]], ImportOptions()):
-    import_block(block, Path(sys.argv[1]))
+from tacbench_cad.lab import import_samples
+import_samples([Path(path) for path in sys.argv[2:]], Path(sys.argv[1]))
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
 """
 

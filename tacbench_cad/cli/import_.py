@@ -1,63 +1,144 @@
-"""``tacbench import``: the authors' NumPy files as run folders."""
+"""``tacbench import``: anybody's frames as run folders."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rich_click as click
+from click.exceptions import Exit
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.cli.common import note, print_json, print_lines, print_table
+from tacbench_cad.cli.progress import ProgressLine
+from tacbench_cad.util.errors import InputError, one_line
 from tacbench_cad.util.text import counted
+
+if TYPE_CHECKING:
+    from tacbench_cad.lab.runs.importing.importer import ImportReport
+
+#: Things that were left out that are named before the rest is only counted; all of them are in --json.
+MAX_SHOWN = 100
+#: The words of ``--kind``; a test compares them with what the lab can import.
+KINDS = ("images", "folders", "tactip", "arrays", "videos", "huggingface", "authors")
+
+
+def _pairs_of(option: str, text: str) -> dict[str, str]:
+    pairs: dict[str, str] = {}
+    for word in options.words_of(option, text):
+        name, equals, value = (part.strip() for part in word.partition("="))
+        if not (name and equals and value):
+            raise InputError(option, word, "must be NAME=VALUE")
+        if name in pairs:
+            raise InputError(option, text, f"names {name} twice")
+        pairs[name] = value
+    return pairs
 
 
 def _levels_of(option: str, text: str) -> dict[str, int]:
-    levels: dict[str, int] = {}
-    for word in options.words_of(option, text):
-        name, _, number = word.partition("=")
-        name = name.strip().upper()
-        if name in levels:
-            raise InputError(option, text, f"names {name} twice")
-        levels[name] = options.whole_of(option, number)
-    return levels
+    pairs = _pairs_of(option, text.upper())
+    return {name: options.whole_of(option, number) for name, number in pairs.items()}
 
 
 @options.command("import")
-@options.argument("files", options.file("FILES"), "The authors' NumPy files.", many=True)
+@options.argument("paths", options.file("PATHS"), "Folders and files.", many=True)
+@options.option(
+    "--columns",
+    options.Value("label=COLUMN,...", _pairs_of),
+    "Which column of the table is what: label, print, printer, filament, position, force (N), repeat, session; image, "
+    "time, video, index, measured_force, x, y, z. Usual names are recognised.",
+)
+@options.option(
+    "--names", options.file("FILE.toml"), "Which printers, filaments and labels the words of the data mean."
+)
+@options.option("--kind", options.choice(*KINDS), "What it is. Default: recognised by what lies there.")
 @options.option(
     "--force-levels",
     options.Value("P30=1,...", _levels_of),
-    "What the names call the paper's three forces.",
+    "What the authors' file names call the paper's three forces.",
     default="P30=1,P40=2,P50=3",
 )
 @options.option(
     "--first-axis",
     options.choice("x", "y"),
-    "Axis that the first index of the 5 x 5 positions runs along.",
+    "Axis that the first index of the authors' 5 x 5 positions runs along.",
     default="y",
 )
-@options.option("--unnumbered-copy", options.COUNT, "The copy that a name without a copy number is.", default="1")
-@options.option("--preset", options.PRESET, "Geometry of the blocks that were pressed.", default="released")
-@options.option("--spacing", options.choice("even", "1mm"), "Reading of the press grid along y.", default="even")
+@options.option("--preset", options.PRESET, "Geometry of the authors' blocks.", default="released")
+@options.option("--spacing", options.choice("even", "1mm"), "The authors' press grid along y.", default="even")
+@options.json
 @options.out("DIR", "The folder for the run folders.", required=True)
-def command(files: tuple[Path, ...], out: Path, **how: Any) -> None:
-    """Turn the authors' data into run folders, one a printed block; its force levels become one run.
+def command(
+    paths: tuple[Path, ...],
+    out: Path,
+    columns: dict[str, str] | None,
+    names: Path | None,
+    kind: str | None,
+    json: bool,
+    **authors: Any,
+) -> None:
+    """Turn frames of any study into run folders, which every analysis reads.
 
-    The files are named <filament>_z<texture - 1>[.<copy>]_P<level>_<printer>.npy. They are mapped into memory and
-    copied image by image. Run again after an interruption, it goes on. The target forces are the paper's nominal ones;
-    what nobody recorded (measured forces, depth, time) stays empty.
+    It reads a folder of images with a table (CSV), one folder of images for each class, a folder of a TacTip toolchain,
+    arrays (.npy, .npz, HDF5) with a table, videos with a table of times, a Hugging Face data set that was saved on the
+    disk, and the arrays of the paper's authors. Each print becomes a run; where prints are unknown, each label. What
+    the data do not say stays unknown, and the analyses say what they cannot do without it.
+
+    What cannot be imported is listed at the end, each with its reason, and the exit code is then 1. Run again after an
+    interruption, it resumes.
 
     Examples:
-      tacbench import data/*.npy --out runs
-      tacbench import data/PLAminus_z0_*_Bambu.npy --out runs --first-axis x
-      tacbench import data/*.npy --out runs --force-levels P20=1,P30=2,P40=3
+      tacbench import frames/ labels.csv -o runs
+      tacbench import frames/ labels.csv --columns label=material,print=block_id -o runs
+      tacbench import images_by_class/ -o runs
+      tacbench import X.npy X.csv -o runs
+      tacbench import press.mp4 times.csv -o runs
+      tacbench import arrays/*.npy --names printers.toml -o runs
     """
-    from tacbench_cad.lab.runs.authors import ImportOptions, gather_authors_files, import_block
+    from tacbench_cad.lab.runs.importing.authors import AuthorsOptions
+    from tacbench_cad.lab.runs.importing.importer import import_samples
+    from tacbench_cad.lab.runs.importing.kinds import ImportOptions
 
-    blocks = gather_authors_files(files, ImportOptions(**how))
-    for number, block in enumerate(blocks, start=1):
-        folder = import_block(block, out)
-        note(f"{number} of {len(blocks)}: {folder}, {counted(len(block.files), 'force level')}")
-    click.echo(f"{counted(len(blocks), 'run')} in {out}")
+    how = ImportOptions(kind=kind, columns=columns or {}, names=names, authors=AuthorsOptions(**authors))
+    with ProgressLine() as progress:
+        report = import_samples(paths, out, how, progress.show)
+    if json:
+        print_json(_document(report))
+    else:
+        _print(report, out)
+    if not report.ok:
+        raise Exit(1)
+
+
+def _document(report: ImportReport) -> dict[str, Any]:
+    return {
+        "ok": report.ok,
+        "runs": [
+            {"folder": str(run.folder), "kind": run.kind, "imported": run.imported, "present": run.present}
+            for run in report.runs
+        ],
+        "left_out": [
+            {"where": each.where, "reason": one_line(each.reason), "count": each.count} for each in report.left_out
+        ],
+        "notes": list(report.notes),
+    }
+
+
+def _print(report: ImportReport, out: Path) -> None:
+    for line in report.notes:
+        note(line)
+    if report.runs:
+        print_table(
+            "imported",
+            ("run", ">imported", ">there already", ">left out", "from"),
+            [(run.folder.name, run.imported, run.present, run.left_out or "", run.kind) for run in report.runs],
+        )
+    for each in report.left_out[:MAX_SHOWN]:
+        print_lines(one_line(f"left out: {each.where}: {each.reason}"))
+    if len(report.left_out) > MAX_SHOWN:
+        print_lines(f"left out: and {len(report.left_out) - MAX_SHOWN:,} more (all with --json)")
+    samples = sum(run.imported + run.present for run in report.runs)
+    left = f"; {sum(each.count for each in report.left_out):,} left out" if report.left_out else ""
+    click.echo(f"{counted(samples, 'sample')} in {counted(len(report.runs), 'run')} in {out}{left}")
+    if report.runs:
+        click.echo(f"next: tacbench runs check {out}")

@@ -53,7 +53,7 @@ def refusing(folder: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path, *, durable: bool = True) -> Iterator[Path]:
     """Write a file so that ``path`` is either untouched or whole.
 
     The body writes to the temporary path that it is given, in the same folder (a rename is atomic only within one
@@ -62,6 +62,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
     Args:
         path: Where the file shall be in the end. Its folder must exist.
+        durable: Force the data to disk. Without that, a power cut may leave an empty file; a killed process does not.
 
     Yields:
         The temporary path, with the same suffix.
@@ -77,8 +78,9 @@ def replacing(path: Path) -> Iterator[Path]:
     temporary = folder / f"{TEMPORARY_PREFIX}{os.getpid()}-{path.name}"
     try:
         yield temporary
-        with temporary.open("rb+") as stream:
-            os.fsync(stream.fileno())
+        if durable:
+            with temporary.open("rb+") as stream:
+                os.fsync(stream.fileno())
         temporary.replace(path)
     except OSError as error:
         raise _refusal(folder, error) from error
@@ -112,15 +114,15 @@ def replacing_folder(path: Path) -> Iterator[Path]:
             shutil.rmtree(temporary, ignore_errors=True)
 
 
-def write_text(path: Path, text: str) -> None:
+def write_text(path: Path, text: str, *, durable: bool = True) -> None:
     """Write a UTF-8 file that is whole or not there; arguments and errors as of :func:`replacing`."""
-    with replacing(path) as temporary:
+    with replacing(path, durable=durable) as temporary:
         temporary.write_bytes(text.encode())
 
 
-def write_json(path: Path, document: Mapping[str, Any]) -> None:
+def write_json(path: Path, document: Mapping[str, Any], *, durable: bool = True) -> None:
     """Write a JSON file that is whole or not there; errors as of :func:`replacing`."""
-    write_text(path, json.dumps(document, indent=2, allow_nan=False) + "\n")
+    write_text(path, json.dumps(document, indent=2, allow_nan=False) + "\n", durable=durable)
 
 
 @contextlib.contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any, BinaryIO
 
 import numpy as np
 from numpy.lib import format as npy
@@ -18,21 +18,21 @@ from tacbench_cad.util.errors import CheckFailedError, InputError
 MAX_DIMENSIONS = 8
 
 
-def _require_real_numbers(stream: BinaryIO) -> None:
-    """Compare the header of a NumPy file with its size, and go back to its beginning.
+def array_head(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape, whether it is stored column by column, and type of the array in a NumPy file, which is read so far.
 
     Raises:
-        CheckFailedError: It is no NumPy file, is truncated, or holds something else; the message begins with what.
+        CheckFailedError: It is no NumPy file, or holds pickled objects; the message begins with what.
     """
-    if stream.read(1) == b"\x80":
+    magic = stream.read(npy.MAGIC_LEN)
+    if magic[:1] == b"\x80":
         raise CheckFailedError("is pickled; such files can run anything when they are read, so it is not opened")
-    stream.seek(0)
     try:
-        version = npy.read_magic(stream)
+        version = npy.read_magic(io.BytesIO(magic))
         read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
         if read is None:
             raise ValueError(f"version {version}")
-        shape, _, dtype = read(stream)
+        shape, fortran, dtype = read(stream)
     # NumPy reads the head with Python's own parser, which can end in almost any error on damaged text.
     except Exception as error:
         raise CheckFailedError(f"is not a NumPy file, or its head is damaged: {str(error)[:80]}") from None
@@ -41,6 +41,16 @@ def _require_real_numbers(stream: BinaryIO) -> None:
     # A flag counts as a whole number in Python, so a shape of flags passes NumPy's own reader.
     if len(shape) > MAX_DIMENSIONS or any(type(side) is not int or not 0 <= side < 2**62 for side in shape):
         raise CheckFailedError(f"is not a NumPy file, or its head is damaged: shape {str(shape)[:80]}")
+    return shape, fortran, dtype
+
+
+def _require_real_numbers(stream: BinaryIO) -> None:
+    """Compare the header of a NumPy file with its size, and go back to its beginning.
+
+    Raises:
+        CheckFailedError: It is no NumPy file, is truncated, or holds something else; the message begins with what.
+    """
+    shape, _, dtype = array_head(stream)
     if 0 in shape:
         raise CheckFailedError(f"has shape {shape}, which is empty")
     if dtype.subdtype is not None or dtype.kind not in "biuf" or dtype.itemsize > 8:

@@ -80,6 +80,15 @@ def decoded(data: bytes, name: str) -> Frame:
     return np.asarray(image)
 
 
+def simulated_text(data: bytes) -> str:
+    """What a PNG of ours says that was simulated; empty where it says nothing."""
+    head = data[_HEAD_BYTES : _HEAD_BYTES + 8]
+    if head[4:] != b"tEXt":
+        return ""
+    word, _, text = data[_HEAD_BYTES + 8 : _HEAD_BYTES + 8 + int.from_bytes(head[:4])].partition(b"\0")
+    return text.decode("latin-1") if word == SIMULATED_KEYWORD.encode() else ""
+
+
 def _is_whole_png(data: bytes) -> bool:
     """Whether the chunks of a PNG are whole, from its header to its end.
 

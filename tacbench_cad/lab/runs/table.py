@@ -172,7 +172,8 @@ class GrowingTable(Closing, Generic[T]):
             try:
                 if table.text.whole_bytes == 0:
                     self._write(columns(kind))
-                    sync_folder(path.parent)
+                    if durable:
+                        sync_folder(path.parent)
                 elif table.text.header != columns(kind):
                     raise InputError(str(path), None, "has its columns in another order than this program appends")
             except BaseException:

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -122,7 +123,7 @@ class RunWriter:
             if (folder / schema.RUN_FILE).exists():
                 Run.open(folder).info.require_same(info, info.printed.name, "restore them or name another folder")
             else:
-                _begin(folder, info)
+                _begin(folder, info, durable)
             with refusing(folder):
                 for name in (schema.IMAGE_FOLDER, schema.REFERENCE_FOLDER, schema.STATIONARY_FOLDER):
                     (folder / name).mkdir(exist_ok=True)
@@ -130,7 +131,7 @@ class RunWriter:
                     sync_folder(folder)
                     sync_folder(folder.parent)
             writer = cls(folder, info, durable, stack)
-            _record_session(folder, info)
+            _record_session(folder, info, durable)
             yield writer
 
     def missing(self, plan: Sequence[Press]) -> tuple[Press, ...]:
@@ -294,6 +295,7 @@ def timed(seconds: dict[str, float], what: str) -> Iterator[None]:
     seconds[what] += time.perf_counter() - began
 
 
+@cache
 def software() -> dict[str, str]:
     """Versions of what a run is made with."""
     versions = {"tacbench-cad": __version__, "python": platform.python_version(), "system": sys.platform}
@@ -304,34 +306,35 @@ def software() -> dict[str, str]:
     return versions
 
 
-def _begin(folder: Path, info: RunInfo) -> None:
+def _begin(folder: Path, info: RunInfo, durable: bool) -> None:
     """Write what a new run begins with; ``run.json`` comes last and makes the folder a run."""
     targets = folder / schema.TARGETS_FILE
     if targets.exists() and targets.stat().st_size > 0:
         raise InputError("run folder", str(folder), "holds a targets.csv but no run.json; name another folder")
     for name, parameters in params.PARAMETERS.items():
-        write_json(folder / name, parameters(info))
+        write_json(folder / name, parameters(info), durable=durable)
     if not (folder / schema.PRINT_FILE).is_file():
         printed = info.printed
         record = form(f"Record of the print {printed.name}.", printed.printer or "", printed.filament or "")
-        write_text(folder / schema.PRINT_FILE, record)
+        write_text(folder / schema.PRINT_FILE, record, durable=durable)
     head = {"schema": SCHEMA, "version": info.version, "name": info.printed.name, "simulated": list(info.simulated)}
-    write_json(folder / schema.RUN_FILE, {**head, **info.as_dict(), "sittings": []})
-    with refusing(folder):
-        sync_folder(folder)
+    write_json(folder / schema.RUN_FILE, {**head, **info.as_dict(), "sittings": []}, durable=durable)
+    if durable:
+        with refusing(folder):
+            sync_folder(folder)
 
 
-def _record_session(folder: Path, info: RunInfo) -> None:
+def _record_session(folder: Path, info: RunInfo, durable: bool) -> None:
     """Note in ``run.json`` when, and with which software and devices, the run was resumed."""
     path = folder / schema.RUN_FILE
     document = door.read_document(path, "run", "json", within=folder)
     sessions = document["sittings"]
     devices = {"stage": info.stage, "gauge": info.gauge, "sensor": info.sensor}
     session = {
-        "software": software(),
+        "software": dict(software()),
         "devices": {name: device.get("identity", device.get("name")) for name, device in devices.items()},
     }
     if sessions and {key: value for key, value in sessions[-1].items() if key != "begun_utc"} == session:
         return
     sessions.append({"begun_utc": schema.cell(datetime.now(UTC)), **session})
-    write_json(path, document)
+    write_json(path, document, durable=durable)

@@ -1,0 +1,232 @@
+"""Arrays of many frames: ``.npy``, ``.npz`` and HDF5, with a row of a table for each frame."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.lab.runs.importing.samples import LeftOut, Loaded, Rows, Sample, Source
+from tacbench_cad.lab.runs.npyfile import array_head, mapped
+from tacbench_cad.util import door
+from tacbench_cad.util.errors import CheckFailedError, InputError, one_of
+from tacbench_cad.util.packages import require
+
+#: Endings of files that hold arrays.
+SUFFIXES = (".npy", ".npz", ".h5", ".hdf5")
+#: A frame may take as much memory as a file of an image, in megabytes.
+MAX_FRAME_MB = door.MAX_MB["image"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frames:
+    """An array of frames that is read one frame at a time.
+
+    Args:
+        shape: Shape of the whole array; the first axis counts the frames.
+        frame: Gives the frame of an index.
+        columns: What the file says of each frame by itself.
+    """
+
+    shape: tuple[int, ...]
+    frame: Callable[[int], NDArray[Any]]
+    columns: Mapping[str, Sequence[str]]
+
+
+def of_array(path: Path, table: Path | None, columns: Mapping[str, str]) -> Source:
+    """The frames of a file, with a table that has a row for each, or that names the frames by their ``index`` from 0.
+
+    Raises:
+        InputError: The file cannot be read, holds no array of frames, or fits its table badly; or it says nothing of
+            its frames and there is no table.
+    """
+    frames = opened(path, columns.get("array", ""))
+    count = frames.shape[0]
+    size = np.prod(frames.shape[1:], dtype=float) * 8 / 1e6
+    door.require_within("frame", size, MAX_FRAME_MB, "MB", str(path))
+    if table is not None:
+        rows = Rows.read(table, columns)
+    elif frames.columns:
+        texts = list(zip(*frames.columns.values(), strict=True))
+        rows = Rows.of(path.name, list(frames.columns), texts, columns, line=0)
+    else:
+        raise InputError(
+            "array",
+            str(path),
+            f"holds {count:,} frames, and nothing says what they show; name a table (CSV) with a row for each",
+        )
+    if "index" not in rows.columns and len(rows.rows) != count:
+        raise InputError("table", rows.name, f"has {len(rows.rows):,} rows, {path.name} holds {count:,} frames")
+    samples: list[Sample] = []
+    left_out: list[LeftOut] = []
+    for number, (where, fields) in enumerate(rows.rows):
+        word = fields.pop("index", str(number) if "index" not in rows.columns else "")
+        if not word.isdecimal() or len(word) > 12 or int(word) >= count:
+            left_out.append(
+                LeftOut(where=f"{where} ({word})", reason=f"is no frame of {path.name}: 0 to {count - 1:,}")
+            )
+            continue
+        load: Callable[[], Loaded] = partial(frames.frame, int(word))
+        samples.append(Sample(name=f"{path.name} frame {word}", row=where, fields=fields, load=load))
+    return Source(
+        kind=f"a file of arrays ({path.suffix.lower()})",
+        path=path,
+        samples=samples,
+        left_out=tuple(left_out),
+        files=(path,),
+        facts={"columns": dict(rows.columns)},
+        notes=(rows.note,),
+    )
+
+
+def opened(path: Path, name: str = "") -> Frames:
+    """The array of frames in a file.
+
+    Args:
+        path: The file.
+        name: Name of the array in a ``.npz`` or HDF5 file; empty for the only one that can be frames.
+
+    Raises:
+        InputError: It cannot be read, or holds none or several.
+        MissingToolError: h5py is not installed.
+    """
+    if path.suffix.lower() == ".npy":
+        array = mapped(path)
+        _require_frames(path, array.shape)
+        return Frames(shape=array.shape, frame=lambda index: np.array(array[index]), columns={})
+    return _of_zip(path, name) if path.suffix.lower() == ".npz" else _of_hdf5(path, name)
+
+
+def _require_frames(path: Path, shape: tuple[int, ...]) -> None:
+    if len(shape) < 2 or 0 in shape:
+        raise InputError("array", str(path), f"has shape {shape}; the first axis must count frames")
+
+
+def _chosen(path: Path, shapes: Mapping[str, tuple[int, ...]], name: str) -> str:
+    """The name of the array of frames: as chosen, else the only one with the most axes."""
+    if name:
+        return one_of("columns array", name, shapes)
+    most = max((len(shape) for shape in shapes.values()), default=0)
+    fitting = [word for word, shape in shapes.items() if len(shape) == most > 1]
+    if len(fitting) != 1:
+        words = ", ".join(f"{word} {shape}" for word, shape in list(shapes.items())[:8]) or "none"
+        raise InputError(
+            "array", str(path), f"must hold one array of frames, or say which: --columns array=NAME ({words})"
+        )
+    return fitting[0]
+
+
+class _Member:
+    """An array in a zip file, read frame by frame: in order at once, backwards from its beginning again."""
+
+    def __init__(self, archive: zipfile.ZipFile, name: str) -> None:
+        self._archive, self._name = archive, name
+        self._stream: IO[bytes] | None = None
+        self._next = 0
+        with archive.open(name) as stream:
+            self.shape, fortran, self.dtype = array_head(stream)
+        if fortran and len(self.shape) > 1:
+            raise CheckFailedError("is stored column by column; save it with np.ascontiguousarray")
+
+    def frame(self, index: int) -> NDArray[Any]:
+        shape = self.shape[1:]
+        length = int(np.prod(shape, dtype=np.int64)) * self.dtype.itemsize
+        try:
+            if self._stream is None or index < self._next:
+                self._stream = self._archive.open(self._name)
+                array_head(self._stream)
+                self._next = 0
+            while self._next < index:
+                self._read(length)
+            data = self._read(length)
+        except (OSError, EOFError, ValueError, RuntimeError, zipfile.BadZipFile) as error:
+            self._stream = None
+            raise CheckFailedError(f"cannot be read: {error}") from None
+        return np.frombuffer(data, dtype=self.dtype).reshape(shape)
+
+    def _read(self, length: int) -> bytes:
+        assert self._stream is not None
+        data = self._stream.read(length)
+        if len(data) != length:
+            raise EOFError("the array is torn")
+        self._next += 1
+        return data
+
+
+def _of_zip(path: Path, name: str) -> Frames:
+    door.open_input(path, kind="array").close()
+    try:
+        archive = zipfile.ZipFile(path)
+        members = {}
+        for entry in archive.namelist():
+            if entry.endswith(".npy"):
+                try:
+                    members[entry.removesuffix(".npy")] = _Member(archive, entry)
+                except CheckFailedError as error:
+                    raise InputError("array", str(path), f"{entry} {error}") from None
+    except (OSError, EOFError, ValueError, RuntimeError, NotImplementedError, zipfile.BadZipFile) as error:
+        raise InputError("file", str(path), f"is no whole .npz file: {error}") from None
+    numbers = {word: member.shape for word, member in members.items() if member.dtype.kind in "biuf"}
+    chosen = members[_chosen(path, numbers, name)]
+    columns = {}
+    for word, member in members.items():
+        if len(member.shape) == 1 and member.shape == chosen.shape[:1] and member.dtype.kind in "biufUS":
+            door.require_within(
+                word, member.shape[0] * member.dtype.itemsize / 1e6, door.MAX_MB["table"], "MB", str(path)
+            )
+            with suppress(CheckFailedError):
+                columns[word] = _texts(_whole(member))
+    _require_frames(path, chosen.shape)
+    return Frames(shape=chosen.shape, frame=chosen.frame, columns=columns)
+
+
+def _whole(member: _Member) -> NDArray[Any]:
+    return np.array([member.frame(index)[()] for index in range(member.shape[0])])
+
+
+def _of_hdf5(path: Path, name: str) -> Frames:
+    require("the import of HDF5 files", "h5py")
+    import h5py
+
+    door.open_input(path, kind="array").close()
+    try:
+        file = h5py.File(path, "r")
+        sets: dict[str, Any] = {}
+        # Links out of the file are not followed.
+        file.visititems(lambda word, item: sets.update({word: item}) if isinstance(item, h5py.Dataset) else None)
+        for word, item in sets.items():
+            if item.external or item.is_virtual:
+                raise InputError("array", str(path), f"{word} lies in other files; copy it into this one")
+        shapes = {word: item.shape for word, item in sets.items() if item.shape and item.dtype.kind in "biuf"}
+        if not shapes and any(item.dtype.hasobject for item in sets.values()):
+            raise InputError("array", str(path), "holds objects or texts, no array of numbers")
+        frames = sets[_chosen(path, shapes, name.strip("/"))]
+        columns = {
+            word: _texts(item.asstr()[:] if h5py.check_string_dtype(item.dtype) else item[:])
+            for word, item in sets.items()
+            if item.shape == frames.shape[:1] and (item.dtype.kind in "biuf" or h5py.check_string_dtype(item.dtype))
+        }
+    except InputError:
+        raise
+    except Exception as error:  # h5py raises almost anything on damaged files
+        raise InputError("file", str(path), f"is no whole HDF5 file: {str(error)[:120]}") from None
+    _require_frames(path, frames.shape)
+
+    def frame(index: int) -> NDArray[Any]:
+        try:
+            return np.asarray(frames[index])
+        except Exception as error:
+            raise CheckFailedError(f"cannot be read: {str(error)[:120]}") from None
+
+    return Frames(shape=frames.shape, frame=frame, columns=columns)
+
+
+def _texts(values: NDArray[Any]) -> list[str]:
+    return [value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value) for value in values.tolist()]

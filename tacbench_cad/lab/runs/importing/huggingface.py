@@ -1,0 +1,95 @@
+"""Data sets that ``datasets`` (Hugging Face) saved on the disk."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tacbench_cad.lab.runs.importing.samples import Loaded, Rows, Sample, Source, columns_of
+from tacbench_cad.util import door
+from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.packages import require
+
+#: Files by which such a folder is known: of one split, and of several.
+SPLIT_FILE, SPLITS_FILE = "dataset_info.json", "dataset_dict.json"
+
+
+def of_dataset(folder: Path, columns: Mapping[str, str]) -> Source:
+    """The samples of all splits.
+
+    Raises:
+        InputError: The folder cannot be read, or has no column of images or arrays.
+        MissingToolError: ``datasets`` is not installed.
+    """
+    require("the import of a Hugging Face data set", "datasets")
+    import datasets
+
+    try:
+        loaded = datasets.load_from_disk(str(folder))
+    except Exception as error:  # datasets and Arrow raise almost anything on damaged files
+        raise InputError("data set", str(folder), f"cannot be read: {str(error)[:200]}") from None
+    splits = dict(loaded) if isinstance(loaded, datasets.DatasetDict) else {"": loaded}
+    samples: list[Sample] = []
+    notes: list[str] = []
+    facts: dict[str, Any] = {}
+    for word, split in splits.items():
+        image = _image_column(folder, split, columns)
+        rest = [name for name in split.column_names if name != image]
+        if isinstance(split.features[image], datasets.Image):
+            split = split.cast_column(image, datasets.Image(decode=False))
+        names = {name: split.features[name].names for name in rest if hasattr(split.features[name], "names")}
+        words = {name: [_text(value, names.get(name)) for value in split[name]] for name in rest if _plain(split, name)}
+        texts = list(zip(*words.values(), strict=True)) if words else [()] * len(split)
+        chosen = {field: column for field, column in columns.items() if column != image}
+        rows = Rows.of(f"{folder.name} {word}".strip(), list(words), texts, chosen, line=0)
+        for index, (where, fields) in enumerate(rows.rows):
+            fields.pop("image", None)
+            load: Callable[[], Loaded] = partial(_frame, split, image, index, folder)
+            samples.append(Sample(name=where.replace(" line ", " row "), fields=fields, load=load))
+        notes.append(rows.note)
+        facts = {"columns": {"image": image, **rows.columns}}
+    return Source(kind="a Hugging Face data set", path=folder, samples=samples, facts=facts, notes=tuple(notes))
+
+
+def _image_column(folder: Path, split: Any, columns: Mapping[str, str]) -> str:
+    import datasets
+
+    chosen = columns_of(folder.name, list(split.column_names), columns).get("image")
+    images = [name for name in split.column_names if isinstance(split.features[name], datasets.Image)]
+    name = chosen if chosen in images or "image" in columns else next(iter(images), chosen)
+    if name is None:
+        what = f"has no column of images; say which: --columns image=COLUMN (of {', '.join(split.column_names)})"
+        raise InputError("data set", str(folder), what)
+    return name
+
+
+def _plain(split: Any, name: str) -> bool:
+    kind = getattr(split.features[name], "dtype", "")
+    return kind in ("string", "large_string", "bool") or kind.startswith(("int", "uint", "float"))
+
+
+def _text(value: Any, names: list[str] | None) -> str:
+    if value is None:
+        return ""
+    return names[value] if names and isinstance(value, int) and 0 <= value < len(names) else str(value)
+
+
+def _frame(split: Any, column: str, index: int, folder: Path) -> Loaded:
+    try:
+        value = split[index][column]
+    except Exception as error:
+        raise CheckFailedError(f"cannot be read: {str(error)[:200]}") from None
+    if not isinstance(value, dict):
+        array = np.asarray(value)
+        if array.dtype.kind not in "biuf":
+            raise CheckFailedError(f"holds {array.dtype}, no image and no array of numbers")
+        return array
+    if value.get("bytes"):
+        return bytes(value["bytes"])
+    if not value.get("path"):
+        raise CheckFailedError("holds no image")
+    return door.read_bytes(folder / value["path"], "image", "image", within=folder)

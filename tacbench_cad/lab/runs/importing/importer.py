@@ -1,0 +1,285 @@
+"""The import: sources become groups, and each group a run folder, which an interruption leaves fit to be resumed."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tacbench_cad.lab.runs.importing.frames import Prepared, prepared
+from tacbench_cad.lab.runs.importing.grouping import Group, Names, grouped
+from tacbench_cad.lab.runs.importing.kinds import ImportOptions, sources_of
+from tacbench_cad.lab.runs.importing.samples import LeftOut, Sample, Source
+from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.runs.schema import RUN_FILE
+from tacbench_cad.lab.runs.writing import RunWriter
+from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.files import sha256
+from tacbench_cad.util.packages import require
+from tacbench_cad.util.processes import cpu_count
+
+#: So many frames are loaded, decoded and checked at once, and so many more may wait to be written.
+MAX_THREADS, MAX_WAITING = 4, 4
+#: Frames that are looked at to see which shape most frames of a run have.
+PROBES = 3
+
+#: Samples of a run that are left out for the same reason and named one by one; more share one line.
+MAX_ALIKE = 10
+
+#: Called with what is done, how much of it and of how much.
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportedRun:
+    """What became of the samples of one run.
+
+    Args:
+        folder: The run folder.
+        kind: What it was imported from.
+        imported: Samples that were written now.
+        present: Samples that were there already.
+        left_out: Samples that could not be imported.
+    """
+
+    folder: Path
+    kind: str
+    imported: int
+    present: int
+    left_out: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportReport:
+    """What became of an import.
+
+    Args:
+        runs: The runs, in the order in which they were written.
+        left_out: Everything that could not be imported, with its reason.
+        notes: What the person should know: which columns were taken as what.
+    """
+
+    runs: tuple[ImportedRun, ...]
+    left_out: tuple[LeftOut, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing was left out."""
+        return not self.left_out
+
+
+def import_samples(
+    paths: Sequence[Path],
+    out: Path,
+    options: ImportOptions | None = None,
+    progress: Progress = lambda what, done, total: None,
+) -> ImportReport:
+    """Import what lies at some paths as run folders, or what of it is missing.
+
+    Folders of images with a table, of one folder for each class or of a TacTip toolchain, files of arrays and videos
+    with a table, Hugging Face data sets, and the paper's authors' arrays are recognised. There is one run for each
+    print that is known apart, else one for each label. What is not known stays unknown. What cannot be imported is in
+    the report and stops nothing else. Few frames are in memory at a time, however many there are.
+
+    Args:
+        paths: Files and folders.
+        out: The folder for the run folders.
+        options: How they are read.
+        progress: Receives updates.
+
+    Raises:
+        InputError: What was asked for contradicts itself or the data (nothing was written then), or ``out`` cannot be
+            written.
+        MissingToolError: A package that a kind needs is not installed.
+    """
+    chosen = options or ImportOptions()
+    require("the import of images", "cv2")
+    names = Names() if chosen.names is None else Names.read(chosen.names)
+    sources: list[Source] = []
+    left_out: list[LeftOut] = []
+    for item in sources_of(paths, chosen):
+        progress("reading what is there", len(sources) + len(left_out), 0)
+        if isinstance(item, Source):
+            sources.append(item)
+        else:
+            left_out.append(item)
+    groups, faults = grouped(sources, names)
+    work = _Work(out=out, progress=progress, total=sum(len(group.samples) for group in groups))
+    work.left_out += [*left_out, *faults]
+    with ThreadPoolExecutor(min(MAX_THREADS, cpu_count())) as pool:
+        runs = [run for group in groups if (run := work.run(group, pool)) is not None]
+    return ImportReport(
+        runs=tuple(runs),
+        left_out=tuple(work.left_out),
+        notes=tuple(dict.fromkeys(note for source in sources for note in source.notes)),
+    )
+
+
+class _Work:
+    """An import under way: what was done and left out so far."""
+
+    def __init__(self, out: Path, progress: Progress, total: int) -> None:
+        self.out, self.progress, self.total = out, progress, total
+        self.left_out: list[LeftOut] = []
+        self._done = 0
+        self._digests: dict[Path, str] = {}
+        #: The run folder of each file that holds frames of one print only, by its checksum.
+        self._whole = dict(_imported_files(out))
+
+    def run(self, group: Group, pool: Executor) -> ImportedRun | None:
+        """Write a group's run folder; None if nothing of it can be imported."""
+        folder, done = self.out / group.specimen.name, self._done
+        left_out: list[LeftOut] = []
+        imported = present = 0
+        try:
+            info = self._info(group, folder, pool)
+            with RunWriter.open(folder, info, durable=False) as writer:
+                present = len(writer.done)
+                missing = [each for each in group.samples if each[0] not in writer.done]
+                self._done += len(group.samples) - len(missing)
+                threads = all(source.threads for source in group.sources)
+                for (number, sample, row), frame in _loaded(missing, pool, MAX_THREADS + MAX_WAITING if threads else 1):
+                    fault = _fault(frame, info)
+                    if isinstance(frame, Prepared) and not fault:
+                        writer.sample(number, frame.file, **row)
+                        imported += 1
+                    else:
+                        left_out.append(LeftOut(where=sample.where, reason=fault))
+                    self._done += 1
+                    self.progress(folder.name, self._done, self.total)
+        except InputError as error:
+            if error.field in ("output folder", "output file"):
+                raise
+            rest = len(group.samples) - imported - present - len(left_out)
+            left_out.append(LeftOut(where=folder.name, reason=str(error), count=rest))
+        self.left_out += _summarised(left_out)
+        self._done = done + len(group.samples)
+        if not imported and not present:
+            return None
+        kind, lacking = str(group.source["kind"]), len(group.samples) - imported - present
+        return ImportedRun(folder=folder, kind=kind, imported=imported, present=present, left_out=lacking)
+
+    def _info(self, group: Group, folder: Path, pool: Executor) -> RunInfo:
+        """What ``run.json`` says of a group's run.
+
+        Raises:
+            InputError: No frame can be read, or a file is there already as another print.
+        """
+        files = [{"name": path.name, "sha256": self._digest(path)} for source in group.sources for path in source.files]
+        for source in group.sources:
+            for path in source.files if source.whole else ():
+                other = self._whole.setdefault(self._digest(path), folder)
+                if other.name != folder.name:
+                    raise InputError("file", str(path), f"is there already, as {other}")
+        there = (folder / RUN_FILE).is_file()
+        sensor = Run.open(folder).info.sensor if there else self._sensor(group, pool)
+        return RunInfo(
+            printed=group.specimen,
+            levels=group.levels,
+            protocol=None,
+            grid_spacing=None,
+            holder=None,
+            frame=None,
+            slot=None,
+            stage={},
+            gauge={},
+            sensor=sensor,
+            source={**group.source, "files": files},
+        )
+
+    def _sensor(self, group: Group, pool: Executor) -> Mapping[str, Any]:
+        """What the frames say of their sensor: the shape that most of some have."""
+        count = len(group.samples)
+        firsts = [group.samples[i] for i in sorted({i * (count - 1) // max(1, PROBES - 1) for i in range(PROBES)})]
+        good = [frame for _, frame in _loaded(firsts, pool, 1) if isinstance(frame, Prepared)]
+        if not good:  # those are damaged; there may be others
+            others = (each for each in group.samples if each not in firsts)
+            good = [frame for _, frame in _loaded(others, pool, 1) if isinstance(frame, Prepared)][:1]
+        if not good:
+            _, sample, _ = group.samples[0]
+            reason = next(str(frame) for _, frame in _loaded([group.samples[0]], pool, 1))
+            raise InputError("frames", None, f"none can be read; the first, {sample.where}: {reason}")
+        shape = Counter(frame.shape for frame in good).most_common(1)[0][0]
+        first = next(frame for frame in good if frame.shape == shape)
+        counts = first.file.image or any(source.whole for source in group.sources)
+        return {
+            "simulated": first.simulated,
+            "units": "counts" if counts else "unknown unit",
+            "shape": list(shape),
+        }
+
+    def _digest(self, path: Path) -> str:
+        if path not in self._digests:
+            self.progress(f"checksum of {path.name}", self._done, self.total)
+            self._digests[path] = sha256(path)
+        return self._digests[path]
+
+
+def _loaded(
+    samples: Iterable[tuple[int, Sample, Mapping[str, Any]]], pool: Executor, waiting: int
+) -> Iterator[tuple[tuple[int, Sample, Mapping[str, Any]], Prepared | InputError | CheckFailedError]]:
+    """Samples with their frames, or what is wrong with them, in order; ``waiting`` of them are under way at most."""
+    under_way: deque[tuple[Any, Future[Prepared | InputError | CheckFailedError]]] = deque()
+    try:
+        for each in samples:
+            under_way.append((each, pool.submit(_load, each[1])))
+            if len(under_way) >= waiting:
+                item, future = under_way.popleft()
+                yield item, future.result()
+        while under_way:
+            item, future = under_way.popleft()
+            yield item, future.result()
+    finally:
+        for _, future in under_way:
+            future.cancel()
+
+
+def _load(sample: Sample) -> Prepared | InputError | CheckFailedError:
+    try:
+        return prepared(sample.load())
+    except (InputError, CheckFailedError) as error:
+        return error
+
+
+def _fault(frame: Prepared | InputError | CheckFailedError, info: RunInfo) -> str:
+    """Why a frame is left out; empty if it is not."""
+    if isinstance(frame, InputError):
+        return frame.allowed
+    if isinstance(frame, CheckFailedError):
+        return str(frame)
+    if frame.shape != info.frame_shape:
+        return f"has shape {frame.shape} where the run has {info.frame_shape}"
+    if frame.simulated != info.sensor.get("simulated"):
+        return "is simulated where the run is not, or the other way round"
+    return ""
+
+
+def _summarised(left_out: Sequence[LeftOut]) -> Iterator[LeftOut]:
+    """One entry for many samples of a run with the same reason."""
+    alike: dict[str, list[LeftOut]] = defaultdict(list)
+    for each in left_out:
+        alike[each.reason].append(each)
+    for reason, members in alike.items():
+        if len(members) <= MAX_ALIKE:
+            yield from members
+        else:
+            where = f"{members[0].where} and {len(members) - 1:,} more"
+            yield LeftOut(where=where, reason=reason, count=sum(each.count for each in members))
+
+
+def _imported_files(out: Path) -> Iterator[tuple[str, Path]]:
+    """The checksums of files that were imported into a folder as one print, and the run folder of each."""
+    for path in sorted(out.glob(f"*/{RUN_FILE}")):
+        try:
+            source = Run.open(path.parent).info.source
+        except InputError:  # `tacbench runs check` says what is wrong with it
+            continue
+        files = source.get("files") if "authors" in str(source.get("kind")) else ()
+        for entry in files if isinstance(files, list) else ():
+            if isinstance(entry, dict) and isinstance(entry.get("sha256"), str):
+                yield entry["sha256"], path.parent

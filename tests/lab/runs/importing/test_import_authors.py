@@ -1,0 +1,240 @@
+"""The authors' arrays: all names that occur in one go, their shapes, and what stays unknown."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tacbench_cad.cli import main
+from tacbench_cad.lab import AuthorsOptions, ImportOptions, Run, check_run, find_runs, import_samples
+from tacbench_cad.lab.runs.importing.grouping import Names, grouped
+from tacbench_cad.lab.runs.importing.kinds import sources_of
+from tacbench_cad.lab.runs.importing.samples import LeftOut, Source
+from tacbench_cad.util.errors import InputError
+
+Capture = pytest.CaptureFixture[str]
+NAMES = (Path(__file__).parent / "authors_names.txt").read_text().split()
+SHAPE = (16, 24, 3)
+
+
+def images(seed: int, *shape: int) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, shape or (1, 2, 5, 5, *SHAPE), dtype=np.uint8)
+
+
+def save(folder: Path, name: str, array: Any) -> Path:
+    np.save(folder / name, array, allow_pickle=False)
+    return folder / name
+
+
+@pytest.fixture
+def arrays(tmp_path: Path) -> Path:
+    """A small array under each name that occurs, and two that cannot be imported."""
+    (tmp_path / "arrays").mkdir()
+    for seed, name in enumerate(NAMES):
+        save(tmp_path / "arrays", name, images(seed, 25, 8, 8))
+    save(tmp_path / "arrays", "X.npy", images(0, 100, 8, 8))
+    save(tmp_path / "arrays", "petg_z0_P35_bambu.npy", images(1, 25, 8, 8))
+    return tmp_path / "arrays"
+
+
+def test_all_names_that_occur_are_known(arrays: Path) -> None:
+    items = list(sources_of([arrays], ImportOptions()))
+    left_out = [item for item in items if isinstance(item, LeftOut)]
+    assert [Path(each.where).name for each in left_out] == ["X.npy", "petg_z0_P35_bambu.npy"]
+    assert "a table (CSV) with a row for each" in left_out[0].reason
+    assert "P35 is no known force level; --force-levels has" in left_out[1].reason
+    groups, faults = grouped([item for item in items if isinstance(item, Source)], Names())
+    assert not faults and sum(len(group.samples) for group in groups) == len(NAMES) * 25 == 210 * 25
+    printed = [group.specimen for group in groups]
+    assert {each.printer for each in printed} == {"bambu", "ender", "creality", "crealty", "resin"}
+    assert {each.filament for each in printed} == {"plaminus", "plaplus", "petg", "resin", "wood"}
+    # A set without a number is a print of its own, beside the numbered ones.
+    bambu = {each.copy for each in printed if (each.combination, each.texture) == ("bambu_plaminus", "texture-1")}
+    assert bambu == {1, 2, 3, 4, 5, 6, "unnumbered"}
+    prints = {(name.partition("_P")[0] + name.rpartition("_")[2]).lower() for name in NAMES}
+    assert len({each.name for each in printed}) == len(groups) == len(prints)
+    assert {group.levels for group in groups} == {(1,), (1, 2), (1, 2, 3)}
+
+
+@pytest.mark.long
+def test_all_names_that_occur_import_in_one_go(arrays: Path, capsys: Capture) -> None:
+    assert main(["import", str(arrays), "-o", str(arrays.parent / "out")]) == 1
+    assert "5,250 samples in 148 runs" in capsys.readouterr().out
+    runs = find_runs([arrays.parent / "out"])
+    assert len(runs) == 148 and sum(len(Run.open(folder).rows) for folder in runs) == 210 * 25
+
+
+@pytest.mark.parametrize("first_axis", ["y", "x"])
+@pytest.mark.parametrize(
+    "shape",
+    [
+        (1, 2, 5, 5, *SHAPE),
+        (50, *SHAPE),
+        (50, 16, 24),
+        (1, 2, 5, 5, 16, 24),
+        (25, 16, 24),
+    ],
+)
+def test_every_frame_comes_to_its_place(shape: tuple[int, ...], first_axis: Any, tmp_path: Path) -> None:
+    array = images(1, *shape)
+    path = save(tmp_path, "PLAminus_z3.2_P40_Bambu.npy", array)
+    options = ImportOptions(authors=AuthorsOptions(first_axis=first_axis))
+    report = import_samples([path], tmp_path / "out", options)
+    assert report.ok
+    run = Run.open(report.runs[0].folder)
+    frames = array.reshape(-1, 5, 5, *(shape[-3:] if shape[-1] == 3 else shape[-2:]))
+    x_mm, y_mm = (4.0, 5.25, 6.5, 7.75, 9.0), (18.0, 19.25, 20.5, 21.75, 23.0)
+    assert len(run.rows) == len(frames) * 25
+    for row in run.rows:
+        assert row.position and row.repeat
+        along_y, along_x = divmod(row.position - 1, 5)
+        i, j = (along_y, along_x) if first_axis == "y" else (along_x, along_y)
+        assert np.array_equal(run.frame(row, verify=True), frames[row.repeat - 1, i, j])
+        assert row.pose_mm[:2] == (x_mm[along_x], y_mm[along_y])
+    assert check_run(run.folder).ok
+
+
+def test_float_frames_keep_every_digit(tmp_path: Path) -> None:
+    array = np.random.default_rng(0).random((50, 12, 16)) * 255.0
+    report = import_samples([save(tmp_path, "wood_z1_P30_bambu.npy", array)], tmp_path / "out")
+    run = Run.open(report.runs[0].folder)
+    assert run.info.sensor["units"] == "counts" and run.rows[0].sensor_image == "reading_1.npy"
+    assert all(np.array_equal(run.frame(row), array[row.number - 1]) for row in run.rows)
+
+
+def test_what_nobody_said_stays_unknown(tmp_path: Path) -> None:
+    path = save(tmp_path, "resin_z3.2_P50_resin.npy", images(1))
+    run = Run.open(import_samples([path], tmp_path / "out").runs[0].folder)
+    info, row = run.info, run.rows[0]
+    assert (row.object_label, row.texture, row.printer, row.filament, row.copy) == (4, "texture-4", "resin", "resin", 2)
+    assert (row.force_level, row.target_force_n, row.preset) == (3, 3.0137, "released")
+    unknown = (row.pose_z, row.pose_rx, row.shear_x, row.measured_force_n, row.in_band, row.time_utc)
+    assert unknown == (None,) * 6
+    assert (info.levels, info.protocol, info.holder, info.frame, info.stage, info.gauge) == (
+        (3,),
+        None,
+        None,
+        None,
+        {},
+        {},
+    )
+    assert info.printed.block and info.printed.block.preset == "released"
+    assert info.source["geometry"].startswith("the files that the authors published")
+
+
+def test_other_textures_have_a_label_and_no_formula(tmp_path: Path) -> None:
+    paths = [save(tmp_path, name, images(i)) for i, name in enumerate(("PLA_flat_P30_a.npy", "PLA_z18_P30_a.npy"))]
+    runs = [Run.open(run.folder).info.printed for run in import_samples(paths, tmp_path / "out").runs]
+    assert [(printed.texture, printed.block) for printed in runs] == [("flat", None), ("texture-19", None)]
+
+
+def test_the_levels_of_a_print_become_one_run(tmp_path: Path) -> None:
+    arrays = {name: images(seed) for seed, name in enumerate(("P30", "P40", "P50"))}
+    paths = [save(tmp_path, f"Plaplus_z5_{name}_creality.npy", array) for name, array in arrays.items()]
+    paths.append(save(tmp_path, "PLAplus_z5_P30_crealty.npy", images(9)))
+    report = import_samples(paths[::-1], tmp_path / "out")
+    assert [run.folder.name for run in report.runs] == [
+        "texture-6_crealty_plaplus_unnumbered",
+        "texture-6_creality_plaplus_unnumbered",
+    ]
+    run = Run.open(report.runs[1].folder)
+    for level, array in enumerate(arrays.values(), start=1):
+        assert np.array_equal(run.frame(run.by_key[(level, 2, 25)]), array[0, 1, 4, 4])
+
+
+def test_names_make_two_spellings_one_printer_and_equal_prints_are_left_out(tmp_path: Path) -> None:
+    names = tmp_path / "names.toml"
+    names.write_text(
+        '[printers]\ncreality = "ender-3-v3-se"\ncrealty = "ender-3-v3-se"\n[filaments]\nplaminus = "pla-minus"\n'
+    )
+    paths = [save(tmp_path, f"PLAminus_z0_P30_{word}.npy", images(len(word))) for word in ("creality", "crealty")]
+    report = import_samples(paths, tmp_path / "out", ImportOptions(names=names))
+    assert [run.folder.name for run in report.runs] == ["texture-1_ender-3-v3-se_pla-minus_unnumbered"]
+    assert sum(each.count for each in report.left_out) == 50
+
+
+def test_one_array_cannot_become_two_prints(tmp_path: Path) -> None:
+    first = save(tmp_path, "PLAminus_z0_P30_Bambu.npy", images(1))
+    second = save(tmp_path, "PLAminus_z0.1_P30_bambu.npy", images(1))
+    for paths in ([first, second], [second]):
+        report = import_samples(paths, tmp_path / "out")
+        assert len(report.left_out) == 1 and "is there already, as" in report.left_out[0].reason
+        assert report.left_out[0].count == 50
+    assert len(list((tmp_path / "out").iterdir())) == 1
+
+
+def test_another_file_under_the_same_name_is_left_out(tmp_path: Path) -> None:
+    path = save(tmp_path, "PLAminus_z0_P30_Ender.npy", images(1))
+    assert import_samples([path], tmp_path / "out").ok
+    save(tmp_path, path.name, images(2))
+    report = import_samples([path], tmp_path / "out")
+    assert "was begun with other settings: source.files" in report.left_out[0].reason
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        np.zeros((49, *SHAPE), np.uint8),
+        np.zeros((0, *SHAPE), np.uint8),
+        np.zeros((50, 16, 24, 4), np.uint8),
+        np.zeros((50, 4, 24, 3), np.uint8),
+        np.zeros((2, 2, 5, 5, *SHAPE), np.uint8),
+        np.zeros((1, 2, 4, 5, *SHAPE), np.uint8),
+        np.asfortranarray(np.zeros((50, *SHAPE), np.uint8)),
+        np.zeros((50, *SHAPE), np.complex128),
+        np.zeros((), np.uint8),
+    ],
+)
+def test_other_shapes_are_left_out(array: Any, tmp_path: Path) -> None:
+    report = import_samples([save(tmp_path, "PLAminus_z0_P30_Bambu.npy", array)], tmp_path / "out")
+    assert not report.runs and ("has shape" in report.left_out[0].reason or "real numbers" in report.left_out[0].reason)
+    assert not (tmp_path / "out").exists()
+
+
+def test_objects_are_never_unpickled(tmp_path: Path) -> None:
+    path = tmp_path / "PLAminus_z0_P30_Bambu.npy"
+
+    def reason() -> str:
+        (left_out,) = import_samples([path], tmp_path / "out").left_out
+        return left_out.reason
+
+    np.save(path, np.array([{}], dtype=object), allow_pickle=True)
+    assert "holds pickled objects" in reason()
+    path.write_bytes(pickle.dumps(images(1)))
+    assert "is pickled" in reason()
+    np.save(path, images(1))
+    path.write_bytes(path.read_bytes()[:-1])
+    assert "is truncated" in reason()
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--first-axis", "z"], "first axis = 'z': allowed: x, y"),
+        (["--force-levels", "P30"], "must be NAME=VALUE"),
+        (["--force-levels", "P30=1,P40=1"], "must name each level's number once"),
+        (["--force-levels", "P30=4"], "must be from 1 to 3"),
+        (["--force-levels", "P30=1,P30=2"], "names P30 twice"),
+        (["--force-levels", "30=1"], "must be as P30"),
+        (["--preset", "papers"], 'did you mean "paper"'),
+    ],
+)
+def test_wrong_options_are_refused(words: list[str], message: str, tmp_path: Path, capsys: Capture) -> None:
+    path = save(tmp_path, "PLAminus_z0_P30_Bambu.npy", images(1))
+    assert main(["import", str(path), "--out", str(tmp_path / "out"), *words]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_levels_are_called_as_the_files_are(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="allowed: x, y"):
+        AuthorsOptions(first_axis="z")  # type: ignore[arg-type]
+    path = save(tmp_path, "PLAminus_z0_p20_Bambu.npy", images(1))
+    options = ImportOptions(authors=AuthorsOptions(force_levels={"P20": 2}))
+    run = Run.open(import_samples([path], tmp_path / "out", options).runs[0].folder)
+    assert (run.rows[0].force_level, run.rows[0].target_force_n) == (2, 1.91295)
