@@ -13,7 +13,7 @@ from helpers.gcode_writer import write_gcode
 from helpers.studies import write_study
 
 from tacbench_cad.cli import main
-from tacbench_cad.lab.analysis import compare
+from tacbench_cad.lab.analysis import answers, compare
 from tacbench_cad.lab.analysis.classification import result, score
 from tacbench_cad.lab.analysis.classification.split_files import PRESS_COLUMNS
 from tacbench_cad.lab.analysis.variance import view
@@ -29,6 +29,7 @@ KEYED_BY_DATA = ("folds", "recall", "left_out")
 TABLES = {
     **{f"{name}.csv": [column.name for column in columns] for name, columns in view.COLUMNS.items()},
     "classification.csv": [column.name for column in result.COLUMNS],
+    "texture_answers.csv": [column.name for column in answers.COLUMNS],
     "confusion.csv": [column.name for column in result.CONFUSION_COLUMNS],
     "predictions.csv": [column.name for column in result.PREDICTION_COLUMNS],
     "sweep.csv": [column.name for column in result.SWEEP_COLUMNS],

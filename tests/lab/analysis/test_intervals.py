@@ -15,6 +15,7 @@ from tacbench_cad.lab.analysis.variance.intervals import (
     CellSums,
     Interval,
     component_interval,
+    ratio_interval,
     variance_interval,
 )
 from tacbench_cad.util.errors import InputError
@@ -79,16 +80,17 @@ def truth(prints: int, repeats: int, repeat: float = REPEAT) -> float:
 
 
 def coverage(prints: int, field: Field, studies: int, seed: int, repeat: float = REPEAT) -> tuple[Floats, float]:
-    """Fractions of studies whose intervals hold the variance, the component of prints and that of repeats; the bias.
+    """Fractions of studies whose intervals hold the variance, both components and their ratio; the bias.
 
     The bias is the mean estimate of the variance over its true value.
     """
     random = np.random.default_rng(seed)
-    held, estimates = np.zeros(3), []
-    truths = (truth(prints, 2, repeat), PRINT, repeat)
+    held, estimates = np.zeros(4), []
+    truths = (truth(prints, 2, repeat), PRINT, repeat, 1.0 + PRINT / repeat)
     for _ in range(studies):
         cell = study(prints, 2, field, random, repeat)
         intervals = [variance_interval(cell), *(component_interval([cell], name) for name in ("print", "repeat"))]
+        intervals.append(ratio_interval([cell]))
         held += [one.low <= value <= one.high for one, value in zip(intervals, truths, strict=True)]
         estimates.append(intervals[0].estimate)
     return held / studies, float(np.mean(estimates)) / truths[0]
@@ -193,6 +195,17 @@ def test_one_repeat_has_an_interval_but_no_components() -> None:
     assert sum(one.low <= truth(6, 1) <= one.high for one in found) >= 51
     with pytest.raises(InputError, match="cannot be told apart"):
         component_interval([study(6, 1, FIELDS["smooth"], random)], "repeat")
+
+
+def test_two_prints_show_so_many_times_what_two_repeats_do() -> None:
+    random = np.random.default_rng(9)
+    cell = study(6, 2, FIELDS["fine"], random)
+    repeat = cell.within / cell.dof[1]
+    expected = 1.0 + (cell.between / cell.dof[0] - repeat) / 2.0 / repeat
+    ratio = ratio_interval([cell])
+    assert ratio.estimate == pytest.approx(expected) and ratio.low < expected < ratio.high
+    with pytest.raises(InputError, match="cannot be told apart"):
+        ratio_interval([study(6, 1, FIELDS["fine"], random)])
 
 
 def test_components_are_pooled_over_cells_of_different_prints() -> None:

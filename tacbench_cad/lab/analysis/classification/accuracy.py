@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tacbench_cad.lab.analysis.answers import RIGHT, TOLD_APART, WHICH_TEXTURES, Answer
 from tacbench_cad.lab.analysis.classification.outcomes import ALL, ALL_OTHERS, Outcome
 from tacbench_cad.lab.analysis.classification.splits import UNITS, PressTable
 from tacbench_cad.util.types import Floats, Ints
@@ -109,6 +110,41 @@ class Score:
         return [None if np.isnan(value) else float(value) for value in np.diag(self.fractions)]
 
 
+def texture_answers(outcomes: Sequence[Outcome], presses: PressTable, notes: Sequence[str]) -> Iterator[Answer]:
+    """Which textures can be told apart on a print that training has not seen, by the first estimator.
+
+    Args:
+        outcomes: What was predicted with the leak-free protocol.
+        presses: The presses.
+        notes: Why hold-out levels were left out.
+    """
+    mine = [o for o in outcomes if o.hold_out == "copy" and o.estimator == outcomes[0].estimator]
+    if not mine:
+        reason = next((note for note in notes if "level copy" in note), "hold-out level copy was not asked for")
+        yield Answer(question=WHICH_TEXTURES, about="", answer=f"cannot be said: {reason}")
+        return
+    textures, truth = np.unique(presses.texture, return_inverse=True)
+    tries, right, _, _ = _tallied(mine, truth)
+    for index, texture in enumerate(textures.tolist()):
+        tested = (truth == index) & (tries > 0)
+        if not tested.any():
+            yield Answer(question=WHICH_TEXTURES, about=texture, answer="cannot be said: no print of it was held out")
+            continue
+        low, high = interval(right[tested], tries[tested], presses.run[tested])
+        answer = "unclear: one print was held out" if low is None else "unclear"
+        if low is not None and high is not None:
+            answer = "yes" if low > TOLD_APART else "no" if high < TOLD_APART else answer
+        yield Answer(
+            question=WHICH_TEXTURES,
+            about=texture,
+            figure=100.0 * float(right[tested].sum() / tries[tested].sum()),
+            low=None if low is None else 100.0 * low,
+            high=None if high is None else 100.0 * high,
+            unit=RIGHT,
+            answer=answer,
+        )
+
+
 def is_whole(tested_on: str, train_on: str) -> bool:
     """Whether a row is of all that was held out, not of a single group."""
     return tested_on in (ALL, ALL_OTHERS, train_on)
@@ -143,16 +179,23 @@ def _groups(whole: Sequence[Outcome], presses: PressTable) -> dict[str, list[Out
     return groups
 
 
+def _tallied(outcomes: Sequence[Outcome], truth: Ints) -> tuple[Floats, Floats, Ints, Ints]:
+    """How often each press was tested and predicted rightly, (n,); the press and the prediction of each tested row."""
+    which = np.concatenate([outcome.press for outcome in outcomes])
+    predicted = np.concatenate([outcome.predicted for outcome in outcomes])
+    hit = truth[which] == predicted
+    tries, right = (np.bincount(which, weight, len(truth)).astype(np.float64) for weight in (None, hit))
+    return tries, right, which, predicted
+
+
 def _score(
     outcomes: Sequence[Outcome], presses: PressTable, protocol: str, tested_on: str, units: str, unit: NDArray[Any]
 ) -> Score:
     """The row of some outcomes; ``unit`` has the unit of every press of the study, (n,)."""
     textures, truth = np.unique(presses.texture, return_inverse=True)
-    which = np.concatenate([outcome.press for outcome in outcomes])
-    predicted = np.concatenate([outcome.predicted for outcome in outcomes])
+    tries, right, which, predicted = _tallied(outcomes, truth)
     trial = np.repeat([outcome.trial for outcome in outcomes], [len(outcome.press) for outcome in outcomes])
     hit = truth[which] == predicted
-    tries, right = (np.bincount(which, weight, len(truth)).astype(np.float64) for weight in (None, hit))
     tested = tries > 0
     low, high = interval(right[tested], tries[tested], unit[tested])
     accuracies = [float(hit[trial == number].mean()) for number in np.unique(trial)]

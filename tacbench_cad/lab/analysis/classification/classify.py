@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.lab.analysis import published
+from tacbench_cad.lab.analysis.answers import Answer
 from tacbench_cad.lab.analysis.classification import leak_free, paper_protocol
-from tacbench_cad.lab.analysis.classification.accuracy import scores
+from tacbench_cad.lab.analysis.classification.accuracy import scores, texture_answers
 from tacbench_cad.lab.analysis.classification.features import read_features
 from tacbench_cad.lab.analysis.classification.outcomes import ARRAYS, Outcome, Study
 from tacbench_cad.lab.analysis.classification.result import Result
@@ -78,12 +79,16 @@ def classify(
     show = progress or (lambda what, done, total: None)
     with one_thread():
         outcomes = tuple(_outcomes(collection, presses, settings, trials, folder, executor, show))
+    answers: tuple[Answer, ...] = ()
+    if settings.protocol == "leak-free":
+        answers = tuple(texture_answers(outcomes, presses, notes))
     return Result(
         settings=settings,
         outcomes=outcomes,
         scores=tuple(scores(outcomes, presses, settings.protocol)),
         notes=notes,
         collection=collection,
+        answers=answers,
     )
 
 

@@ -67,7 +67,7 @@ class Design:
         if protocol == "paper":
             columns = {"unseen": np.flatnonzero(~inside)}
             return cls(trained=np.flatnonzero(inside), tested=columns, tested_on=ALL_OTHERS)
-        first = inside & (presses.copy == presses.copy[inside].min())
+        first = inside & (presses.copy == np.unique(presses.copy[inside])[0])
         columns = {"all copies": np.flatnonzero(inside), "other copies": np.flatnonzero(inside & ~first)}
         return cls(trained=np.flatnonzero(first), tested=columns, tested_on=train_on)
 

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.lab.analysis import published
+from tacbench_cad.lab.analysis.answers import COLUMNS as ANSWER_COLUMNS
+from tacbench_cad.lab.analysis.answers import Answer, shown
 from tacbench_cad.lab.analysis.classification.accuracy import Score, is_whole
 from tacbench_cad.lab.analysis.classification.outcomes import Outcome
 from tacbench_cad.lab.analysis.classification.paper_protocol import COLUMNS as PAPER_COLUMNS
@@ -61,6 +63,7 @@ class Result:
         scores: The rows of the table.
         notes: Warnings, hold-out levels that are left out, and what was taken where the paper is open.
         collection: The data.
+        answers: Which textures can be told apart; none but of the leak-free protocol.
         parameter: The setting that was swept, empty if none was; then only whole hold-out levels have a row.
         values: Its value in each row.
     """
@@ -70,6 +73,7 @@ class Result:
     scores: tuple[Score, ...]
     notes: tuple[str, ...]
     collection: Collection
+    answers: tuple[Answer, ...] = ()
     parameter: str = ""
     values: tuple[float, ...] = ()
 
@@ -95,6 +99,7 @@ class Result:
             "classification.csv": Table.of(COLUMNS, self.scores),
             "confusion.csv": Table.of(CONFUSION_COLUMNS, self._confusions()),
             "predictions.csv": Table.of(PREDICTION_COLUMNS, self._predictions()),
+            "texture_answers.csv": Table.of(ANSWER_COLUMNS, self.answers),
         }
 
     @property
@@ -105,6 +110,8 @@ class Result:
             value = Column("value", head=self.parameter, text=lambda value: f"{value:g}")
             yield self._swept.select(*SHOWN[:3], value, *SHOWN[4:7], "images", title=title)
             return
+        if self.answers:
+            yield shown(Table.of(ANSWER_COLUMNS, self.answers))
         if beside_paper(self):
             yield self._paper_shown()
         yield Table.of(SCORE_COLUMNS, self.scores).select(*SHOWN, title=title)
@@ -121,6 +128,7 @@ class Result:
             **head,
             "textures": list(self.textures),
             "chance": self.chance,
+            "texture_answers": to_plain(self.answers),
             "scores": Table.of(SCORE_COLUMNS, self.scores).records(),
             "beside_paper": to_plain(beside_paper(self)),
             "notes": list(self.notes),

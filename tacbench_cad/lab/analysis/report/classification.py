@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from tacbench_cad.lab.analysis.answers import COLUMNS as ANSWER_COLUMNS
+from tacbench_cad.lab.analysis.answers import shown
 from tacbench_cad.lab.analysis.classification.classify import Progress
 from tacbench_cad.lab.analysis.classification.result import COLUMNS, CONFUSION_COLUMNS, recall_table
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
@@ -25,6 +27,7 @@ class Classification:
         folder: Folder of its files within the report's.
         record: What was asked for.
         methods: How it was computed: a paragraph.
+        answers: Which textures can be told apart; without rows where it does not say.
         scores: Accuracies with intervals.
         recall: Recall of each texture.
     """
@@ -32,6 +35,7 @@ class Classification:
     folder: Path
     record: ClassificationRecord
     methods: str
+    answers: Table
     scores: Table
     recall: Table
 
@@ -49,6 +53,7 @@ class Classification:
             folder=folder,
             record=record,
             methods=macro("methods.j2", "classification")(record),
+            answers=shown(Table.read(folder / "texture_answers.csv", ANSWER_COLUMNS)),
             scores=Table.read(folder / "classification.csv", COLUMNS, title).select(*_SHOWN),
             recall=recall_table(Table.read(folder / "confusion.csv", CONFUSION_COLUMNS)),
         )

@@ -267,33 +267,100 @@ def component_interval(cells: Sequence[CellSums], component: Literal["print", "r
     Raises:
         InputError: No cell has two prints, or there is one repeat and the two components cannot be told apart.
     """
+    _require_repeats(cells)
+    return _interval(cells, float(component == "print"), float(component == "repeat"), 0.0, seed)
+
+
+def ratio_interval(cells: Sequence[CellSums], *, seed: int = 0) -> Interval:
+    """Interval of how many times the variance of two repeats two prints show: (sigma_P^2 + sigma_e^2) / sigma_e^2.
+
+    Args:
+        cells: As for :func:`component_interval`.
+        seed: Seed of the draws.
+
+    Raises:
+        InputError: As there.
+    """
+    _require_repeats(cells)
+    drawn = _Draws.of(cells, seed)
+    low, high = (1.0 + float(end) for end in np.quantile(_over(drawn.prints, drawn.repeats), TAILS))
+    estimate = 1.0 + float(_over(np.array(drawn.mean_print), np.array(drawn.mean_repeat)))
+    return Interval(estimate=estimate, low=low, high=high, parts=drawn.parts)
+
+
+def _over(prints: Floats, repeats: Floats) -> Floats:
+    """A component over another; 0 over 0 is 0."""
+    with np.errstate(divide="ignore"):
+        return np.divide(prints, repeats, out=np.zeros_like(repeats), where=(prints != 0.0) | (repeats != 0.0))
+
+
+def _require_repeats(cells: Sequence[CellSums]) -> None:
+    """Check that prints and repeats can be told apart.
+
+    Raises:
+        InputError: They cannot.
+    """
     if not sum(cell.dof[1] for cell in cells):
         raise InputError("repeats", 1, "prints and repeats cannot be told apart; press each place at least twice")
-    return _interval(cells, float(component == "print"), float(component == "repeat"), 0.0, seed)
 
 
 def _interval(cells: Sequence[CellSums], of_print: float, of_repeat: float, floor: float, seed: int) -> Interval:
     """Interval of ``of_print sigma_P^2 + of_repeat sigma_e^2 - floor``, pooled over cells; see the module's text."""
-    prints = max((cell.prints for cell in cells), default=0)
-    if prints < 2:
-        raise InputError("prints", prints, "an interval needs at least 2 prints: one print says nothing about others")
-    random = np.random.default_rng(seed)
-    between, within, kappa = (sum(getattr(cell, name) for cell in cells) for name in ("between", "within", "kappa"))
-    dof_between, dof_within = (sum(cell.dof[i] for cell in cells) for i in range(2))
-    of_prints, of_repeats = (sum(traces, _NOTHING) for traces in zip(*map(_traces, cells), strict=True))
-    nu_print, nu_repeat = of_prints.draw_parts(random), of_repeats.draw_parts(random)
-    n_print, n_repeat = max(1, of_prints.contrasts), max(1, of_repeats.contrasts)
-    # Without repeats sigma_e^2 is 0 here: it is in sigma_P^2, with which it then shares its coefficients.
-    repeat = between_repeats = np.zeros(DRAWS)
-    if dof_within:
-        repeat = within / dof_within / _chi2_ratio(n_repeat * nu_repeat, random)
-        between_repeats = dof_between * repeat * _chi2_ratio(n_print * nu_repeat, random)
-    ratio = _chi2_ratio(n_print * nu_print, random)
-    draws = of_print * np.maximum(0.0, (between - between_repeats) / ratio) / kappa + of_repeat * repeat - floor
+    drawn = _Draws.of(cells, seed)
+    draws = of_print * drawn.prints + of_repeat * drawn.repeats - floor
     low, high = (max(0.0, float(end)) for end in np.quantile(draws, TAILS))
-    mean_repeat = within / dof_within if dof_within else 0.0
-    estimate = of_print * (between - dof_between * mean_repeat) / kappa + of_repeat * mean_repeat - floor
-    return Interval(estimate=estimate, low=low, high=high, parts=float(np.median(nu_print)))
+    estimate = of_print * drawn.mean_print + of_repeat * drawn.mean_repeat - floor
+    return Interval(estimate=estimate, low=low, high=high, parts=drawn.parts)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Draws:
+    """Draws of both components, pooled over cells, and their unbiased estimates.
+
+    Args:
+        prints: Draws of sigma_P^2, (DRAWS,).
+        repeats: Draws of sigma_e^2; 0 without repeats, where it is in sigma_P^2, with which it shares its coefficients.
+        mean_print: Estimate of sigma_P^2.
+        mean_repeat: Estimate of sigma_e^2.
+        parts: Number of independent parts of an image, median of the draws.
+    """
+
+    prints: Floats
+    repeats: Floats
+    mean_print: float
+    mean_repeat: float
+    parts: float
+
+    @classmethod
+    def of(cls, cells: Sequence[CellSums], seed: int) -> _Draws:
+        """Draw them.
+
+        Raises:
+            InputError: No cell has two prints.
+        """
+        prints = max((cell.prints for cell in cells), default=0)
+        if prints < 2:
+            what = "an interval needs at least 2 prints: one print says nothing about others"
+            raise InputError("prints", prints, what)
+        random = np.random.default_rng(seed)
+        between, within, kappa = (sum(getattr(cell, name) for cell in cells) for name in ("between", "within", "kappa"))
+        dof_between, dof_within = (sum(cell.dof[i] for cell in cells) for i in range(2))
+        of_prints, of_repeats = (sum(traces, _NOTHING) for traces in zip(*map(_traces, cells), strict=True))
+        nu_print, nu_repeat = of_prints.draw_parts(random), of_repeats.draw_parts(random)
+        n_print, n_repeat = max(1, of_prints.contrasts), max(1, of_repeats.contrasts)
+        repeat = between_repeats = np.zeros(DRAWS)
+        if dof_within:
+            repeat = within / dof_within / _chi2_ratio(n_repeat * nu_repeat, random)
+            between_repeats = dof_between * repeat * _chi2_ratio(n_print * nu_repeat, random)
+        ratio = _chi2_ratio(n_print * nu_print, random)
+        mean_repeat = within / dof_within if dof_within else 0.0
+        return cls(
+            prints=np.maximum(0.0, (between - between_repeats) / ratio) / kappa,
+            repeats=repeat,
+            mean_print=(between - dof_between * mean_repeat) / kappa,
+            mean_repeat=mean_repeat,
+            parts=float(np.median(nu_print)),
+        )
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tacbench_cad import __version__
+from tacbench_cad.lab.analysis import answers
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.published import FLOOR, PAPER_FLOORS
 from tacbench_cad.lab.analysis.tables import Column, Row, Table, read_settings, short, write_settings
@@ -52,6 +53,7 @@ _CELL = (*_PRINTER, Column("texture"), Column("force_level", _level))
 _REMOVED = {"variance": "unbiased", "low": "floor_removed_low", "high": "floor_removed_high"}
 #: The columns of each CSV file, by its name without suffix.
 COLUMNS: Mapping[str, tuple[Column, ...]] = {
+    "printer_answers": answers.COLUMNS,
     "variance": (
         *_CELL,
         *(Column(name, float) for name in ("variance", "floor", "low", "high")),
@@ -159,6 +161,7 @@ class VarianceView:
             seatings: What registration gave, if it was asked for.
         """
         items: dict[str, Sequence[object]] = {
+            "printer_answers": list(answers.print_answers(result)) if result.protocol == "paper" else (),
             "variance": result.cells,
             "floor_removed": result.cells,
             "components": result.components,
@@ -200,9 +203,9 @@ class VarianceView:
             InputError: A file is missing or damaged.
         """
         settings = read_settings(folder / SETTINGS_FILE, Settings)
-        names = ("variance", "floor_removed", "components", "permutation", *["registration"] * settings.registered)
-        if settings.protocol == "as-published":
-            names = names[:2]
+        names = ["variance", "floor_removed"]
+        if settings.protocol == "paper":
+            names += ("printer_answers", "components", "permutation", *["registration"] * settings.registered)
         tables = {name: Table.read(folder / f"{name}.csv", COLUMNS[name]) for name in names}
         try:
             cells = tuple(
@@ -312,8 +315,15 @@ class VarianceView:
             f"unit: {readings}."
         )
 
+    @property
+    def answers(self) -> Table:
+        """What the data say of the printers in plain words; not of the protocol ``as-published``."""
+        return answers.shown(self.tables["printer_answers"])
+
     def shown(self) -> Iterator[tuple[str, Table]]:
         """The tables that people are shown, each with the name of the file that has it with every digit."""
+        if self.settings.protocol == "paper":
+            yield "printer_answers", self.answers
         for level in shown_levels(self.cells):
             yield "variance", self._level_table(level)
         if self.settings.protocol == "as-published":

@@ -1,0 +1,125 @@
+"""The questions first: figures of studies whose truth is known, plain answers, and why there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.studies import noise_image, texture_image
+
+pytest.importorskip("sklearn")
+
+from tacbench_cad.lab.analysis import answers
+from tacbench_cad.lab.analysis.answers import IS_REPEATABLE, PRINTS_DIFFER, WHICH_TEXTURES, Answer
+from tacbench_cad.lab.analysis.classification.classify import classify
+from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.tables import Table
+from tacbench_cad.lab.analysis.variance.table import variance_table
+from tacbench_cad.lab.analysis.variance.view import VarianceView
+from tacbench_cad.lab.parallel import workers
+from tacbench_cad.lab.rig.sensor import Frame
+from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.spec import PrintedBlock
+
+Maker = Callable[[PrintedBlock, Press | None, np.random.Generator], Frame]
+MakeStudy = Callable[..., Collection]
+
+ONE = (("ender-3", "pla-plus"),)
+SHAPE = (40, 40)
+#: Standard deviations of the made-up readings between textures and between repeats.
+TEXTURE, REPEAT = 10.0, 0.5
+
+
+def readings(prints: float) -> Maker:
+    """Readings whose prints differ by so much."""
+
+    def image(printed: PrintedBlock, press: Press | None, rng: np.random.Generator) -> Frame:
+        texture = np.random.default_rng(int(printed.object_label)).standard_normal(SHAPE)
+        own = np.random.default_rng(list(printed.name.encode())).standard_normal(SHAPE)
+        return 50.0 + TEXTURE * texture + prints * own + REPEAT * rng.standard_normal(SHAPE)
+
+    return image
+
+
+def said(make_study: MakeStudy, prints: float, **plan: object) -> dict[str, Answer]:
+    values = {"prints": ONE, "copies": 4, "textures": (1, 2, 3), "still": 0, "shape": SHAPE, "units": "kPa"}
+    study = make_study(**{"image": readings(prints), **values, **plan})
+    return {answer.question: answer for answer in answers.print_answers(variance_table(study))}
+
+
+def test_a_printer_whose_prints_are_alike_is_repeatable(make_study: MakeStudy) -> None:
+    found = said(make_study, 1.0, levels=(1, 2))
+    repeatable, differ = found[IS_REPEATABLE], found[PRINTS_DIFFER]
+    # The textures are these three: how far they lie apart is known.
+    means = [TEXTURE * np.random.default_rng(number).standard_normal(SHAPE) for number in (1, 2, 3)]
+    apart = np.mean([np.mean((a - b) ** 2) / 2.0 for a, b in combinations(means, 2)])
+    expected = 100.0 / float(np.sqrt(apart))
+    assert repeatable.figure == pytest.approx(expected, rel=0.05)
+    assert repeatable.low is not None and repeatable.high is not None and repeatable.low < expected < repeatable.high
+    assert (repeatable.about, repeatable.answer) == ("ender-3 pla-plus", "yes, below 30 %")
+    assert differ.figure == pytest.approx(1.0 + (1.0 / REPEAT) ** 2, rel=0.1)
+    assert differ.low is not None and differ.low > 1.0 and differ.answer == "yes"
+
+
+def test_a_printer_whose_prints_differ_as_textures_do_is_not(make_study: MakeStudy) -> None:
+    found = said(make_study, TEXTURE)[IS_REPEATABLE]
+    assert found.figure == pytest.approx(100.0, rel=0.15) and found.answer == "no, above 30 %"
+
+
+def test_equal_prints_are_not_shown_to_differ(make_study: MakeStudy) -> None:
+    found = said(make_study, 0.0)
+    differ = found[PRINTS_DIFFER]
+    assert differ.low == 1.0 and differ.high is not None and differ.high < 1.2
+    assert differ.answer.startswith("not shown; at most 1.")
+    assert found[IS_REPEATABLE].low == 0.0 and found[IS_REPEATABLE].answer == "yes, below 30 %"
+
+
+@pytest.mark.parametrize(
+    ("plan", "reason"),
+    [
+        ({"copies": 1}, "cannot be said: one print of each texture; press at least two"),
+        ({"textures": (1,)}, "cannot be said: no differences between textures to compare with"),
+    ],
+)
+def test_what_cannot_be_said_has_its_reason(make_study: MakeStudy, plan: dict[str, object], reason: str) -> None:
+    found = said(make_study, 1.0, **plan)[IS_REPEATABLE]
+    assert (found.figure, found.answer) == (None, reason)
+
+
+def test_one_repeat_says_nothing_of_prints(make_study: MakeStudy) -> None:
+    study = make_study(still=0)
+    found = list(answers.print_answers(variance_table(study.chosen(study.repeat == 1))))
+    assert {answer.answer for answer in found} == {"cannot be said: one repeat; press each place at least twice"}
+
+
+def textures(make_study: MakeStudy, out: Path, image: Maker, **settings: object) -> list[Answer]:
+    study = make_study(copies=3, textures=(1, 2, 3), still=0, image=image)
+    how = ClassificationSettings(**{"resolution": 0.5, "components": 5, "hold_out": ("copy",), **settings})  # type: ignore[arg-type]
+    with workers() as executor:
+        return list(classify(study, how, 1, out, executor).answers)
+
+
+@pytest.mark.usefixtures("few_trees", "single_thread")
+def test_textures_are_told_apart_on_prints_never_seen_or_not(make_study: MakeStudy, tmp_path: Path) -> None:
+    found = textures(make_study, tmp_path / "a", texture_image)
+    assert [answer.about for answer in found] == ["texture-1", "texture-2", "texture-3"]
+    assert {answer.answer for answer in found} == {"yes"} and all((a.low or 0.0) > 50.0 for a in found)
+    assert "yes" not in {answer.answer for answer in textures(make_study, tmp_path / "b", noise_image)}
+    (none,) = textures(make_study, tmp_path / "c", texture_image, hold_out=("press",))
+    assert (none.question, none.answer) == (WHICH_TEXTURES, "cannot be said: hold-out level copy was not asked for")
+
+
+def test_the_view_begins_with_them_and_reads_them_again(make_study: MakeStudy, tmp_path: Path) -> None:
+    study = make_study(still=0)
+    view = VarianceView.of(variance_table(study))
+    name, first = next(iter(view.shown()))
+    assert name == "printer_answers"
+    questions = [row["question"] for row in first.rows]
+    assert questions == [IS_REPEATABLE, "", PRINTS_DIFFER, ""]
+    view.write(tmp_path)
+    assert list(VarianceView.read(tmp_path, study).answers.texts()) == list(first.texts())
+    assert Table.read(tmp_path / "printer_answers.csv", answers.COLUMNS).rows == view.tables["printer_answers"].rows
