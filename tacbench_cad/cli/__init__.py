@@ -21,7 +21,7 @@ from tacbench_cad.util.packages import why_not_imported
 GROUPS = {
     "Print set": ("make", "plate", "slice-check", "check", "textures", "show", "view", "export"),
     "Rig and runs": ("acquire", "rig", "runs", "simulate", "import"),
-    "Analysis": ("variance", "grade", "classify", "split", "score", "compare", "report"),
+    "Analysis": ("variance", "grade", "classify", "split", "score", "compare", "report", "publish"),
     "Others": ("cite", "doctor"),
 }
 #: Exit code of a run that was stopped safely.

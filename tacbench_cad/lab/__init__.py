@@ -8,7 +8,7 @@ Import from here; every name is loaded when it is first used, so this import cos
 * a rig: :func:`open_rig`, :class:`Stage`, :class:`Gauge`, :class:`Sensor`, :class:`RigError`
 * a data run: :func:`acquire_study`; without hardware :func:`simulate_study`
 * its folders: :class:`Run`, :func:`find_runs`, :func:`check_run`
-* the same for other tools: :func:`export_runs`, :func:`export_tactile_data`
+* the same for other tools and for everyone: :func:`export_runs`, :func:`export_tactile_data`, :func:`publish`
 * anybody's frames as run folders: :func:`import_samples`
 * the analysis: :class:`Collection`, :func:`variance_table`, :func:`grade`, :func:`classify`, :func:`compare`
 """

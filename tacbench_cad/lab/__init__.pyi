@@ -27,6 +27,10 @@ from .analysis.variance.grade import grade as grade
 from .analysis.variance.table import VarianceResult as VarianceResult
 from .analysis.variance.table import variance_table as variance_table
 from .parallel import workers as workers
+from .publishing.crate import publish as publish
+from .publishing.publication import Author as Author
+from .publishing.publication import Publication as Publication
+from .publishing.publication import read_publication as read_publication
 from .rig.arduino import ArduinoStage as ArduinoStage
 from .rig.calibration import Calibration as Calibration
 from .rig.calibration import read_calibration as read_calibration

@@ -1,0 +1,1 @@
+"""A study as it is published: run folders, blocks' files and report as an RO-Crate. Nothing is uploaded."""

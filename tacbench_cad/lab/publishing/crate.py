@@ -1,0 +1,174 @@
+"""Writing the data set: runs copied against their checksums, blocks' files, report, metadata, SHA256SUMS."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import tempfile
+import zipfile
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from tacbench_cad.lab.publishing.metadata import Part, datacite, write_crate, zenodo
+from tacbench_cad.lab.publishing.publication import Publication
+from tacbench_cad.lab.runs.reading import Run, find_runs
+from tacbench_cad.lab.runs.schema import Reference, Row, Stationary
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util import door
+from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.files import (
+    LOCK_NAME,
+    TEMPORARY_PREFIX,
+    locked,
+    replacing,
+    replacing_folder,
+    sha256,
+    write_json,
+    write_text,
+)
+from tacbench_cad.util.packages import require
+from tacbench_cad.util.text import counted
+
+#: Where runs and blocks' files lie in the data set, its report, and its list of checksums.
+RUNS, PARTS, REPORT_FILE, SUMS_FILE = "runs", "parts", "report.html", "SHA256SUMS"
+#: Receives what is copied, how many files were, and of how many.
+Progress = Callable[[str, int, int], None]
+
+
+def publish(
+    folders: Sequence[Path],
+    out: Path,
+    publication: Publication,
+    *,
+    report: Callable[[Path], object] | None = None,
+    parts: Callable[[Sequence[Block], Path], object] | None = None,
+    progress: Progress = lambda what, done, count: None,
+) -> list[Path]:
+    """Write runs as a data set that a repository such as Zenodo takes: an RO-Crate. Nothing is uploaded.
+
+    Args:
+        folders: Run folders, or folders that hold some.
+        out: A folder that does not exist yet, or a ``.zip`` file.
+        publication: What only the user knows.
+        report: Writes the report to a path; None leaves it out.
+        parts: Writes the files of some blocks into a folder; None leaves them out.
+        progress: Receives what was copied.
+
+    Returns:
+        The files of the data set, from its folder.
+
+    Raises:
+        InputError: There is no run, one cannot be read or two have one name, or ``out`` exists or cannot be written.
+        CheckFailedError: A frame is missing or was changed.
+        MissingToolError: rocrate is not installed.
+    """
+    require("tacbench publish", "rocrate")
+    runs = [Run.open(folder) for folder in find_runs(folders)]
+    twice = next((name for name, count in Counter(run.folder.name for run in runs).items() if count > 1), None)
+    if twice is not None:
+        raise InputError("runs", twice, "is the name of two run folders; publish them apart, or rename one")
+    licence = b"" if publication.licence_file is None else door.read_bytes(Path(publication.licence_file), "licence")
+    with _data_set(out) as folder:
+        contents = [_copy_run(run, folder / RUNS / run.folder.name, progress) for run in runs]
+        blocks = {run.info.printed.block.name: run.info.printed.block for run in runs if run.info.printed.block}
+        if parts is not None and blocks:
+            (folder / PARTS).mkdir()
+            parts(list(blocks.values()), folder / PARTS)
+        if report is not None:
+            report(folder / REPORT_FILE)
+        text = f"{publication.licence}\n{publication.licence_url}\n".encode()
+        (folder / "LICENSE.txt").write_bytes(licence or text)
+        described = " ".join(filter(None, [publication.description.strip(), _summary(runs)]))
+        simulated = [word for word in ("simulated",) if any(run.info.simulated for run in runs)]
+        keywords = list(dict.fromkeys(["tactile", "texture", *simulated, *publication.keywords]))
+        write_json(folder / "datacite.json", datacite(publication, described, keywords))
+        write_json(folder / ".zenodo.json", zenodo(publication, described, keywords))
+        write_text(folder / "README.md", _page(publication, described))
+        sums = {path: sha256(folder / path) for path in _files(folder)}
+        contents += [
+            Part(path=path, name=Path(path).name, sha256=digest, size=(folder / path).stat().st_size)
+            for path, digest in sums.items()
+            if not path.startswith(f"{RUNS}/")
+        ]
+        write_crate(folder, publication, described, keywords, contents)
+        sums |= {path: sha256(folder / path) for path in _files(folder) if path not in sums}
+        write_text(folder / SUMS_FILE, "".join(f"{digest}  {path}\n" for path, digest in sorted(sums.items())))
+        return [Path(path) for path in _files(folder)]
+
+
+@contextlib.contextmanager
+def _data_set(out: Path) -> Iterator[Path]:
+    """The folder to write in, which becomes ``out``."""
+    if out.suffix.lower() != ".zip":
+        with replacing_folder(out) as folder:
+            yield folder
+        return
+    if out.exists():
+        raise InputError("output file", str(out), "exists already; remove it or name another one")
+    with (
+        locked(out.parent),
+        replacing(out) as archive,
+        tempfile.TemporaryDirectory(prefix=TEMPORARY_PREFIX, dir=out.parent) as name,
+    ):
+        yield Path(name)
+        with zipfile.ZipFile(archive, "w") as stream:
+            for path in _files(Path(name)):
+                stream.write(Path(name) / path, path)
+
+
+def _files(folder: Path) -> list[str]:
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+
+
+def _copy_run(run: Run, target: Path, progress: Progress) -> Part:
+    """Copy a run folder; every frame must have the checksum of its row."""
+    frames: list[Row | Reference | Stationary] = [*run.rows, *run.references, *run.stationary_frames]
+    expected = {row.path: row.image_sha256 for row in frames}
+    names = [name for name in _files(run.folder) if not Path(name).name.startswith((LOCK_NAME, TEMPORARY_PREFIX))]
+    missing = next((name for name in expected if name not in names), None)
+    if missing is not None:
+        raise CheckFailedError(f"{run.folder / missing}: is missing, but has a row")
+    for count, name in enumerate(names, start=1):
+        (target / name).parent.mkdir(parents=True, exist_ok=True)
+        with door.open_input(run.folder / name, "run", within=run.folder) as source, (target / name).open("wb") as copy:
+            shutil.copyfileobj(source, copy)
+        if name in expected and sha256(target / name) != expected[name]:
+            raise CheckFailedError(f"{run.folder / name}: is not the file that was written: its checksum differs")
+        progress(run.folder.name, count, len(names))
+    told = f"simulated ({'; '.join(run.info.simulated)})" if run.info.simulated else "nothing was simulated"
+    return Part(
+        path=f"{RUNS}/{run.folder.name}/",
+        name=run.folder.name,
+        description=f"A recording of one print: {counted(len(run.rows), 'press')}; {told}. See its targets.csv.",
+    )
+
+
+def _summary(runs: Sequence[Run]) -> str:
+    presses = sum(len(run.rows) for run in runs)
+    printed = [run.info.printed for run in runs]
+    labels = {one.texture for one in printed if one.texture is not None}
+    combinations = {one.combination for one in printed if one.printer is not None or one.filament is not None}
+    text = f"{counted(presses, 'press')} of a tactile sensor on printed textures, in {counted(len(runs), 'run')}"
+    known = [counted(len(labels), "label")] if labels else []
+    known += [counted(len(combinations), "combination") + " of printer and filament"] if combinations else []
+    simulated = sum(bool(run.info.simulated) for run in runs)
+    origin = f"Simulated data, not measured ones: {simulated} of the runs." if simulated else "Nothing was simulated."
+    details = f" ({', '.join(known)})" if known else ""
+    return f"{text}{details}. {origin}"
+
+
+def _page(publication: Publication, description: str) -> str:
+    authors = "; ".join(f"{author.name} ({author.affiliation})" for author in publication.authors)
+    return f"""# {publication.title}
+
+{authors}. {publication.publisher}, {publication.year}. Licence: {publication.licence} (LICENSE.txt).
+
+{description}
+
+- `{RUNS}/`: one folder for each recording of a print; `targets.csv` has a row for each press, `run.json` says the rest.
+- `{PARTS}/`: the printed blocks as STL, 3MF and STEP files, where they are known.
+- `{REPORT_FILE}`: what the data say, if it was written.
+- `{SUMS_FILE}`: check with `sha256sum -c {SUMS_FILE}`.
+- `ro-crate-metadata.json`, `datacite.json`, `.zenodo.json`: the same metadata for machines.
+"""
