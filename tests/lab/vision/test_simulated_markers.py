@@ -1,0 +1,44 @@
+"""Markers of the simulated sensor, whose truth is known: how many are found, how many are false, and where they lie."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers.simulated_markers import found_and_false, simulated_frames
+
+from tacbench_cad.lab.vision.markers import MarkerFinder
+from tacbench_cad.lab.vision.region import SURE, find_region
+from tacbench_cad.lab.vision.tracking import MarkerTracker
+
+#: The least fraction found and the largest fraction of false ones.
+LIMITS = {"tactip-bristol": (0.99, 0.005), "tactip-sussex": (0.95, 0.05), "clean": (0.99, 0.0)}
+
+
+@pytest.mark.parametrize(
+    ("look", "presses"),
+    [*((look, 6) for look in LIMITS), *(pytest.param(look, 60, marks=pytest.mark.long) for look in LIMITS)],
+)
+def test_markers_of_the_looks_are_found_and_followed(look: str, presses: int) -> None:
+    frames = list(simulated_frames(look, presses, seed=3))
+    finder = MarkerFinder.learn([frames[0][0]])
+    found, false, error = found_and_false(frames[1:], finder.find)
+    assert found >= LIMITS[look][0]
+    assert false <= LIMITS[look][1]
+    assert error <= 0.2
+    reference = finder.find(frames[0][0]).centres_px
+    number = np.argmin(np.hypot(*(reference[:, None] - frames[0][1].centres_px[None]).transpose(2, 0, 1)), axis=1)
+    tracker = MarkerTracker(reference_px=reference)
+    for frame, truth in frames[1:]:
+        track = tracker.follow(finder.find(frame).centres_px)
+        moved = (truth.centres_px - frames[0][1].centres_px)[number]
+        error = np.hypot(*(track.displacement_px - moved).T)[track.found]
+        assert np.mean(track.found) > 0.9
+        assert np.mean(error < 1.0) > 0.98
+
+
+@pytest.mark.parametrize("look", ["tactip-bristol", "tactip-sussex"])
+def test_the_dome_of_the_looks_is_found(look: str) -> None:
+    ((frame, _),) = simulated_frames(look, 0)
+    region = find_region([frame])
+    assert region.text.startswith("circle:")
+    assert region.sureness >= SURE
