@@ -32,8 +32,10 @@ _STIFFNESS, _NO_PARTNER = 0.05, np.float32(0.1)
 #: A marker may lie so far from the prediction by its neighbours, in spacings; and in the end, if no other is as near.
 _REACH, _LAST_REACH = 0.4, 0.75
 #: The cost of a marker and a spot of the frame that both have no partner (each alone may be hidden, or a reflection),
-#: of a motion by one spacing (rings look the same when each turns by one marker); and a cost that is not questioned.
-_UNPAIRED_COST, _MOTION_COST, _GOOD_COST = 2.0, 0.03, 0.06
+#: of a motion by one spacing (rings look the same when each turns by one marker).
+_UNPAIRED_COST, _MOTION_COST = 2.0, 0.03
+#: A cost that is not questioned of the quick start, and of the others.
+_GOOD_COST, _FAIR_COST = 0.06, 0.1
 #: The farthest shift of the whole field that is tried, in spacings, and how many shifts are.
 _MAX_SHIFT, _SHIFTS = 3.0, 4
 
@@ -97,7 +99,7 @@ class MarkerTracker:
             for start, width in self._starts(centres_px, zero if start_px is None else start_px):
                 track = self._assigned(centres_px, self._annealed(centres_px, start, width))
                 best = min(best, track, key=lambda each: each.cost)
-                if best.cost < _GOOD_COST:
+                if best.cost < (_GOOD_COST if width == _QUICK else _FAIR_COST):
                     break
         return best
 
