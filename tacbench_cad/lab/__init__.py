@@ -10,6 +10,7 @@ Import from here; every name is loaded when it is first used, so this import cos
 * its folders: :class:`Run`, :func:`find_runs`, :func:`check_run`
 * the same for other tools and for everyone: :func:`export_runs`, :func:`export_tactile_data`, :func:`publish`
 * anybody's frames as run folders: :func:`import_samples`
+* what a camera sees: :func:`find_region`, :class:`MarkerFinder`, :class:`MarkerTracker`
 * the analysis: :class:`Collection`, :func:`variance_table`, :func:`grade`, :func:`classify`, :func:`compare`
 """
 

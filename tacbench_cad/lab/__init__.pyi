@@ -18,6 +18,7 @@ from .analysis.compare import compare as compare
 from .analysis.compare import read_side as read_side
 from .analysis.compare import write_comparison as write_comparison
 from .analysis.preprocess import Preprocess as Preprocess
+from .analysis.preprocess import preprocess_of as preprocess_of
 from .analysis.published import PAPER_FLOORS as PAPER_FLOORS
 from .analysis.published import PAPER_ROW_NAMES as PAPER_ROW_NAMES
 from .analysis.published import PAPER_VARIANCE as PAPER_VARIANCE
@@ -110,3 +111,13 @@ from .study.spec import SensorSettings as SensorSettings
 from .study.spec import StageSettings as StageSettings
 from .study.spec import Study as Study
 from .study.spec import WorkFrame as WorkFrame
+from .vision.displacements import MarkerFeatures as MarkerFeatures
+from .vision.markers import MarkerFinder as MarkerFinder
+from .vision.markers import Markers as Markers
+from .vision.markers import MarkerSettings as MarkerSettings
+from .vision.region import Region as Region
+from .vision.region import find_region as find_region
+from .vision.region import parse_region as parse_region
+from .vision.resting import region_of as region_of
+from .vision.tracking import MarkerTracker as MarkerTracker
+from .vision.tracking import Track as Track

@@ -110,8 +110,15 @@ def test_the_commands_say_what_was_analysed(pressed: Path, tmp_path: Path, capsy
     assert "px^2; displacement of markers" in shown
     assert "49 markers" in shown
     assert (tmp_path / "out" / "displacements.png").is_file()
+    rows = (tmp_path / "out" / "displacements.csv").read_text().splitlines()
+    assert len(rows) == 1 + 2 * 4 * 49
     assert main(["variance", str(pressed), "--roi", "rect:10,10,150,150", "--json", "--jobs", "1"]) == 0
     assert json.loads(capsys.readouterr().out)["roi"] == "rect:10,10,150,150"
+    report = ["report", str(pressed), "--no-classify", "--variance", str(tmp_path / "out"), "-o"]
+    assert main([*report, str(tmp_path / "report.html")]) == 0
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "displacements of 49 markers (px)" in page
+    assert "How far the markers move" in page
     command = ["classify", str(pressed), "--features", "markers", "--trials", "1", "--hold-out", "copy", "--jobs", "1"]
     assert main([*command, "-o", str(tmp_path / "classes")]) == 0
     assert "100.0" in capsys.readouterr().out

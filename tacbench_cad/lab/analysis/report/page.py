@@ -121,6 +121,7 @@ def _require_same(option: str, folder: Path, data: str, collection: Collection) 
 
 def _variance(collection: Collection, folder: Path, options: Options, progress: Progress) -> dict[str, Any]:
     """Have the files of the variance table, and give what the page shows of them, or why these data have none."""
+    from tacbench_cad.lab.analysis.preprocess import preprocess_of
     from tacbench_cad.lab.analysis.variance.table import variance_table
     from tacbench_cad.lab.analysis.variance.view import write_all
 
@@ -130,6 +131,7 @@ def _variance(collection: Collection, folder: Path, options: Options, progress: 
         try:
             result = variance_table(
                 collection,
+                preprocess_of(collection),
                 jobs=options.jobs,
                 dask=options.dask,
                 progress=lambda done, total: progress("variance", done, total),

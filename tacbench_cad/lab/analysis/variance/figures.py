@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure, save, styled
+from tacbench_cad.lab.analysis.figures import COLOURS, COLUMN_IN, INK, PAGE_IN, new_figure, save, styled
 from tacbench_cad.lab.analysis.variance.cells import (
     Cell,
     Level,
@@ -21,6 +21,7 @@ from tacbench_cad.lab.analysis.variance.cells import (
 from tacbench_cad.lab.analysis.variance.components import LEVELS
 from tacbench_cad.lab.analysis.variance.streaming import levels_with_most_prints
 from tacbench_cad.lab.analysis.variance.table import VarianceResult
+from tacbench_cad.lab.vision.resting import resting_frames
 from tacbench_cad.lab.vision.tracking import MarkerTracker
 from tacbench_cad.util.text import counted
 from tacbench_cad.util.types import Floats
@@ -62,6 +63,8 @@ def draw_all(result: VarianceResult, folder: Path) -> list[Path]:
         figures["displacements"] = displacement_figure
     if result.protocol == "as-published":
         figures = {"variance": table_figure}
+    if result.preprocess.region is not None:
+        figures["region"] = region_figure
     simulated = result.collection.simulated
     with styled():
         return [path for stem, draw in figures.items() for path in save(draw(result), folder / stem, simulated)]
@@ -212,6 +215,18 @@ def pixel_figure(result: VarianceResult) -> Figure:
     ratio = min(2.0, max(0.25, height / width))  # what fits on a page
     what = "marker" if result.fields else "pixel"
     return _mosaic(result, pictures, f"variance of a {what} ({squared_unit(result)})", ratio=ratio, outline=False)
+
+
+def region_figure(result: VarianceResult) -> Figure:
+    """The region of interest in a frame without contact."""
+    region = result.preprocess.region
+    assert region is not None  # there is a region to be drawn
+    figure = new_figure(COLUMN_IN, COLUMN_IN * region.mask.shape[0] / region.mask.shape[1] + 0.1)
+    axes = figure.add_subplot()
+    for frame in resting_frames(result.collection.runs[0], 1):
+        axes.imshow(region.drawn(frame)[..., ::-1])
+    axes.set_axis_off()
+    return figure
 
 
 def displacement_figure(result: VarianceResult) -> Figure:

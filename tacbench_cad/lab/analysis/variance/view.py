@@ -92,6 +92,11 @@ COLUMNS: Mapping[str, tuple[Column, ...]] = {
         Column("position", int),
         *(Column(name, float) for name in ("x_mm", "y_mm", "variance")),
     ),
+    "displacements": (
+        *_CELL,
+        Column("marker", int),
+        *(Column(name, float) for name in ("x_px", "y_px", "dx_px", "dy_px")),
+    ),
     "permutation": (
         Column("force_level", _level),
         Column("first"),
@@ -167,6 +172,7 @@ class VarianceView:
             "components": result.components,
             "between_textures": list(_pairs(result)),
             "positions": list(_positions(result)),
+            "displacements": list(_displacements(result)),
             "permutation": result.tests,
             "registration": [row for seating in seatings for row in seating.rows()],
         }
@@ -228,7 +234,8 @@ class VarianceView:
         Raises:
             InputError: A file cannot be written.
         """
-        names = [name for name in self.tables if name != "registration" or self.settings.registered]
+        optional = {"registration": self.settings.registered, "displacements": self.settings.features == "markers"}
+        names = [name for name in self.tables if optional.get(name, True)]
         paths = [self.tables[name].write(folder / f"{name}.csv") for name in names]
         return [*paths, write_settings(folder / SETTINGS_FILE, self.settings)]
 
@@ -249,7 +256,11 @@ class VarianceView:
                 }
                 for cell, removed in zip(self.cells, self.tables["floor_removed"].rows, strict=True)
             ],
-            **{name: self.tables[name].records() for name in self.tables if name not in AS_PUBLISHED_FILES},
+            **{
+                name: self.tables[name].records()
+                for name in self.tables
+                if name not in (*AS_PUBLISHED_FILES, "displacements")
+            },
             "warnings": list(self.warnings),
             "left_out": list(self.settings.left_out),
         }
@@ -466,6 +477,16 @@ def _pairs(result: VarianceResult) -> Iterator[Row]:
                     "variance": float(matrix.variance[i, j]),
                     "presses": int(matrix.presses[i, j]),
                 }
+
+
+def _displacements(result: VarianceResult) -> Iterator[Row]:
+    """Rows of ``displacements.csv``: mean displacement of each marker, and its place at rest in the first run."""
+    markers = result.preprocess.markers
+    places = [] if markers is None else next(iter(markers.references_px.values())).tolist()
+    for (level, (combination, texture)), moved in result.fields.items():
+        for number, ((x, y), (dx, dy)) in enumerate(zip(places, moved.tolist(), strict=True), start=1):
+            cell = {**parts_of(combination), "texture": texture, "force_level": level, "marker": number}
+            yield {**cell, "x_px": x, "y_px": y, "dx_px": dx, "dy_px": dy}
 
 
 def _positions(result: VarianceResult) -> Iterator[Row]:
