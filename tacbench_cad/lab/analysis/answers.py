@@ -96,7 +96,8 @@ def print_answers(result: VarianceResult) -> Iterator[Answer]:
         of_keys = ([result.sums[key][level] for level in of_key] for key, of_key in levels.items())
         several = [cell for of_key in of_keys if (cell := pooled(of_key) or of_key[0]).prints > 1]
         about = name_of(combination)
-        reason = _no_answer(several)
+        known = result.collection.has("print")
+        reason = _no_answer(several) if known else "cannot be said: the print of each sample is unknown"
         if reason:
             yield Answer(question=IS_REPEATABLE, about=about, answer=reason)
             differ.append(Answer(question=PRINTS_DIFFER, about=about, answer=reason))

@@ -117,6 +117,16 @@ def test_one_repeat_has_no_such_quantity(study: Collection) -> None:
         variance_table(study.chosen(study.repeat == 1), protocol="as-published")
 
 
+def test_prints_that_nobody_told_apart_have_no_such_quantity(
+    study: Collection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Collection, "has", lambda self, what: what != "print")
+    with pytest.raises(InputError, match="the published quantity: needs the print of every sample"):
+        variance_table(study, protocol="as-published")
+    rows = VarianceView.of(variance_table(study)).answers.rows
+    assert {row["answer"] for row in rows} == {"cannot be said: the print of each sample is unknown"}
+
+
 def test_without_stationary_frames_there_is_no_floor(make_study: Callable[..., Collection]) -> None:
     result = variance_table(make_study(still=0, textures=(1,)), protocol="as-published")
     assert {(cell.floor, cell.floor_from, cell.noise_alone) for cell in result.cells} == {(None, "", None)}

@@ -65,7 +65,7 @@ def classify(
     """
     if trials < 1:
         raise InputError("trials", trials, "must be at least 1")
-    collection.require("classification", "label")
+    collection.require("classification", "label", *(["print"] if settings.protocol == "as-published" else []))
     collection = replace(collection, features=settings.features)
     presses = PressTable.of(collection)
     if settings.protocol != "leak-free":

@@ -161,10 +161,10 @@ def _beside_the_paper(collection: Collection, folder: Path, options: Options, pr
             dask=options.dask,
             progress=lambda done, total: progress("variance as published", done, total),
         )
+        grades = grade(result.cells, result.collection, result.left_out)
     except InputError as error:
         return {"published": None, "grades": (), "no_grades": _refusal_of(error)}
     write_all(result, folder)
-    grades = grade(result.cells, result.collection, result.left_out)
     return {"published": VarianceView.of(result), "grades": grades, "no_grades": ""}
 
 

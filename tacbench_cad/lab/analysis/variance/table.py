@@ -171,6 +171,7 @@ def variance_table(
             raise InputError(
                 "protocol", protocol, "has its own grey, resolution and ddof; leave out --colour and --ddof"
             )
+        collection.require("the published quantity", "print")
         settings, quantity = AS_PUBLISHED, OF_REPEATS
         collection = collection.at_level(collection.levels[0])
     collection = replace(collection, features=settings.features)
