@@ -105,9 +105,9 @@ def design_table(collection: Collection) -> Table:
             if there.any():
                 presses = Counter(collection.level[there].tolist())
                 counts = {f"presses_level_{level}": presses[level] for level in collection.levels}
-                prints = len(np.unique(collection.copy[there]))
+                prints = len(np.unique(collection.copy[there])) if collection.has("print") else None
                 rows.append({**parts_of(combination), "texture": texture, "prints": prints, **counts})
-    levels = [Column(f"presses_level_{n}", head=f"presses, level {n}") for n in collection.levels]
+    levels = [Column(f"presses_level_{n}", head=f"presses, level {n}" if n else "presses") for n in collection.levels]
     return Table.of((*_columns("printer", "filament", "texture", "prints"), *levels), rows, "Prints and presses")
 
 

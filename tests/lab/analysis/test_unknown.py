@@ -1,0 +1,95 @@
+"""Analyses of imported runs: what they can do with what is known, and what they say of the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from tacbench_cad.lab import Collection, ImportOptions, import_samples, make_splits, variance_table
+from tacbench_cad.lab.analysis.report.facts import open_points, unknown_in_words
+from tacbench_cad.lab.analysis.report.rendering import macro
+from tacbench_cad.lab.analysis.variance.grade import grade
+from tacbench_cad.util.errors import InputError
+
+#: Labels, prints, positions, repeats.
+DESIGN = [(label, copy, place, repeat) for label in "ab" for copy in (1, 2, 3) for place in "xyz" for repeat in (1, 2)]
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Collection]:
+    """Imports 36 images of which some columns are known."""
+    folder = tmp_path_factory.mktemp("own")
+    (folder / "frames").mkdir()
+    for number in range(len(DESIGN)):
+        image = np.random.default_rng(number).integers(0, 256, (16, 24), dtype=np.uint8)
+        cv2.imwrite(str(folder / "frames" / f"{number}.png"), image)
+
+    def make(*columns: str) -> Collection:
+        out = folder / ("-".join(columns) or "nothing")
+        if not out.exists():
+            names = ("label", "print", "position", "repeat")
+            rows = [",".join(["image", *columns])]
+            for number, values in enumerate(DESIGN):
+                known = dict(zip(names, map(str, values), strict=True))
+                rows.append(",".join([f"{number}.png", *(known[name] for name in columns)]))
+            (folder / "labels.csv").write_text("\n".join(rows))
+            assert import_samples([folder / "frames", folder / "labels.csv"], out, ImportOptions()).ok
+        return Collection.open([out])
+
+    return make
+
+
+def test_variance_is_that_of_the_images(study: Any) -> None:
+    collection = study("label", "print", "position")
+    result = variance_table(collection)
+    for label in "ab":
+        images = np.array([collection.frame(i) for i in np.flatnonzero(collection.texture == label)], dtype=float)
+        position = collection.position[collection.texture == label]
+        expected = np.mean([images[position == place].var(axis=0).mean() for place in (1, 2, 3)])
+        cell = result.cell("all", "unknown_unknown", label)
+        assert cell is not None and abs(cell.variance - expected) < 1e-9 * expected
+        assert (cell.prints, cell.presses) == (3, 18)
+    assert sorted(set(collection.repeat.tolist())) == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        (("label",), r"needs the position of every sample.*--columns position=COLUMN"),
+        (("label", "print"), "needs the position"),
+        (("label", "position"), "needs the print or repeat of every sample"),
+    ],
+)
+def test_variance_says_what_it_needs(columns: tuple[str, ...], message: str, study: Any) -> None:
+    with pytest.raises(InputError, match=message):
+        variance_table(study(*columns))
+
+
+def test_splits_hold_out_what_is_known(study: Any) -> None:
+    splits, notes = make_splits(study("label"))
+    assert [split.hold_out for split in splits] == ["press"] and len(splits[0].presses) == 36
+    assert any("position is left out: the position is unknown" in note for note in notes)
+    splits, _ = make_splits(study("label", "print", "position"))
+    assert [split.hold_out for split in splits] == ["press", "position", "copy"]
+    with pytest.raises(InputError, match="needs the label"):
+        make_splits(study("print"))
+
+
+def test_a_grade_needs_the_force(study: Any) -> None:
+    collection = study("label", "print", "position")
+    with pytest.raises(InputError, match="needs the force"):
+        grade(variance_table(collection).cells, collection)
+
+
+def test_a_report_states_nothing_that_nobody_said(study: Any) -> None:
+    collection = study("label")
+    text = str(macro("methods.j2", "design")(collection))
+    assert "36 samples were imported from images with a table, with 2 labels" in text
+    assert "print, printer, filament, position, force, repeat, formula, size" in unknown_in_words(collection)
+    for word in ("preset", " N", " mm", "rim", "stage", "gauge"):
+        assert word not in text
+    assert not open_points(collection, colour=False, ddof=0).rows
