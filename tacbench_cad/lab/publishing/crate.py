@@ -81,7 +81,7 @@ def publish(
         (folder / "LICENSE.txt").write_bytes(licence or text)
         described = " ".join(filter(None, [publication.description.strip(), _summary(runs)]))
         simulated = [word for word in ("simulated",) if any(run.info.simulated for run in runs)]
-        keywords = list(dict.fromkeys(["tactile", "texture", *simulated, *publication.keywords]))
+        keywords = list(dict.fromkeys(["tactile", *simulated, *publication.keywords]))
         write_json(folder / "datacite.json", datacite(publication, described, keywords))
         write_json(folder / ".zenodo.json", zenodo(publication, described, keywords))
         write_text(folder / "README.md", _page(publication, described))
@@ -91,7 +91,8 @@ def publish(
             for path, digest in sums.items()
             if not path.startswith(f"{RUNS}/")
         ]
-        write_crate(folder, publication, described, keywords, contents)
+        of_paper = any(block.texture.number for block in blocks.values())
+        write_crate(folder, publication, described, keywords, contents, textures=of_paper)
         sums |= {path: sha256(folder / path) for path in _files(folder) if path not in sums}
         write_text(folder / SUMS_FILE, "".join(f"{digest}  {path}\n" for path, digest in sorted(sums.items())))
         return [Path(path) for path in _files(folder)]
@@ -136,24 +137,28 @@ def _copy_run(run: Run, target: Path, progress: Progress) -> Part:
         if name in expected and sha256(target / name) != expected[name]:
             raise CheckFailedError(f"{run.folder / name}: is not the file that was written: its checksum differs")
         progress(run.folder.name, count, len(names))
-    told = f"simulated ({'; '.join(run.info.simulated)})" if run.info.simulated else "nothing was simulated"
+    told = f"simulated ({'; '.join(run.info.simulated)})" if run.info.simulated else "nothing is marked as simulated"
     return Part(
         path=f"{RUNS}/{run.folder.name}/",
         name=run.folder.name,
-        description=f"A recording of one print: {counted(len(run.rows), 'press')}; {told}. See its targets.csv.",
+        description=f"{counted(len(run.rows), 'frame')}; {told}. See its targets.csv.",
     )
 
 
 def _summary(runs: Sequence[Run]) -> str:
-    presses = sum(len(run.rows) for run in runs)
+    frames = sum(len(run.rows) for run in runs)
     printed = [run.info.printed for run in runs]
     labels = {one.texture for one in printed if one.texture is not None}
     combinations = {one.combination for one in printed if one.printer is not None or one.filament is not None}
-    text = f"{counted(presses, 'press')} of a tactile sensor on printed textures, in {counted(len(runs), 'run')}"
+    text = f"{counted(frames, 'frame')} of a tactile sensor, in {counted(len(runs), 'run')}"
     known = [counted(len(labels), "label")] if labels else []
     known += [counted(len(combinations), "combination") + " of printer and filament"] if combinations else []
     simulated = sum(bool(run.info.simulated) for run in runs)
-    origin = f"Simulated data, not measured ones: {simulated} of the runs." if simulated else "Nothing was simulated."
+    origin = (
+        f"Simulated data, not measured ones: {simulated} of the runs."
+        if simulated
+        else "Nothing is marked as simulated."
+    )
     details = f" ({', '.join(known)})" if known else ""
     return f"{text}{details}. {origin}"
 
@@ -166,7 +171,7 @@ def _page(publication: Publication, description: str) -> str:
 
 {description}
 
-- `{RUNS}/`: one folder for each recording of a print; `targets.csv` has a row for each press, `run.json` says the rest.
+- `{RUNS}/`: one folder for each recording; `targets.csv` has a row for each frame, `run.json` says the rest.
 - `{PARTS}/`: the printed blocks as STL, 3MF and STEP files, where they are known.
 - `{REPORT_FILE}`: what the data say, if it was written.
 - `{SUMS_FILE}`: check with `sha256sum -c {SUMS_FILE}`.

@@ -118,7 +118,13 @@ def zenodo(publication: Publication, description: str, keywords: Sequence[str]) 
 
 
 def write_crate(
-    folder: Path, publication: Publication, description: str, keywords: Sequence[str], parts: Sequence[Part]
+    folder: Path,
+    publication: Publication,
+    description: str,
+    keywords: Sequence[str],
+    parts: Sequence[Part],
+    *,
+    textures: bool,
 ) -> None:
     """Write ``ro-crate-metadata.json``, which names what lies in the folder.
 
@@ -128,6 +134,7 @@ def write_crate(
         description: What the data are.
         keywords: Keywords.
         parts: What is in the folder.
+        textures: Whether the blocks are known to be of this project's textures, whose paper is then cited.
     """
     from rocrate.model import ContextEntity, Person
     from rocrate.rocrate import ROCrate
@@ -137,7 +144,6 @@ def write_crate(
         crate, publication.licence_url, properties={"@type": "CreativeWork", "name": publication.licence}
     )
     software = {"@type": "SoftwareApplication", "name": "tacbench-cad", "softwareVersion": __version__}
-    textures = {"@type": "ScholarlyArticle", "name": TEXTURES_FROM}
     authors = [
         Person(
             crate,
@@ -157,7 +163,9 @@ def write_crate(
     root["datePublished"], root["keywords"] = str(publication.year), ", ".join(keywords)
     root["license"], root["publisher"] = crate.add(licence), crate.add(publisher)
     root["author"] = [crate.add(author) for author in authors]
-    root["citation"] = crate.add(ContextEntity(crate, "#textures", properties=textures))
+    if textures:
+        about = {"@type": "ScholarlyArticle", "name": TEXTURES_FROM}
+        root["citation"] = crate.add(ContextEntity(crate, "#textures", properties=about))
     root["mentions"] = crate.add(ContextEntity(crate, "#tacbench-cad", properties=software))
     if publication.doi:
         root["identifier"] = f"https://doi.org/{publication.doi}"

@@ -171,7 +171,7 @@ def test_a_page_lies_beside_the_data(to: str, run_folder: Path, tmp_path: Path) 
     needs(to)
     export_runs([run_folder], to, tmp_path / "out")
     page = (tmp_path / "out" / "README.md").read_text()
-    assert "16 presses" in page and "Simulated data" in page and "| texture-4 | 16 |" in page
+    assert "16 frames" in page and "Simulated data" in page and "| texture-4 | 16 |" in page
     assert page.startswith("---\n") is (to == "huggingface")
 
 

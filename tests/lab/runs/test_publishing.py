@@ -68,11 +68,12 @@ def test_the_crate_is_read_back_with_everything_in_it(run_folder: Path, about: P
     assert [author["name"] for author in crate.root_dataset["author"]] == ["Josiah Carberry", "Jane Doe"]
     assert crate.root_dataset["author"][0].id == "https://orcid.org/0000-0002-1825-0097"
     entities = {entity.id: entity for entity in crate.data_entities}
-    assert "16 presses; simulated (stage: stage model)" in entities["runs/run/"]["description"]
+    assert "16 frames; simulated (stage: stage model)" in entities["runs/run/"]["description"]
     part = f"parts/{Block.of(4).name}.stl"
     assert entities[part]["encodingFormat"] == "model/stl"
     assert entities[part]["sha256"] == hashlib.sha256(b"solid").hexdigest()
     assert {"report.html", "LICENSE.txt", "datacite.json", ".zenodo.json", "README.md"} <= set(entities)
+    assert "A 3D-Printable Dataset" in crate.root_dataset["citation"]["name"]
     assert "simulated" in crate.root_dataset["keywords"] and "Simulated data" in crate.description
     for name in (path for path in entities if not path.startswith("http")):
         assert (out / name).exists()
@@ -228,3 +229,25 @@ def test_the_command_takes_files_and_report_that_are_there(
 def test_what_the_command_lacks_is_named(words: list[str], message: str, capsys: Capture) -> None:
     assert main(["publish", *words]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_what_nobody_said_of_imported_images_is_not_said(about: Path, tmp_path: Path, capsys: Capture) -> None:
+    import cv2
+    import numpy as np
+
+    for label in ("felt", "cork"):
+        (tmp_path / "images" / label).mkdir(parents=True)
+        image = np.random.default_rng(len(label)).integers(0, 256, (24, 32), np.uint8)
+        cv2.imwrite(str(tmp_path / "images" / label / "1.png"), image + (label == "cork"))
+    assert main(["import", str(tmp_path / "images"), "-o", str(tmp_path / "runs")]) == 0
+    words = ["publish", str(tmp_path / "runs"), "--about", str(about), "--no-report", "-o", str(tmp_path / "out")]
+    assert main(words) == 0
+    crate = rocrate.ROCrate(tmp_path / "out")
+    assert crate.description == (
+        "A test. 2 frames of a tactile sensor, in 2 runs (2 labels). Nothing is marked as simulated."
+    )
+    assert crate.root_dataset.get("citation") is None and not (tmp_path / "out" / "parts").exists()
+    words = ["runs", "export", str(tmp_path / "runs"), "--to", "webdataset", "-o", str(tmp_path / "tar")]
+    assert main(words) == 0
+    page = (tmp_path / "tar" / "README.md").read_text()
+    assert "printer` |" not in page and "| cork | 1 |" in page

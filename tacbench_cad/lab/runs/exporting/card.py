@@ -10,10 +10,10 @@ def summary(samples: Samples) -> str:
     """What was exported, in three sentences."""
     kind = "data of a sensor" if samples.not_images else "images"
     told = "; ".join(samples.simulated)
-    origin = f"Simulated data, not measured ones ({told})." if told else "Nothing was simulated."
+    origin = f"Simulated data, not measured ones ({told})." if told else "Nothing is marked as simulated."
     labels = [label for label in samples.labels if label is not None]
     return (
-        f"Tactile {kind}: {counted(len(samples), 'press')} on printed textures, from "
+        f"Tactile {kind}: {counted(len(samples), 'frame')}, from "
         f"{counted(len(samples.runs), 'run')} with {counted(len(labels), 'label')}. {origin} "
         "Frames without contact are not among them."
     )
@@ -37,7 +37,7 @@ def card(samples: Samples, loading: str) -> str:
         columns.append(f"| `{column.name}` | {column.description}{note} |")
     return "\n".join(
         [
-            "# Tactile frames of printed textures",
+            "# Tactile frames",
             "",
             summary(samples),
             "",

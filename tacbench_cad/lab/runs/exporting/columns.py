@@ -45,7 +45,7 @@ COLUMNS = (
     Column(name="run", kind=str, description="The run folder: one for each recording of a print."),
     Column(name="label", kind=str, description="What classifiers learn: the name of the texture."),
     *_row_columns(),
-    Column(name="simulated", kind=str, description="What of the rig was simulated; empty for real data."),
+    Column(name="simulated", kind=str, description="What of the rig was simulated; empty where nothing is marked so."),
 )
 _ATTRIBUTES = tuple((attribute.name, column) for attribute, column in zip(fields(Row), _row_columns(), strict=True))
 

@@ -60,11 +60,11 @@ def write(samples: Samples, folder: Path, shard_bytes: int = SHARD_BYTES) -> Non
 def card_head(samples: Samples) -> str:
     """The YAML that a dataset card begins with. JSON texts are YAML texts."""
     size = next((f"{text}" for limit, text in _SIZES if len(samples) < limit), "n>1M")
-    tags = ["tactile", "robotics", "texture", "tacbench-cad", *(["simulated"] if samples.simulated else [])]
+    tags = ["tactile", "robotics", "tacbench-cad", *(["simulated"] if samples.simulated else [])]
     return "\n".join(
         [
             "---",
-            'pretty_name: "Tactile frames of printed textures"',
+            'pretty_name: "Tactile frames"',
             f"tags: {json.dumps(tags)}",
             'task_categories: ["image-classification"]',
             f"size_categories: [{json.dumps(size)}]",
@@ -112,7 +112,7 @@ def croissant(samples: Samples) -> dict[str, Any]:
         "name": "tactile-frames",
         "description": summary(samples),
         "conformsTo": "http://mlcommons.org/croissant/1.0",
-        "keywords": ["tactile", "texture", *(["simulated"] if samples.simulated else [])],
+        "keywords": ["tactile", *(["simulated"] if samples.simulated else [])],
         "distribution": [
             {
                 "@type": "cr:FileSet",
