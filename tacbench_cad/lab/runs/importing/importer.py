@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from tacbench_cad.lab.runs.importing.frames import Prepared, prepared
@@ -128,6 +129,8 @@ class _Work:
         self.left_out: list[LeftOut] = []
         self._done = 0
         self._digests: dict[Path, str] = {}
+        #: The frames of the run that were looked at for their shape, by the identity of their samples.
+        self._probed: dict[int, Prepared | InputError | CheckFailedError] = {}
         #: The run folder of each file that holds frames of one print only, by its checksum.
         self._whole = dict(_imported_files(out))
 
@@ -143,7 +146,9 @@ class _Work:
                 missing = [each for each in group.samples if each[0] not in writer.done]
                 self._done += len(group.samples) - len(missing)
                 threads = all(source.threads for source in group.sources)
-                for (number, sample, row), frame in _loaded(missing, pool, MAX_THREADS + MAX_WAITING if threads else 1):
+                for (number, sample, row), frame in _loaded(
+                    missing, pool, MAX_THREADS + MAX_WAITING if threads else 1, self._probed
+                ):
                     fault = _fault(frame, info)
                     if isinstance(frame, Prepared) and not fault:
                         writer.sample(number, frame.file, **row)
@@ -196,7 +201,8 @@ class _Work:
         """What the frames say of their sensor: the shape that most of some have."""
         count = len(group.samples)
         firsts = [group.samples[i] for i in sorted({i * (count - 1) // max(1, PROBES - 1) for i in range(PROBES)})]
-        good = [frame for _, frame in _loaded(firsts, pool, 1) if isinstance(frame, Prepared)]
+        self._probed = {id(sample): frame for (_, sample, _), frame in _loaded(firsts, pool, 1)}
+        good = [frame for frame in self._probed.values() if isinstance(frame, Prepared)]
         if not good:  # those are damaged; there may be others
             others = (each for each in group.samples if each not in firsts)
             good = [frame for _, frame in _loaded(others, pool, 1) if isinstance(frame, Prepared)][:1]
@@ -221,13 +227,23 @@ class _Work:
 
 
 def _loaded(
-    samples: Iterable[tuple[int, Sample, Mapping[str, Any]]], pool: Executor, waiting: int
+    samples: Iterable[tuple[int, Sample, Mapping[str, Any]]],
+    pool: Executor,
+    waiting: int,
+    known: Mapping[int, Prepared | InputError | CheckFailedError] = MappingProxyType({}),
 ) -> Iterator[tuple[tuple[int, Sample, Mapping[str, Any]], Prepared | InputError | CheckFailedError]]:
-    """Samples with their frames, or what is wrong with them, in order; ``waiting`` of them are under way at most."""
+    """Samples with their frames, or what is wrong with them, in order.
+
+    Args:
+        samples: The samples.
+        pool: Loads them.
+        waiting: How many of them are under way at most.
+        known: Frames that were loaded before, by the identity of their samples.
+    """
     under_way: deque[tuple[Any, Future[Prepared | InputError | CheckFailedError]]] = deque()
     try:
         for each in samples:
-            under_way.append((each, pool.submit(_load, each[1])))
+            under_way.append((each, pool.submit(_load, each[1], known)))
             if len(under_way) >= waiting:
                 item, future = under_way.popleft()
                 yield item, future.result()
@@ -239,7 +255,11 @@ def _loaded(
             future.cancel()
 
 
-def _load(sample: Sample) -> Prepared | InputError | CheckFailedError:
+def _load(
+    sample: Sample, known: Mapping[int, Prepared | InputError | CheckFailedError]
+) -> Prepared | InputError | CheckFailedError:
+    if id(sample) in known:
+        return known[id(sample)]
     try:
         return prepared(sample.load())
     except (InputError, CheckFailedError) as error:
