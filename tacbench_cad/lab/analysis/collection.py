@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.pressing import Pressing
+from tacbench_cad.lab.analysis.published import variance_of
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import RunInfo
@@ -155,6 +156,14 @@ class Collection:
     def units(self) -> str:
         """The unit of a reading's numbers: ``counts`` for images, ``px`` for displacements of their markers."""
         return "px" if self.features == "markers" else str(self.info.sensor.get("units", "counts"))
+
+    @cached_property
+    def beside_paper(self) -> bool:
+        """Whether they can stand beside the paper's: planned here, or of the paper's printers and textures by name."""
+        return self.info.protocol is not None or any(
+            variance_of(*map(str, names)) is not None
+            for names in set(zip(self.printer.tolist(), self.filament.tolist(), self.texture.tolist(), strict=True))
+        )
 
     @property
     def in_counts(self) -> bool:

@@ -47,7 +47,7 @@ def _warnings(collection: Collection, cells: Sequence[Cell]) -> Iterator[tuple[s
                 "one print of each texture; its variance holds noise and re-approach but nothing of how prints differ, "
                 "and has no interval",
             )
-        elif prints < PRINTS:
+        elif prints < PRINTS and collection.beside_paper:
             wide = "; with two, an interval can only be very wide" if prints == 2 else ""
             yield _where(members), f"{prints} prints of each texture, the paper's text has {PRINTS}{wide}"
     mixed = [cell for _, members in by_combination if len({cell.prints for cell in members}) > 1 for cell in members]
@@ -69,7 +69,8 @@ def _warnings(collection: Collection, cells: Sequence[Cell]) -> Iterator[tuple[s
     )
     for (presses, prints), members in _by(fullest, lambda cell: (cell.presses, cell.prints)):
         design = (prints, positions, repeats)
-        if not of_repeats and design != (PRINTS, POSITIONS, PAPER_REPEATS) and presses == prints * positions * repeats:
+        other = not of_repeats and collection.beside_paper and design != (PRINTS, POSITIONS, PAPER_REPEATS)
+        if other and presses == prints * positions * repeats:
             yield (
                 _where(members),
                 f"{counted(presses, 'press')} in a cell ({prints} x {counted(positions, 'position')} x "

@@ -305,7 +305,7 @@ class VarianceView:
             how = ": --roi auto leaves them out" if self.settings.protocol == "paper" else ""
             outside = f"{100 * self.settings.outside:.0f} %"
             notes.append(f"{outside} of the pixels lie outside the sensor and are in each variance{how}.")
-        if self.collection.in_counts:
+        if self.collection.in_counts and self.collection.beside_paper:
             notes.append(self._on_the_paper)
         return notes
 
