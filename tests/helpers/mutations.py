@@ -213,7 +213,7 @@ def read_run_folder(folder: Path) -> object:
 
     report = check_run(folder)
     run = Run.open(folder)
-    return report.ok, run.info.differences(run.info)
+    return sorted((finding.kind, finding.where) for finding in report.findings), run.info.differences(run.info)
 
 
 def make_split(folder: Path) -> None:

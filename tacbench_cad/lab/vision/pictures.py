@@ -24,8 +24,8 @@ def markers_drawn(frame: Frame, reference_px: Floats, markers: Markers, track: T
         track: Where the reference's markers are in it.
 
     Returns:
-        BGR. Green: a marker that was followed; red: one that was not found, where its neighbours predict it; blue:
-        found, but no marker of the reference; yellow: the way from the reference.
+        The frame in BGR. A green marker was followed. A red one was not found and is drawn where its neighbours predict
+        it. A blue one was found but is no marker of the reference. A yellow line is the way from the reference.
     """
     import cv2
 

@@ -172,8 +172,8 @@ class Noise:
             weights: Weights of the noise of each of the pool's readings in each sum, (m, k).
 
         Returns:
-            Weights of 1 and of the pool's readings in each sum, (m + 1, k), and what is added to these: given the first
-            number and how many, (numbers, k).
+            Two things. The weights of 1 and of the pool's readings in each sum, (m + 1, k). A function that takes the
+            first number and how many there are, and returns what is added to these sums, (numbers, k).
         """
         if pool.factor is None:
             return np.zeros((len(pool.plain), weights.shape[1])), partial(_sums, self.sigma, self.seed, weights)

@@ -27,7 +27,7 @@ UNITS = {
     "copy": ("prints", "run"),
     "printer-filament": ("printer-filament combinations", "combination"),
 }
-#: What must be known of every press for a level, in words of :meth:`Collection.has`.
+#: What must be known of every press for a level, in words of ``Collection.has``.
 NEEDS = {"position": "position", "force": "force", "copy": "print", "printer-filament": "printer or filament"}
 #: Names of the hold-out levels, from the easiest claim to the hardest.
 HOLD_OUT_LEVELS = tuple(UNITS)
