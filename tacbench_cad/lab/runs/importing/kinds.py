@@ -35,7 +35,7 @@ class ImportOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Paths:
+class Paths:
     """What was named: the table that belongs to a path, and the videos beside it."""
 
     tables: tuple[Path, ...]
@@ -51,14 +51,14 @@ class _Paths:
         return beside if beside.is_file() else None
 
 
-def _with_table(path: Path, paths: _Paths, options: ImportOptions) -> Source:
+def _with_table(path: Path, paths: Paths, options: ImportOptions) -> Source:
     table = path if path.suffix.lower() == ".csv" else paths.table(path)
     if table is None:
         raise InputError("images", str(path), "has no table (CSV) of the images; name one, or use --kind folders")
     return images.with_table(table, path if path.is_dir() else table.parent, options.columns)
 
 
-def _of_videos(path: Path, paths: _Paths, options: ImportOptions) -> Source:
+def _of_videos(path: Path, paths: Paths, options: ImportOptions) -> Source:
     table = path if path.suffix.lower() == ".csv" else paths.table(path)
     named = paths.videos if path.suffix.lower() in (".csv", *videos.SUFFIXES) else ()
     if path.is_dir():
@@ -67,7 +67,7 @@ def _of_videos(path: Path, paths: _Paths, options: ImportOptions) -> Source:
 
 
 #: What can be imported, by the words of ``--kind``.
-KINDS: Mapping[str, Callable[[Path, _Paths, ImportOptions], Source]] = {
+KINDS: Mapping[str, Callable[[Path, Paths, ImportOptions], Source]] = {
     "images": _with_table,
     "folders": lambda path, paths, options: images.of_classes(path),
     "tactip": lambda path, paths, options: images.of_toolchain(path, options.columns),
@@ -94,7 +94,7 @@ def sources_of(paths: Sequence[Path], options: ImportOptions) -> Iterator[Source
     tables = tuple(path for path in paths if path.suffix.lower() == ".csv")
     of_videos = tuple(path for path in paths if path.suffix.lower() in videos.SUFFIXES)
     rest = [path for path in paths if path not in tables and path not in of_videos]
-    named = _Paths(tables=tables, videos=of_videos)
+    named = Paths(tables=tables, videos=of_videos)
     if not paths:
         raise InputError("paths", None, "name what is to be imported: folders or files")
     if len(tables) > 1 and (rest or of_videos):
@@ -141,7 +141,7 @@ def _only_table(folder: Path) -> Path | None:
     return tables[0] if tables else None
 
 
-def _recognised(path: Path, paths: _Paths, options: ImportOptions) -> str:
+def _recognised(path: Path, paths: Paths, options: ImportOptions) -> str:
     """The kind of what lies at a path.
 
     Raises:
@@ -166,7 +166,7 @@ def _recognised(path: Path, paths: _Paths, options: ImportOptions) -> str:
     )
 
 
-def _recognised_folder(folder: Path, paths: _Paths, options: ImportOptions) -> str:
+def _recognised_folder(folder: Path, paths: Paths, options: ImportOptions) -> str:
     if (folder / schema.RUN_FILE).is_file():
         raise InputError("path", str(folder), "is a run folder already")
     if any((folder / name).is_file() for name in (huggingface.SPLIT_FILE, huggingface.SPLITS_FILE)):
