@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Mapping
 
-from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.util.errors import InputError
 
 #: Printers by the name that run folders use, with the spellings (lower case) that the authors' files have.
 PRINTERS: Mapping[str, tuple[str, ...]] = {
@@ -46,24 +45,6 @@ SELECTED: tuple[tuple[str, str], ...] = (
 _TABLES = {"printer": PRINTERS, "filament": FILAMENTS}
 
 
-def printer(word: str) -> str:
-    """The printer's name for any known spelling.
-
-    Raises:
-        InputError: The spelling is unknown; the message names the nearest one.
-    """
-    return _known("printer", word)
-
-
-def filament(word: str) -> str:
-    """The filament's name for any known spelling.
-
-    Raises:
-        InputError: The spelling is unknown; the message names the nearest one.
-    """
-    return _known("filament", word)
-
-
 def own_name(field: str, word: str) -> str:
     """A name for a printer or a filament in a user's own study: a known one, or any word fit for file names.
 
@@ -73,14 +54,6 @@ def own_name(field: str, word: str) -> str:
     name = _of_spelling(field, word) or word.strip().lower()
     if not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,30}[a-z0-9])?", name):
         raise InputError(field, word, "use 1 to 32 of a-z, 0-9 and inner hyphens")
-    return name
-
-
-def _known(field: str, word: str) -> str:
-    table = _TABLES[field]
-    name = _of_spelling(field, word)
-    if name is None:
-        raise InputError(field, word, nearest(word.strip().lower(), [*table, *itertools.chain(*table.values())]))
     return name
 
 
