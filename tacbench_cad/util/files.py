@@ -18,6 +18,8 @@ from tacbench_cad.util.errors import CheckFailedError, InputError
 
 #: Every temporary file begins so; a leftover of a killed run is swept by the next run that holds the folder.
 TEMPORARY_PREFIX = ".tacbench-unfinished-"
+#: A temporary folder of :func:`replacing_folder`; other folders with the first prefix belong to those who made them.
+_FOLDER_PREFIX = f"{TEMPORARY_PREFIX}folder-"
 #: The file that a running process holds locked. It may outlive a killed process; the lock on it does not.
 LOCK_NAME = ".tacbench-lock"
 
@@ -104,8 +106,10 @@ def replacing_folder(path: Path) -> Iterator[Path]:
     """
     if path.exists() and not (path.is_dir() and not any(path.iterdir())):
         raise InputError("output folder", str(path), "exists already; remove it or name another one")
-    temporary = path.parent / f"{TEMPORARY_PREFIX}{os.getpid()}-{path.name}"
+    temporary = path.parent / f"{_FOLDER_PREFIX}{os.getpid()}-{path.name}"
     with locked(path.parent), refusing(path.parent):
+        for leftover in path.parent.glob(f"{_FOLDER_PREFIX}*"):
+            shutil.rmtree(leftover, ignore_errors=True)
         temporary.mkdir()
         try:
             yield temporary
@@ -150,9 +154,6 @@ def locked(folder: Path) -> Iterator[None]:
         raise InputError("output folder", str(folder), "another tacbench is writing to it; wait for it to end")
     try:
         for leftover in folder.glob(f"{TEMPORARY_PREFIX}*"):
-            if leftover.is_dir() and not leftover.is_symlink():
-                shutil.rmtree(leftover, ignore_errors=True)
-                continue
             with contextlib.suppress(OSError):
                 leftover.unlink()
         yield

@@ -201,7 +201,7 @@ def test_an_interruption_leaves_nothing(to: str, run_folder: Path, tmp_path: Pat
 
 
 def test_what_a_killed_export_left_is_swept_by_the_next(run_folder: Path, tmp_path: Path) -> None:
-    left = tmp_path / ".tacbench-unfinished-1-out"
+    left = tmp_path / ".tacbench-unfinished-folder-1-out"
     left.mkdir()
     (left / "frames.npz").write_bytes(b"half")
     export_runs([run_folder], "npz", tmp_path / "out")
