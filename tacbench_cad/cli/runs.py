@@ -14,7 +14,7 @@ from tacbench_cad.cli import options
 from tacbench_cad.cli.common import end_check, note, print_json, print_lines, print_table, simulated_devices
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.errors import InputError, one_line, one_of
-from tacbench_cad.util.files import refusing, replacing
+from tacbench_cad.util.files import refusing
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
@@ -235,7 +235,6 @@ def markers(
       tacbench runs markers runs/ -o pictures --marker-sigma 3.5 --marker-threshold 20
     """
     from tacbench_cad.lab.runs.reading import Run, find_runs
-    from tacbench_cad.lab.runs.schema import frame_path
     from tacbench_cad.lab.vision.displacements import MarkerFeatures
     from tacbench_cad.lab.vision.markers import MarkerSettings
     from tacbench_cad.lab.vision.pictures import markers_drawn
@@ -246,10 +245,10 @@ def markers(
     features = MarkerFeatures.learn(runs, settings, region_of(runs, roi))
     rows = []
     for run in runs:
-        row = max(run.rows, key=lambda row: (row.force_level, -row.number), default=None)
+        row = max(run.rows, key=lambda row: (row.force_level or 0, -row.number), default=None)
         if row is None:
             continue
-        frame = run.read(frame_path(row.sensor_image))
+        frame = run.frame(row)
         reference, found = features.references_px[run.info.printed.name], features.finder.find(frame)
         track = features.track(run, frame)
         path = _picture(out / f"{run.folder.name}_markers.png", markers_drawn(frame, reference, found, track))
@@ -269,12 +268,11 @@ def markers(
 
 def _picture(path: Path, image: Frame) -> Path:
     """Write a picture, whole or not at all."""
-    import cv2
+    from tacbench_cad.lab.runs.pictures import write_png
 
     with refusing(path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        temporary.write_bytes(cv2.imencode(".png", image)[1].tobytes())
+    write_png(path, image)
     return path
 
 

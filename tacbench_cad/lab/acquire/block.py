@@ -19,7 +19,6 @@ from tacbench_cad.lab.rig.devices import Rig
 from tacbench_cad.lab.rig.errors import NotReachedError, SensorError
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs.info import RunInfo
-from tacbench_cad.lab.runs.schema import frame_name, frame_path
 from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.study.presses import Press
 
@@ -140,10 +139,9 @@ class _BlockSession:
         after = None if self.force is None else self.force.again()
         # Nothing is written while the sensor presses: a disk that waits must not make the dome creep.
         self.carriage.lift()
-        self.run.press(press, contact.pose_mm, frame, contact.measured, after, contact.in_band, time_utc)
+        path = self.run.press(press, contact.pose_mm, frame, contact.measured, after, contact.in_band, time_utc)
         self.presses += 1
-        path = self.run.folder / frame_path(frame_name(press.number, is_image(frame)))
-        self.progress.pressed(len(self.run.done), contact.measured, contact.in_band, path)
+        self.progress.pressed(len(self.run.done), contact.measured, contact.in_band, self.run.folder / path)
         self._count_misses(press, contact)
 
     def _count_misses(self, press: Press, contact: SettledPress) -> None:

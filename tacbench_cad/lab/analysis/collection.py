@@ -82,13 +82,14 @@ class Collection:
         empty = next((run for run in runs if not run.rows), None)
         if empty is not None:
             raise InputError("run", str(empty.folder), "has no press yet; finish it or leave it out")
-        Pressing.of(runs)  # refuses levels that contradict each other
         numbers = [sorted(row.number for row in run.rows) for run in runs]
-        return cls(
+        collection = cls(
             runs=runs,
             run=np.repeat(np.arange(len(runs)), [len(presses) for presses in numbers]),
             number=np.concatenate([np.array(presses, dtype=np.int64) for presses in numbers]),
         )
+        _ = collection.pressing  # refuses levels that contradict each other
+        return collection
 
     def __len__(self) -> int:
         return len(self.run)
@@ -243,7 +244,7 @@ class Collection:
 
     def path(self, index: int) -> str:
         """Where a press's reading lies, from its run folder: ``sensor_images/image_7.png``."""
-        return schema.frame_path(self._rows[int(self.run[index])][int(self.number[index])].sensor_image)
+        return self._rows[int(self.run[index])][int(self.number[index])].path
 
     @cached_property
     def _rows(self) -> list[dict[int, schema.Row]]:

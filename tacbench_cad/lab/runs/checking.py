@@ -22,6 +22,7 @@ from tacbench_cad.lab.runs.table import cut_torn_line, read_table
 from tacbench_cad.lab.vision.region import REGION_FILE, SURE, Region
 from tacbench_cad.lab.vision.resting import found_region, region_of
 from tacbench_cad.util.convert import to_plain
+from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked
 from tacbench_cad.util.text import counted
@@ -277,7 +278,7 @@ def _judge(
     if not os.path.lexists(run.folder / path):
         return None, [("missing", "is not there though a row names it")], None
     try:
-        data = run.read_bytes(path)
+        data = read_bytes(run.folder / path, "frame", "image", within=run.folder)
     except InputError as error:
         return None, [("unreadable", error.allowed)], None
     digest = sha256(data)
@@ -291,7 +292,7 @@ def _judge(
     fault = shape_fault(run.info, frame)
     if fault:
         faults.append(("shape", fault))
-    if not path.endswith(".png"):
+    if not path.endswith(schema.IMAGE_SUFFIXES):
         return None, faults, None
     if not is_image(frame):
         faults.append(("shape", f"is an image of {frame.dtype}, shape {frame.shape}; uint8, grey or BGR belong here"))

@@ -163,28 +163,33 @@ class Run:
         Raises:
             CheckFailedError: As :meth:`frame`.
         """
-        file = self.folder / path
+        data = self.read_bytes(path, digest)
         try:
-            data = self.read_bytes(path)
-            if digest is not None and sha256(data) != digest:
-                raise CheckFailedError("is not the file that was written: its checksum differs")
             frame = decoded(data, path)
-            fault = shape_fault(self.info, frame)
-            if fault:
-                raise CheckFailedError(fault)
         except CheckFailedError as error:
-            raise CheckFailedError(f"{file}: {error}") from None
-        except InputError as error:
-            raise CheckFailedError(f"{file}: {error.allowed}") from None
+            raise CheckFailedError(f"{self.folder / path}: {error}") from None
+        fault = shape_fault(self.info, frame)
+        if fault:
+            raise CheckFailedError(f"{self.folder / path}: {fault}")
         return frame
 
-    def read_bytes(self, path: str) -> bytes:
+    def read_bytes(self, path: str, digest: str | None = None) -> bytes:
         """The bytes of a frame's file, by its path from the run folder.
 
+        Args:
+            path: The path.
+            digest: The SHA-256 that the file must have.
+
         Raises:
-            InputError: It cannot be read, is too large, or is a link that leads out of the folder.
+            CheckFailedError: It cannot be read, is too large, is a link that leads out of the folder, or was changed.
         """
-        return door.read_bytes(self.folder / path, "frame", "image", within=self.folder)
+        try:
+            data = door.read_bytes(self.folder / path, "frame", "image", within=self.folder)
+        except InputError as error:
+            raise CheckFailedError(f"{self.folder / path}: {error.allowed}") from None
+        if digest is not None and sha256(data) != digest:
+            raise CheckFailedError(f"{self.folder / path}: is not the file that was written: its checksum differs")
+        return data
 
 
 def shape_fault(info: RunInfo, frame: Frame) -> str | None:

@@ -39,33 +39,36 @@ When = Literal["start", "end"]
 #: The four groups of frames without motion in the order in which they are taken: when, and whether in contact.
 STATIONARY: tuple[tuple[When, bool], ...] = (("start", True), ("start", False), ("end", True), ("end", False))
 
-_FRAME_NAME = re.compile(r"(?:image_(?P<image>0|[1-9]\d{0,8})\.png|reading_(?P<data>0|[1-9]\d{0,8})\.npy)")
+#: Endings of images: PNG, and JPEG for frames that were imported as such. Everything else is a NumPy file.
+IMAGE_SUFFIXES = (".png", ".jpg")
+
+_FRAME_NAME = re.compile(r"(?:image_(?P<image>0|[1-9]\d{0,8})\.(?:png|jpg)|reading_(?P<data>0|[1-9]\d{0,8})\.npy)")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 #: Whole numbers as ``object_label`` and as the other columns have them.
 _LABEL, _WHOLE = re.compile(r"[1-9]\d{0,2}"), re.compile(r"\d{1,9}")
 
 
-def frame_name(number: int, image: bool) -> str:
+def frame_name(number: int, suffix: str) -> str:
     """File name of a press's frame: ``image_7.png`` or ``reading_7.npy``; 0 is the first reference."""
-    return f"image_{number}.png" if image else f"reading_{number}.npy"
+    return f"{'image' if suffix in IMAGE_SUFFIXES else 'reading'}_{number}{suffix}"
 
 
 def frame_path(name: str) -> str:
     """Path of a press's frame from the run folder: ``sensor_images/image_7.png``."""
-    return f"{IMAGE_FOLDER if name.endswith('.png') else DATA_FOLDER}/{name}"
+    return f"{IMAGE_FOLDER if name.endswith(IMAGE_SUFFIXES) else DATA_FOLDER}/{name}"
 
 
-def reference_path(count: int, image: bool) -> str:
+def reference_path(count: int, suffix: str) -> str:
     """Path of a frame without contact: the first one is number 0 of the presses' frames."""
     if count == 0:
-        return frame_path(frame_name(0, image))
-    return f"{REFERENCE_FOLDER}/reference_{count}.{'png' if image else 'npy'}"
+        return frame_path(frame_name(0, suffix))
+    return f"{REFERENCE_FOLDER}/reference_{count}{suffix}"
 
 
-def stationary_path(when: str, in_contact: bool, index: int, image: bool) -> str:
+def stationary_path(when: str, in_contact: bool, index: int, suffix: str) -> str:
     """Path of a frame without motion: ``stationary/start_contact_01.png``, ``stationary/end_free_30.png``."""
     contact = "contact" if in_contact else "free"
-    return f"{STATIONARY_FOLDER}/{when}_{contact}_{index:02d}.{'png' if image else 'npy'}"
+    return f"{STATIONARY_FOLDER}/{when}_{contact}_{index:02d}{suffix}"
 
 
 class TableRow:
@@ -141,7 +144,9 @@ class Row(TableRow):
 
     def __post_init__(self) -> None:
         if not self.number:
-            raise InputError("sensor_image", self.sensor_image, "must be image_<n>.png or reading_<n>.npy, n from 1")
+            raise InputError(
+                "sensor_image", self.sensor_image, "must be image_<n>.png, image_<n>.jpg or reading_<n>.npy, n from 1"
+            )
         if not _SHA256.fullmatch(self.image_sha256):
             raise InputError("image_sha256", self.image_sha256, "must be 64 digits 0-9, a-f")
 

@@ -43,18 +43,18 @@ class FrameFile:
 
     Args:
         data: The bytes of its file.
-        image: Whether it is a PNG.
+        suffix: The ending of its name: ``.png``, ``.jpg`` or ``.npy``.
         sha256: Their SHA-256.
     """
 
     data: bytes
-    image: bool
+    suffix: str
     sha256: str
 
     @classmethod
-    def of(cls, data: bytes, image: bool) -> FrameFile:
+    def of(cls, data: bytes, suffix: str) -> FrameFile:
         """The file with some bytes."""
-        return cls(data=data, image=image, sha256=sha256(data))
+        return cls(data=data, suffix=suffix, sha256=sha256(data))
 
 
 class RunWriter:
@@ -154,7 +154,7 @@ class RunWriter:
             InputError: The disk is full, or the folder cannot be written.
         """
         file = self._encoded(frame)
-        path = schema.reference_path(self._reference_count, file.image)
+        path = schema.reference_path(self._reference_count, file.suffix)
         self._store(file, path)
         row = Reference(path=path, time_utc=time_utc, after_press=self._last_press, image_sha256=file.sha256)
         self._append(self._references, row)
@@ -177,7 +177,7 @@ class RunWriter:
         if (when, in_contact, index) in self._still:
             raise InputError("stationary frame", f"{when} {index}", "is in the run already")
         file = self._encoded(frame)
-        path = schema.stationary_path(when, in_contact, index, file.image)
+        path = schema.stationary_path(when, in_contact, index, file.suffix)
         self._store(file, path)
         row = Stationary(path=path, when=when, in_contact=in_contact, index=index, image_sha256=file.sha256)
         self._append(self._stationary, row)
@@ -192,7 +192,7 @@ class RunWriter:
         after: Force | None = None,
         in_band: bool | None = None,
         time_utc: datetime | None = None,
-    ) -> None:
+    ) -> str:
         """Keep a press: its frame, then its row.
 
         Args:
@@ -204,6 +204,9 @@ class RunWriter:
             in_band: Whether the target was reached; None without a gauge.
             time_utc: When the frame was taken.
 
+        Returns:
+            The path of the frame's file from the run folder.
+
         Raises:
             SensorError: The frame has another shape than the sensor's.
             InputError: The press is there already, the disk is full, or the folder cannot be written.
@@ -212,7 +215,7 @@ class RunWriter:
         if time_utc is not None and self.reference_time is not None:
             age_s = (time_utc - self.reference_time).total_seconds()
         x, y, z = (round(float(value), 6) for value in pose_mm)
-        self.sample(
+        return self.sample(
             press.number,
             self._encoded(frame),
             pose_x=x,
@@ -229,7 +232,7 @@ class RunWriter:
             reference_age_s=None if age_s is None else round(age_s, 3),
         )
 
-    def sample(self, number: int, file: FrameFile, **values: Any) -> None:
+    def sample(self, number: int, file: FrameFile, **values: Any) -> str:
         """Keep a frame as the bytes of its file, then its row.
 
         Args:
@@ -237,17 +240,21 @@ class RunWriter:
             file: The file.
             **values: The fields of its row that the run does not say.
 
+        Returns:
+            The path of the file from the run folder.
+
         Raises:
             InputError: The number is there already, the disk is full, or the folder cannot be written.
         """
         if number in self.done:
             raise InputError("press", number, "is in the run already")
-        name = schema.frame_name(number, file.image)
-        self._store(file, schema.frame_path(name))
+        name = schema.frame_name(number, file.suffix)
         row = Row(**schema.block_values(self.info.printed), sensor_image=name, image_sha256=file.sha256, **values)
+        self._store(file, row.path)
         self._append(self._targets, row)
         self.done.add(number)
         self._last_press = number
+        return row.path
 
     def _encoded(self, frame: Frame) -> FrameFile:
         """A frame as its file.

@@ -86,10 +86,12 @@ class MarkerFeatures:
 
     def track(self, run: Run, frame: Frame) -> Track:
         """Where the markers are in a frame of a run."""
-        name = run.info.printed.name
+        return self._tracker(run.info.printed.name).follow(self.finder.find(frame).centres_px)
+
+    def _tracker(self, name: str) -> MarkerTracker:
         if name not in self._trackers:
             self._trackers[name] = MarkerTracker(reference_px=self.references_px[name])
-        return self._trackers[name].follow(self.finder.find(frame).centres_px)
+        return self._trackers[name]
 
     def displacement_px(self, run: Run, path: str) -> Floats:
         """How far the markers moved in a frame of a run, column and row, shape (n, 2).
@@ -112,11 +114,11 @@ class MarkerFeatures:
         """
         from scipy.spatial import cKDTree
 
-        reference = next(iter(self.references_px.values()))
+        tracker = self._tracker(next(iter(self.references_px)))
         y, x = np.mgrid[: self.shape[0] : _PICTURE_STEP, : self.shape[1] : _PICTURE_STEP]
         places = np.column_stack([x.ravel(), y.ravel()])
-        distance, nearest = cKDTree(reference).query(places)
-        near = distance <= MarkerTracker(reference_px=reference).spacing_px
+        distance, nearest = cKDTree(tracker.reference_px).query(places)
+        near = distance <= tracker.spacing_px
         return np.where(near, values[nearest], np.nan).reshape(x.shape)
 
 

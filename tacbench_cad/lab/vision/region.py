@@ -18,13 +18,13 @@ from typing import Annotated
 import numpy as np
 
 from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.runs.pictures import decoded
+from tacbench_cad.lab.runs.pictures import decoded, write_png
 from tacbench_cad.lab.vision.markers import MIN_MARKERS, MarkerFinder, grey
 from tacbench_cad.lab.vision.tracking import MarkerTracker
 from tacbench_cad.util import door
 from tacbench_cad.util.convert import Bounds, read_json
 from tacbench_cad.util.errors import CheckFailedError, InputError
-from tacbench_cad.util.files import refusing, replacing, write_json
+from tacbench_cad.util.files import refusing, write_json
 from tacbench_cad.util.types import Bools, Floats, Floats32
 
 #: What ``--roi`` takes.
@@ -365,13 +365,10 @@ def store_region(folder: Path, region: Region) -> None:
     Raises:
         InputError: The folder cannot be written.
     """
-    import cv2
-
     text = region.text
     if text.lower().endswith(".png"):
         text = MASK_FILE
-        with replacing(folder / MASK_FILE) as temporary:
-            temporary.write_bytes(cv2.imencode(".png", region.mask.astype(np.uint8) * 255)[1].tobytes())
+        write_png(folder / MASK_FILE, region.mask.astype(np.uint8) * 255)
     height, width = region.mask.shape
     write_json(folder / REGION_FILE, {"roi": text, "width": width, "height": height, "sureness": region.sureness})
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from tacbench_cad.lab.rig.sensor import Frame, is_image
-from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.vision.region import SURE, Region, find_region, parse_region, stored_region
 from tacbench_cad.util.errors import CheckFailedError, InputError
@@ -29,7 +28,7 @@ def resting_frames(run: Run, most: int) -> list[Frame]:
         InputError: A table of the run cannot be read.
     """
     paths = [reference.path for reference in run.references]
-    paths = paths or [schema.frame_path(row.sensor_image) for row in sorted(run.rows, key=lambda row: row.number)]
+    paths = paths or [row.path for row in sorted(run.rows, key=lambda row: row.number)]
     frames = []
     for at in np.unique(np.linspace(0, len(paths) - 1, most).astype(int)) if paths else ():
         try:

@@ -32,22 +32,23 @@ class Column:
 def _row_columns() -> tuple[Column, ...]:
     hints = get_type_hints(Row)
     described = dict(re.findall(r"^ {4}(\w+): (.+)$", inspect.getdoc(Row) or "", re.MULTILINE))
-    found = []
+    described_columns = []
     for attribute, name in zip(fields(Row), columns(Row), strict=True):
         kinds = [kind for kind in get_args(hints[attribute.name]) if kind is not NoneType] or [hints[attribute.name]]
         kind = kinds[0] if len(kinds) == 1 else str
-        found.append(Column(name=name, kind=kind, description=described.get(attribute.name, "")))
-    return tuple(found)
+        described_columns.append(Column(name=name, kind=kind, description=described.get(attribute.name, "")))
+    return tuple(described_columns)
 
 
+_ROW_COLUMNS = _row_columns()
 #: The columns of every export; what is unknown of a frame is null.
 COLUMNS = (
     Column(name="run", kind=str, description="The run folder: one for each recording of a print."),
     Column(name="label", kind=str, description="What classifiers learn: the name of the texture."),
-    *_row_columns(),
+    *_ROW_COLUMNS,
     Column(name="simulated", kind=str, description="What of the rig was simulated; empty where nothing is marked so."),
 )
-_ATTRIBUTES = tuple((attribute.name, column) for attribute, column in zip(fields(Row), _row_columns(), strict=True))
+_ATTRIBUTES = tuple(zip((attribute.name for attribute in fields(Row)), _ROW_COLUMNS, strict=True))
 
 
 def values_of(run: str, row: Row, simulated: tuple[str, ...]) -> dict[str, Any]:

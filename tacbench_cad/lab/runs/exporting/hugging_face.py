@@ -44,7 +44,7 @@ def write(samples: Samples, folder: Path, shard_bytes: int = SHARD_BYTES) -> Non
             if writer is None:
                 path = folder / FOLDER / f"train-{number:05d}.parquet"
                 writer, written, number = shards.enter_context(pq.ParquetWriter(path, schema)), 0, number + 1
-            rows.append({IMAGE: {"bytes": sample.data, "path": f"{sample.key}.png"}, **sample.values})
+            rows.append({IMAGE: {"bytes": sample.data, "path": sample.key + sample.suffix}, **sample.values})
             waiting += len(sample.data)
             full = written + waiting >= shard_bytes or count == len(samples)
             if full or waiting >= GROUP_BYTES or len(rows) == GROUP_ROWS:
@@ -59,7 +59,7 @@ def write(samples: Samples, folder: Path, shard_bytes: int = SHARD_BYTES) -> Non
 
 def card_head(samples: Samples) -> str:
     """The YAML that a dataset card begins with. JSON texts are YAML texts."""
-    size = next((f"{text}" for limit, text in _SIZES if len(samples) < limit), "n>1M")
+    size = next((text for limit, text in _SIZES if len(samples) < limit), "n>1M")
     tags = ["tactile", "robotics", "tacbench-cad", *(["simulated"] if samples.simulated else [])]
     return "\n".join(
         [

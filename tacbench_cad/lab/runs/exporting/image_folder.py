@@ -28,7 +28,7 @@ def write(samples: Samples, folder: Path) -> None:
         table = csv.writer(stream, lineterminator="\n")
         table.writerow([FILE_COLUMN, *(column.name for column in COLUMNS)])
         for sample in samples:
-            path = folder / folder_name(sample.values["label"]) / f"{sample.key}.png"
+            path = folder / folder_name(sample.values["label"]) / f"{sample.key}{sample.suffix}"
             path.parent.mkdir(exist_ok=True)
             path.write_bytes(sample.data)
             name = path.relative_to(folder).as_posix()

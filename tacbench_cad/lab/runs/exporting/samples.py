@@ -11,10 +11,10 @@ from typing import Any
 
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.exporting.columns import COLUMNS, Column, values_of
-from tacbench_cad.lab.runs.pictures import decoded, sha256
+from tacbench_cad.lab.runs.pictures import decoded
 from tacbench_cad.lab.runs.reading import Run, find_runs
-from tacbench_cad.lab.runs.schema import Row
-from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.lab.runs.schema import IMAGE_SUFFIXES, Row
+from tacbench_cad.util.errors import InputError
 
 #: Called with the number of frames written so far and the number of all.
 Progress = Callable[[int, int], None]
@@ -27,19 +27,14 @@ class Sample:
     Args:
         key: Its number among all, from ``00000001``: a name that no other has.
         data: The bytes of its file, which have the checksum of their row.
-        image: Whether they are a PNG; else a NumPy file.
+        suffix: The ending of its name.
         values: Its columns.
     """
 
     key: str
     data: bytes
-    image: bool
+    suffix: str
     values: dict[str, Any]
-
-    @property
-    def suffix(self) -> str:
-        """The ending of its file."""
-        return ".png" if self.image else ".npy"
 
     def decoded(self) -> Frame:
         """The frame as an array.
@@ -82,7 +77,7 @@ class Samples:
         for _, row, values in self._rows():
             self.labels[values["label"]] += 1
             self.unknown.update(name for name, value in values.items() if value is None)
-            if not row.sensor_image.endswith(".png"):
+            if not row.sensor_image.endswith(IMAGE_SUFFIXES):
                 self.not_images.append(row.sensor_image)
         if not self.labels:
             raise InputError("runs", str(self._folders[0]), "holds no press yet")
@@ -97,7 +92,8 @@ class Samples:
             CheckFailedError: A frame is missing, damaged or changed.
         """
         for number, (run, row, values) in enumerate(self._rows(), start=1):
-            yield Sample(key=f"{number:08d}", data=_verified(run, row), image=row.path.endswith(".png"), values=values)
+            data = run.read_bytes(row.path, row.image_sha256)
+            yield Sample(key=f"{number:08d}", data=data, suffix=Path(row.path).suffix, values=values)
             self._progress(number, len(self))
 
     @property
@@ -120,13 +116,3 @@ class Samples:
             self.simulated.update(dict.fromkeys(run.info.simulated))
             for row in sorted(run.rows, key=lambda row: row.number):
                 yield run, row, values_of(name, row, run.info.simulated)
-
-
-def _verified(run: Run, row: Row) -> bytes:
-    try:
-        data = run.read_bytes(row.path)
-    except InputError as error:
-        raise CheckFailedError(f"{run.folder / row.path}: {error.allowed}") from None
-    if sha256(data) != row.image_sha256:
-        raise CheckFailedError(f"{run.folder / row.path}: is not the file that was written: its checksum differs")
-    return data

@@ -107,7 +107,7 @@ def export_tactile_data(
     names = [row.sensor_image for row in run.rows]
     if not names:
         raise InputError("run", str(folder), "has no press yet")
-    other = next((name for name in names if not name.endswith(".png")), None)
+    other = next((name for name in names if not name.endswith(schema.IMAGE_SUFFIXES)), None)
     if other is not None:
         raise InputError("run", str(folder), f"holds {other}: tactile-data is for sensors that give images")
     with locked(target):

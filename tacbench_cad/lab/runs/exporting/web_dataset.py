@@ -16,8 +16,9 @@ from tacbench_cad.lab.runs.exporting.samples import Samples
 SHARD_BYTES = 500_000_000
 LOADING = (
     'import glob\n\nimport webdataset\n\nfiles = sorted(glob.glob("frames-*.tar"))\n'
-    'for sample in webdataset.WebDataset(files, shardshuffle=False).decode("pil"):\n'
-    '    sample["png"], sample["json"]["label"]'
+    "frames = webdataset.WebDataset(files, shardshuffle=False)\n"
+    'for frame, values in frames.decode("pil").to_tuple("png;jpg;npy", "json"):\n'
+    '    frame, values["label"]'
 )
 
 

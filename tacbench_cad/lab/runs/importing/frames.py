@@ -11,14 +11,11 @@ from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.sensor import is_image
 from tacbench_cad.lab.runs.importing.samples import Loaded
-from tacbench_cad.lab.runs.pictures import MAX_MEGAPIXELS, decoded, encoded, simulated_text
+from tacbench_cad.lab.runs.pictures import JPEG, PNG, decoded, decoded_image, encoded, simulated_text
 from tacbench_cad.lab.runs.writing import FrameFile
-from tacbench_cad.util.door import require_within
-from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.errors import CheckFailedError
 
-_PNG, _JPEG, _BMP, _TIFF = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"BM", (b"II*\0", b"MM\0*")
-#: A JPEG's end mark stands this near to its end; cameras pad.
-_JPEG_PADDING = 4096
+_BMP, _TIFF = b"BM", (b"II*\0", b"MM\0*")
 
 
 class Prepared(NamedTuple):
@@ -30,7 +27,7 @@ class Prepared(NamedTuple):
 
 
 def prepared(loaded: Loaded) -> Prepared:
-    """The file of a frame. A PNG of grey or BGR pixels is kept as it is; everything else is stored without loss.
+    """The file of a frame. PNG and JPEG files of grey or BGR pixels are kept as they are; the rest loses nothing.
 
     Raises:
         CheckFailedError: It is no whole image, is too large, or holds no real numbers.
@@ -38,61 +35,29 @@ def prepared(loaded: Loaded) -> Prepared:
     if not isinstance(loaded, bytes):
         frame, simulated = loaded, ""
     else:
-        png = loaded.startswith(_PNG)
-        frame = decoded(loaded, "frame.png") if png else _other_image(loaded)
-        simulated = simulated_text(loaded) if png else ""
-        if png and is_image(frame):
-            return Prepared(FrameFile.of(loaded, True), frame.shape, simulated)
+        suffix = next((suffix for start, suffix in ((PNG, ".png"), (JPEG, ".jpg")) if loaded.startswith(start)), "")
+        frame = decoded(loaded, suffix) if suffix else _other_image(loaded)
+        simulated = simulated_text(loaded) if suffix == ".png" else ""
+        if suffix and is_image(frame):
+            return Prepared(FrameFile.of(loaded, suffix), frame.shape, simulated)
         if frame.ndim == 3 and frame.shape[2] == 4:
             if not (frame[..., 3] == np.iinfo(frame.dtype).max).all():
                 raise CheckFailedError("has transparent pixels, whose colour is not known")
             frame = np.ascontiguousarray(frame[..., :3])
     if frame.dtype.kind not in "iufb" or not frame.size:
         raise CheckFailedError(f"holds {frame.dtype} of shape {frame.shape}; real numbers are needed")
-    return Prepared(
-        FrameFile.of(*encoded(np.ascontiguousarray(frame), (simulated,) if simulated else ())), frame.shape, simulated
-    )
+    file = FrameFile.of(*encoded(np.ascontiguousarray(frame), (simulated,) if simulated else ()))
+    return Prepared(file, frame.shape, simulated)
 
 
 def _other_image(data: bytes) -> NDArray[Any]:
-    """A JPEG, BMP or TIFF image, refused if it is torn or too large before it is decoded."""
-    import cv2
-
-    size, torn = None, False
-    if data.startswith(_JPEG):
-        size, torn = _jpeg_size(data), b"\xff\xd9" not in data[-_JPEG_PADDING:]
-    elif data.startswith(_BMP) and len(data) >= 26:
-        length, _, _, _, width, height = struct.unpack("<IHHIii", data[2:6] + data[6:14] + data[18:26])
-        size, torn = (width, abs(height)), length > len(data)
-    elif data[:4] in _TIFF:
-        size = _tiff_size(data)
-    if size is None:
-        raise CheckFailedError("is no readable image (PNG, JPEG, BMP or TIFF)")
-    try:
-        require_within("image", size[0] * size[1] / 1e6, MAX_MEGAPIXELS, "megapixels", "image")
-    except InputError as error:
-        raise CheckFailedError(error.allowed) from None
-    if torn:
-        raise CheckFailedError("is torn: its end is missing")
-    try:
-        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        image = None
-    if image is None or (image.shape[1], image.shape[0]) != size:
-        raise CheckFailedError("is torn or damaged: it cannot be decoded")
-    return np.asarray(image)
-
-
-def _jpeg_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height in the frame header of a JPEG."""
-    at = 2
-    while at + 9 <= len(data) and data[at] == 0xFF:
-        mark, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4])
-        if 0xC0 <= mark <= 0xCF and mark not in (0xC4, 0xC8, 0xCC):
-            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
-            return width, height
-        at += 2 + length if mark != 0xFF else 1
-    return None
+    """A BMP or TIFF image, refused if it is torn or too large before it is decoded."""
+    if data.startswith(_BMP) and len(data) >= 26:
+        length, width, height = struct.unpack("<2xI12xii", data[:26])
+        return decoded_image(data, (width, abs(height)) if length <= len(data) else None, "BMP")
+    if data[:4] in _TIFF:
+        return decoded_image(data, _tiff_size(data), "TIFF")
+    raise CheckFailedError("is no readable image (PNG, JPEG, BMP or TIFF)")
 
 
 def _tiff_size(data: bytes) -> tuple[int, int] | None:

@@ -6,6 +6,7 @@ from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -16,7 +17,7 @@ from tacbench_cad.lab.runs.importing.kinds import ImportOptions, sources_of
 from tacbench_cad.lab.runs.importing.samples import LeftOut, Sample, Source
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.runs.schema import RUN_FILE
+from tacbench_cad.lab.runs.schema import IMAGE_SUFFIXES, RUN_FILE
 from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import sha256
@@ -31,6 +32,8 @@ PROBES = 3
 #: Samples of a run that are left out for the same reason and named one by one; more share one line.
 MAX_ALIKE = 10
 
+#: A frame, or what is wrong with it.
+Outcome = Prepared | InputError | CheckFailedError
 #: Called with what is done, how much of it and of how much.
 Progress = Callable[[str, int, int], None]
 
@@ -130,7 +133,7 @@ class _Work:
         self._done = 0
         self._digests: dict[Path, str] = {}
         #: The frames of the run that were looked at for their shape, by the identity of their samples.
-        self._probed: dict[int, Prepared | InputError | CheckFailedError] = {}
+        self._probed: dict[int, Outcome] = {}
         #: The run folder of each file that holds frames of one print only, by its checksum.
         self._whole = dict(_imported_files(out))
 
@@ -204,15 +207,15 @@ class _Work:
         self._probed = {id(sample): frame for (_, sample, _), frame in _loaded(firsts, pool, 1)}
         good = [frame for frame in self._probed.values() if isinstance(frame, Prepared)]
         if not good:  # those are damaged; there may be others
-            others = (each for each in group.samples if each not in firsts)
-            good = [frame for _, frame in _loaded(others, pool, 1) if isinstance(frame, Prepared)][:1]
+            others = _loaded((each for each in group.samples if each not in firsts), pool, 1)
+            good = list(islice((frame for _, frame in others if isinstance(frame, Prepared)), 1))
         if not good:
-            _, sample, _ = group.samples[0]
-            reason = next(str(frame) for _, frame in _loaded([group.samples[0]], pool, 1))
-            raise InputError("frames", None, f"none can be read; the first, {sample.where}: {reason}")
+            _, sample, _ = firsts[0]
+            what = f"none can be read; the first, {sample.where}: {self._probed[id(sample)]}"
+            raise InputError("frames", None, what)
         shape = Counter(frame.shape for frame in good).most_common(1)[0][0]
         first = next(frame for frame in good if frame.shape == shape)
-        counts = first.file.image or any(source.whole for source in group.sources)
+        counts = first.file.suffix in IMAGE_SUFFIXES or any(source.whole for source in group.sources)
         return {
             "simulated": first.simulated,
             "units": "counts" if counts else "unknown unit",
@@ -230,8 +233,8 @@ def _loaded(
     samples: Iterable[tuple[int, Sample, Mapping[str, Any]]],
     pool: Executor,
     waiting: int,
-    known: Mapping[int, Prepared | InputError | CheckFailedError] = MappingProxyType({}),
-) -> Iterator[tuple[tuple[int, Sample, Mapping[str, Any]], Prepared | InputError | CheckFailedError]]:
+    known: Mapping[int, Outcome] = MappingProxyType({}),
+) -> Iterator[tuple[tuple[int, Sample, Mapping[str, Any]], Outcome]]:
     """Samples with their frames, or what is wrong with them, in order.
 
     Args:
@@ -240,7 +243,7 @@ def _loaded(
         waiting: How many of them are under way at most.
         known: Frames that were loaded before, by the identity of their samples.
     """
-    under_way: deque[tuple[Any, Future[Prepared | InputError | CheckFailedError]]] = deque()
+    under_way: deque[tuple[Any, Future[Outcome]]] = deque()
     try:
         for each in samples:
             under_way.append((each, pool.submit(_load, each[1], known)))
@@ -255,9 +258,7 @@ def _loaded(
             future.cancel()
 
 
-def _load(
-    sample: Sample, known: Mapping[int, Prepared | InputError | CheckFailedError]
-) -> Prepared | InputError | CheckFailedError:
+def _load(sample: Sample, known: Mapping[int, Outcome]) -> Outcome:
     if id(sample) in known:
         return known[id(sample)]
     try:
@@ -266,7 +267,7 @@ def _load(
         return error
 
 
-def _fault(frame: Prepared | InputError | CheckFailedError, info: RunInfo) -> str:
+def _fault(frame: Outcome, info: RunInfo) -> str:
     """Why a frame is left out; empty if it is not."""
     if isinstance(frame, InputError):
         return frame.allowed

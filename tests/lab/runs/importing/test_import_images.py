@@ -21,6 +21,8 @@ import pytest
 from tacbench_cad.cli import import_, main
 from tacbench_cad.lab import ImportOptions, Run, check_run, find_runs, import_samples
 from tacbench_cad.lab.runs import writing
+from tacbench_cad.lab.runs.exporting.formats import export_runs
+from tacbench_cad.lab.runs.exporting.image_folder import UNLABELLED
 from tacbench_cad.lab.runs.exporting.tactile_data import export_tactile_data
 from tacbench_cad.lab.runs.importing.kinds import KINDS
 from tacbench_cad.util.errors import InputError
@@ -78,7 +80,26 @@ def test_everything_is_optional(images: Any, table: Any, tmp_path: Path) -> None
     assert import_samples([folder], tmp_path / "c").runs[0].folder.name == "unknown"
 
 
-@pytest.mark.parametrize("suffix", [".jpg", ".bmp", ".tif"])
+def test_jpeg_files_are_kept_as_they_are(images: Any, tmp_path: Path) -> None:
+    folder = images(3, suffix=".jpg")
+    whole = (folder / "2.jpg").read_bytes()
+    (folder / "2.jpg").write_bytes(whole[: len(whole) // 2])
+    report = import_samples([folder], tmp_path / "out")
+    assert [each.reason for each in report.left_out] == ["is not a readable JPEG image: it is torn or damaged"]
+    run = Run.open(tmp_path / "out" / "unknown")
+    assert [row.path for row in run.rows] == ["sensor_images/image_1.jpg", "sensor_images/image_2.jpg"]
+    for number, row in enumerate(run.rows):
+        assert (run.folder / row.path).read_bytes() == (folder / f"{number}.jpg").read_bytes()
+        assert np.array_equal(run.frame(row, verify=True), cv2.imread(str(folder / f"{number}.jpg")))
+    assert not [each for each in check_run(run.folder).findings if each.kind in ("unreadable", "shape", "checksum")]
+    export_runs([run.folder], "imagefolder", tmp_path / "exported")
+    names = [path.name for path in sorted((tmp_path / "exported" / UNLABELLED).iterdir())]
+    assert names == ["00000001.jpg", "00000002.jpg"]
+    (run.folder / run.rows[0].path).write_bytes(whole)
+    assert [each.kind for each in check_run(run.folder).findings if each.kind == "checksum"] == ["checksum"]
+
+
+@pytest.mark.parametrize("suffix", [".bmp", ".tif"])
 def test_other_images_are_stored_without_loss(suffix: str, images: Any, tmp_path: Path) -> None:
     folder = images(3, suffix=suffix)
     assert import_samples([folder], tmp_path / "out").ok
@@ -159,7 +180,7 @@ def pipe(path: Path) -> None:
         (link_out, "leads out of"),
         (pipe, "pipe"),
         (lambda path: path.write_text("no image"), "no readable image"),
-        (lambda path: path.write_bytes(b"\xff\xd8\xff\xe0"), "no readable image"),
+        (lambda path: path.write_bytes(b"\xff\xd8\xff\xe0"), "not a readable JPEG"),
         (lambda path: path.write_bytes(b""), "no readable image"),
     ],
 )
