@@ -142,8 +142,8 @@ def _png_size(data: bytes) -> tuple[int, int] | None:
 
 def _jpeg_size(data: bytes) -> tuple[int, int] | None:
     """Width and height of a JPEG that has its end mark; else None."""
-    at = 2
-    while at + 9 <= len(data) and data[at] == 0xFF and b"\xff\xd9" in data[-_JPEG_PADDING:]:
+    at = 2 if b"\xff\xd9" in data[-_JPEG_PADDING:] else len(data)
+    while at + 9 <= len(data) and data[at] == 0xFF:
         mark, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4])
         if 0xC0 <= mark <= 0xCF and mark not in (0xC4, 0xC8, 0xCC):
             height, width = struct.unpack(">HH", data[at + 5 : at + 9])
