@@ -1,7 +1,8 @@
 """The three questions that a study asks first, each with its figure, its interval and a plain answer.
 
 1. *Is this printer repeatable?* The standard deviation between prints of one texture, as a fraction of that between
-   textures. At most :data:`REPEATABLE` is what gauge studies accept (AIAG, Measurement Systems Analysis).
+   textures. Gauge studies accept no more than :data:`REPEATABLE`, and call up to 0.1 good (AIAG, Measurement Systems
+   Analysis, 4th edition, 2010: percentage of gauge repeatability and reproducibility).
 2. *Do prints differ more than repeats?* The variance of two prints over that of two repeats on one print: 1 if prints
    add nothing.
 3. *Which textures can be told apart on a print never seen?* The fraction of a texture's presses that is predicted
