@@ -39,6 +39,8 @@ MAX_MB: Mapping[str, float] = {
 MAX_DEPTH, MAX_VALUES, MAX_WHOLE = 40, 20_000_000, 2**63 - 1
 #: The most rows of a CSV table, columns in a row and characters in a field.
 MAX_ROWS, MAX_COLUMNS, MAX_FIELD = 5_000_000, 1000, 1_000_000
+#: What stands between the fields of a table; the first one where the header has none.
+_SEPARATORS = ",;\t"
 
 
 def limits_factor() -> float:
@@ -218,6 +220,8 @@ def read_table(path: Path, what: str, *, within: Path | None = None) -> tuple[li
 def parse_table(text: str, what: str, name: str) -> tuple[list[str], list[list[str]]]:
     """The header and the rows of a CSV table; blank lines are left out.
 
+    The fields are separated as the header's are: by commas, semicolons (spreadsheets in many languages) or tabs.
+
     Args:
         text: The table.
         what: What it is, for the messages.
@@ -228,7 +232,8 @@ def parse_table(text: str, what: str, name: str) -> tuple[list[str], list[list[s
     """
     rows: list[list[str]] = []
     previous_limit = csv.field_size_limit(MAX_FIELD)
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    header = text.lstrip("\r\n").partition("\n")[0]
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=max(_SEPARATORS, key=header.count), strict=True)
     try:
         for row in reader:
             if not row:

@@ -22,7 +22,7 @@ from tacbench_cad.util.errors import InputError
 MAX_FORCES = 20
 #: The longest word for a label, a print or a name.
 MAX_WORD = 100
-_NUMBER = re.compile(r"[1-9]\d{0,5}")
+_NUMBER, _DECIMAL_COMMA = re.compile(r"[1-9]\d{0,5}"), re.compile(r"[+-]?\d+,\d+")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,6 +100,7 @@ def grouped(sources: Sequence[Source], names: Names) -> tuple[list[Group], list[
     printer, filament = _names("printer", samples, names.printers), _names("filament", samples, names.filaments)
     positions, repeats = (numbered(_words(samples, name)) for name in ("position", "repeat"))
     forces = force_levels(_words(samples, "force"), len(samples))
+    from_zero = "0" in _words(samples, "print")  # then these numbers are names: copies are counted from 1
     groups: dict[Specimen, list[tuple[Source, Sample]]] = defaultdict(list)
     for source, sample in pairs:
         said = sample.fields
@@ -108,7 +109,7 @@ def grouped(sources: Sequence[Source], names: Names) -> tuple[list[Group], list[
             label=label(said.get("label")),
             printer=printer(said.get("printer")),
             filament=filament(said.get("filament")),
-            copy=int(copy) if copy and re.fullmatch(r"[1-9]\d{0,2}", copy) else copy,
+            copy=int(copy) if copy and not from_zero and re.fullmatch(r"[1-9]\d{0,2}", copy) else copy,
             session=said.get("session"),
             block=sample.block,
         )
@@ -168,7 +169,7 @@ def _words(samples: Iterable[Sample], name: str) -> list[str]:
 
 def _number(text: str) -> float | None:
     try:
-        value = float(text)
+        value = float(text.replace(",", ".") if _DECIMAL_COMMA.fullmatch(text) else text)
     except ValueError:
         return None
     return value if math.isfinite(value) else None

@@ -12,6 +12,8 @@ from tacbench_cad.util.errors import InputError
 
 #: Endings of images that can be read.
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+#: Folders of a split, which are no classes.
+SPLITS = ("train", "training", "val", "valid", "validation", "dev", "test")
 #: The tables and folders of TacTip toolchains, in the order in which they are looked for.
 TACTIP_TABLES = ("targets_images.csv", "targets.csv")
 TACTIP_FOLDERS = ("processed_images", "sensor_images")
@@ -36,7 +38,7 @@ def with_table(table: Path, folder: Path, columns: Mapping[str, str], kind: str 
     left_out: list[LeftOut] = []
     seen: dict[str, str] = {}
     for where, fields in rows.rows:
-        name = fields.pop("image", "")
+        name = _inside(fields.pop("image", ""), folder)
         reason = name_fault(name, "image")
         if not reason and seen.setdefault(name, where) != where:
             reason = f"names the image of {seen[name]} again"
@@ -69,20 +71,27 @@ def of_toolchain(folder: Path, columns: Mapping[str, str]) -> Source:
 def of_classes(folder: Path) -> Source:
     """One folder of images for each class, whose name is the label; images beside them have no label.
 
+    Where the folders are those of a split (``train``, ``test`` and so on), the classes are the folders within them.
+
     Raises:
         InputError: The folder cannot be listed.
     """
     samples: list[Sample] = []
     left_out: list[LeftOut] = []
-    for path in sorted(files_below(folder)):
+    files = sorted(files_below(folder))
+    folders = {path.relative_to(folder).parts[0] for path in files if path.parent != folder}
+    depth = 1 if folders and all(name.lower() in SPLITS for name in folders) else 0
+    note = f"{folder.name}: {', '.join(sorted(folders))} are taken as parts of a split; the classes lie in them"
+    for path in files:
         name = path.relative_to(folder)
         if is_image_file(path):
-            fields = {"label": name.parts[0]} if len(name.parts) > 1 else {}
+            fields = {"label": name.parts[depth]} if len(name.parts) > depth + 1 else {}
             samples.append(_sample(str(name), fields, path, folder))
         elif not path.name.startswith("."):
             left_out.append(LeftOut(where=str(name), reason=f"is no image ({', '.join(SUFFIXES)})"))
     kind = "one folder of images for each class" if any(sample.fields for sample in samples) else "a folder of images"
-    return Source(kind=kind, path=folder, samples=samples, left_out=tuple(left_out), threads=True)
+    notes = (note,) if depth else ()
+    return Source(kind=kind, path=folder, samples=samples, left_out=tuple(left_out), notes=notes, threads=True)
 
 
 def files_below(folder: Path) -> Iterator[Path]:
@@ -109,6 +118,12 @@ def name_fault(name: str, what: str) -> str:
     if path.is_absolute() or ".." in path.parts or Path(name).is_absolute() or "\0" in name:
         return "is a path that leads out of the folder"
     return ""
+
+
+def _inside(name: str, folder: Path) -> str:
+    """A file's name from a folder, of an absolute path in that folder; every other name as it is."""
+    path = Path(name)
+    return str(path.relative_to(folder.absolute())) if path.is_relative_to(folder.absolute()) else name
 
 
 def _sample(name: str, fields: Mapping[str, str], path: Path, within: Path, row: str = "") -> Sample:

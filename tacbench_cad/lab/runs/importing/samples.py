@@ -16,7 +16,7 @@ from tacbench_cad.util.errors import InputError, nearest
 #: What may be said of a sample, each with the names of columns that are recognised without being mapped, best first.
 FIELDS: Mapping[str, tuple[str, ...]] = {
     "image": ("image", "file", "file_name", "filename", "path", "sensor_image", "image_name"),
-    "label": ("label", "texture", "class", "class_name", "object_label", "obj_lbl", "obj_id"),
+    "label": ("label", "labels", "texture", "class", "class_name", "object_label", "obj_lbl", "obj_id"),
     "print": ("print", "copy", "print_id"),
     "printer": ("printer",),
     "filament": ("filament",),

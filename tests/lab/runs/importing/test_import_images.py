@@ -133,6 +133,34 @@ def test_one_folder_for_each_class(images: Any, tmp_path: Path) -> None:
     assert [each.where for each in report.left_out] == [str(Path("felt/notes.txt"))]
 
 
+def test_folders_of_a_split_are_no_classes(images: Any, tmp_path: Path) -> None:
+    for name in ("split/train/cork", "split/train/felt", "split/test/cork"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        images(2, name)
+    report = import_samples([tmp_path / "split"], tmp_path / "out")
+    assert [(run.folder.name, run.imported) for run in report.runs] == [("cork", 4), ("felt", 2)]
+    assert report.notes == ("split: test, train are taken as parts of a split; the classes lie in them",)
+
+
+def test_a_table_of_a_german_spreadsheet(images: Any, tmp_path: Path) -> None:
+    folder = images(4)
+    lines = ["image;label;print;force;x_mm", *(f"{i}.png;Kork;{i // 2};{1 + i % 2},5;-0,25" for i in range(4))]
+    (folder / "labels.csv").write_bytes(b"\xef\xbb\xbf" + "\r\n".join(lines).encode() + b"\r\n")
+    report = import_samples([folder], tmp_path / "out")
+    assert report.ok and [run.folder.name for run in report.runs] == ["Kork_0", "Kork_1"]
+    rows = Run.open(report.runs[0].folder).rows
+    assert [(row.target_force_n, row.pose_x) for row in rows] == [(1.5, -0.25), (2.5, -0.25)]
+
+
+def test_absolute_paths_in_the_folder_are_its_own(images: Any, table: Any, tmp_path: Path) -> None:
+    folder = images(3)
+    paths = [folder / "0.png", folder / "1.png", tmp_path / "2.png"]
+    labels = table(tmp_path / "labels.csv", ("image", "label"), [(path, "cork") for path in paths])
+    report = import_samples([folder, labels], tmp_path / "out")
+    assert report.runs[0].imported == 2
+    assert [each.reason for each in report.left_out] == ["is a path that leads out of the folder"]
+
+
 def test_a_toolchains_folder_comes_back(run_folder: Path, tmp_path: Path) -> None:
     export_tactile_data(run_folder, tmp_path / "exported")
     report = import_samples([tmp_path / "exported"], tmp_path / "out")
