@@ -12,6 +12,7 @@ import pytest
 from tacbench_cad.lab import Collection, ImportOptions, import_samples, make_splits, variance_table
 from tacbench_cad.lab.analysis.report.facts import open_points, unknown_in_words
 from tacbench_cad.lab.analysis.report.rendering import macro
+from tacbench_cad.lab.analysis.variance.cells import name_of
 from tacbench_cad.lab.analysis.variance.grade import grade
 from tacbench_cad.lab.analysis.variance.notes import variance_warnings
 from tacbench_cad.util.errors import InputError
@@ -55,6 +56,7 @@ def test_variance_is_that_of_the_images(study: Any) -> None:
         assert cell is not None and abs(cell.variance - expected) < 1e-9 * expected
         assert (cell.prints, cell.presses) == (3, 18)
     assert sorted(set(collection.repeat.tolist())) == [1, 2]
+    assert name_of("unknown_unknown") == "unknown printer" and name_of("unknown_petg") == "petg"
     assert not any("paper" in text for text in variance_warnings(collection, result.cells, ()))
 
 

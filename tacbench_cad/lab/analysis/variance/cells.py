@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from tacbench_cad.lab.analysis.published import PAPER_ROW_NAMES
+from tacbench_cad.lab.study.spec import UNKNOWN
 from tacbench_cad.util.convert import Bounds, check_fields
 from tacbench_cad.util.errors import InputError
 
@@ -92,7 +93,8 @@ def parts_of(combination: str) -> dict[str, str]:
 def name_of(combination: str) -> str:
     """A printer-filament as figures and tables call it: as the paper does, where it is one of the paper's."""
     printer, filament = parts_of(combination).values()
-    return PAPER_ROW_NAMES.get((printer, filament), f"{printer} {filament}")
+    known = " ".join(part for part in (printer, filament) if part != UNKNOWN) or "unknown printer"
+    return PAPER_ROW_NAMES.get((printer, filament), known)
 
 
 def squared(units: str) -> str:
