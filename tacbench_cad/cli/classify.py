@@ -56,8 +56,8 @@ from tacbench_cad.util.errors import InputError
 @options.option(
     "--components",
     options.or_none(options.COUNT),
-    "Principal components that the estimator gets; none: the readings themselves. Default: 25, and none for an "
-    "estimator of your own; of the network as published 45.",
+    "Principal components that the estimator gets; none: the readings themselves. Default: 25 (of fewer than 100 "
+    "readings a quarter of their number), none for an estimator of your own, 45 for the network as published.",
 )
 @options.option(
     "--noise",
@@ -152,7 +152,7 @@ def command(
     if isinstance(force_level, int):
         collection = collection.at_level(force_level)
     image = settings["features"] == "pixels" and is_image(collection.frame(0))
-    given = usual(protocol, estimators, image=image)
+    given = usual(protocol, estimators, image=image, readings=len(collection))
     copies = {"noise": noise, "brightness": () if brightness == "none" else brightness}
     given["augmentation"] = replace(given["augmentation"], **_given(copies))
     given |= _given({"components": components, "epochs": epochs, "batch_size": batch_size})

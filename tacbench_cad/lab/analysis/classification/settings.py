@@ -196,13 +196,17 @@ class ClassificationRecord(ClassificationSettings):
         return write_settings(folder / SETTINGS_FILE, self)
 
 
-def usual(protocol: Protocol, estimators: tuple[str, ...], *, image: bool = True) -> dict[str, Any]:
+def usual(
+    protocol: Protocol, estimators: tuple[str, ...], *, image: bool = True, readings: int | None = None
+) -> dict[str, Any]:
     """What a protocol takes where nothing else is said, as arguments of :class:`ClassificationSettings`.
 
     Args:
         protocol: The protocol.
         estimators: The estimators.
         image: Whether the readings are images.
+        readings: How many there are, where that matters: the leak-free protocol takes no more principal components than
+            a quarter of them, which even its smallest training sets have.
     """
     copies = Augmentation() if image else Augmentation(noise=None, brightness=())
     values: dict[str, Any] = {"protocol": protocol, "estimators": estimators, "augmentation": copies}
@@ -210,6 +214,8 @@ def usual(protocol: Protocol, estimators: tuple[str, ...], *, image: bool = True
         return {**values, "augmentation": replace(copies, brightness=()), **SAVED.get(estimators[0], {})}
     if protocol == "leak-free" and any(is_plugin(name) for name in estimators):
         values["components"] = None
+    elif protocol == "leak-free" and readings is not None:
+        values["components"] = max(1, min(ClassificationSettings.components or 1, readings // 4))
     return values
 
 

@@ -87,7 +87,8 @@ def classify_into(
     from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, usual
     from tacbench_cad.lab.rig.sensor import is_image
 
-    settings = ClassificationSettings(**usual("leak-free", ("forest",), image=is_image(collection.frame(0))))
+    image = is_image(collection.frame(0))
+    settings = ClassificationSettings(**usual("leak-free", ("forest",), image=image, readings=len(collection)))
 
     def show(what: str, done: int, total: int) -> None:
         progress(f"classification: {what}", done, total)
