@@ -27,7 +27,7 @@ from tacbench_cad.util.types import Bools, Ints
 Chosen = Ints | Bools
 #: What may be unknown of an imported press, and the field that has it: of its row, and of what was pressed.
 _OF_ROWS = {"position": "position", "force": "force_level", "repeat": "repeat"}
-_OF_PRINTS = {"label": "texture", "printer": "printer", "filament": "filament", "print": "copy"}
+_OF_PRINTS = {name: name for name in ("printer", "filament", "session")} | {"label": "texture", "print": "copy"}
 
 
 def _of_print(name: str) -> cached_property[NDArray[Any]]:
@@ -122,11 +122,11 @@ class Collection:
         """Whether something is known of every press.
 
         Args:
-            what: ``label``, ``printer``, ``filament``, ``print``, ``position``, ``force`` or ``repeat``.
+            what: ``label``, ``printer``, ``filament``, ``print``, ``session``, ``position``, ``force`` or ``repeat``.
         """
         if what in _OF_ROWS:
             return all(getattr(row, _OF_ROWS[what]) is not None for run in self.runs for row in run.rows)
-        return all(getattr(run.info.printed, _OF_PRINTS[what]) is not None for run in self.runs)
+        return all(getattr(run.info.printed, _OF_PRINTS[what], None) is not None for run in self.runs)
 
     def require(self, purpose: str, *needed: str) -> None:
         """Refuse an analysis that needs what is unknown.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.lab import Collection, ImportOptions, import_samples, make_splits, variance_table
+from tacbench_cad.lab.analysis.classification.splits import PressTable
 from tacbench_cad.lab.analysis.report.facts import open_points, unknown_in_words
 from tacbench_cad.lab.analysis.report.rendering import macro
 from tacbench_cad.lab.analysis.variance.cells import name_of
@@ -81,6 +83,16 @@ def test_splits_hold_out_what_is_known(study: Any) -> None:
     assert [split.hold_out for split in splits] == ["press", "position", "copy"]
     with pytest.raises(InputError, match="needs the label"):
         make_splits(study("print"))
+
+
+def test_intervals_count_prints_where_these_are_known_and_samples_elsewhere(study: Any) -> None:
+    for columns, name, count in ((("label",), "samples", 36), (("label", "print"), "prints", 6)):
+        units, unit = PressTable.of(study(*columns)).units("press")
+        assert (units, len(np.unique(unit))) == (name, count)
+    presses = replace(
+        PressTable.of(study("label", "print")), unknown=frozenset({"print"})
+    )  # only its sessions are known
+    assert presses.units("copy")[0] == "sessions"
 
 
 def test_a_grade_needs_the_force(study: Any) -> None:

@@ -157,11 +157,10 @@ def scores(outcomes: Sequence[Outcome], presses: PressTable, protocol: str) -> l
     for outcome in outcomes:
         wholes[outcome.train_on, outcome.estimator, outcome.hold_out].append(outcome)
     for (_, _, hold_out), whole in wholes.items():
-        name, array = UNITS.get(hold_out, UNITS["copy"])
         tested_on = ALL if hold_out in UNITS else whole[0].tested_on
-        rows.append(_score(whole, presses, protocol, tested_on, name, getattr(presses, array)))
+        rows.append(_score(whole, presses, protocol, tested_on, *presses.units(hold_out)))
         for group, part in _groups(whole, presses).items():
-            rows.append(_score(part, presses, protocol, group, "prints", presses.run))
+            rows.append(_score(part, presses, protocol, group, *presses.units("copy")))
     return rows
 
 

@@ -18,7 +18,7 @@ from tacbench_cad.lab.analysis.classification.features import read_features
 from tacbench_cad.lab.analysis.classification.outcomes import ARRAYS, Outcome, Study
 from tacbench_cad.lab.analysis.classification.result import Result
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, one_thread
-from tacbench_cad.lab.analysis.classification.splits import UNITS, PressTable
+from tacbench_cad.lab.analysis.classification.splits import PressTable
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import AS_PUBLISHED, preprocess_of
 from tacbench_cad.lab.parallel import Executor
@@ -168,11 +168,16 @@ def _notes(collection: Collection, presses: PressTable, settings: Classification
         folds = leak_free.trial_folds(presses, settings, 1)
         if not folds.folds:
             raise InputError("hold-out", ", ".join(settings.hold_out), "none is left; " + "; ".join(folds.notes))
-        units = ", ".join(f"{level}: {UNITS[level][0]}" for level in folds.levels)
+        units = ", ".join(f"{level}: {presses.units(level)[0]}" for level in folds.levels)
         notes += folds.notes
+        repeated, _ = presses.units("copy")
         notes.append(
-            f"intervals (95 %) count as one what is held out or repeated: {units}; of a named group: its prints"
+            f"intervals (95 %) count as one what is held out or repeated: {units}; of a named group: its {repeated}"
         )
+        if repeated == "samples":
+            notes.append(
+                "prints and sessions are unknown: where samples of one object are alike, intervals are too narrow"
+            )
     else:
         notes += [paper_protocol.WARNINGS[settings.protocol], "intervals (95 %) count prints as one, over all trials"]
         notes += _paper_counts(presses, settings)

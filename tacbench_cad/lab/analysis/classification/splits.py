@@ -11,8 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.util.errors import InputError, one_of
@@ -46,7 +48,7 @@ class PressTable:
         copy: Number of the copy.
         level: Force level.
         position: Number of the position.
-        unknown: What is unknown of some press, of :data:`NEEDS`.
+        unknown: What is unknown of some press, of :data:`NEEDS`; and ``session`` if sessions are.
     """
 
     run: Ints
@@ -66,8 +68,21 @@ class PressTable:
     def of(cls, collection: Collection) -> PressTable:
         """That of a collection."""
         columns = {field.name: getattr(collection, field.name) for field in fields(cls) if field.name != "unknown"}
-        unknown = {need for need in NEEDS.values() if not any(collection.has(word) for word in need.split(" or "))}
+        needs = {*NEEDS.values(), "session"}
+        unknown = {need for need in needs if not any(collection.has(word) for word in need.split(" or "))}
         return cls(**columns, unknown=frozenset(unknown))
+
+    def units(self, hold_out: str) -> tuple[str, NDArray[Any]]:
+        """What an interval of a hold-out level counts as one: its name, and which of them each press is of, (n,).
+
+        Where prints are unknown, recordings stand for them, and samples where these are unknown too.
+        """
+        name, array = UNITS.get(hold_out, UNITS["copy"])
+        if array == "run" and NEEDS["copy"] in self.unknown:
+            if "session" in self.unknown:
+                return "samples", np.arange(len(self.run))
+            return "sessions", self.run
+        return name, getattr(self, array)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
