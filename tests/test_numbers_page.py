@@ -16,6 +16,7 @@ from tacbench_cad.cli import main
 from tacbench_cad.lab.analysis import answers, compare
 from tacbench_cad.lab.analysis.classification import result, score
 from tacbench_cad.lab.analysis.classification.split_files import PRESS_COLUMNS
+from tacbench_cad.lab.analysis.report import results
 from tacbench_cad.lab.analysis.variance import view
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.slicing import plates
@@ -34,6 +35,7 @@ TABLES = {
     "predictions.csv": [column.name for column in result.PREDICTION_COLUMNS],
     "sweep.csv": [column.name for column in result.SWEEP_COLUMNS],
     "comparison.csv": [column.name for column in compare.COLUMNS],
+    "textures.csv": [column.name for column in results.COLUMNS],
     "columns of score": score.COLUMNS,
     "presses of a split": PRESS_COLUMNS,
     "layout of a plate": plates.COLUMNS,
@@ -89,7 +91,6 @@ def test_every_key_of_the_parts_documents_is_explained(tmp_path: Path, capsys: C
     assert set(keys(manifest)) <= named("numbers.md")
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_every_key_of_the_analysis_documents_is_explained(tmp_path: Path, capsys: Capture) -> None:
     pytest.importorskip("sklearn")
     pytest.importorskip("matplotlib")
@@ -100,6 +101,7 @@ def test_every_key_of_the_analysis_documents_is_explained(tmp_path: Path, capsys
     assert main(["runs", "check", *map(str, folders), "--json"]) == 1  # they lack references: findings are shown, too
     assert _unexplained(capsys) == set()
     for argv in (
+        ["report", str(runs), "-o", str(tmp_path / "report.html"), "--no-classify", "--jobs", "1"],
         ["variance", str(runs), "--register", "--jobs", "1"],
         ["grade", str(runs)],
         ["classify", str(runs), "-o", str(tmp_path / "a"), *quick],

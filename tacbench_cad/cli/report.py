@@ -9,6 +9,7 @@ import rich_click as click
 from tacbench_cad.cli import options
 from tacbench_cad.cli.common import print_json
 from tacbench_cad.cli.progress import ProgressLine
+from tacbench_cad.util.door import read_document
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
 
@@ -39,11 +40,14 @@ def command(
 ) -> None:
     """One self-contained page on a study, fit to be sent, printed and quoted.
 
-    What was pressed on what, the print records and what is missing in them, data quality, the variance table with maps
-    and matrices, the classification at each hold-out level with confusion matrices, and a methods paragraph with every
-    parameter and the citations. report.html needs nothing else; beside it report_files/ has each figure as PNG and PDF
-    and each table as CSV. Finished trials of a classification are kept there too: after an interruption the same
-    command goes on. Simulated data are marked on every figure and table.
+    Its first screen has five sentences (what was pressed, how good the data are, how well it printed, what can be told
+    apart on prints that training has not seen, what to do next) and a figure. Then come a frame of each texture and the
+    table to quote. Everything else is folded on a screen and open on paper: the design, data quality, variance, the
+    classification at each hold-out level, a methods paragraph with every parameter, citations and the print records.
+
+    report.html needs nothing else. report_files/ beside it has each figure as PNG and PDF, each table as CSV, and all
+    that the page shows as report.json, which --json prints. Finished trials of a classification are kept there too:
+    after an interruption the same command goes on. Simulated data are marked at the top and in each file.
 
     Examples:
       tacbench report runs -o report.html
@@ -58,7 +62,8 @@ def command(
     with ProgressLine() as progress:
         files = write_report(runs, out, how, progress.show)
     if json:
-        print_json({"report": str(files[0]), "files": [str(path) for path in files[1:]]})
+        document = read_document(files[1], "report", "json")
+        print_json({"report": str(files[0]), "files": [str(path) for path in files[1:]], **document})
         return
     size = files[0].stat().st_size / 1e6
     click.echo(f"{files[0]} ({size:.1f} MB), {counted(len(files) - 1, 'file')} in {files[0].stem}_files")

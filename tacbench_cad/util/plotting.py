@@ -36,6 +36,8 @@ _METADATA: dict[str, dict[str, None]] = {
     "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
     "svg": {"Date": None, "Creator": None},
 }
+#: What each kind calls the words on what a file shows.
+_ABOUT = {"png": "Description", "pdf": "Subject", "svg": "Description"}
 #: Suffixes of the files that a figure can be written to.
 SUFFIXES = tuple(f".{kind}" for kind in _METADATA)
 
@@ -105,7 +107,7 @@ def colour_bar(axes: Axes, mapped: Any, label: str, **style: Any) -> float:
     return float(left)
 
 
-def save_figure(figure: Figure, path: Path, kind: str = "png", box: Bbox | None = None) -> None:
+def save_figure(figure: Figure, path: Path, kind: str = "png", box: Bbox | None = None, about: str = "") -> None:
     """Write a figure, whole or not at all, without a date.
 
     Args:
@@ -113,9 +115,11 @@ def save_figure(figure: Figure, path: Path, kind: str = "png", box: Bbox | None 
         path: The file.
         kind: ``png``, ``pdf`` or ``svg``.
         box: What of the plane is written, in inches; None for the figure itself.
+        about: Words for the file's metadata: a PNG's ``Description``, a PDF's ``Subject``.
 
     Raises:
         InputError: The file cannot be written.
     """
+    metadata = {**_METADATA[kind], **({_ABOUT[kind]: about} if about else {})}
     with replacing(path) as temporary:
-        figure.savefig(temporary, format=kind, bbox_inches=box, metadata=_METADATA[kind])
+        figure.savefig(temporary, format=kind, bbox_inches=box, metadata=metadata)

@@ -37,7 +37,7 @@ WHICH_TEXTURES = "Which textures can be told apart on a print never seen?"
 
 _OF_TEXTURES = "% of what textures differ by"
 _OF_REPEATS = "times what repeats differ by"
-RIGHT = "% predicted rightly"
+RIGHT = "% predicted correctly"
 
 #: The columns of ``printer_answers.csv`` and ``texture_answers.csv``.
 COLUMNS: tuple[Column, ...] = (

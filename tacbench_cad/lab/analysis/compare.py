@@ -352,7 +352,7 @@ def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
     """
     from tacbench_cad.lab.analysis.figures import save, styled
 
-    path = comparison.table.write(folder / "comparison.csv")
+    path = comparison.table.write(folder / "comparison.csv", comparison.simulated)
     with styled():
         return [path, *save(_figure(comparison), folder / "comparison", comparison.simulated)]
 

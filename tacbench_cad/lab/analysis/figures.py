@@ -1,4 +1,4 @@
-"""What all figures of the analysis have in common: style, colours, and files with the mark of simulated data.
+"""What all figures of the analysis have in common: style, colours, and files that say if their data are simulated.
 
 Needs matplotlib (extra ``plot``), imported when a figure is made. Every figure becomes a PNG and a PDF, each written
 whole or not at all, with no date in it.
@@ -7,7 +7,6 @@ whole or not at all, with no date in it.
 from __future__ import annotations
 
 import contextlib
-import textwrap
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,10 +23,8 @@ MAP = "viridis"
 MARK = "#b03a00"
 #: Width of one column and of a page in most journals, in inches.
 COLUMN_IN, PAGE_IN = 3.5, 7.2
-#: Height of a line of the mark, and characters that fit into an inch of it.
-_LINE_IN, _CHARACTERS_PER_IN = 0.14, 16.5
-#: Lines that the mark may take; a study of many printers would name each of them.
-_LINES = 2
+#: Height of the mark, in inches.
+_MARK_IN = 0.16
 
 _STYLE = {
     "font.family": "DejaVu Sans",
@@ -83,8 +80,8 @@ def save(figure: Figure, stem: Path, simulated: Sequence[str]) -> tuple[Path, Pa
     Args:
         figure: The figure, inside :func:`styled`.
         stem: The files' path without suffix. Its folder must exist.
-        simulated: What of the data was simulated (``Collection.simulated``); it is written below the figure, outside
-            of everything that is drawn. Empty for real data.
+        simulated: What of the data was simulated (``Collection.simulated``): it stands in the files' metadata, and
+            below everything that is drawn stands "simulated data". Empty for real data.
 
     Returns:
         The PNG's and the PDF's path.
@@ -95,31 +92,19 @@ def save(figure: Figure, stem: Path, simulated: Sequence[str]) -> tuple[Path, Pa
     from matplotlib.transforms import Bbox
 
     width, height = (float(size) for size in figure.get_size_inches())
-    lines = _mark(simulated, max(20, int(width * _CHARACTERS_PER_IN)))
-    band = _LINE_IN * len(lines) + 0.06 if simulated else 0.0
-    box = Bbox.from_extents(0.0, -band, width, height)
+    box = Bbox.from_extents(0.0, -_MARK_IN if simulated else 0.0, width, height)
+    about = f"simulated data: {'; '.join(simulated)}" if simulated else ""
     mark = None
     if simulated:
         place = (0.06 / width, -0.02 / height)
-        mark = figure.text(*place, "\n".join(lines), ha="left", va="top", fontsize=7.0, color=MARK, style="italic")
+        mark = figure.text(*place, "simulated data", ha="left", va="top", fontsize=6.5, color=MARK, style="italic")
         mark.set_in_layout(False)
     paths = stem.with_name(f"{stem.name}.png"), stem.with_name(f"{stem.name}.pdf")
     try:
         for path in paths:
-            plotting.save_figure(figure, path, path.suffix.removeprefix("."), box)
+            plotting.save_figure(figure, path, path.suffix.removeprefix("."), box, about)
             figure.set_layout_engine("none")  # the first file's places serve for the second
     finally:
         if mark is not None:
             mark.remove()
     return paths
-
-
-def _mark(simulated: Sequence[str], width: int) -> list[str]:
-    """What was simulated, each part once, as many whole parts as there is room for."""
-    parts = list(dict.fromkeys(part for text in simulated for part in text.split("; ")))
-    for count in range(len(parts), 0, -1):
-        rest = "" if count == len(parts) else f"; and {len(parts) - count} more (see run.json)"
-        lines = textwrap.wrap("simulated: " + "; ".join(parts[:count]) + rest, width)
-        if len(lines) <= _LINES:
-            return lines
-    return textwrap.wrap("simulated (see run.json)", width) if parts else []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
@@ -158,8 +158,13 @@ class Table:
             raise InputError("table", str(path), f"holds a wrong value: {error}") from None
         return cls(columns=kept, rows=tuple(rows), title=title)
 
-    def write(self, path: Path) -> Path:
+    def write(self, path: Path, simulated: Sequence[str] | None = None) -> Path:
         """Write it as CSV, whole or not at all: numbers with every digit, None and NaN as empty texts.
+
+        Args:
+            path: The file.
+            simulated: What of the data was simulated. The last column ``simulated`` says in each row whether anything
+                was; without this column if it is None.
 
         Returns:
             The path.
@@ -169,8 +174,10 @@ class Table:
         """
         with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
             writer = csv.writer(stream, lineterminator="\n")
-            writer.writerow([column.name for column in self.columns if column.derived is None])
-            writer.writerows([[schema.cell(value) for value in record.values()] for record in self.records()])
+            more = {} if simulated is None else {"simulated": bool(simulated)}
+            writer.writerow([*(column.name for column in self.columns if column.derived is None), *more])
+            rows = ({**record, **more} for record in self.records())
+            writer.writerows([schema.cell(value) for value in row.values()] for row in rows)
         return path
 
     def records(self) -> list[dict[str, Any]]:

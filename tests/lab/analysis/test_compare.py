@@ -141,7 +141,7 @@ def test_the_command_takes_runs_and_tells_a_seeing_sensor_from_a_blind_one(
     assert document["simulated"] == ["sensor: a formula"]
     with (folder / "out" / "comparison.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
-    assert list(rows[0]) == [column.name for column in COLUMNS]
+    assert list(rows[0]) == [*(column.name for column in COLUMNS), "simulated"]
     of_press = {row["texture"]: row for row in rows if row["hold_out"] == "press"}
     assert float(of_press["all"]["accuracy_a"]) > 0.9 > 0.8 > float(of_press["all"]["accuracy_b"])
     assert float(of_press["all"]["high"]) < 0.0 and of_press["all"]["paired"] == "true"
@@ -149,7 +149,6 @@ def test_the_command_takes_runs_and_tells_a_seeing_sensor_from_a_blind_one(
         assert (folder / "out" / f"comparison.{kind}").stat().st_size > 5000
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_the_command_takes_folders_of_classify(compared: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
     folder, document = compared
     sides = [str(folder / "out" / f"classification_{one}") for one in "ab"]

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from tacbench_cad.lab.analysis.figures import new_figure, styled
+from tacbench_cad.lab.analysis.figures import new_figure, save, styled
 from tacbench_cad.util.plotting import save_figure
 
 
@@ -20,3 +20,23 @@ def test_letters_in_a_pdf_file_can_be_searched(tmp_path: Path) -> None:
         save_figure(figure, tmp_path / "figure.pdf", "pdf")
     data = (tmp_path / "figure.pdf").read_bytes()
     assert b"/CIDFontType2" in data and b"/Type3" not in data
+
+
+def test_figures_of_simulated_data_say_so_in_their_metadata_and_once_below(tmp_path: Path) -> None:
+    from PIL import Image
+
+    sizes = {}
+    for stem, simulated in {"real": (), "virtual": ("sensor: a formula", "stage: none")}.items():
+        with styled():
+            figure = new_figure(3.0, 2.0)
+            picture, document = save(figure, tmp_path / stem, simulated)
+        assert not figure.texts, "the mark belongs to the files"
+        with Image.open(picture) as image:
+            sizes[stem] = image.size
+            assert (min(image.convert("L").getdata()) < 200) == bool(simulated), "the mark is drawn, nothing else"
+            expected = "simulated data: sensor: a formula; stage: none" if simulated else None
+            assert image.info.get("Description") == expected
+        assert (b"/Subject (simulated data: sensor: a formula; stage: none)" in document.read_bytes()) == bool(
+            simulated
+        )
+    assert sizes["virtual"][0] == sizes["real"][0] and 10 < sizes["virtual"][1] - sizes["real"][1] < 40

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import csv
 import json
 import re
 import shutil
@@ -18,6 +19,7 @@ from helpers.studies import GRID, noise_image, texture_image, write_study
 pytest.importorskip("cv2")
 pytest.importorskip("sklearn")
 pytest.importorskip("matplotlib")
+Image = pytest.importorskip("PIL.Image")
 threadpoolctl = pytest.importorskip("threadpoolctl")
 
 from tacbench_cad import __version__
@@ -25,7 +27,8 @@ from tacbench_cad.cli import report as command
 from tacbench_cad.lab.analysis.classification.classify import TRIALS
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.page import Options, copy_files, write_report
-from tacbench_cad.lab.analysis.report.rendering import macro, read_image
+from tacbench_cad.lab.analysis.report.parts import table_part
+from tacbench_cad.lab.analysis.report.rendering import macro, read_image, render_page
 from tacbench_cad.lab.analysis.tables import Column, Table
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
@@ -108,11 +111,58 @@ def test_nothing_on_the_page_comes_from_elsewhere(report: Path, page: Page) -> N
     assert not re.search(r"https?:|url\(|@import|//", text.replace("</", ""))
 
 
-def test_links_within_the_page_lead_somewhere(page: Page) -> None:
-    anchors = {attributes["id"] for _, attributes in page.tags if "id" in attributes}
-    links = [one["href"][1:] for one in page.all("a")]
-    assert links and set(links) == anchors
-    assert {"design", "prints", "quality", "variance", "maps", "classification", "methods"} == anchors
+def test_what_answers_stands_first_and_everything_else_is_folded(page: Page) -> None:
+    tags = [tag for tag, _ in page.tags]
+    first = tags[: tags.index("details")]
+    assert (first.count("h1"), first.count("dd"), first.count("figure"), first.count("table")) == (1, 5, 2, 1)
+    assert set(tags[tags.index("details") :]) & {"table", "figure"}
+    folded = page.all("details")
+    assert all("open" not in attributes for attributes in folded)
+    assert [attributes["id"] for attributes in folded] == [
+        *("steps", "design", "quality", "variance", "published", "maps", "classification", "methods", "prints")
+    ]
+
+
+def numbers(text: str) -> list[str]:
+    """Every number in a text, as it is written."""
+    return re.findall(r"(?<![\w.-])\d[\d,]*(?:\.\d+)?", text)
+
+
+def test_every_number_before_the_fold_is_in_the_document_and_in_the_tables(report: Path, page: Page) -> None:
+    text = report.read_text(encoding="utf-8")
+    document = json.loads((report.parent / "report_files" / "report.json").read_text(encoding="utf-8"))
+    top = Page(f"<body>{text[text.index('<h1>') : text.index('<details')]}</body>")
+    values = {key: document[key] for key in ("title", "notice", "summary", "figures", "table")}
+    assert len(numbers(top.text)) > 30
+    assert set(numbers(top.text)) <= set(numbers(json.dumps(values, ensure_ascii=False)))
+    # What is shown rounded is there with every digit.
+    with (report.parent / "report_files" / "textures.csv").open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    records = document["table"]["records"]
+    assert (
+        [row["texture"] for row in rows]
+        == [record["texture"] for record in records]
+        == ["texture-1"] * 2 + ["texture-2"] * 2
+    )
+    for row, record, shown in zip(rows, records, document["table"]["rows"], strict=True):
+        assert row["simulated"] == "true"
+        assert (float(row["variance"]), float(row["recall"])) == (record["variance"], record["recall"])
+        assert f"{record['variance']:.3g}" in shown and record["hold_out"] == "copy"
+    with (report.parent / "report_files" / "variance" / "variance.csv").open(encoding="utf-8", newline="") as stream:
+        cells = {(row["texture"], row["printer"]): row for row in csv.DictReader(stream)}
+    for record in records:
+        cell = cells[record["texture"], record["printer"]]
+        assert all(float(cell[name]) == record[name] for name in ("variance", "low", "high", "noise_alone", "prints"))
+    answers = {answer["about"]: answer for answer in document["texture_answers"]}
+    for record in records:
+        answer = answers[record["texture"]]
+        assert record["recall"] == pytest.approx(answer["figure"] / 100.0)
+        assert record["recall_low"] == pytest.approx(answer["low"] / 100.0)
+
+
+def test_the_page_is_made_of_the_document_alone(report: Path) -> None:
+    document = json.loads((report.parent / "report_files" / "report.json").read_text(encoding="utf-8"))
+    assert render_page(document, report.parent) == report.read_text(encoding="utf-8")
 
 
 def test_every_picture_is_the_file_beside_the_page_and_has_words(report: Path, page: Page) -> None:
@@ -132,16 +182,19 @@ def test_every_file_that_the_page_names_is_there(report: Path, page: Page) -> No
     assert len(named) > 20
     assert all((report.parent / one).is_file() for one in named)
     written = {str(one.relative_to(report.parent)) for one in report.with_name("report_files").rglob("*.csv")}
-    assert written - named <= {
-        "report_files/classification/predictions.csv",
-        "report_files/findings.csv",
-    }
+    assert written - named <= {"report_files/classification/predictions.csv"}
 
 
-def test_simulated_data_say_so_at_the_top_and_under_every_table(page: Page) -> None:
-    assert "Simulated data, not a real sensor's: sensor: a <formula> & noise." in page.text
-    marks = [one for tag, one in page.tags if tag == "p" and one.get("class") == "mark"]
-    assert len(marks) == len(page.all("table"))
+def test_simulated_data_say_so_once_at_the_top_and_in_each_file(report: Path, page: Page) -> None:
+    assert page.text.count("Simulated data, not a real sensor's: sensor: a <formula> & noise.") == 1
+    described = next(one for one in page.all("meta") if one.get("name") == "description")
+    assert described["content"] == "simulated data: sensor: a <formula> & noise"
+    for path in report.with_name("report_files").rglob("*.csv"):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        assert lines[0].endswith(",simulated") and all(line.endswith(",true") for line in lines[1:]), path
+    for path in report.with_name("report_files").rglob("*.png"):
+        with Image.open(path) as image:
+            assert image.info["Description"] == "simulated data: sensor: a <formula> & noise"
 
 
 def test_it_can_be_read_on_a_small_screen_and_printed(report: Path, page: Page) -> None:
@@ -153,6 +206,7 @@ def test_it_can_be_read_on_a_small_screen_and_printed(report: Path, page: Page) 
             assert tag == "div"
             parents.append(attributes)
     assert all(one["class"] == "scroll" for one in parents)
+    assert "details::details-content" in report.read_text(encoding="utf-8"), "paper shows what is folded"
     assert page.all("html")[0]["lang"] == "en"
 
 
@@ -174,24 +228,26 @@ def test_the_page_says_what_a_reader_asks_for(page: Page) -> None:
         assert words in page.text, words
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_without_classification_and_with_folders_of_the_commands(runs: Path, report: Path, tmp_path: Path) -> None:
     files = report.with_name("report_files")
     out = tmp_path / "again.html"
     words = [str(runs), "-o", str(out), "--variance", str(files / "variance")]
     answer = CliRunner().invoke(command.command, [*words, "--classify", str(files / "classification"), "--json"])
     assert answer.exit_code == 0, answer.output
-    assert json.loads(answer.stdout)["report"] == str(out)
+    document = json.loads(answer.stdout)
+    assert document.pop("report") == str(out)
+    assert document.pop("files")[0] == str(tmp_path / "again_files" / "report.json")
+    assert render_page(document, tmp_path) == out.read_text(encoding="utf-8")
     again = Page(out.read_text(encoding="utf-8"))
     before = Page(report.read_text(encoding="utf-8"))
     assert again.text == before.text.replace("report_files/", "again_files/")
     assert not (tmp_path / "again_files" / "classification" / "trials").exists()
     plain = CliRunner().invoke(command.command, [*words[:2], str(tmp_path / "short.html"), *words[3:], "--no-classify"])
     assert "files in short_files" in plain.stdout
-    assert "What the sensor can tell apart" not in (tmp_path / "short.html").read_text(encoding="utf-8")
+    short = Page((tmp_path / "short.html").read_text(encoding="utf-8")).text
+    assert "What the sensor can tell apart" not in short and "Nothing was classified." in short
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_figures_of_an_earlier_report_do_not_come_back(runs: Path, report: Path, tmp_path: Path) -> None:
     files = report.with_name("report_files")
     stale = tmp_path / "new_files" / "classification" / "confusion_network.png"
@@ -203,7 +259,6 @@ def test_figures_of_an_earlier_report_do_not_come_back(runs: Path, report: Path,
     assert len(Page((tmp_path / "new.html").read_text(encoding="utf-8")).all("img")) >= 7
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_folders_of_other_runs_are_refused(runs: Path, report: Path, tmp_path: Path) -> None:
     files = report.with_name("report_files")
     write_study(tmp_path / "runs", image=noise_image, copies=3)
@@ -227,7 +282,6 @@ def test_a_file_of_an_analysis_that_is_a_link_out_of_its_folder_is_refused(tmp_p
     assert not list((tmp_path / "copy").iterdir())
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_a_study_that_supports_little_gets_a_page_that_says_why(tmp_path: Path) -> None:
     """One texture, one copy, one repeat a place: neither a variance nor a classification."""
 
@@ -241,9 +295,10 @@ def test_a_study_that_supports_little_gets_a_page_that_says_why(tmp_path: Path) 
     assert "These data have no classification: " in text
     assert "Findings, at most 5 of a run" in text and "dark" in text
     assert "Simulated" not in text and "simulated data" not in text
+    assert "Nothing can be said about how prints of ender-3 petg differ: one print of each texture" in text
+    assert "Look at the problems of texture-1_" in text, "what to do next"
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_a_damaged_image_is_named_and_the_rest_is_reported(tmp_path: Path) -> None:
     folders = write_study(tmp_path / "runs", image=texture_image, grid=GRID)
     picture = folders[0] / "sensor_images" / "image_3.png"
@@ -252,12 +307,12 @@ def test_a_damaged_image_is_named_and_the_rest_is_reported(tmp_path: Path) -> No
     write_report([tmp_path / "runs"], out)
     text = Page(out.read_text(encoding="utf-8")).text
     assert "image_3.png" in text.split("Data quality")[-1]
+    assert "the check found" in text and "1 unreadable" in text
     assert "1 reading could not be used and left out" in text
     assert "These data have no classification: " in text
     assert (tmp_path / "page_files" / "variance" / "variance.csv").is_file()
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_a_damaged_record_is_named(runs: Path, tmp_path: Path) -> None:
     shutil.copytree(runs, tmp_path / "runs")
     first = sorted((tmp_path / "runs").iterdir())[0]
@@ -276,8 +331,9 @@ def test_a_page_must_be_html(runs: Path, tmp_path: Path, name: str) -> None:
 
 def test_what_stands_in_a_table_is_escaped() -> None:
     table = Table.of((Column("<h>"), Column("n")), [{"<h>": "<script>alert(1)</script>", "n": 1234}], "a < b")
-    text = macro("macros.j2", "table", simulated="<sensor>", folder=Path("f"))(table)
-    assert "<script>" not in text and "a &lt; b" in text and "simulated data" in text
+    document = {"version": "1", "folder": "f", "title": "t", "simulated": ["<i>"], "notice": "<b>", "summary": []}
+    text = render_page({**document, "figures": [], "table": table_part(table), "sections": []}, Path())
+    assert "<script>" not in text and "a &lt; b" in text and "<b>" not in text and "<i>" not in text
     assert '<td class="n">1,234</td>' in text and '<th scope="col">&lt;h&gt;</th>' in text
     Page(text)
 

@@ -51,6 +51,13 @@ def test_a_table_read_again_has_the_same_rows(tmp_path: Path) -> None:
     assert Table.read(path, COLUMNS[2:3]).rows == ({"low": 0.1}, {"low": None})
 
 
+@pytest.mark.parametrize(("simulated", "text"), [((), "false"), (("sensor: a formula",), "true")])
+def test_each_row_says_whether_the_data_are_simulated(simulated: tuple[str, ...], text: str, tmp_path: Path) -> None:
+    lines = TABLE.write(tmp_path / "scores.csv", simulated).read_text(encoding="utf-8").splitlines()
+    assert [line.rsplit(",", 1)[1] for line in lines] == ["simulated", text, text]
+    assert Table.read(tmp_path / "scores.csv", COLUMNS, "scores") == TABLE
+
+
 def test_the_records_are_what_is_stored() -> None:
     assert TABLE.records()[0] == {
         "printer": 'a, "b"',

@@ -59,7 +59,7 @@ def test_everything_is_written_and_printed(written: tuple[Path, str]) -> None:
     assert len(found) == 3 * 2 * 2
     assert {row["force_level"] for row in found} == {"1", "2", "all"}
     for name, columns in ((name, columns) for name, columns in COLUMNS.items() if name != "displacements"):
-        assert list(rows(out / f"{name}.csv")[0]) == [column.name for column in columns]
+        assert list(rows(out / f"{name}.csv")[0]) == [*(column.name for column in columns), "simulated"]
     assert len(rows(out / "positions.csv")) == 2 * 2 * 2 * 4
     for words in (
         "simulated: sensor (see run.json)\n",
@@ -87,6 +87,7 @@ def test_json_says_the_same_as_the_csv(
     assert document["ddof"] == 0 and document["grey"] and document["units"] == "counts^2"
     assert document["simulated"] == ["sensor: simulated TacTip"] and document["left_out"] == document["files"] == []
     for ours, theirs in zip(document["variance"], rows(written[0] / "variance.csv"), strict=True):
+        assert theirs.pop("simulated") == "true"
         assert {name: "" if ours[name] is None else str(ours[name]) for name in theirs} == theirs
 
 
@@ -102,20 +103,6 @@ def test_what_is_read_again_is_what_was_shown(study: Path, written: tuple[Path, 
     (written[0] / "other.csv").rename(written[0] / "variance.csv")
 
 
-def test_simulated_data_are_marked_below_each_figure(study: Path, tmp_path: Path) -> None:
-    import cv2
-
-    from tacbench_cad.lab.analysis.figures import COLUMN_IN, new_figure, save, styled
-
-    with styled():
-        figure = new_figure(COLUMN_IN, 1.0)
-        plain = save(figure, tmp_path / "plain", ())[0]
-        marked = save(figure, tmp_path / "marked", ("stage: virtual", "sensor: simulated TacTip"))[0]
-    real, simulated = (cv2.imread(str(one)) for one in (plain, marked))
-    assert real.shape[1] == simulated.shape[1] and simulated.shape[0] > real.shape[0]
-    assert (real == 255).all() and (simulated[real.shape[0] :] < 200).any()
-
-
 def test_a_damaged_image_is_named_the_rest_is_computed_and_the_exit_code_is_1(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -129,7 +116,6 @@ def test_a_damaged_image_is_named_the_rest_is_computed_and_the_exit_code_is_1(
     assert len(document["variance"]) == 2 * 2 * 2 and len(document["left_out"]) == 1
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_any_sensor_is_taken_in_its_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
         return 1e-4 * rng.standard_normal((4, 4))

@@ -213,5 +213,5 @@ def _paper_counts(presses: PressTable, settings: ClassificationSettings) -> Iter
 
 def write_tables(result: Result, out: Path) -> list[Path]:
     """Write the tables, and beside those of a single classification what was asked for."""
-    paths = [table.write(out / name) for name, table in result.tables.items()]
+    paths = [table.write(out / name, result.collection.simulated) for name, table in result.tables.items()]
     return paths if result.parameter else [*paths, result.record.write(out)]

@@ -6,17 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tacbench_cad.lab.analysis.answers import COLUMNS as ANSWER_COLUMNS
-from tacbench_cad.lab.analysis.answers import shown
 from tacbench_cad.lab.analysis.classification.classify import Progress
-from tacbench_cad.lab.analysis.classification.result import COLUMNS, CONFUSION_COLUMNS, recall_table
+from tacbench_cad.lab.analysis.classification.result import COLUMNS, CONFUSION_COLUMNS
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.rendering import macro
 from tacbench_cad.lab.analysis.tables import Table
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.util.files import locked
-
-_SHOWN = ("estimator", "hold_out", "train_on", "tested_on", "accuracy", "low", "high", "trials", "images")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,9 +24,9 @@ class Classification:
         folder: Folder of its files within the report's.
         record: What was asked for.
         methods: How it was computed: a paragraph.
-        answers: Which textures can be told apart; without rows where it does not say.
-        scores: Accuracies with intervals.
-        recall: Recall of each texture.
+        answers: Rows of ``texture_answers.csv``; none where it does not say.
+        scores: Rows of ``classification.csv``.
+        confusion: Rows of ``confusion.csv``.
     """
 
     folder: Path
@@ -37,7 +34,7 @@ class Classification:
     methods: str
     answers: Table
     scores: Table
-    recall: Table
+    confusion: Table
 
     @classmethod
     def read(cls, folder: Path) -> Classification:
@@ -47,16 +44,19 @@ class Classification:
             InputError: A file is missing or damaged, or the settings lack something.
         """
         record = ClassificationRecord.read(folder)
-        chance = 100.0 / len(record.textures)
-        title = f"Accuracy in per cent with 95 % intervals, protocol {record.protocol}; chance is {chance:.1f} %"
         return cls(
             folder=folder,
             record=record,
             methods=macro("methods.j2", "classification")(record),
-            answers=shown(Table.read(folder / "texture_answers.csv", ANSWER_COLUMNS)),
-            scores=Table.read(folder / "classification.csv", COLUMNS, title).select(*_SHOWN),
-            recall=recall_table(Table.read(folder / "confusion.csv", CONFUSION_COLUMNS)),
+            answers=Table.read(folder / "texture_answers.csv", ANSWER_COLUMNS),
+            scores=Table.read(folder / "classification.csv", COLUMNS),
+            confusion=Table.read(folder / "confusion.csv", CONFUSION_COLUMNS),
         )
+
+    @property
+    def chance(self) -> float:
+        """The accuracy of guessing."""
+        return 1.0 / len(self.record.textures)
 
 
 def classify_into(

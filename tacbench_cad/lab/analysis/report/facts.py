@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,14 +13,14 @@ from tacbench_cad.lab.analysis.tables import Column, Table
 from tacbench_cad.lab.analysis.variance.cells import parts_of
 from tacbench_cad.lab.runs.checking import RunReport
 from tacbench_cad.lab.study.spec import UNKNOWN
-from tacbench_cad.spec.printrecord import FIELDS, PrintRecord
+from tacbench_cad.spec.printrecord import FIELDS, SCORES, PrintRecord
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
 
-#: Findings of a run that the page shows; all of them stand in the CSV file.
-MAX_FINDINGS = 5
+#: Simulated parts that the page names.
+_MAX_PARTS = 6
 
 
 def prints_in_words(collection: Collection) -> str:
@@ -41,15 +40,26 @@ def prints_in_words(collection: Collection) -> str:
     return "; ".join(parts)
 
 
-def unknown_in_words(collection: Collection) -> str:
-    """A sentence that names what is unknown of imported runs; empty for others."""
+def unknown_names(collection: Collection) -> list[str]:
+    """What is unknown of imported runs; nothing of others."""
     if collection.info.protocol is not None:
-        return ""
+        return []
     names = ("label", "print", "printer", "filament", "position", "force", "repeat")
     unknown = [name for name in names if not collection.has(name)]
-    if all(run.info.printed.block is None for run in collection.runs):
-        unknown += ["formula", "size"]
+    return unknown + (["formula", "size"] if all(run.info.printed.block is None for run in collection.runs) else [])
+
+
+def unknown_in_words(collection: Collection) -> str:
+    """A sentence that names what is unknown of imported runs; empty where nothing is."""
+    unknown = unknown_names(collection)
     return f"Unknown, because nobody recorded it: {', '.join(unknown)}." if unknown else ""
+
+
+def simulated_in_words(simulated: Sequence[str]) -> str:
+    """A sentence that says what of the data was simulated; empty for real data."""
+    parts = list(dict.fromkeys(part for text in simulated for part in text.split("; ")))
+    more = f"; and {len(parts) - _MAX_PARTS} more (see run.json)" if len(parts) > _MAX_PARTS else ""
+    return f"Simulated data, not a real sensor's: {'; '.join(parts[:_MAX_PARTS])}{more}." if parts else ""
 
 
 def sampling_in_words(sampling: Tolerance | SampleGrid) -> str:
@@ -135,7 +145,7 @@ def record_tables(collection: Collection) -> dict[str, Any]:
         "empty": _table(
             "Empty fields of the print records",
             ("field", "what belongs there", "empty in", "of records"),
-            ((field, FIELDS[field], count, len(records)) for field, count in empty.items()),
+            ((field, "; ".join(SCORES.get(field, (FIELDS[field],))), n, len(records)) for field, n in empty.items()),
         ),
         "alike": _table(
             "What the print records say, alike prints together",
@@ -150,7 +160,7 @@ def quality_table(reports: Iterable[RunReport]) -> Table:
     """What `tacbench runs check` says of each run."""
     counts = _columns("planned", "presses", "out_of_band", "references", "stationary")
     findings = Column("findings", source=lambda report: len(report.findings))
-    return Table.of((Column("run", source="name"), *counts, findings), reports)
+    return Table.of((Column("run", source="name"), *counts, findings), reports, "Runs with something to look at")
 
 
 def findings_table(reports: Iterable[RunReport], most: int | None = None) -> Table:
@@ -201,17 +211,6 @@ def open_points(collection: Collection, colour: bool, ddof: int) -> Table:
     )
     heads = ("what is open", "taken here", "the other reading")
     return _table("How it was read here", heads, (row for row in rows if row))
-
-
-def write_facts(collection: Collection, reports: Sequence[RunReport], folder: Path) -> dict[str, Any]:
-    """Write the tables on the runs, and give what the page's template shows of them."""
-    design, records = design_table(collection), record_tables(collection)
-    design.write(folder / "design.csv")
-    records["all"].write(folder / "print_records.csv")
-    quality_table(reports).write(folder / "data_quality.csv")
-    findings_table(reports).write(folder / "findings.csv")
-    shown = findings_table(reports, MAX_FINDINGS)
-    return {"design": design, "records": records, "reports": reports, "findings": shown}
 
 
 def _columns(*names: str) -> tuple[Column, ...]:

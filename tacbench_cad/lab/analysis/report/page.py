@@ -1,25 +1,33 @@
-"""One page on a study: what was pressed on what, how good the data are, every table and figure, methods, citations.
+"""One page on a study: five sentences, a figure, the table to quote; then everything that was computed, folded.
 
-The page is drawn from files: the analyses write their tables and figures into a folder beside it (``report.html`` and
-``report_files``), or they are copied there from the folders of ``tacbench variance`` and ``tacbench classify``; then
-the page is made of what stands in that folder. So a figure of the page, its PNG, its PDF and its CSV never disagree.
+The analyses write their tables and figures into a folder beside the page (``report.html`` and ``report_files``), or
+they are copied there from the folders of ``tacbench variance`` and ``tacbench classify``. From what stands in that
+folder comes one document of plain values, ``report.json``, and the page shows that document. So page, JSON, figures and
+CSV never disagree.
 """
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tacbench_cad import __version__
 from tacbench_cad.lab.analysis.classification.classify import MODULES, Progress
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.published import texture_number
+from tacbench_cad.lab.analysis.report import facts
 from tacbench_cad.lab.analysis.report.classification import Classification, classify_into
-from tacbench_cad.lab.analysis.report.facts import open_points, write_facts
-from tacbench_cad.lab.analysis.report.rendering import template
+from tacbench_cad.lab.analysis.report.figures import FRAMES, SUMMARY, draw_frames, draw_summary
+from tacbench_cad.lab.analysis.report.parts import figure_part, table_part
+from tacbench_cad.lab.analysis.report.rendering import render_page
+from tacbench_cad.lab.analysis.report.results import Results
+from tacbench_cad.lab.analysis.report.sections import sections
+from tacbench_cad.lab.analysis.report.summary import next_steps, summary
 from tacbench_cad.lab.analysis.tables import read_settings
 from tacbench_cad.lab.analysis.variance.grade import grade
 from tacbench_cad.lab.analysis.variance.view import SETTINGS_FILE, Settings, VarianceView
@@ -28,7 +36,10 @@ from tacbench_cad.util.door import open_input
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked, refusing, replacing
 from tacbench_cad.util.packages import require
+from tacbench_cad.util.text import counted
 
+#: The document that the page shows, in the folder beside it, and the table to quote.
+DOCUMENT_FILE, TABLE_FILE = "report.json", "textures.csv"
 #: Kinds of files that an analysis writes and a report copies.
 SUFFIXES = (".csv", ".png", ".pdf", ".json")
 
@@ -65,7 +76,7 @@ def write_report(
         progress: Receives what is done, how much of it and of how much.
 
     Returns:
-        The page, then the files beside it.
+        The page, then the document that it shows, then the other files beside it.
 
     Raises:
         InputError: ``out`` is no HTML file or cannot be written, the runs cannot be read or mixed, or a folder of an
@@ -88,18 +99,54 @@ def write_report(
         _require_same("classify", folder, ClassificationRecord.read(folder).data, collection)
     files = out.with_name(f"{out.stem}_files")
     with locked(files):
-        reports = list(_checked(collection, progress))
-        shown = {
-            **write_facts(collection, reports, files),
+        reports = tuple(_checked(collection, progress))
+        results = Results(
+            collection=collection,
+            reports=reports,
             **_variance(collection, files / "variance", chosen, progress),
             **_classifications(collection, files, chosen, progress),
-        }
+        )
         progress("writing the page", 0, 0)
-        simulated = "; ".join(collection.simulated)
-        text = template("report.html.j2").render(collection=collection, folder=files, simulated=simulated, **shown)
+        document = _document(results, files)
+        with replacing(files / DOCUMENT_FILE) as temporary:
+            temporary.write_text(json.dumps(document, indent=1, allow_nan=False), encoding="utf-8")
         with replacing(out) as temporary:
-            temporary.write_text(text, encoding="utf-8", newline="\n")
-    return [out, *(path for folder in (files, *sorted(files.iterdir())) for path in _results(folder))]
+            temporary.write_text(render_page(document, files.parent), encoding="utf-8", newline="\n")
+    written = [path for folder in (files, *sorted(files.iterdir())) for path in _results(folder)]
+    return [out, files / DOCUMENT_FILE, *(path for path in written if path != files / DOCUMENT_FILE)]
+
+
+def _document(results: Results, files: Path) -> dict[str, Any]:
+    """Write the tables and figures that are the report's own, and put together everything that the page shows."""
+    study = results.collection
+    tables = {
+        "design.csv": facts.design_table(study),
+        "print_records.csv": facts.record_tables(study)["all"],
+        "data_quality.csv": facts.quality_table(results.reports),
+        "findings.csv": facts.findings_table(results.reports),
+        TABLE_FILE: results.textures,
+    }
+    for name, table in tables.items():
+        table.write(files / name, study.simulated)
+    for path in (files / f"{stem}{suffix}" for stem in (SUMMARY, FRAMES) for suffix in (".png", ".pdf")):
+        path.unlink(missing_ok=True)
+    captions = {SUMMARY: draw_summary(results, files), FRAMES: draw_frames(results, files)}
+    presses = counted(len(study), "sample" if study.info.protocol is None else "press")
+    answers = results.variance.tables["printer_answers"].records() if results.variance else []
+    return {
+        "version": __version__,
+        "folder": files.name,
+        "title": f"{presses} on {counted(len(study.runs), 'print' if study.has('print') else 'run folder')}",
+        "simulated": list(study.simulated),
+        "notice": facts.simulated_in_words(study.simulated),
+        "summary": [{"topic": topic, "text": text} for topic, text in summary(results).items()],
+        "steps": next_steps(results),
+        "figures": [figure_part(stem, caption, TABLE_FILE) for stem, caption in captions.items() if caption],
+        "table": {**table_part(results.shown_textures, TABLE_FILE), "records": results.textures.records()},
+        "printer_answers": answers,
+        "texture_answers": results.leak_free.answers.records() if results.leak_free else [],
+        "sections": sections(results, files),
+    }
 
 
 def _checked(collection: Collection, progress: Progress) -> Iterator[RunReport]:
@@ -120,7 +167,7 @@ def _require_same(option: str, folder: Path, data: str, collection: Collection) 
 
 
 def _variance(collection: Collection, folder: Path, options: Options, progress: Progress) -> dict[str, Any]:
-    """Have the files of the variance table, and give what the page shows of them, or why these data have none."""
+    """Have the files of the variance table, and give what :class:`Results` has of them, or why these data have none."""
     from tacbench_cad.lab.analysis.preprocess import preprocess_of
     from tacbench_cad.lab.analysis.variance.table import variance_table
     from tacbench_cad.lab.analysis.variance.view import write_all
@@ -137,12 +184,10 @@ def _variance(collection: Collection, folder: Path, options: Options, progress: 
                 progress=lambda done, total: progress("variance", done, total),
             )
         except InputError as error:
-            return {"no_variance": _refusal_of(error), "open_points": open_points(collection, colour=False, ddof=0)}
+            return {"no_variance": _refusal_of(error)}
         write_all(result, folder)
-    view = VarianceView.read(folder, collection)
-    points = open_points(collection, view.settings.colour, view.settings.ddof)
     beside = _beside_the_paper(collection, folder.with_name("variance_as_published"), options, progress)
-    return {"no_variance": "", "view": view, "open_points": points, **beside}
+    return {"variance": VarianceView.read(folder, collection), **beside}
 
 
 def _beside_the_paper(collection: Collection, folder: Path, options: Options, progress: Progress) -> dict[str, Any]:
@@ -152,7 +197,7 @@ def _beside_the_paper(collection: Collection, folder: Path, options: Options, pr
 
     clear(folder)
     if not collection.in_counts or not any(map(texture_number, collection.textures)):
-        return {"published": None, "grades": (), "no_grades": "they are not images of the paper's textures"}
+        return {"no_published": "they are not images of the paper's textures"}
     try:
         result = variance_table(
             collection,
@@ -163,13 +208,13 @@ def _beside_the_paper(collection: Collection, folder: Path, options: Options, pr
         )
         grades = grade(result.cells, result.collection, result.left_out)
     except InputError as error:
-        return {"published": None, "grades": (), "no_grades": _refusal_of(error)}
+        return {"no_published": _refusal_of(error)}
     write_all(result, folder)
-    return {"published": VarianceView.of(result), "grades": grades, "no_grades": ""}
+    return {"published": VarianceView.of(result), "grades": grades}
 
 
 def _classifications(collection: Collection, files: Path, options: Options, progress: Progress) -> dict[str, Any]:
-    """Have the files of classifications, and give what the page shows of them, or why these data have none."""
+    """Have the files of classifications, and give what :class:`Results` has of them, or why these data have none."""
     refusal, folders = "", []
     if options.classifications:
         for i, source in enumerate(options.classifications, start=1):
@@ -184,8 +229,7 @@ def _classifications(collection: Collection, files: Path, options: Options, prog
             folders.append(folder)
         except (InputError, CheckFailedError) as error:
             refusal = _refusal_of(error)
-    classifications = [Classification.read(folder) for folder in folders]
-    return {"has_classification": options.classify, "classifications": classifications, "no_classification": refusal}
+    return {"classifications": tuple(map(Classification.read, folders)), "no_classification": refusal}
 
 
 def _refusal_of(error: InputError | CheckFailedError) -> str:

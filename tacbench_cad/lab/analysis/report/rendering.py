@@ -1,20 +1,20 @@
 """The templates of the page, and what they can call.
 
-The page has no script, no font of its own and no address in it; pictures stand in it as base64. On a narrow screen
-wide tables and figures scroll in their own box, so that letters keep their size; on paper they fit the page.
+The page has no script, no font of its own and no address in it; pictures stand in it as base64. Sections are folded on
+a screen and open on paper. On a narrow screen wide tables and figures scroll in their own box, so that letters keep
+their size; on paper they fit the page.
 """
 
 from __future__ import annotations
 
 import base64
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tacbench_cad import __version__
 from tacbench_cad.lab.analysis.report import facts
-from tacbench_cad.lab.analysis.report.cite import citations
 from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
@@ -37,7 +37,7 @@ class Image:
 
 
 def read_image(path: Path) -> Image:
-    """A figure's PNG; its mark of simulated data is in the picture.
+    """A figure's PNG.
 
     Raises:
         InputError: It cannot be read, or is no PNG.
@@ -49,13 +49,27 @@ def read_image(path: Path) -> Image:
     return Image(data=base64.b64encode(data).decode(), width=width, height=height)
 
 
+def render_page(document: Mapping[str, Any], base: Path) -> str:
+    """The page that shows a document of ``tacbench report --json``.
+
+    Args:
+        document: The document.
+        base: Where the folder of its files lies.
+
+    Raises:
+        InputError: A figure cannot be read.
+    """
+    folder = base / document["folder"]
+    return template("report.html.j2").render(report=document, image=lambda name: read_image(folder / name))
+
+
 def template(name: str) -> Template:
-    """One of the templates in this folder; what they put into a page is escaped, and a name that is missing refused."""
+    """One of the templates in this folder; what HTML shows is escaped, and a name that is missing refused."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
+        autoescape=name.endswith(".html.j2"),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -67,11 +81,10 @@ def template(name: str) -> Template:
         facts.devices_in_words,
         facts.unknown_in_words,
     )
-    environment.globals.update({function.__name__: function for function in (*words, counted, citations, read_image)})
-    environment.globals["version"] = __version__
+    environment.globals.update({function.__name__: function for function in (*words, counted)})
     return environment.get_template(name)
 
 
-def macro(name: str, function: str, **context: Any) -> Any:
+def macro(name: str, function: str) -> Any:
     """A macro of a template, to be called from here."""
-    return getattr(template(name).make_module(context), function)
+    return getattr(template(name).make_module(), function)

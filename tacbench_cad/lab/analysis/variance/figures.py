@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 #: Percentile of the values up to which a colour scale reaches; a few stray pixels must not darken all others.
 _SPAN = 99.5
-#: An interval's end so many times above the largest estimate is cut, with an arrow.
-_CUT = 6.0
+#: The end of an interval so many times above the largest estimate is cut, with an arrow.
+MAX_OVER_ESTIMATE = 6.0
 _MARKERS = "osD^vP*X<>"
 
 
@@ -111,11 +111,11 @@ def table_figure(result: VarianceResult) -> Figure:
     """The table as points with intervals, a panel a force, with the floor and the paper's own figures."""
     levels, combinations = compared_levels(result), compared(result)
     figure, panels = _panels(len(levels), 2, (PAGE_IN, 0.55), (0.0, 2.35), sharex=True, sharey=True)
-    top = _CUT * max(cell.variance for cell in result.cells if cell.force_level in levels)
+    top = MAX_OVER_ESTIMATE * max(cell.variance for cell in result.cells if cell.force_level in levels)
     for axes, level in zip(panels, levels, strict=True):
         _table_panel(axes, result, level, combinations, top)
         axes.set_title(_title(result, level), loc="left")
-    what = "variance" if result.protocol == "paper" else "variance of the repeats on one print"
+    what = "variance" if result.protocol == "paper" else "variance of repeats on one print"
     figure.supylabel(f"{what} ({squared_unit(result)})", fontsize=8.0)
     figure.supxlabel("texture", fontsize=8.0)
     figure.legend(handles=_table_legend(result, combinations), loc="outside upper left", ncols=3)
@@ -140,26 +140,26 @@ def _table_panel(axes: Axes, result: VarianceResult, level: Level, combinations:
     step = 0.8 / len(combinations)
     lowest = math.inf
     for i, combination in enumerate(combinations):
-        look, papers = _look(i), []
+        look, papers = look_of(i), []
         for j, texture in enumerate(textures):
             cell = result.cell(level, combination, texture)
             if cell is None:
                 continue
             x = j + (i - (len(combinations) - 1) / 2.0) * step
             lowest = min([lowest, *(value for value in (cell.variance, cell.noise_alone) if value)])
-            _point(axes, cell, x, step, look, top)
+            draw_point(axes, cell, x, step, look, top)
             if cell.published is not None:
                 papers.append((x + 0.32 * step, cell.published))
         for place in papers:
             axes.plot(*place, **look, linestyle="", markersize=4.0, markerfacecolor="none")
-    _log_axes(axes, [short_texture(texture) for texture in textures])
+    log_axes(axes, [short_texture(texture) for texture in textures])
     if math.isfinite(lowest):
         axes.set_ylim(0.7 * lowest, top)
     axes.grid(axis="y", color="#dddddd", linewidth=0.4)
     axes.set_axisbelow(True)
 
 
-def _point(axes: Axes, cell: Cell, x: float, step: float, look: Mapping[str, Any], top: float) -> None:
+def draw_point(axes: Axes, cell: Cell, x: float, step: float, look: Mapping[str, Any], top: float) -> None:
     """A cell: its figure, its interval (cut, with an arrow, where it leaves the panel) and what noise alone gives."""
     if cell.low is not None and cell.high is not None:
         ends = [max(cell.low, 1e-12), min(cell.high, top)]
@@ -172,7 +172,8 @@ def _point(axes: Axes, cell: Cell, x: float, step: float, look: Mapping[str, Any
         axes.plot(x, cell.variance, **look, linestyle="", markersize=4.5, zorder=3.0)
 
 
-def _look(i: int) -> dict[str, Any]:
+def look_of(i: int) -> dict[str, Any]:
+    """Colour and marker of the printer-filament number ``i``."""
     return {"color": COLOURS[i % (len(COLOURS) - 1)], "marker": _MARKERS[i % len(_MARKERS)]}
 
 
@@ -180,7 +181,7 @@ def _table_legend(result: VarianceResult, combinations: Sequence[str]) -> list[A
     from matplotlib.lines import Line2D
 
     handles = [
-        Line2D([], [], **_look(i), markersize=4.5, label=name_of(combination))
+        Line2D([], [], **look_of(i), markersize=4.5, label=name_of(combination))
         for i, combination in enumerate(combinations)
     ]
     if any(cell.floor for cell in result.cells):
@@ -191,7 +192,7 @@ def _table_legend(result: VarianceResult, combinations: Sequence[str]) -> list[A
     return handles
 
 
-def _log_axes(axes: Axes, names: Sequence[str]) -> None:
+def log_axes(axes: Axes, names: Sequence[str]) -> None:
     """Groups side by side, each with its name and a line between them, over a logarithmic axis of plain numbers."""
     axes.set_yscale("log")
     axes.set_xticks(range(len(names)), names)
@@ -405,7 +406,7 @@ def component_figure(result: VarianceResult) -> Figure:
         Line2D([], [], linestyle="", marker=_MARKERS[j], markersize=5.0, color=COLOURS[j], label=name)
         for j, name in enumerate(("texture", "printer-filament", "print", "repeat"))
     ]
-    _log_axes(axes, [result.collection.pressing.level_name(level) for level in levels])
+    log_axes(axes, [result.collection.pressing.level_name(level) for level in levels])
     axes.set_ylim(bottom, top)
     axes.tick_params(axis="x", length=0.0)
     axes.set_ylabel(f"variance component ({squared_unit(result)})")

@@ -236,7 +236,7 @@ class VarianceView:
         """
         optional = {"registration": self.settings.registered, "displacements": self.settings.features == "markers"}
         names = [name for name in self.tables if optional.get(name, True)]
-        paths = [self.tables[name].write(folder / f"{name}.csv") for name in names]
+        paths = [self.tables[name].write(folder / f"{name}.csv", self.collection.simulated) for name in names]
         return [*paths, write_settings(folder / SETTINGS_FILE, self.settings)]
 
     def document(self) -> dict[str, Any]:

@@ -1,0 +1,178 @@
+"""What a report is made of: the runs and their checks, the tables of the variance, the classifications."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from tacbench_cad.lab.analysis.answers import WHICH_TEXTURES
+from tacbench_cad.lab.analysis.classification.accuracy import is_whole
+from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.report.classification import Classification
+from tacbench_cad.lab.analysis.tables import Column, Row, Table, percent, short
+from tacbench_cad.lab.analysis.variance.cells import Cell, Level, name_of, parts_of, shown_levels
+from tacbench_cad.lab.analysis.variance.grade import Grade
+from tacbench_cad.lab.analysis.variance.view import VarianceView
+from tacbench_cad.lab.runs.checking import RunReport
+from tacbench_cad.util.text import interval
+
+#: The hold-out level of prints that training has not seen.
+UNSEEN = "copy"
+_OF_CELL = ("force_level", "variance", "low", "high", "noise_alone")
+#: The columns of ``textures.csv``, which everybody quotes.
+COLUMNS = (
+    *(Column("texture"), Column("printer"), Column("filament")),
+    *(Column("prints", int), Column("presses", int)),
+    *(Column(_OF_CELL[0]), *(Column(name, float) for name in _OF_CELL[1:])),
+    *(Column("hold_out"), Column("recall", float), Column("recall_low", float), Column("recall_high", float)),
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Results:
+    """What a report is made of.
+
+    Args:
+        collection: The study.
+        reports: What the check of each run found.
+        variance: The variance table; None if there is none.
+        no_variance: Why there is none.
+        published: The table of the quantity that the paper printed; None if there is none.
+        no_published: Why there is none.
+        grades: Each printer beside the paper's.
+        classifications: The classifications.
+        no_classification: Why there is none.
+    """
+
+    collection: Collection
+    reports: tuple[RunReport, ...]
+    variance: VarianceView | None = None
+    no_variance: str = ""
+    published: VarianceView | None = None
+    no_published: str = ""
+    grades: tuple[Grade, ...] = ()
+    classifications: tuple[Classification, ...] = ()
+    no_classification: str = ""
+
+    @property
+    def leak_free(self) -> Classification | None:
+        """The first classification that keeps all of the test set out of training."""
+        return next((one for one in self.classifications if one.record.protocol == "leak-free"), None)
+
+    @cached_property
+    def level(self) -> Level | None:
+        """The force level that is quoted: that of most intervals, and of these the mean of all forces."""
+        levels = shown_levels(self.variance.cells) if self.variance else ()
+        return max(
+            reversed(levels), key=lambda level: sum(c.low is not None for c in self.cells_at(level)), default=None
+        )
+
+    def cells_at(self, level: Level) -> list[Cell]:
+        """The cells of the variance table at a level."""
+        return [cell for cell in self.variance.cells if cell.force_level == level] if self.variance else []
+
+    @cached_property
+    def hold_out(self) -> str:
+        """The hold-out level that is quoted: prints that training has not seen, or the easiest there is."""
+        levels = {row["hold_out"] for row in self.leak_free.scores.rows} if self.leak_free else set()
+        return UNSEEN if UNSEEN in levels else next((level for level in HOLD_OUT_LEVELS if level in levels), "")
+
+    def score(self, hold_out: str) -> Row | None:
+        """The accuracy of the first estimator at a hold-out level, all of its groups together."""
+        first = self.leak_free.record.estimators[0] if self.leak_free else ""
+        rows = self.leak_free.scores.rows if self.leak_free else ()
+        whole = (row for row in rows if row["estimator"] == first and is_whole(row["tested_on"], row["train_on"]))
+        return next((row for row in whole if row["hold_out"] == hold_out), None)
+
+    @cached_property
+    def confusion(self) -> Mapping[str, Mapping[str, float]]:
+        """For each texture, the fractions of its presses by what the first estimator predicted at the quoted level."""
+        fractions: dict[str, dict[str, float]] = {}
+        if self.leak_free:
+            for row in self.leak_free.confusion.rows:
+                quoted = (row["estimator"], row["hold_out"]) == (self.leak_free.record.estimators[0], self.hold_out)
+                if quoted and is_whole(row["tested_on"], row["train_on"]) and row["fraction"] is not None:
+                    fractions.setdefault(row["texture"], {})[row["predicted"]] = row["fraction"]
+        return fractions
+
+    @cached_property
+    def texture_answers(self) -> Mapping[str, Row]:
+        """What is known of each texture on unseen prints; a single answer of the texture "" says why nothing is."""
+        rows = self.leak_free.answers.rows if self.leak_free else ()
+        return {row["about"] or "": row for row in rows if row["question"] == WHICH_TEXTURES}
+
+    @cached_property
+    def textures(self) -> Table:
+        """The main table: a row for each texture and printer-filament."""
+        study = self.collection
+        cells = {(cell.texture, cell.combination): cell for cell in self.cells_at(self.level or 0)}
+        rows: list[Row] = []
+        for texture in study.textures:
+            answer = self.texture_answers.get(texture)
+            ends = (answer["low"], answer["high"]) if answer else (None, None)
+            recall = self.confusion.get(texture, {}).get(texture)
+            for combination in study.combinations:
+                there = (study.texture == texture) & (study.combination == combination)
+                cell = cells.get((texture, combination))
+                if there.any():
+                    rows.append(
+                        {
+                            **parts_of(combination),
+                            "texture": texture,
+                            "prints": len(set(study.run[there].tolist())) if study.has("print") else None,
+                            "presses": int(there.sum()),
+                            **{name: getattr(cell, name, None) for name in _OF_CELL},
+                            **({"prints": cell.prints, "presses": cell.presses} if cell else {}),
+                            "hold_out": self.hold_out if recall is not None else None,
+                            "recall": recall,
+                            "recall_low": None if ends[0] is None else ends[0] / 100.0,
+                            "recall_high": None if ends[1] is None else ends[1] / 100.0,
+                        }
+                    )
+        return Table(columns=COLUMNS, rows=tuple(rows))
+
+    @property
+    def shown_textures(self) -> Table:
+        """The main table as people see it, without columns of which nothing is known."""
+        rows = self.textures.rows
+        firsts = {row["texture"]: row for row in reversed(rows)}
+        known = {name for row in rows for name, value in row.items() if value is not None}
+        held_out = "on unseen prints" if self.hold_out == UNSEEN else f"held out: {self.hold_out}"
+
+        def once(name: str, text: Callable[[Row], str]) -> Callable[[Row], str]:
+            """What is of a texture, not of a printer, stands in the texture's first row."""
+            return lambda row: text(row) if row[name] is not None and firsts[row["texture"]] is row else ""
+
+        def ends(name: str, times: float = 1.0) -> Callable[[Row], str]:
+            return lambda row: interval(*(None if row[end] is None else times * row[end] for end in _ends(name)))
+
+        columns = [Column("texture", derived=once("texture", lambda row: str(row["texture"])))]
+        if len(self.collection.combinations) > 1:
+            columns.append(Column("name", head="printer, filament", derived=lambda row: name_of(combination_of(row))))
+        columns += [Column(name) for name in ("prints", "presses") if name in known]
+        title = "each texture"
+        if self.variance and self.level is not None and "variance" in known:
+            columns.append(Column("variance", head=f"variance ({self.variance.unit})", text=short))
+            columns.append(Column("ends", head="95 % interval", derived=ends(""), right=True))
+            columns += [Column("noise_alone", text=short)] if "noise_alone" in known else []
+            title += (
+                f"; variance: {self.collection.pressing.level_name(self.level)}, ddof {self.variance.settings.ddof}"
+            )
+        if "recall" in known:
+            recall = once("recall", lambda row: percent(row["recall"]))
+            columns.append(Column("right", head=f"predicted correctly, {held_out} (%)", derived=recall, right=True))
+        if "recall_low" in known:
+            both = once("recall_low", ends("recall_", 100.0))
+            columns.append(Column("recall_ends", head="95 % interval", derived=both, right=True))
+        return replace(self.textures, columns=tuple(columns), title=title)
+
+
+def combination_of(row: Row) -> str:
+    """Printer and filament of a row, as :class:`Collection` names them."""
+    return f"{row['printer']}_{row['filament']}"
+
+
+def _ends(name: str) -> tuple[str, str]:
+    return f"{name}low", f"{name}high"

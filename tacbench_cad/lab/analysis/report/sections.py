@@ -1,0 +1,214 @@
+"""The sections of a report below its main table: everything that was computed, and the files that have it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from tacbench_cad import __version__
+from tacbench_cad.lab.analysis import answers
+from tacbench_cad.lab.analysis.classification.result import recall_table
+from tacbench_cad.lab.analysis.report import facts
+from tacbench_cad.lab.analysis.report.cite import citations
+from tacbench_cad.lab.analysis.report.classification import Classification
+from tacbench_cad.lab.analysis.report.parts import Part, figure_part, list_part, table_part, text_part
+from tacbench_cad.lab.analysis.report.rendering import macro
+from tacbench_cad.lab.analysis.report.results import Results
+from tacbench_cad.lab.analysis.report.summary import next_steps
+from tacbench_cad.util.text import counted
+
+#: Findings of a run that the page shows; all of them stand in the CSV file.
+MAX_FINDINGS = 5
+_SCORES = ("estimator", "hold_out", "train_on", "tested_on", "accuracy", "low", "high", "trials", "images")
+#: The figures of a classification, by their files' names.
+_CLASSIFICATION_FIGURES = {
+    "hold_out_levels": "Accuracy as what is held out grows: presses, positions, forces, copies, printers.",
+    "paper_table": "Accuracy on training rows, on split-off rows (inflated) and on other combinations.",
+    "published_table": "What the authors' cells compute, beside the paper's classification table.",
+    "confusion": "Which texture (rows) was taken for which (columns).",
+    "sweep": "Accuracy along one setting.",
+}
+
+
+def sections(results: Results, folder: Path) -> list[dict[str, Any]]:
+    """Every section that has something to show, those that few people read last.
+
+    Args:
+        results: The results.
+        folder: The folder of the page's files, which are all written.
+    """
+    contents = {
+        "steps": ("What to do next", _steps(results)),
+        "design": ("What was pressed on what", _design(results)),
+        "quality": ("Data quality", _quality(results)),
+        "variance": ("How well it printed", _variance(results)),
+        "published": ("Beside the paper's figures", _published(results)),
+        "maps": ("Which pixels, positions and textures vary", _maps(results)),
+        "classification": ("What the sensor can tell apart", _classification(results, folder)),
+        "methods": ("Methods and citations", _methods(results)),
+        "prints": ("The prints' records", _records(results)),
+    }
+    written = [(anchor, title, list(parts)) for anchor, (title, parts) in contents.items()]
+    return [{"anchor": anchor, "title": title, "parts": parts} for anchor, title, parts in written if parts]
+
+
+def _steps(results: Results) -> Iterator[Part]:
+    steps = next_steps(results)
+    if len(steps) > 1:
+        yield list_part(steps)
+
+
+def _design(results: Results) -> Iterator[Part]:
+    yield text_part(macro("methods.j2", "design")(results.collection))
+    yield table_part(facts.design_table(results.collection), "design.csv")
+
+
+def _quality(results: Results) -> Iterator[Part]:
+    reports = results.reports
+    findings = sum(len(report.findings) for report in reports)
+    without = sum(report.ok for report in reports)
+    if results.collection.info.protocol is not None:
+        present, planned, outside = (
+            sum(getattr(report, name) for report in reports) for name in ("presses", "planned", "out_of_band")
+        )
+        yield text_part(
+            f"{present:,} of {planned:,} planned presses are there; in {outside:,} of them the force lay outside its "
+            "band (they are marked and kept)."
+        )
+    yield text_part(
+        "Every reading was compared with its checksum and judged for darkness, blur and being stuck: "
+        f"{without} of {counted(len(reports), 'run')} have no finding, {counted(findings, 'finding')} in all."
+    )
+    if findings:
+        yield table_part(facts.findings_table(reports, MAX_FINDINGS), "findings.csv")
+    incomplete = facts.quality_table([r for r in reports if r.findings or r.out_of_band or r.presses < r.planned])
+    if incomplete.rows:
+        yield table_part(incomplete, "data_quality.csv")
+
+
+def _variance(results: Results) -> Iterator[Part]:
+    view = results.variance
+    if view is None:
+        yield text_part(f"These data have no variance table: {results.no_variance}.")
+        return
+    if view.warnings:
+        yield text_part("To know before reading it", "heading")
+        yield list_part(view.warnings)
+    shown = list(view.shown())
+    for number, (name, table) in enumerate(shown):
+        yield table_part(table, f"variance/{name}.csv")
+        if name == "variance" and name not in (later for later, _ in shown[number + 1 :]):
+            caption = f"Variance in {view.unit} by texture, with 95 % intervals over prints."
+            yield figure_part("variance/variance", caption, "variance/floor_removed.csv")
+        elif name == "components":
+            yield figure_part("variance/components", "Where the variance comes from.")
+    yield from map(text_part, view.notes)
+
+
+def _published(results: Results) -> Iterator[Part]:
+    view = results.published
+    if view is None:
+        if results.variance is not None:
+            yield text_part(f"These data cannot be set beside the paper's figures: {results.no_published}.")
+        return
+    for name, table in view.shown():
+        yield table_part(table, f"variance_as_published/{name}.csv")
+    caption = (
+        f"The quantity of the paper's table, the variance of the repeats on one print in {view.unit}, with 95 % "
+        "intervals over prints."
+    )
+    tables = [f"variance_as_published/{name}.csv" for name in ("floor_removed", "positions")]
+    yield figure_part("variance_as_published/variance", caption, *tables)
+    yield from map(text_part, view.notes)
+    for grade in results.grades:
+        yield text_part(f"{grade.printer} {grade.filament} beside the published table", "heading")
+        yield list_part(verdict.text for verdict in grade.verdicts)
+        yield text_part("What limits this:")
+        yield list_part(grade.limits or ["nothing more than what is said above"])
+
+
+def _maps(results: Results) -> Iterator[Part]:
+    if results.variance is None:
+        return
+    settings = results.variance.settings
+    markers = settings.features == "markers"
+    if settings.roi:
+        where = (
+            f"The region of interest, {settings.roi}, in a frame without contact; only its pixels are in the figures."
+        )
+        yield figure_part("variance/region", where)
+    if markers:
+        moved = "How far the markers move at the largest force, mean over positions, prints and repeats."
+        yield figure_part("variance/displacements", moved, "variance/displacements.csv")
+    what = "markers" if markers else "pixels"
+    yield figure_part("variance/variance_pixels", f"Which {what} vary: mean over positions and forces.")
+    caption = "Which positions vary: mean over forces."
+    yield figure_part("variance/variance_positions", caption, "variance/positions.csv")
+    caption = (
+        "Variance of each pixel over both textures' readings at the same position, mean over pixels and positions; on "
+        "the diagonal the table's own. A pair far above both of its diagonal figures can be told apart."
+    )
+    yield figure_part("variance/between_textures", caption, "variance/between_textures.csv")
+
+
+def _classification(results: Results, folder: Path) -> Iterator[Part]:
+    if results.no_classification:
+        yield text_part(f"These data have no classification: {results.no_classification}.")
+    for classification in results.classifications:
+        if len(results.classifications) > 1:
+            yield text_part(f"Protocol {classification.record.protocol}", "heading")
+        yield from _one_classification(classification, folder)
+
+
+def _one_classification(classification: Classification, folder: Path) -> Iterator[Part]:
+    name, record = classification.folder.name, classification.record
+    if record.notes:
+        yield list_part(record.notes)
+    if classification.answers.rows:
+        yield table_part(answers.shown(classification.answers), f"{name}/texture_answers.csv")
+    chance = f"chance is {100.0 * classification.chance:.1f} %"
+    title = f"Accuracy in per cent with 95 % intervals, protocol {record.protocol}; {chance}"
+    yield table_part(classification.scores.select(*_SCORES, title=title), f"{name}/classification.csv")
+    yield table_part(recall_table(classification.confusion), f"{name}/confusion.csv")
+    for stem, caption in _CLASSIFICATION_FIGURES.items():
+        for path in sorted((folder / name).glob(f"{stem}*.png")):
+            yield figure_part(f"{name}/{path.stem}", caption)
+
+
+def _methods(results: Results) -> Iterator[Part]:
+    yield text_part("To be pasted into a paper:")
+    yield text_part(macro("methods.j2", "design")(results.collection))
+    if results.variance is not None:
+        yield text_part(macro("methods.j2", "variance")(results.variance))
+    for classification in results.classifications:
+        yield text_part(classification.methods)
+    simulated = results.collection.simulated
+    origin = f"These are simulated data ({'; '.join(simulated)}). " if simulated else ""
+    yield text_part(f"{origin}Everything was computed with tacbench-cad {__version__} [2].")
+    yield from (text_part(f"[{n}] {work}") for n, work in enumerate(citations("text").splitlines(), start=1))
+    settings = results.variance.settings if results.variance else None
+    colour, ddof = (settings.colour, settings.ddof) if settings else (False, 0)
+    points = facts.open_points(results.collection, colour, ddof)
+    if points.rows:
+        yield text_part("Where the paper's text leaves something open", "heading")
+        yield table_part(points)
+    yield text_part("Citations", "heading")
+    yield text_part(citations("bibtex"), "code")
+
+
+def _records(results: Results) -> Iterator[Part]:
+    records = facts.record_tables(results.collection)
+    if records["damaged"]:
+        yield text_part("Records that cannot be read:")
+        yield list_part(records["damaged"])
+    if records["alike"].rows:
+        yield table_part(records["alike"], "print_records.csv")
+    if records["empty"].rows:
+        yield text_part(
+            f"Of {counted(records['total'], 'print record')} these fields are empty in some. What nobody wrote down "
+            "cannot explain a difference between prints later."
+        )
+        yield table_part(records["empty"], "print_records.csv")
+    elif records["total"]:
+        yield text_part(f"All fields of all {counted(records['total'], 'print record')} are filled in.")

@@ -1,0 +1,241 @@
+"""The first screen of a report: five sentences, from the numbers of its tables, and what follows from them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+
+from tacbench_cad.lab.analysis.answers import IS_REPEATABLE, REPEATABLE
+from tacbench_cad.lab.analysis.report.facts import unknown_names
+from tacbench_cad.lab.analysis.report.results import UNSEEN, Results
+from tacbench_cad.lab.analysis.tables import Row, percent, short
+from tacbench_cad.lab.analysis.variance.cells import FRAMES, name_of, short_texture
+from tacbench_cad.lab.runs.checking import RunReport
+from tacbench_cad.util.text import counted, interval
+
+#: Names that a sentence lists before it counts the rest.
+_MAX_NAMES = 3
+_ESTIMATORS = {"forest": "a random forest", "network": "a network"}
+_UNSAID = "cannot be said: "
+
+
+def summary(results: Results) -> dict[str, str]:
+    """The five sentences, by what each is about."""
+    first, *others = next_steps(results)
+    more = f" {counted(len(others), 'more step')} below." if others else ""
+    return {
+        "What was pressed": pressed_sentence(results),
+        "Data quality": quality_sentence(results),
+        "Printing": printing_sentence(results),
+        "Telling apart": textures_sentence(results),
+        "What to do next": first + more,
+    }
+
+
+def listed(words: Iterable[object], most: int = _MAX_NAMES) -> str:
+    """Words as a sentence lists them: ``a, b and c``; ``a, b, c and 4 more``."""
+    names = [str(word) for word in words]
+    if len(names) > most + 1:
+        names = [*names[:most], f"{len(names) - most} more"]
+    return " and ".join([*([", ".join(names[:-1])] if len(names) > 1 else []), *names[-1:]])
+
+
+def pressed_sentence(results: Results) -> str:
+    """What was pressed, and how; of imported samples only what is known."""
+    study = results.collection
+    names = [name_of(combination) for combination in study.combinations]
+    on = f" on {listed(names)}" if study.has("printer") or study.has("filament") else ""
+    prints = f"{counted(len(study.runs), 'print')} of " if study.has("print") else ""
+    levels = [study.pressing.level_name(level) for level in study.levels]
+    positions = len(study.pressing.positions_mm)
+    if study.info.protocol is not None:
+        textures = counted(len(study.textures), "texture")
+        how = f"{counted(positions, 'position')}, {listed(levels, 4)}, {counted(study.pressing.repeats, 'repeat')}"
+        verb = "was" if len(study.runs) == 1 else "were"
+        return f"{prints}{textures}{on} {verb} pressed {counted(len(study), 'time')} ({how})."
+    what = f"{prints}{counted(len(study.textures), 'label')}{on}" if study.has("label") else f"unlabelled objects{on}"
+    where = f", at {counted(positions, 'position')}" if study.has("position") else ""
+    where += f", {listed(levels, 4)}" if study.has("force") else ""
+    unknown = unknown_names(study)
+    end = f"; nobody recorded the {listed(unknown, 9)}" if unknown else ""
+    return f"{counted(len(study), 'sample')} of {what}{where} {_were(len(study))} imported{end}."
+
+
+def quality_sentence(results: Results) -> str:
+    """How complete the data are, what their check found, and how much of the variance is noise."""
+    reports = results.reports
+    present, planned = sum(report.presses for report in reports), sum(report.planned for report in reports)
+    if results.collection.info.protocol is None:
+        parts = [f"{counted(present, 'sample')} {_were(present)} examined"]
+    elif present == planned:
+        parts = [f"All {planned:,} planned presses are there" if planned > 1 else "The planned press is there"]
+    else:
+        parts = [f"{present:,} of {planned:,} planned presses are there"]
+    outside = sum(report.out_of_band for report in reports)
+    if outside:
+        parts.append(f"in {outside:,} of them the force lies outside its band")
+    findings = Counter(finding.kind for report in reports for finding in report.findings)
+    if findings:
+        kinds = ", ".join(f"{count:,} {kind}" for kind, count in findings.most_common(_MAX_NAMES))
+        more = ", ..." if len(findings) > _MAX_NAMES else ""
+        runs = f"{len(_with_findings(reports)):,} of {counted(len(reports), 'run')}"
+        parts.append(f"the check found {counted(findings.total(), 'problem')} in {runs} ({kinds}{more})")
+    else:
+        parts.append("the check found no problem")
+    rows = [row for row in results.textures.rows if row["noise_alone"] is not None and row["variance"]]
+    if rows and results.variance:
+        fraction = sum(row["noise_alone"] for row in rows) / sum(row["variance"] for row in rows)
+        most = "" if results.variance.floor_sources == [FRAMES] else "at most "
+        parts.append(f"sensor noise alone gives {most}{min(100.0, 100.0 * fraction):.0f} % of the variance")
+    elif results.variance:
+        parts.append("how much of the variance is sensor noise is unknown")
+    return f"{'; '.join(parts)}."
+
+
+def printing_sentence(results: Results) -> str:
+    """Whether each printer is repeatable, printers with the same answer together."""
+    if results.variance is None:
+        return f"Nothing can be said about the prints: {results.no_variance}."
+    sentences = []
+    for answer, rows in _by_answer(_printer_rows(results)).items():
+        names = listed(_named(row["about"]) for row in rows)
+        values = listed(f"{short(row['figure'])} % ({_ends(row)})" for row in rows if row["figure"] is not None)
+        many, their = len(rows) > 1, "their" if len(rows) > 1 else "its"
+        differ = f"{their} prints differ by {values} of what textures differ by"
+        limit = f"the limit is {100.0 * REPEATABLE:g} %"
+        if answer.startswith(_UNSAID):
+            of = "" if "unknown" in names else f" of {names}"
+            sentences.append(f"Nothing can be said about how prints{of} differ: {answer.removeprefix(_UNSAID)}.")
+        elif answer.startswith(("yes", "no")):
+            verb = ("are" if many else "is") + (" not" if answer.startswith("no") else "")
+            sentences.append(f"{names} {verb} repeatable: {differ}; {limit}.")
+        else:
+            verb = "are" if many else "is"
+            sentences.append(f"It is unclear whether {names} {verb} repeatable: {differ}; {limit}.")
+    return " ".join(sentences)
+
+
+def textures_sentence(results: Results) -> str:
+    """What can be told apart on prints that training has not seen, or what else is known."""
+    if results.leak_free is None:
+        of = " without leakage" if results.classifications else ""
+        return f"Nothing was classified{of}" + (f": {results.no_classification}." if results.no_classification else ".")
+    score = results.score(results.hold_out)
+    if score is None:
+        return "The classification has no accuracy."
+    name = results.leak_free.record.estimators[0]
+    who = _ESTIMATORS.get(name, name)
+    accuracy = f"{percent(score['accuracy'])} %"
+    if score["low"] is not None:
+        accuracy += f" ({interval(100.0 * score['low'], 100.0 * score['high'])} %)"
+    chance = f"chance: {percent(results.leak_free.chance)} %"
+    if results.hold_out != UNSEEN:
+        reason = results.texture_answers.get("", {}).get("answer", "").removeprefix(_UNSAID)
+        return (
+            f"Nothing can be said about prints that training has not seen: {reason}. With {results.hold_out} held out, "
+            f"{who} predicts {accuracy} of the presses correctly ({chance})."
+        )
+    groups = _by_answer(row for texture, row in results.texture_answers.items() if texture)
+    parts = [
+        f"{listed((short_texture(str(row['about'])) for row in rows), 6)} {text}"
+        for word, text in (("yes", "can be told apart"), ("no", "cannot"), ("unclear", "unclear"), (_UNSAID, "unknown"))
+        for rows in [[row for answer, of in groups.items() if answer.startswith(word) for row in of]]
+        if rows
+    ]
+    told = "all textures can be told apart" if list(groups) == ["yes"] else f"textures {'; '.join(parts)}"
+    return (
+        f"On prints that training has not seen, {who} predicts {accuracy} of the presses correctly ({chance}): {told}."
+    )
+
+
+def next_steps(results: Results) -> list[str]:
+    """What follows from the data, the most urgent first; the last one is what is done with finished data."""
+    return [*_open_steps(results), _last_step(results)]
+
+
+def _open_steps(results: Results) -> Iterator[str]:
+    study = results.collection
+    planned = study.info.protocol is not None
+    broken = [report.folder.name for report in _with_findings(results.reports)]
+    if broken:
+        yield f'Look at the problems of {listed(broken)} with "tacbench runs check", and repair or press them again.'
+    for refusal in dict.fromkeys(filter(None, (results.no_variance, results.no_classification))):
+        yield f"Add what is missing: {refusal}."
+    if planned and study.pressing.repeats == 1:
+        yield "Press each place at least twice: without repeats, prints cannot be separated from chance."
+    prints = {c: max(len(set(study.copy[study.combination == c].tolist())), 1) for c in study.combinations}
+    answers = {row["about"]: str(row["answer"]) for row in _printer_rows(results)}
+    single = [c for c in study.combinations if study.has("print") and prints[c] == 1]
+    if single:
+        yield f"Print and press each texture at least twice more on {_printers(single)}: one print is no sample."
+    unclear = [c for c in study.combinations if answers.get(name_of(c), "").startswith("unclear")]
+    if unclear:
+        counts = listed(sorted({prints[c] for c in unclear}))
+        yield f"Press more prints of each texture on {_printers(unclear)}: {counts} are too few for a clear answer."
+    for combination in study.combinations:
+        if answers.get(name_of(combination), "").startswith("no,"):
+            yield (
+                f"Find out why the prints of {name_of(combination)} differ: compare their records and the maps below, "
+                'and separate placement from printing with "tacbench variance --register".'
+            )
+    unseen = {texture: str(row["answer"]) for texture, row in results.texture_answers.items() if texture}
+    open_textures = [short_texture(texture) for texture, answer in unseen.items() if answer.startswith("unclear")]
+    if open_textures:
+        yield f"Press more prints of texture {listed(open_textures, 6)}: the interval is too wide for a clear answer."
+    for texture, answer in unseen.items():
+        others = {name: value for name, value in results.confusion.get(texture, {}).items() if name != texture}
+        if answer == "no" and others:
+            other = max(others, key=lambda name: others[name])
+            yield (
+                f"{texture} is often taken for {other} ({percent(others[other])} % of its presses): try more positions "
+                "or a larger force, or use only one of the two."
+            )
+    if planned and results.variance and results.variance.floor_sources != [FRAMES]:
+        yield "Record stationary frames in contact (stationary_frames in the study's file): they give the noise floor."
+    if results.leak_free and results.hold_out != UNSEEN and not study.has("print"):
+        yield "Import the samples again with their prints (--columns print=COLUMN): only then is a new print predicted."
+    if not results.classifications and not results.no_classification:
+        yield "Make the report with a classification: this one says nothing about what can be told apart."
+    unfilled = sum(bool(report.empty_fields) for report in results.reports)
+    if planned and unfilled and not study.simulated:
+        yield f"Fill in the empty fields of {counted(unfilled, 'print record')} (print.toml) while somebody remembers."
+
+
+def _last_step(results: Results) -> str:
+    if results.collection.simulated:
+        return 'These data are simulated: press real prints with "tacbench acquire".'
+    return 'Publish the data set: "tacbench publish" writes it with this report.'
+
+
+def _printer_rows(results: Results) -> list[Row]:
+    """The answers whether each printer is repeatable."""
+    rows = results.variance.tables["printer_answers"].rows if results.variance else ()
+    return [row for row in rows if row["question"] == IS_REPEATABLE]
+
+
+def _by_answer(rows: Iterable[Row]) -> dict[str, list[Row]]:
+    groups: dict[str, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(str(row["answer"]), []).append(row)
+    return groups
+
+
+def _with_findings(reports: Sequence[RunReport]) -> list[RunReport]:
+    return [report for report in reports if report.findings]
+
+
+def _printers(combinations: Sequence[str]) -> str:
+    return listed(_named(name_of(combination)) for combination in combinations)
+
+
+def _named(printer: str) -> str:
+    """A printer in a sentence, where nobody said which it is too."""
+    return "the printer" if printer == "unknown printer" else printer
+
+
+def _ends(row: Row) -> str:
+    return f"{interval(row['low'], row['high'])} %" if row["low"] is not None else "no interval"
+
+
+def _were(count: int) -> str:
+    return "was" if count == 1 else "were"
