@@ -91,6 +91,7 @@ def test_every_key_of_the_parts_documents_is_explained(tmp_path: Path, capsys: C
     assert set(keys(manifest)) <= named("numbers.md")
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_every_key_of_the_analysis_documents_is_explained(tmp_path: Path, capsys: Capture) -> None:
     pytest.importorskip("sklearn")
     pytest.importorskip("matplotlib")

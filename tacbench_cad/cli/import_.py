@@ -134,7 +134,7 @@ def _print(report: ImportReport, out: Path) -> None:
             [(run.folder.name, run.imported, run.present, run.left_out or "", run.kind) for run in report.runs],
         )
     for each in report.left_out[:MAX_SHOWN]:
-        print_lines(one_line(f"left out: {each.where}: {each.reason}"))
+        print_lines(f"left out: {each.line}")
     if len(report.left_out) > MAX_SHOWN:
         print_lines(f"left out: and {len(report.left_out) - MAX_SHOWN:,} more (all with --json)")
     samples = sum(run.imported + run.present for run in report.runs)

@@ -1,8 +1,9 @@
-"""What is installed: packages, their versions and the command that brings a missing one. Imports none of them."""
+"""What is installed: packages, their versions and the command that brings a missing one. Importing it imports none."""
 
 from __future__ import annotations
 
 import importlib.util
+import os
 from dataclasses import dataclass
 
 from tacbench_cad.util.errors import MissingToolError
@@ -114,3 +115,15 @@ def why_not_imported(error: ModuleNotFoundError) -> str | None:
     """Why an import failed, and what helps, if it was of one of :data:`PACKAGES`; else None."""
     module = (error.name or "").split(".")[0]
     return why_missing(module) if any(package.module == module for package in PACKAGES) else None
+
+
+def quiet_opencv() -> None:
+    """Keep OpenCV and the libraries behind it from printing warnings of their own before our message.
+
+    Raises:
+        ImportError: It is not installed.
+    """
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    import cv2
+
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)

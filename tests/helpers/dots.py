@@ -11,16 +11,20 @@ from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
 
 SHAPE = (180, 200)
+#: Beyond this distance a dot adds less than a millionth of a count.
+REACH_PX = 15
 COLUMNS, ROWS = (each.ravel() for each in np.meshgrid(24.0 + 24.0 * np.arange(7), 18.0 + 24.0 * np.arange(7)))
 REST = np.column_stack([COLUMNS, ROWS])
 
 
 def dots_frame(moved: NDArray[np.float64], rng: np.random.Generator) -> Frame:
     """A frame of dots that moved, with noise; shape (180, 200)."""
-    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float64)
     image = np.full(SHAPE, 40.0)
     for column, row in REST + moved:
-        image += 120.0 * expit((4.5 - np.hypot(x - column, y - row)) / 0.5)
+        left, top = max(0, int(column) - REACH_PX), max(0, int(row) - REACH_PX)
+        window = image[top : int(row) + REACH_PX, left : int(column) + REACH_PX]
+        y, x = np.ogrid[top : top + window.shape[0], left : left + window.shape[1]]
+        window += 120.0 * expit((4.5 - np.hypot(x - column, y - row)) / 0.5)
     return np.clip(np.rint(image + rng.standard_normal(SHAPE)), 0, 255).astype(np.uint8)
 
 

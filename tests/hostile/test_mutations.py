@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from helpers.mutations import KINDS, Mutation, mutations
+from helpers.file_kinds import KINDS, read
+from helpers.mutations import Mutation, mutations
 from hypothesis import HealthCheck, given, settings
 
 from tacbench_cad.util.errors import TacbenchError
@@ -44,7 +45,7 @@ def _storm(name: str, cases: int, workers: Workers, folder: Path) -> Counter[str
     outcomes: Counter[str] = Counter()
     whole = _made(name, folder)
     original = (whole / kind.file).read_bytes()
-    expected = workers.submit(kind.read, whole).result()
+    expected = workers.submit(read, name, whole).result()
 
     @settings(
         max_examples=cases, deadline=None, database=None, derandomize=True, suppress_health_check=list(HealthCheck)
@@ -56,7 +57,7 @@ def _storm(name: str, cases: int, workers: Workers, folder: Path) -> Counter[str
             content = change(content)
         (whole / kind.file).write_bytes(content[: 4 << 20])
         try:
-            result = workers.submit(kind.read, whole, seconds=MAX_SECONDS).result()
+            result = workers.submit(read, name, whole, seconds=MAX_SECONDS).result()
             outcomes["read alike" if result == expected else "read otherwise"] += 1
         except (TacbenchError, OSError) as error:
             text = str(error)
@@ -66,7 +67,7 @@ def _storm(name: str, cases: int, workers: Workers, folder: Path) -> Counter[str
 
     storm()
     (whole / kind.file).write_bytes(original)
-    workers.submit(kind.read, whole, seconds=MAX_SECONDS).result()  # and the child is still of use
+    workers.submit(read, name, whole, seconds=MAX_SECONDS).result()  # and the child is still of use
     return outcomes
 
 

@@ -14,6 +14,7 @@ from typing import Any, Protocol
 
 from tacbench_cad.lab.rig.errors import DeviceLostError
 from tacbench_cad.util.errors import InputError, MissingToolError
+from tacbench_cad.util.packages import quiet_opencv
 
 #: Where Linux keeps names of cameras that stay the same: by maker and serial number, or by the socket they are in.
 STABLE_FOLDERS = (Path("/dev/v4l/by-id"), Path("/dev/v4l/by-path"))
@@ -60,8 +61,7 @@ def open_capture(device: str) -> Capture:
         import cv2
     except ImportError:
         raise MissingToolError("a camera needs OpenCV: pip install tacbench-cad[lab]") from None
-    # OpenCV would print warnings of its own before our message.
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    quiet_opencv()
     # Not every build of OpenCV opens a camera by its path, every one does by its number.
     number = re.fullmatch(r"(?:/dev/video)?(\d{1,4})", device if device.isdecimal() else str(Path(device).resolve()))
     if number is None or (device.startswith("/dev/") and not Path(device).exists()):

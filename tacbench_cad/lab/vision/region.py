@@ -18,7 +18,7 @@ from typing import Annotated
 import numpy as np
 
 from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.runs.pictures import decoded, write_png
+from tacbench_cad.lab.runs.pictures import MAX_MEGAPIXELS, decoded, write_png
 from tacbench_cad.lab.vision.markers import MIN_MARKERS, MarkerFinder, grey
 from tacbench_cad.lab.vision.tracking import MarkerTracker
 from tacbench_cad.util import door
@@ -394,6 +394,7 @@ def stored_region(folder: Path) -> Region | None:
     if not path.exists():
         return None
     kept = read_json(path, _Kept, "region of interest", within=folder)
+    door.require_within("width", kept.width * kept.height / 1e6, MAX_MEGAPIXELS, "megapixels", str(path))
     if kept.roi == MASK_FILE:
         mask = _mask_of(folder / MASK_FILE, kept.height, kept.width, within=folder)
         return Region(text=str(folder / MASK_FILE), mask=mask, sureness=kept.sureness)

@@ -149,6 +149,7 @@ def test_the_command_takes_runs_and_tells_a_seeing_sensor_from_a_blind_one(
         assert (folder / "out" / f"comparison.{kind}").stat().st_size > 5000
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_the_command_takes_folders_of_classify(compared: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
     folder, document = compared
     sides = [str(folder / "out" / f"classification_{one}") for one in "ab"]

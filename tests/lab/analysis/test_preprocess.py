@@ -104,7 +104,9 @@ def test_markers_in_processes_give_the_same_table(pressed: Path) -> None:
     assert [cell.variance for cell in alone.cells] == pytest.approx([cell.variance for cell in together.cells])
 
 
-def test_the_commands_say_what_was_analysed(pressed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_commands_say_what_was_analysed(
+    pressed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], request: pytest.FixtureRequest
+) -> None:
     assert main(["variance", str(pressed), "--features", "markers", "-o", str(tmp_path / "out"), "--jobs", "1"]) == 0
     shown = capsys.readouterr().out
     assert "px^2; displacement of markers" in shown
@@ -112,6 +114,7 @@ def test_the_commands_say_what_was_analysed(pressed: Path, tmp_path: Path, capsy
     assert (tmp_path / "out" / "displacements.png").is_file()
     rows = (tmp_path / "out" / "displacements.csv").read_text().splitlines()
     assert len(rows) == 1 + 2 * 4 * 49
+    request.getfixturevalue("no_figures")
     assert main(["variance", str(pressed), "--roi", "rect:10,10,150,150", "--json", "--jobs", "1"]) == 0
     assert json.loads(capsys.readouterr().out)["roi"] == "rect:10,10,150,150"
     report = ["report", str(pressed), "--no-classify", "--variance", str(tmp_path / "out"), "-o"]

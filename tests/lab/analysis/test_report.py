@@ -228,6 +228,7 @@ def test_the_page_says_what_a_reader_asks_for(page: Page) -> None:
         assert words in page.text, words
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_without_classification_and_with_folders_of_the_commands(runs: Path, report: Path, tmp_path: Path) -> None:
     files = report.with_name("report_files")
     out = tmp_path / "again.html"
@@ -248,6 +249,7 @@ def test_without_classification_and_with_folders_of_the_commands(runs: Path, rep
     assert "What the sensor can tell apart" not in short and "Nothing was classified." in short
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_figures_of_an_earlier_report_do_not_come_back(runs: Path, report: Path, tmp_path: Path) -> None:
     files = report.with_name("report_files")
     stale = tmp_path / "new_files" / "classification" / "confusion_network.png"
@@ -259,6 +261,7 @@ def test_figures_of_an_earlier_report_do_not_come_back(runs: Path, report: Path,
     assert len(Page((tmp_path / "new.html").read_text(encoding="utf-8")).all("img")) >= 7
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_folders_of_other_runs_are_refused(runs: Path, report: Path, tmp_path: Path) -> None:
     files = report.with_name("report_files")
     write_study(tmp_path / "runs", image=noise_image, copies=3)
@@ -282,6 +285,7 @@ def test_a_file_of_an_analysis_that_is_a_link_out_of_its_folder_is_refused(tmp_p
     assert not list((tmp_path / "copy").iterdir())
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_a_study_that_supports_little_gets_a_page_that_says_why(tmp_path: Path) -> None:
     """One texture, one copy, one repeat a place: neither a variance nor a classification."""
 
@@ -299,6 +303,7 @@ def test_a_study_that_supports_little_gets_a_page_that_says_why(tmp_path: Path) 
     assert "Look at the problems of texture-1_" in text, "what to do next"
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_a_damaged_image_is_named_and_the_rest_is_reported(tmp_path: Path) -> None:
     folders = write_study(tmp_path / "runs", image=texture_image, grid=GRID)
     picture = folders[0] / "sensor_images" / "image_3.png"
@@ -313,6 +318,7 @@ def test_a_damaged_image_is_named_and_the_rest_is_reported(tmp_path: Path) -> No
     assert (tmp_path / "page_files" / "variance" / "variance.csv").is_file()
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_a_damaged_record_is_named(runs: Path, tmp_path: Path) -> None:
     shutil.copytree(runs, tmp_path / "runs")
     first = sorted((tmp_path / "runs").iterdir())[0]

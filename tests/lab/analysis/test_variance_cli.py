@@ -116,6 +116,7 @@ def test_a_damaged_image_is_named_the_rest_is_computed_and_the_exit_code_is_1(
     assert len(document["variance"]) == 2 * 2 * 2 and len(document["left_out"]) == 1
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_any_sensor_is_taken_in_its_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
         return 1e-4 * rng.standard_normal((4, 4))

@@ -11,7 +11,7 @@ import numpy as np
 
 from tacbench_cad.lab.runs.importing.samples import Loaded, Rows, Sample, Source, columns_of
 from tacbench_cad.util import door
-from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.errors import CheckFailedError, InputError, one_line
 from tacbench_cad.util.packages import require
 
 #: Files by which such a folder is known: of one split, and of several.
@@ -30,9 +30,13 @@ def of_dataset(folder: Path, columns: Mapping[str, str]) -> Source:
 
     try:
         loaded = datasets.load_from_disk(str(folder))
+        splits = dict(loaded) if isinstance(loaded, datasets.DatasetDict) else {"": loaded}
+        for split in splits.values():
+            split.data.validate(full=True)  # Arrow trusts the offsets in a file, and crashes where they lead out of it
     except Exception as error:  # datasets and Arrow raise almost anything on damaged files
-        raise InputError("data set", str(folder), f"cannot be read: {str(error)[:200]}") from None
-    splits = dict(loaded) if isinstance(loaded, datasets.DatasetDict) else {"": loaded}
+        raise InputError("data set", str(folder), f"cannot be read: {one_line(error, 200)}") from None
+    for file in (file for split in splits.values() for file in split.cache_files):
+        door.open_input(Path(file["filename"]), "data set", "array", within=folder).close()
     samples: list[Sample] = []
     notes: list[str] = []
     facts: dict[str, Any] = {}
@@ -81,10 +85,10 @@ def _text(value: Any, names: list[str] | None) -> str:
 def _frame(split: Any, column: str, index: int, folder: Path) -> Loaded:
     try:
         value = split[index][column]
+        array = None if isinstance(value, dict) else np.asarray(value)
     except Exception as error:
-        raise CheckFailedError(f"cannot be read: {str(error)[:200]}") from None
-    if not isinstance(value, dict):
-        array = np.asarray(value)
+        raise CheckFailedError(f"cannot be read: {one_line(error, 200)}") from None
+    if array is not None:
         if array.dtype.kind not in "biuf":
             raise CheckFailedError(f"holds {array.dtype}, no image and no array of numbers")
         return array

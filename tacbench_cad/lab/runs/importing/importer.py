@@ -21,7 +21,7 @@ from tacbench_cad.lab.runs.schema import IMAGE_SUFFIXES, RUN_FILE
 from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import sha256
-from tacbench_cad.util.packages import require
+from tacbench_cad.util.packages import quiet_opencv, require
 from tacbench_cad.util.processes import cpu_count
 
 #: So many frames are loaded, decoded and checked at once, and so many more may wait to be written.
@@ -103,6 +103,7 @@ def import_samples(
     """
     chosen = options or ImportOptions()
     require("the import of images", "cv2")
+    quiet_opencv()
     names = Names() if chosen.names is None else Names.read(chosen.names)
     sources: list[Source] = []
     left_out: list[LeftOut] = []

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.door import read_table
-from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.util.errors import InputError, nearest, one_line
 
 #: What may be said of a sample, each with the names of columns that are recognised without being mapped, best first.
 FIELDS: Mapping[str, tuple[str, ...]] = {
@@ -35,6 +35,9 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
 }
 #: Other words for fields in ``--columns``.
 SYNONYMS = {"texture": "label", "copy": "print"}
+
+#: The longest line about something that was left out, and about a table's columns.
+MAX_LINE = 1500
 
 #: The bytes of an image's file, or an array.
 Loaded = bytes | NDArray[Any]
@@ -77,6 +80,11 @@ class LeftOut:
     where: str
     reason: str
     count: int = 1
+
+    @property
+    def line(self) -> str:
+        """Both as a line of bounded length, whatever a file has in place of a name."""
+        return one_line(f"{self.where}: {self.reason}", MAX_LINE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,7 +173,7 @@ class Rows:
         """Which columns were taken as what."""
         taken = ", ".join(f"{field}={column}" for field, column in self.columns.items())
         rest = f"; not used: {', '.join(self.unused[:12])}" if self.unused else ""
-        return f"{self.name}: {taken or 'no column'}{rest}"
+        return one_line(f"{self.name}: {taken or 'no column'}{rest}", MAX_LINE)
 
 
 def columns_of(name: str, header: Sequence[str], chosen: Mapping[str, str]) -> dict[str, str]:

@@ -66,6 +66,7 @@ def test_leak_free_writes_tables_and_figures_that_agree(runs: Path, tmp_path: Pa
         assert (out / f"{stem}.pdf").read_bytes().startswith(b"%PDF")
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_finished_trials_are_kept_and_numbers_follow_from_the_seed(runs: Path, tmp_path: Path) -> None:
     out, other = tmp_path / "out", tmp_path / "other"
     command = ["classify", str(runs), *QUICK, "--hold-out", "press", "--folds", "2"]
@@ -86,7 +87,9 @@ def test_finished_trials_are_kept_and_numbers_follow_from_the_seed(runs: Path, t
     assert len(list((out / "trials").iterdir())) == 5
 
 
-def test_paper_prints_the_warning_and_not_the_papers_figures(runs: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_paper_prints_the_warning_and_not_the_papers_figures(
+    runs: Path, tmp_path: Path, capsys: Capture, request: pytest.FixtureRequest
+) -> None:
     command = ["classify", str(runs), "-o", str(tmp_path), *QUICK, "--protocol", "paper"]
     assert main(command) == 0
     said = capsys.readouterr().out
@@ -95,6 +98,7 @@ def test_paper_prints_the_warning_and_not_the_papers_figures(runs: Path, tmp_pat
     assert {row["augmentation"] for row in rows(tmp_path / "predictions.csv") if row["hold_out"] == "test"} == {
         *("none", "noise 5", "+10", "-10")
     }
+    request.getfixturevalue("no_figures")
     assert main([*command, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["beside_paper"] == [] and document["simulated"]
@@ -102,7 +106,9 @@ def test_paper_prints_the_warning_and_not_the_papers_figures(runs: Path, tmp_pat
     assert (tmp_path / "confusion_network_bambu-p1p_pla-minus.pdf").is_file()
 
 
-def test_as_published_prints_the_papers_figures_beside_ours(runs: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_as_published_prints_the_papers_figures_beside_ours(
+    runs: Path, tmp_path: Path, capsys: Capture, request: pytest.FixtureRequest
+) -> None:
     command = ["classify", str(runs), "-o", str(tmp_path), "--trials", "1", "--components", "3", "--protocol"]
     command += ["as-published", "--train-on", "bambu-p1p_pla-minus"]
     assert main(command) == 0
@@ -110,6 +116,7 @@ def test_as_published_prints_the_papers_figures_beside_ours(runs: Path, tmp_path
     assert "63.98" in said and "holds the very images that were trained on" in said
     columns = {row["hold_out"] for row in rows(tmp_path / "classification.csv")}
     assert columns == {"train", "test", "all copies", "other copies"}
+    request.getfixturevalue("no_figures")
     assert main([*command, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["beside_paper"][0]["paper"] == [100.0, 99.7, 63.98, None]
@@ -157,6 +164,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_an_estimator_of_ones_own_gets_the_readings(runs: Path, own: Path) -> None:
     command = ["classify", str(runs), "--jobs", "1", "--trials", "1", "--resolution", "1", "--hold-out", "copy"]
     assert main([*command, "-o", "a", "--estimator", "own_model:pipeline"]) == 0
@@ -204,6 +212,7 @@ def test_bad_input_is_refused_in_one_line(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
+@pytest.mark.usefixtures("no_figures")
 def test_an_interruption_ends_with_130_and_the_same_command_goes_on(runs: Path, own: Path) -> None:
     words = ["classify", str(runs), "-o", "out", "--estimator", "own_model:Slow", "--hold-out", "copy"]
     words += ["--trials", "3", "--jobs", "1", "--resolution", "0.1"]
