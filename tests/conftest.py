@@ -74,7 +74,7 @@ def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave figures of an analysis empty where a test is not about them: drawing takes longer than all the rest."""
     head = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + struct.pack(">II", 640, 480)
 
-    def save(figure: object, path: Path, kind: str = "png", box: object = None) -> None:
+    def save(figure: object, path: Path, kind: str = "png", box: object = None, about: str = "") -> None:
         path.write_bytes(head if kind == "png" else b"%PDF")
 
     monkeypatch.setattr("tacbench_cad.util.plotting.save_figure", save)
