@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import signal
 import struct
 from collections.abc import Iterator
@@ -38,6 +39,20 @@ def pytest_collection() -> None:
 def pytest_collection_finish() -> None:
     gc.freeze()  # nor does it become garbage during the tests: no need to look through it again and again
     gc.enable()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_processor() -> Iterator[None]:
+    """Commands start one child process unless a test asks for more: each loads its packages again."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHON_CPU_COUNT", os.environ.get("PYTHON_CPU_COUNT", "1"))
+        yield
+
+
+@pytest.fixture
+def two_processors(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands share their work among two child processes."""
+    monkeypatch.setenv("PYTHON_CPU_COUNT", "2")
 
 
 @pytest.fixture(scope="session", autouse=True)

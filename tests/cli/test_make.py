@@ -162,6 +162,7 @@ def test_jig_and_coupon_are_made_when_they_are_asked_for(tmp_path: Path, capsys:
     assert all((tmp_path / row["file"]).is_file() for row in rows)
 
 
+@pytest.mark.usefixtures("two_processors")
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_an_interruption_ends_with_130_and_leaves_nothing_unfinished(tmp_path: Path) -> None:
     pytest.importorskip("OCP")

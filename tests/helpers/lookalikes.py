@@ -217,5 +217,7 @@ def gel(seed: int, most: float = 0.0) -> Shot:
 
 def _smooth(rng: np.random.Generator, width: float) -> NDArray[Any]:
     """A smooth random picture with standard deviation 1."""
-    picture = cv2.GaussianBlur(rng.standard_normal((HEIGHT, WIDTH)), (0, 0), width)
+    step = max(1.0, width / 4.0)  # a wide one has no more to it at full resolution
+    small = rng.standard_normal((round(HEIGHT / step), round(WIDTH / step)))
+    picture = cv2.resize(cv2.GaussianBlur(small, (0, 0), width / step), (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
     return np.asarray(picture / picture.std())

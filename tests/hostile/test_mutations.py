@@ -19,7 +19,7 @@ from tacbench_cad.util.processes import Workers
 #: What one case may take.
 MAX_SECONDS, MAX_MB = 30.0, 2000
 #: Cases of each kind in ``make test``, and in ``make test-long``.
-FEW, MANY = 10, 5000
+FEW, MANY = 6, 5000
 
 
 @pytest.fixture(scope="module")

@@ -249,6 +249,7 @@ def test_the_same_request_gives_the_same_bytes(tmp_path: Path) -> None:
     assert str(tmp_path) not in (tmp_path / "a" / "manifest.json").read_text()
 
 
+@pytest.mark.usefixtures("two_processors")
 def test_meshes_shared_out_among_processes_are_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     wanted = replace(LIGHT, textures=("1", "2", "3", "5"))
     alone = build(replace(wanted, out=tmp_path / "alone"))
@@ -328,6 +329,7 @@ def test_an_interruption_before_the_first_file_leaves_nothing(tmp_path: Path) ->
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("two_processors")
 def test_an_interruption_ends_the_children_and_sweeps_what_they_had_begun(tmp_path: Path) -> None:
     pytest.importorskip("OCP")
     wanted = Request(textures=("1", "4"), formats=("stl", "step"), parts=("blocks",), out=tmp_path)

@@ -104,8 +104,7 @@ FIELDS = {
 }
 
 
-@pytest.mark.parametrize("prints", [6, 3])
-@pytest.mark.parametrize("kind", ["smooth", "coarse"])
+@pytest.mark.parametrize(("kind", "prints"), [("smooth", 6), ("coarse", 3)])
 def test_intervals_cover_in_a_hundred_studies(kind: str, prints: int) -> None:
     # Of 100 studies with 95 % coverage fewer than 88 hold in 3 of 1,000 cases.
     assert coverage(prints, FIELDS[kind], 100, seed=prints)[0].min() >= 0.88

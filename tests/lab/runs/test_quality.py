@@ -102,7 +102,8 @@ def test_flicker_drift_and_a_moved_camera_are_named(dome: tuple[Judge, Frame]) -
     assert "fell by" in falling[0][2]
     shifted = findings([frame] * 12 + [np.roll(frame, (4, 7), axis=(0, 1))], judge)
     assert [(kind, where) for kind, where, _ in shifted] == [("moved", "12")]
-    assert "8.1 px from where most frames show it" in shifted[0][2]
+    assert float(shifted[0][2].split()[3]) == pytest.approx(np.hypot(4, 7), abs=0.1)
+    assert "px from where most frames show it" in shifted[0][2]
 
 
 def test_the_check_of_a_run_names_them_with_numbers_and_limits(tmp_path: Path) -> None:
