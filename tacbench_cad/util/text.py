@@ -57,10 +57,11 @@ def interval(low: float | None, high: float | None, *, signed: bool = False) -> 
     """
     if low is None or high is None or math.isnan(low) or math.isnan(high):
         return "none"
-    return f"{_short(low, signed)} {f'to {_short(high, signed)}' if math.isfinite(high) else 'or more'}"
+    return f"{short(low, signed=signed)} {f'to {short(high, signed=signed)}' if math.isfinite(high) else 'or more'}"
 
 
-def _short(value: float, signed: bool) -> str:
+def short(value: float, *, signed: bool = False) -> str:
+    """A number with three significant digits, without an exponent from 0.0001 to 1e15: ``0.0302``, ``4,440``."""
     rounded = float(f"{value:.3g}") + 0.0  # without the sign of a zero
     return f"{rounded:{'+' if signed else ''}{',.0f' if 1e3 <= abs(rounded) < 1e15 else '.3g'}}"
 

@@ -19,12 +19,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tacbench_cad.lab.analysis.tables import Column, Row, Table, short
+from tacbench_cad.lab.analysis.tables import Column, Row, Table
 from tacbench_cad.lab.analysis.variance.cells import name_of
 from tacbench_cad.lab.analysis.variance.intervals import CellSums, component_interval, ratio_interval
 from tacbench_cad.lab.analysis.variance.streaming import CellKey, PlaceSums, levels_with_most_prints
 from tacbench_cad.lab.analysis.variance.table import VarianceResult, pooled
-from tacbench_cad.util.text import interval
+from tacbench_cad.util.text import interval, short
 
 #: Prints may differ by this fraction of what textures differ by, as standard deviations.
 REPEATABLE = 0.3

@@ -37,11 +37,6 @@ def shown(value: Any) -> str:
     return str(value)
 
 
-def short(value: float) -> str:
-    """A number with three significant digits."""
-    return f"{value:.3g}"
-
-
 def percent(value: float) -> str:
     """A fraction in per cent with one decimal."""
     return f"{100.0 * value:.1f}"

@@ -23,6 +23,20 @@ from tacbench_cad.util.text import counted
 _MAX_PARTS = 6
 
 
+def title(collection: Collection) -> str:
+    """The title of the page: how many presses of what."""
+    of = f"on {counted(len(collection.runs), 'print')}"
+    if not collection.has("print"):
+        labels, folders = counted(len(collection.textures), "label"), counted(len(collection.runs), "run folder")
+        of = f"of {labels}" if collection.has("label") else f"in {folders}"
+    return f"{counted(len(collection), press_words(collection)[0])} {of}"
+
+
+def press_words(collection: Collection) -> tuple[str, str]:
+    """What a reading is of, one and several: a press of a protocol, or, where none is known, a sample."""
+    return ("sample", "samples") if collection.info.protocol is None else ("press", "presses")
+
+
 def prints_in_words(collection: Collection) -> str:
     """The prints of each printer-filament."""
     groups: dict[str, dict[str, set[int | str | None]]] = defaultdict(lambda: defaultdict(set))

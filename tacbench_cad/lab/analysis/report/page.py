@@ -36,7 +36,6 @@ from tacbench_cad.util.door import open_input
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked, refusing, replacing
 from tacbench_cad.util.packages import require
-from tacbench_cad.util.text import counted
 
 #: The document that the page shows, in the folder beside it, and the table to quote.
 DOCUMENT_FILE, TABLE_FILE = "report.json", "textures.csv"
@@ -131,12 +130,11 @@ def _document(results: Results, files: Path) -> dict[str, Any]:
     for path in (files / f"{stem}{suffix}" for stem in (SUMMARY, FRAMES) for suffix in (".png", ".pdf")):
         path.unlink(missing_ok=True)
     captions = {SUMMARY: draw_summary(results, files), FRAMES: draw_frames(results, files)}
-    presses = counted(len(study), "sample" if study.info.protocol is None else "press")
     answers = results.variance.tables["printer_answers"].records() if results.variance else []
     return {
         "version": __version__,
         "folder": files.name,
-        "title": f"{presses} on {counted(len(study.runs), 'print' if study.has('print') else 'run folder')}",
+        "title": facts.title(study),
         "simulated": list(study.simulated),
         "notice": facts.simulated_in_words(study.simulated),
         "summary": [{"topic": topic, "text": text} for topic, text in summary(results).items()],
@@ -240,6 +238,8 @@ def _refusal_of(error: InputError | CheckFailedError) -> str:
     """
     if isinstance(error, InputError) and error.field in ("dask", "jobs", "output folder", "output file"):
         raise error
+    if isinstance(error, InputError) and error.value is None:
+        return f"{error.field} {error.allowed}"
     return str(error)
 
 

@@ -11,12 +11,13 @@ from tacbench_cad.lab.analysis.classification.accuracy import is_whole
 from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.classification import Classification
-from tacbench_cad.lab.analysis.tables import Column, Row, Table, percent, short
+from tacbench_cad.lab.analysis.report.facts import press_words
+from tacbench_cad.lab.analysis.tables import Column, Row, Table, percent
 from tacbench_cad.lab.analysis.variance.cells import Cell, Level, name_of, parts_of, shown_levels
 from tacbench_cad.lab.analysis.variance.grade import Grade
 from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.runs.checking import RunReport
-from tacbench_cad.util.text import interval
+from tacbench_cad.util.text import interval, short
 
 #: The hold-out level of prints that training has not seen.
 UNSEEN = "copy"
@@ -136,6 +137,7 @@ class Results:
     @property
     def shown_textures(self) -> Table:
         """The main table as people see it, without columns of which nothing is known."""
+        study = self.collection
         rows = self.textures.rows
         firsts = {row["texture"]: row for row in reversed(rows)}
         known = {name for row in rows for name, value in row.items() if value is not None}
@@ -149,17 +151,16 @@ class Results:
             return lambda row: interval(*(None if row[end] is None else times * row[end] for end in _ends(name)))
 
         columns = [Column("texture", derived=once("texture", lambda row: str(row["texture"])))]
-        if len(self.collection.combinations) > 1:
+        if len(study.combinations) > 1:
             columns.append(Column("name", head="printer, filament", derived=lambda row: name_of(combination_of(row))))
-        columns += [Column(name) for name in ("prints", "presses") if name in known]
+        columns += [Column("prints")] if "prints" in known else []
+        columns.append(Column("presses", head=press_words(study)[1]))
         title = "each texture"
         if self.variance and self.level is not None and "variance" in known:
             columns.append(Column("variance", head=f"variance ({self.variance.unit})", text=short))
             columns.append(Column("ends", head="95 % interval", derived=ends(""), right=True))
             columns += [Column("noise_alone", text=short)] if "noise_alone" in known else []
-            title += (
-                f"; variance: {self.collection.pressing.level_name(self.level)}, ddof {self.variance.settings.ddof}"
-            )
+            title += f"; variance: {study.pressing.level_name(self.level)}, ddof {self.variance.settings.ddof}"
         if "recall" in known:
             recall = once("recall", lambda row: percent(row["recall"]))
             columns.append(Column("right", head=f"predicted correctly, {held_out} (%)", derived=recall, right=True))

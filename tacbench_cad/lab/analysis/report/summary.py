@@ -6,17 +6,19 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 from tacbench_cad.lab.analysis.answers import IS_REPEATABLE, REPEATABLE
-from tacbench_cad.lab.analysis.report.facts import unknown_names
+from tacbench_cad.lab.analysis.report.facts import press_words, unknown_names
 from tacbench_cad.lab.analysis.report.results import UNSEEN, Results
-from tacbench_cad.lab.analysis.tables import Row, percent, short
+from tacbench_cad.lab.analysis.tables import Row, percent
 from tacbench_cad.lab.analysis.variance.cells import FRAMES, name_of, short_texture
 from tacbench_cad.lab.runs.checking import RunReport
-from tacbench_cad.util.text import counted, interval
+from tacbench_cad.util.text import counted, interval, short
 
 #: Names that a sentence lists before it counts the rest.
 _MAX_NAMES = 3
 _ESTIMATORS = {"forest": "a random forest", "network": "a network"}
 _UNSAID = "cannot be said: "
+#: What a sentence says of textures, by how the answer begins.
+_TOLD_APART = {"yes": "told apart", "no": "not told apart", "unclear": "unclear", _UNSAID: "no print held out"}
 
 
 def summary(results: Results) -> dict[str, str]:
@@ -76,10 +78,9 @@ def quality_sentence(results: Results) -> str:
         parts.append(f"in {outside:,} of them the force lies outside its band")
     findings = Counter(finding.kind for report in reports for finding in report.findings)
     if findings:
-        kinds = ", ".join(f"{count:,} {kind}" for kind, count in findings.most_common(_MAX_NAMES))
-        more = ", ..." if len(findings) > _MAX_NAMES else ""
+        kinds = listed(f"{kind} {count:,}" for kind, count in findings.most_common())
         runs = f"{len(_with_findings(reports)):,} of {counted(len(reports), 'run')}"
-        parts.append(f"the check found {counted(findings.total(), 'problem')} in {runs} ({kinds}{more})")
+        parts.append(f"the check found {counted(findings.total(), 'problem')} in {runs} ({kinds})")
     else:
         parts.append("the check found no problem")
     rows = [row for row in results.textures.rows if row["noise_alone"] is not None and row["variance"]]
@@ -95,7 +96,7 @@ def quality_sentence(results: Results) -> str:
 def printing_sentence(results: Results) -> str:
     """Whether each printer is repeatable, printers with the same answer together."""
     if results.variance is None:
-        return f"Nothing can be said about the prints: {results.no_variance}."
+        return f"Nothing can be said about the prints: {_cause(results.no_variance)}."
     sentences = []
     for answer, rows in _by_answer(_printer_rows(results)).items():
         names = listed(_named(row["about"]) for row in rows)
@@ -129,28 +130,34 @@ def textures_sentence(results: Results) -> str:
     if score["low"] is not None:
         accuracy += f" ({interval(100.0 * score['low'], 100.0 * score['high'])} %)"
     chance = f"chance: {percent(results.leak_free.chance)} %"
+    presses = press_words(results.collection)[1]
     if results.hold_out != UNSEEN:
-        reason = results.texture_answers.get("", {}).get("answer", "").removeprefix(_UNSAID)
+        reason = _cause(str(results.texture_answers.get("", {}).get("answer", "")).removeprefix(_UNSAID))
         return (
-            f"Nothing can be said about prints that training has not seen: {reason}. With {results.hold_out} held out, "
-            f"{who} predicts {accuracy} of the presses correctly ({chance})."
+            f"Nothing can be said about prints that training has not seen: {reason}. At the hold-out level "
+            f"{results.hold_out}, {who} predicts {accuracy} of the {presses} correctly ({chance})."
         )
     groups = _by_answer(row for texture, row in results.texture_answers.items() if texture)
     parts = [
-        f"{listed((short_texture(str(row['about'])) for row in rows), 6)} {text}"
-        for word, text in (("yes", "can be told apart"), ("no", "cannot"), ("unclear", "unclear"), (_UNSAID, "unknown"))
+        f"{what}: {listed((short_texture(str(row['about'])) for row in rows), 6)}"
+        for word, what in _TOLD_APART.items()
         for rows in [[row for answer, of in groups.items() if answer.startswith(word) for row in of]]
         if rows
     ]
-    told = "all textures can be told apart" if list(groups) == ["yes"] else f"textures {'; '.join(parts)}"
+    apart = "all textures can be told apart" if list(groups) == ["yes"] else "; ".join(parts)
     return (
-        f"On prints that training has not seen, {who} predicts {accuracy} of the presses correctly ({chance}): {told}."
+        f"On prints that training has not seen, {who} predicts {accuracy} of the {presses} correctly ({chance}). "
+        f"{apart[0].upper()}{apart[1:]}."
     )
 
 
 def next_steps(results: Results) -> list[str]:
     """What follows from the data, the most urgent first; the last one is what is done with finished data."""
-    return [*_open_steps(results), _last_step(results)]
+    steps = list(_open_steps(results))
+    if results.collection.simulated:
+        return [*steps, 'These data are simulated: press real prints with "tacbench acquire".']
+    publish = "Then publish" if steps else "Publish"
+    return [*steps, f'{publish} the data set: "tacbench publish" writes it with this report.']
 
 
 def _open_steps(results: Results) -> Iterator[str]:
@@ -158,9 +165,13 @@ def _open_steps(results: Results) -> Iterator[str]:
     planned = study.info.protocol is not None
     broken = [report.folder.name for report in _with_findings(results.reports)]
     if broken:
-        yield f'Look at the problems of {listed(broken)} with "tacbench runs check", and repair or press them again.'
-    for refusal in dict.fromkeys(filter(None, (results.no_variance, results.no_classification))):
-        yield f"Add what is missing: {refusal}."
+        mend = "repair them or press again" if planned else "repair them or leave them out"
+        runs = broken[0] if len(broken) == 1 else f"{len(broken):,} runs (listed below under data quality)"
+        yield f'Look at the problems of {runs} with "tacbench runs check"; {mend}.'
+    if results.no_variance:
+        yield f"There is no variance table: {results.no_variance}."
+    if results.no_classification:
+        yield f"There is no classification: {results.no_classification}."
     if planned and study.pressing.repeats == 1:
         yield "Press each place at least twice: without repeats, prints cannot be separated from chance."
     prints = {c: max(len(set(study.copy[study.combination == c].tolist())), 1) for c in study.combinations}
@@ -201,12 +212,6 @@ def _open_steps(results: Results) -> Iterator[str]:
         yield f"Fill in the empty fields of {counted(unfilled, 'print record')} (print.toml) while somebody remembers."
 
 
-def _last_step(results: Results) -> str:
-    if results.collection.simulated:
-        return 'These data are simulated: press real prints with "tacbench acquire".'
-    return 'Publish the data set: "tacbench publish" writes it with this report.'
-
-
 def _printer_rows(results: Results) -> list[Row]:
     """The answers whether each printer is repeatable."""
     rows = results.variance.tables["printer_answers"].rows if results.variance else ()
@@ -226,6 +231,11 @@ def _with_findings(reports: Sequence[RunReport]) -> list[RunReport]:
 
 def _printers(combinations: Sequence[str]) -> str:
     return listed(_named(name_of(combination)) for combination in combinations)
+
+
+def _cause(reason: str) -> str:
+    """What a reason says before it says what to do."""
+    return reason.partition(";")[0]
 
 
 def _named(printer: str) -> str:

@@ -22,11 +22,11 @@ from typing import Literal
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.published import texture_number
-from tacbench_cad.lab.analysis.tables import Column, Table, short
+from tacbench_cad.lab.analysis.tables import Column, Table
 from tacbench_cad.lab.analysis.variance.cells import Cell, Level, squared
 from tacbench_cad.lab.analysis.variance.grade_limits import limits, to_two_repeats
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.text import interval
+from tacbench_cad.util.text import interval, short
 
 #: What our figure of a texture is against a published one.
 Difference = Literal["less", "more", "unclear"]

@@ -18,7 +18,7 @@ from tacbench_cad import __version__
 from tacbench_cad.lab.analysis import answers
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.published import FLOOR, PAPER_FLOORS
-from tacbench_cad.lab.analysis.tables import Column, Row, Table, read_settings, short, write_settings
+from tacbench_cad.lab.analysis.tables import Column, Row, Table, read_settings, write_settings
 from tacbench_cad.lab.analysis.variance.cells import (
     ALL_LEVELS,
     FRAMES,
@@ -37,7 +37,7 @@ from tacbench_cad.lab.analysis.variance.registration import Seating
 from tacbench_cad.lab.analysis.variance.table import Protocol, VarianceResult
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked
-from tacbench_cad.util.text import interval
+from tacbench_cad.util.text import interval, short
 
 #: What was asked for, beside the tables.
 SETTINGS_FILE = "variance_settings.json"

@@ -1,0 +1,248 @@
+"""The sentences of a report and what follows from them, for answers of every kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("sklearn")
+
+from tacbench_cad.lab.analysis import answers
+from tacbench_cad.lab.analysis.answers import IS_REPEATABLE, RIGHT, WHICH_TEXTURES, Answer
+from tacbench_cad.lab.analysis.classification.outcomes import ALL, THE_OTHERS
+from tacbench_cad.lab.analysis.classification.result import COLUMNS, CONFUSION_COLUMNS
+from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.report.classification import Classification
+from tacbench_cad.lab.analysis.report.results import Results
+from tacbench_cad.lab.analysis.report.summary import (
+    listed,
+    next_steps,
+    pressed_sentence,
+    printing_sentence,
+    quality_sentence,
+    summary,
+    textures_sentence,
+)
+from tacbench_cad.lab.analysis.tables import Table
+from tacbench_cad.lab.analysis.variance.cells import FRAMES, Cell
+from tacbench_cad.lab.analysis.variance.view import Settings, VarianceView
+from tacbench_cad.lab.runs.checking import Finding, RunReport
+from tacbench_cad.spec.protocol import PressGrid
+
+ENDER, BAMBU = ("ender-3", "pla-plus"), ("bambu-p1p", "pla-minus")
+ONE_PLACE = PressGrid(x_mm=(4.0,), y_mm=(18.0,))
+PUBLISH = 'the data set: "tacbench publish" writes it with this report.'
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Collection:
+    """Two copies of two textures from each of two printers, really pressed, so to say: nothing is simulated."""
+    from helpers.studies import write_study
+
+    folder = tmp_path_factory.mktemp("study")
+    write_study(folder, prints=(ENDER, BAMBU), grid=ONE_PLACE, still=1)
+    return Collection.open([folder])
+
+
+def reports(study: Collection, *kinds: str, **fields: Any) -> tuple[RunReport, ...]:
+    """What the check says of each run; all findings are of the first."""
+    findings = tuple(Finding(kind=kind, where=f"{i}.png", text="is wrong") for i, kind in enumerate(kinds))
+    whole = [RunReport(folder=r.folder, name="", simulated=(), planned=2, presses=2) for r in study.runs]
+    return (replace(whole[0], findings=findings, **fields), *whole[1:])
+
+
+def repeatable(about: str, answer: str, figure: float | None = None) -> Answer:
+    ends = {} if figure is None else {"low": figure / 2.0, "high": figure * 2.0}
+    return Answer(question=IS_REPEATABLE, about=about, figure=figure, answer=answer, **ends)
+
+
+def variance(study: Collection, *rows: Answer, floor_from: str = FRAMES) -> VarianceView:
+    of_cell = {"variance": 4.0, "low": 3.0, "high": 5.0, "floor": 1.1, "noise_alone": 1.0, "floor_from": floor_from}
+    cells = [
+        Cell(printer=printer, filament=filament, texture=texture, force_level=1, prints=2, presses=4, **of_cell)
+        for printer, filament in (ENDER, BAMBU)
+        for texture in study.textures
+    ]
+    how = {"colour": False, "resolution": 1.0, "ddof": 0, "seed": 0, "registered": False, "left_out": (), "data": ""}
+    tables = {"printer_answers": Table.of(answers.COLUMNS, rows)}
+    return VarianceView(collection=study, settings=Settings(**how), cells=tuple(cells), tables=tables)
+
+
+def classification(study: Collection, hold_out: str, recall: Sequence[float], *rows: Answer) -> Classification:
+    who = {
+        "protocol": "leak-free",
+        "estimator": "forest",
+        "train_on": THE_OTHERS,
+        "tested_on": ALL,
+        "hold_out": hold_out,
+    }
+    score = {**who, "accuracy": sum(recall) / 2.0, "low": 0.25, "high": 0.875, "trials": 1, "images": 16}
+    first, second = study.textures
+    cells = {
+        (first, first): recall[0],
+        (first, second): 1.0 - recall[0],
+        (second, second): recall[1],
+        (second, first): 1.0 - recall[1],
+    }
+    confusion = [
+        {**who, "texture": texture, "predicted": predicted, "count": 1, "fraction": fraction}
+        for (texture, predicted), fraction in cells.items()
+    ]
+    record = ClassificationRecord(
+        trials=1, textures=study.textures, sensor="", units="counts", simulated=(), data="", notes=()
+    )
+    return Classification(
+        folder=Path("classification"),
+        record=record,
+        methods="",
+        answers=Table.of(answers.COLUMNS, rows),
+        scores=Table.of(COLUMNS, [score]),
+        confusion=Table.of(CONFUSION_COLUMNS, confusion),
+    )
+
+
+def told(texture: str, answer: str, figure: float | None) -> Answer:
+    ends = {} if figure is None else {"low": figure - 10.0, "high": figure + 5.0}
+    return Answer(question=WHICH_TEXTURES, about=texture, figure=figure, unit=RIGHT, answer=answer, **ends)
+
+
+@pytest.fixture
+def complete(study: Collection) -> Results:
+    """A study of which everything is known and nothing is wrong."""
+    rows = [repeatable(name, "yes, below 30 %", 12.5) for name in ("ender-3 pla-plus", "Bambu P1P PLA-")]
+    apart = [told(texture, "yes", 90.0) for texture in study.textures]
+    return Results(
+        collection=study,
+        reports=reports(study),
+        variance=variance(study, *rows),
+        classifications=(classification(study, "copy", (0.9, 0.9), *apart),),
+    )
+
+
+def test_a_complete_study_is_summed_up_and_published(complete: Results) -> None:
+    assert summary(complete) == {
+        "What was pressed": "8 prints of 2 textures on ender-3 pla-plus and Bambu P1P PLA- were pressed 16 times "
+        "(1 position, 0.08 N, 2 repeats).",
+        "Data quality": "All 16 planned presses are there; the check found no problem; sensor noise alone gives 25 % "
+        "of the variance.",
+        "Printing": "ender-3 pla-plus and Bambu P1P PLA- are repeatable: their prints differ by 12.5 % (6.25 to 25 %) "
+        "and 12.5 % (6.25 to 25 %) of what textures differ by; the limit is 30 %.",
+        "Telling apart": "On prints that training has not seen, a random forest predicts 90.0 % (25 to 87.5 %) of the "
+        "presses correctly (chance: 50.0 %). All textures can be told apart.",
+        "What to do next": f"Publish {PUBLISH}",
+    }
+
+
+def test_the_main_table_has_what_is_of_a_texture_once(complete: Results) -> None:
+    table = complete.shown_textures
+    assert list(table.texts())[:2] == [
+        ["texture-1", "ender-3 pla-plus", "2", "4", "4", "3 to 5", "1", "90.0", "80 to 95"],
+        ["", "Bambu P1P PLA-", "2", "4", "4", "3 to 5", "1", "", ""],
+    ]
+    assert table.heads[-2] == "predicted correctly, on unseen prints (%)"
+    assert [record["recall_low"] for record in complete.textures.records()] == [0.8] * 4
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [((), ""), ("a", "a"), ("ab", "a and b"), ("abcd", "a, b, c and d"), ("abcde", "a, b, c and 2 more")],
+)
+def test_words_are_listed(words: str, text: str) -> None:
+    assert listed(words) == text
+
+
+@pytest.mark.parametrize(
+    ("kinds", "fields", "text"),
+    [
+        (
+            ("dark", "gap", "dark"),
+            {"presses": 1},
+            "15 of 16 planned presses are there; the check found 3 problems in 1 of 8 ",
+        ),
+        (("dark", "gap", "dark"), {}, "in 1 of 8 runs (dark 2 and gap 1); sensor noise"),
+        ((), {"out_of_band": 3}, "are there; in 3 of them the force lies outside its band; the check found no problem"),
+    ],
+)
+def test_quality(complete: Results, kinds: tuple[str, ...], fields: dict[str, int], text: str) -> None:
+    bad = replace(complete, reports=reports(complete.collection, *kinds, **fields))
+    assert text in quality_sentence(bad)
+    if kinds:
+        run = complete.collection.runs[0].folder.name
+        assert next_steps(bad)[0].startswith(f'Look at the problems of {run} with "tacbench runs check"')
+        assert next_steps(bad)[-1] == f"Then publish {PUBLISH}"
+
+
+@pytest.mark.parametrize(
+    ("answer", "sentence", "step"),
+    [
+        ("no, above 30 %", "Bambu P1P PLA- is not repeatable: its prints differ by 60 % (30 to 120 %)", "Find out why"),
+        (
+            "unclear",
+            "It is unclear whether Bambu P1P PLA- is repeatable: its prints",
+            "Press more prints of each texture",
+        ),
+        (
+            "cannot be said: one repeat; press each place at least twice",
+            "Nothing can be said about how prints of Bambu P1P PLA- differ: one repeat; press each place at least",
+            "",
+        ),
+    ],
+)
+def test_printers(complete: Results, answer: str, sentence: str, step: str) -> None:
+    figure = None if answer.startswith("cannot") else 60.0
+    rows = repeatable("ender-3 pla-plus", "yes, below 30 %", 10.0), repeatable("Bambu P1P PLA-", answer, figure)
+    results = replace(complete, variance=variance(complete.collection, *rows))
+    assert printing_sentence(results).startswith("ender-3 pla-plus is repeatable: ")
+    assert sentence in printing_sentence(results)
+    steps = next_steps(results)[:-1]
+    assert [step] == [one[: len(step)] for one in steps] if step else not steps
+    assert all("Bambu P1P PLA-" in one for one in steps)
+
+
+def test_textures_that_are_confused_and_unclear(complete: Results, study: Collection) -> None:
+    first, second = study.textures
+    rows = told(first, "no", 30.0), told(second, "unclear", 60.0)
+    results = replace(complete, classifications=(classification(study, "copy", (0.3, 0.6), *rows),))
+    assert textures_sentence(results).endswith("(chance: 50.0 %). Not told apart: 1; unclear: 2.")
+    assert [step.partition(":")[0] for step in next_steps(results)[:-1]] == [
+        "Press more prints of texture 2",
+        "texture-1 is often taken for texture-2 (70.0 % of its presses)",
+    ]
+
+
+def test_without_new_prints_the_easier_question_is_answered_and_called_so(complete: Results, study: Collection) -> None:
+    reason = Answer(
+        question=WHICH_TEXTURES, about="", answer="cannot be said: level copy is left out: one copy; add one"
+    )
+    results = replace(complete, classifications=(classification(study, "press", (0.5, 0.7), reason),))
+    assert textures_sentence(results) == (
+        "Nothing can be said about prints that training has not seen: level copy is left out: one copy. At the "
+        "hold-out level press, a random forest predicts 60.0 % (25 to 87.5 %) of the presses correctly "
+        "(chance: 50.0 %)."
+    )
+    assert results.shown_textures.heads[-1] == "predicted correctly, held out: press (%)"
+
+
+def test_what_is_missing_is_said_and_asked_for(study: Collection) -> None:
+    nothing = Results(collection=study, reports=reports(study), no_variance="it needs x; get it", no_classification="y")
+    assert printing_sentence(nothing) == "Nothing can be said about the prints: it needs x."
+    assert textures_sentence(nothing) == "Nothing was classified: y."
+    assert next_steps(nothing)[:2] == [
+        "There is no variance table: it needs x; get it.",
+        "There is no classification: y.",
+    ]
+    left_out = replace(nothing, no_classification="")
+    assert any(step.startswith("Make the report with a classification") for step in next_steps(left_out))
+
+
+def test_simulated_data_are_not_published(make_study: Callable[..., Collection], complete: Results) -> None:
+    single = make_study(simulated="a formula", copies=1, textures=(1,), prints=(ENDER,), grid=ONE_PLACE, still=0)
+    results = Results(collection=single, reports=reports(single), variance=variance(single, floor_from=""))
+    assert pressed_sentence(results).startswith("1 print of 1 texture on ender-3 pla-plus was pressed 2 times")
+    assert [step.partition(" ")[0] for step in next_steps(results)] == ["Print", "Record", "Make", "These"]
+    assert "sensor noise alone gives at most 25 % of the variance" in quality_sentence(results)
