@@ -15,7 +15,12 @@ from tacbench_cad.util.text import counted
 @options.command("compare")
 @options.argument("a", options.file("A"), "Runs of one sensor, or what classify wrote of them.")
 @options.argument("b", options.file("B"), "The same of the other sensor.")
-@options.option("--estimator", options.text("NAME"), "Of those that both were classified with. Default: A's first.")
+@options.option(
+    "--estimator",
+    options.NAMES,
+    "The estimator of both, or A's and B's: forest,network. Default: A's first.",
+    dest="estimators",
+)
 @options.flag("--unpaired", "Run folders of one name are different prints, as another lab's own are.")
 @options.option("--trials", options.COUNT, "Trials, where runs are given.", default="5")
 @options.jobs
@@ -25,7 +30,7 @@ from tacbench_cad.util.text import counted
 def command(
     a: Path,
     b: Path,
-    estimator: str | None,
+    estimators: tuple[str, ...] | None,
     unpaired: bool,
     trials: int,
     jobs: int,
@@ -39,25 +44,30 @@ def command(
     classified as tacbench classify does without options. For each hold-out level: accuracy, recall of each texture,
     their differences with 95 % intervals over prints, and what difference a study of this size would find in four of
     five repetitions. Where both sensors pressed the same prints (run folders of one name), prints are compared in
-    pairs; --unpaired, where names are the same and prints are not.
+    pairs; --unpaired, where names are the same and prints are not. With two estimators, two ways to classify one
+    sensor's presses are compared in the same manner.
 
     Examples:
       tacbench compare tactip-runs other-runs -o comparison
       tacbench compare tactip-classification other-classification --json
+      tacbench compare classification classification --estimator forest,network
     """
     from tacbench_cad.lab.analysis.classification.classify import MODULES
     from tacbench_cad.lab.analysis.compare import compare, read_side, write_comparison
     from tacbench_cad.util.files import locked
     from tacbench_cad.util.packages import require
 
-    if a.resolve() == b.resolve():
+    names = estimators or (None,)
+    if len(names) > 2:
+        raise InputError("estimator", ",".join(map(str, names)), "must be one name, or A's and B's")
+    if a.resolve() == b.resolve() and len(names) < 2:
         raise InputError("B", str(b), "is A itself; name the other sensor's study")
     require("compare", *(("matplotlib",) if _is_classified(a) and _is_classified(b) else MODULES))
     with locked(out):
         folders = [_classified(side, folder, out, trials, jobs, dask) for side, folder in (("a", a), ("b", b))]
-        first, used = read_side(folders[0], a.name, estimator)
-        second, _ = read_side(folders[1], b.name, used)
-        comparison = compare(first, second, used, same_prints=not unpaired)
+        first, used = read_side(folders[0], a.name, names[0])
+        second, other = read_side(folders[1], b.name, names[-1] or used)
+        comparison = compare(first, second, " and ".join(dict.fromkeys([used, other])), same_prints=not unpaired)
         files = write_comparison(comparison, out)
     if json:
         print_json({**comparison.document(), "files": [str(path) for path in files]})

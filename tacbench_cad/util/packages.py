@@ -55,6 +55,8 @@ PACKAGES: tuple[Package, ...] = (
     Package(distribution="pyarrow", module="pyarrow", extra="export", use="runs export --to huggingface"),
     Package(distribution="zarr", module="zarr", extra="export", use="runs export --to zarr"),
     Package(distribution="rocrate", module="rocrate", extra="publish", use="tacbench publish"),
+    Package(distribution="torch", module="torch", extra="cnn", use="convolutional networks (examples)"),
+    Package(distribution="skorch", module="skorch", extra="cnn", use="PyTorch for scikit-learn (examples)"),
     Package(distribution="distributed", module="distributed", extra="dask", use="analysis on a Dask cluster"),
 )
 

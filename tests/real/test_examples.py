@@ -21,6 +21,8 @@ from tacbench_cad.spec.block import Block
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
+#: Those that are run by ``tacbench classify``: see ``test_estimator_examples.py``.
+ESTIMATORS = ("convolutional", "frozen_backbone")
 #: Volume of each example's result in closed form, in its own names, and what else must be true of it. The one for CQGI
 #: hosts is run as they do.
 EXPECTED: dict[str, dict[str, str]] = {
@@ -111,7 +113,7 @@ def test_the_dome_in_mujoco_rests_where_the_formula_lets_it(tmp_path: Path) -> N
 
 
 def test_every_example_says_what_it_makes_and_is_listed() -> None:
-    assert {path.stem for path in EXAMPLES} == {*EXPECTED, "cqgi_block", "mujoco_press"}
+    assert {path.stem for path in EXAMPLES} == {*EXPECTED, *ESTIMATORS, "cqgi_block", "mujoco_press"}
     readme = (ROOT / "examples" / "README.md").read_text(encoding="utf-8")
     assert set(re.findall(r"\]\((\w+\.py)\)", readme)) == {path.name for path in EXAMPLES}
     for path in EXAMPLES:

@@ -142,7 +142,7 @@ class Comparison:
     Args:
         a: The first.
         b: The second.
-        estimator: The estimator that both were classified with.
+        estimator: The estimator that both were classified with, or the names of both.
         rows: Lines by hold-out level: all textures, then each.
         notes: What a reader must know.
     """
@@ -224,7 +224,7 @@ def compare(a: Side, b: Side, estimator: str, *, same_prints: bool = True) -> Co
     Args:
         a: The first.
         b: The second.
-        estimator: What both were classified with.
+        estimator: What both were classified with, or what each was.
         same_prints: Whether runs of one name are of the same print, and so are compared in pairs.
 
     Raises:

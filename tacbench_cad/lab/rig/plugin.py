@@ -18,6 +18,7 @@ import tacbench_cad
 from tacbench_cad.lab.rig.errors import DriverError
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.util.errors import InputError, TacbenchError, nearest
+from tacbench_cad.util.packages import why_not_imported
 
 #: How the names of this project's own files begin.
 _PACKAGE = str(Path(tacbench_cad.__file__).parent)
@@ -88,7 +89,8 @@ def load(driver: str, *, field: str = "driver") -> Any:
     except TacbenchError:
         raise
     except Exception as error:
-        where = _place(error) or f"looked for in {own} and the environment"
+        reason = why_not_imported(error) if isinstance(error, ModuleNotFoundError) else None
+        where = reason or _place(error) or f"looked for in {own} and the environment"
         raise InputError(field, driver, f"{module_name} cannot be imported: {_text(error)} ({where})") from error
     finally:
         sys.path.remove(own)

@@ -16,6 +16,7 @@ pytest.importorskip("sklearn")
 pytest.importorskip("matplotlib")
 threadpoolctl = pytest.importorskip("threadpoolctl")
 
+from tacbench_cad.cli import classify as classify_command
 from tacbench_cad.cli import compare as command
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
 from tacbench_cad.lab.analysis.compare import (
@@ -170,3 +171,21 @@ def test_a_folder_without_the_estimator_is_refused(compared: tuple[Path, dict[st
 def test_a_study_is_not_compared_with_itself(tmp_path: Path) -> None:
     answer = CliRunner().invoke(command.command, [str(tmp_path), str(tmp_path)])
     assert isinstance(answer.exception, InputError) and "is A itself" in str(answer.exception)
+
+
+def test_two_estimators_of_one_classification_are_compared(tmp_path: Path) -> None:
+    write_study(tmp_path / "runs", still=1)
+    out, answer = tmp_path / "out", tmp_path / "answer"
+    quick = ["--resolution", "1", "--components", "4", "--trials", "1", "--jobs", "1", "--epochs", "2", "--depth", "3"]
+    words = [str(tmp_path / "runs"), *quick, "--hold-out", "copy", "--estimator", "forest,network", "-o", str(out)]
+    assert CliRunner().invoke(classify_command.command, words).exit_code == 0
+    words = [str(out), str(out), "-o", str(answer), "--estimator"]
+    document = json.loads(CliRunner().invoke(command.command, [*words, "forest,network", "--json"]).stdout)
+    assert document["estimator"] == "forest and network"
+    for key, name in (("accuracy_a", "forest"), ("accuracy_b", "network")):
+        accuracies = read_side(out, "", name)[0].accuracies["copy", "texture-2"].values()
+        (row,) = (row for row in document["rows"] if row["texture"] == "texture-2")
+        assert row[key] == pytest.approx(np.mean([accuracy.value for accuracy in accuracies])) and row["paired"]
+    for names, reason in (("forest", "is A itself"), ("forest,network,forest", "must be one name, or A's and B's")):
+        error = CliRunner().invoke(command.command, [*words, names]).exception
+        assert isinstance(error, InputError) and reason in str(error)

@@ -14,6 +14,7 @@ from tacbench_cad.lab.rig.drivers import open_gauge, open_sensor, open_stage
 from tacbench_cad.lab.rig.errors import DriverError, NoAnswerError, OutOfRangeError
 from tacbench_cad.lab.rig.stage import Stage
 from tacbench_cad.lab.study.spec import GaugeSettings, SensorSettings, StageSettings
+from tacbench_cad.util import packages
 from tacbench_cad.util.errors import InputError
 
 HERE = Path(example_stage.__file__).parent
@@ -78,6 +79,14 @@ def test_a_module_that_fails_when_imported_is_one_line(tmp_path: Path, monkeypat
     with pytest.raises(InputError, match="RuntimeError: no licence") as caught:
         plugin.load("fails_when_imported:Arm")
     assert "\n" not in str(caught.value)
+
+
+def test_a_package_of_an_extra_that_it_lacks_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(packages, "has_module", lambda name: False)
+    (tmp_path / "needs_torch.py").write_text("raise ModuleNotFoundError('No module named torch', name='torch')\n")
+    with pytest.raises(InputError, match=r'needs torch, not installed: pip install "tacbench-cad\[cnn\]"'):
+        plugin.load("needs_torch:Model")
 
 
 def test_rig_errors_of_its_own_come_through(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

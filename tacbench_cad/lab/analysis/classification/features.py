@@ -23,9 +23,11 @@ class Features:
 
     Args:
         rows: One a press, (n, numbers): uint8 for images, else float64.
+        shape: Of a reading before it became a row: (height, width) of a whole image, (pixels,) of a region.
     """
 
     rows: Rows
+    shape: tuple[int, ...]
 
     @property
     def is_image(self) -> bool:
@@ -88,4 +90,4 @@ def read_features(
     assert rows is not None  # a collection has at least one press
     if not any((row != rows[0]).any() for row in rows):
         raise InputError("readings", None, "are all the same, so they tell nothing apart; check the sensor")
-    return Features(rows=rows)
+    return Features(rows=rows, shape=shape)

@@ -80,7 +80,7 @@ def leak_free_trial(study: Study, pool: Pool | None, trial: int) -> list[list[Ou
             where = f"trial {trial}, hold-out level {fold.hold_out}" + (
                 f", {fold.group} held out" if fold.group else ""
             )
-            model = settings.estimator(name, seed)
+            model = settings.estimator(name, seed, study.features.shape if pool is None else None)
             if pool is not None:
                 model = make_pipeline(StandardScaler(), model)
             with guarded(name, where):

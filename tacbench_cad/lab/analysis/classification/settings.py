@@ -124,12 +124,14 @@ class ClassificationSettings:
         text = json.dumps([asdict(self), data, programs, sources], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
-    def estimator(self, name: str, seed: int) -> Any:
+    def estimator(self, name: str, seed: int, shape: tuple[int, ...] | None = None) -> Any:
         """A new estimator with its seeds set.
 
         Args:
             name: One of ours, or ``module:name`` of your own.
-            seed: The seed.
+            seed: The seed, for each parameter ``random_state`` of your own.
+            shape: Shape of a reading before it became a row, for each parameter ``frame_shape`` of your own; None
+                where rows are something else, principal components.
 
         Raises:
             InputError: ``module:name`` cannot be loaded or is no estimator.
@@ -149,7 +151,7 @@ class ClassificationSettings:
             from tacbench_cad.lab.analysis.classification.network import NetworkClassifier
 
             return NetworkClassifier((HIDDEN,), max_iter=self.epochs, batch_size=self.batch_size, random_state=seed)
-        return _own(name, seed)
+        return _own(name, {"random_state": seed, "frame_shape": shape})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,15 +221,20 @@ def usual(
     return values
 
 
-def _own(name: str, seed: int) -> Any:
-    """A user's estimator: an object, or a class or function that makes one when it is called with nothing."""
+def _own(name: str, values: Mapping[str, Any]) -> Any:
+    """A user's estimator: an object, or a class or function that makes one when it is called with nothing.
+
+    Args:
+        name: ``module:name``.
+        values: Of parameters, by name. Each that is not None is set wherever the estimator or a part of it has it.
+    """
     from sklearn.base import clone
 
     thing = _loaded(name)
     try:
         model = thing() if inspect.isclass(thing) or not hasattr(thing, "fit") else clone(thing)
-        seeds = [key for key in model.get_params() if key == "random_state" or key.endswith("__random_state")]
-        model.set_params(**dict.fromkeys(seeds, seed))
+        known = {key: values.get(key.rpartition("__")[2]) for key in model.get_params()}
+        model.set_params(**{key: value for key, value in known.items() if value is not None})
     except TacbenchError:
         raise
     except Exception as error:
@@ -247,11 +254,15 @@ def _loaded(name: str) -> Any:
 
 
 def _source(name: str) -> str:
-    """The SHA-256 of the file that a user's estimator comes from, so that a changed one is computed anew."""
+    """The SHA-256 of the file that a user's estimator comes from, and of those that its module lists as ``FILES``.
+
+    A trial is computed again after any of them has changed.
+    """
     thing = _loaded(name)
     module = inspect.getmodule(thing if inspect.isclass(thing) or inspect.isfunction(thing) else type(thing))
-    modules = (name.partition(":")[0], module.__name__ if module else "")
-    files = {getattr(sys.modules.get(module), "__file__", None) for module in modules}
+    modules = [sys.modules.get(module) for module in (name.partition(":")[0], module.__name__ if module else "")]
+    files = {getattr(module, "__file__", None) for module in modules}
+    files |= {str(path) for module in modules for path in getattr(module, "FILES", ())}
     sources = (read_bytes(Path(path), "estimator") for path in sorted(filter(None, files)))
     return " ".join(hashlib.sha256(source).hexdigest() for source in sources)
 

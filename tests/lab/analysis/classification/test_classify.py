@@ -104,3 +104,20 @@ def test_the_file_of_an_estimator_comes_through_the_door(tmp_path: Path, monkeyp
     with pytest.raises(InputError, match="is not a regular file but a pipe"):
         own.key("data")
     del sys.modules["piped_model"]
+
+
+def test_a_trial_belongs_to_the_files_that_its_estimator_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    weights = tmp_path / "weights.bin"
+    (tmp_path / "heavy_model.py").write_text(
+        f"from sklearn.dummy import DummyClassifier\n\nFILES = [{str(weights)!r}]\nModel = DummyClassifier\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    own = ClassificationSettings(estimators=("heavy_model:Model",))
+    with pytest.raises(InputError, match=r"weights\.bin"):
+        own.key("data")
+    weights.write_bytes(b"first")
+    key = own.key("data")
+    assert own.key("data") == key
+    weights.write_bytes(b"other")
+    assert own.key("data") != key
+    del sys.modules["heavy_model"]

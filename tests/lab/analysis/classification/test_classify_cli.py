@@ -147,6 +147,17 @@ class Broken(ClassifierMixin, BaseEstimator):
     def predict(self, X):
         return [0] * len(X)
 
+class Shaped(LinearDiscriminantAnalysis):
+    def __init__(self, frame_shape=None, random_state=None):
+        super().__init__()
+        self.frame_shape, self.random_state = frame_shape, random_state
+    def fit(self, X, y):
+        with open("shapes.txt", "a") as file:
+            print(self.frame_shape, X.shape[1], self.random_state is not None, file=file)
+        return super().fit(X, y)
+
+shaped = make_pipeline(PCA(3), Shaped())
+
 class Numbers(Broken):
     def fit(self, X, y):
         return self
@@ -172,6 +183,23 @@ def test_an_estimator_of_ones_own_gets_the_readings(runs: Path, own: Path) -> No
     one, other = (rows(Path(name) / "classification.csv") for name in "ab")
     assert one[0]["accuracy"] == other[0]["accuracy"] and float(one[0]["accuracy"]) > 0.5
     assert main([*command, "-o", "a", "--estimator", "own_model:Slow", "--components", "3"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "shape"),
+    [
+        (["--estimator", "own_model:Shaped"], "(12, 16) 192"),
+        (["--estimator", "own_model:shaped"], "(12, 16) 3"),
+        (["--estimator", "own_model:Shaped", "--roi", "rect:0,0,16,24"], "(108,) 108"),
+        (["--estimator", "own_model:Shaped", "--components", "3"], "None 3"),
+    ],
+)
+def test_an_estimator_of_ones_own_learns_the_shape_of_what_it_gets(
+    runs: Path, own: Path, words: list[str], shape: str
+) -> None:
+    command = ["classify", str(runs), "--jobs", "1", "--trials", "1", "--resolution", "0.5", "--hold-out", "copy"]
+    assert main([*command, *words]) == 0
+    assert set((own / "shapes.txt").read_text().splitlines()) == {f"{shape} True"}
 
 
 @pytest.mark.parametrize(

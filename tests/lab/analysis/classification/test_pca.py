@@ -73,7 +73,7 @@ def test_scores_are_those_of_the_set_written_out(
     count: int, numbers: int, components: int, augmentation: Augmentation, kind: type
 ) -> None:
     rows = images_of(count, numbers).astype(kind)
-    features = Features(rows=rows)
+    features = Features(rows=rows, shape=(numbers,))
     chosen = np.random.default_rng(1).permutation(count)[: count // 2]
     # A fold of all readings: its noise is that of the copies which other estimators get.
     pool = Pool.of(rows, components=components)

@@ -1,0 +1,174 @@
+"""The examples that ``tacbench classify`` takes as estimators: PyTorch trains, or reads weights, in its processes."""
+
+from __future__ import annotations
+
+import csv
+import os
+import pickle
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.checkout import ROOT
+from helpers.studies import write_study
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip install tacbench-cad[cnn]")
+pytest.importorskip("skorch")
+
+from tacbench_cad.cli import main
+
+Capture = pytest.CaptureFixture[str]
+EXAMPLES = ("convolutional", "frozen_backbone")
+NETWORK = "convolutional:Network"
+BACKBONE = "frozen_backbone:classifier"
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("study") / "runs"
+    write_study(folder, still=1)
+    return folder
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A working folder with the examples in it."""
+    for name in EXAMPLES:
+        shutil.copy(ROOT / "examples" / f"{name}.py", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    yield tmp_path
+    for name in EXAMPLES:
+        sys.modules.pop(name, None)
+
+
+def words(runs: Path, estimator: str, *more: str, out: str = "out", trials: int = 1, jobs: int = 1) -> list[str]:
+    command = ["classify", str(runs), "--estimator", estimator, "--resolution", "1", "--hold-out", "copy", "-o", out]
+    return [*command, "--trials", str(trials), "--jobs", str(jobs), *more]
+
+
+def accuracy(out: Path) -> float:
+    with (out / "classification.csv").open(newline="") as stream:
+        return float(next(row["accuracy"] for row in csv.DictReader(stream) if row["tested_on"] == "all"))
+
+
+def predictions(out: str) -> bytes:
+    return (Path(out) / "predictions.csv").read_bytes()
+
+
+def test_the_convolutional_network_learns_and_its_numbers_follow_from_the_seed(runs: Path, here: Path) -> None:
+    assert main(words(runs, NETWORK, trials=2)) == 0
+    assert accuracy(here / "out") > 0.9, "two textures; chance is 0.5"
+    first = predictions("out")
+    assert main(words(runs, NETWORK, out="processes", trials=2, jobs=2)) == 0
+    assert predictions("processes") == first
+    kept = sorted((here / "out" / "trials").iterdir())
+    stamp = kept[0].stat().st_mtime_ns
+    kept[1].unlink()
+    assert main(words(runs, NETWORK, trials=2)) == 0
+    assert predictions("out") == first and kept[0].stat().st_mtime_ns == stamp and kept[1].is_file()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
+def test_an_interrupted_network_is_resumed(runs: Path, here: Path) -> None:
+    command = words(runs, NETWORK, trials=3)
+    program = [sys.executable, "-c", "import sys; from tacbench_cad.cli import main; sys.exit(main())", *command]
+    # Slower than it is, so that the signal comes in the middle.
+    source = (here / "convolutional.py").read_text()
+    (here / "convolutional.py").write_text(source.replace("epochs: int = 8", "epochs: int = 60"))
+    process = subprocess.Popen(program, cwd=here, env=dict(os.environ), stderr=subprocess.PIPE, text=True)
+    trials = here / "out" / "trials"
+    deadline = time.monotonic() + 200
+    while not list(trials.glob("leak-free-*.json")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130 and "interrupted" in said and "Traceback" not in said
+    kept = {path: path.stat().st_mtime_ns for path in trials.iterdir()}
+    assert 1 <= len(kept) < 3
+    assert main(command) == 0
+    assert len(list(trials.iterdir())) == 3
+    assert all(path.stat().st_mtime_ns == stamp for path, stamp in kept.items())
+
+
+def test_random_weights_give_features_and_belong_to_the_trials(runs: Path, here: Path) -> None:
+    command = words(runs, BACKBONE, "--noise", "none", "--brightness", "none")
+    for number in (1, 2):
+        write_weights(here / "resnet18.pth", seed=number)
+        assert main(command) == 0
+        assert len(list((here / "out" / "trials").iterdir())) == number, "other weights, another trial"
+    first = predictions("out")
+    shutil.rmtree(here / "out")
+    assert main(command) == 0
+    assert predictions("out") == first
+
+
+def write_weights(path: Path, seed: int) -> None:
+    """Random weights, in the form in which ResNet-18's are published."""
+    sys.path.insert(0, str(ROOT / "examples"))
+    try:
+        from frozen_backbone import ResNet18
+    finally:
+        sys.path.remove(str(ROOT / "examples"))
+    torch.manual_seed(seed)
+    weights = dict(ResNet18().state_dict())
+    learned = sum(tensor.numel() for name, tensor in weights.items() if name.endswith((".weight", ".bias")))
+    assert learned == 11_176_512, "a ResNet-18 without its last layer"
+    expected = {"conv1.weight", "layer1.0.bn2.running_var", "layer2.0.downsample.1.bias", "layer4.1.conv2.weight"}
+    assert expected < set(weights) and len(weights) == 120
+    torch.save({**weights, "fc.weight": torch.zeros(1000, 512), "fc.bias": torch.zeros(1000)}, path)
+
+
+class Trap:
+    """Writes a file where it is unpickled without care."""
+
+    def __reduce__(self) -> Any:
+        return (Path.write_text, (Path("sprung"), "code ran"))
+
+
+def write_trap(path: Path) -> None:
+    torch.save({"conv1.weight": Trap()}, path)
+
+
+def write_pickle(path: Path) -> None:
+    path.write_bytes(pickle.dumps(Trap()))
+
+
+def write_other_network(path: Path) -> None:
+    torch.save({"features.0.weight": torch.zeros(3)}, path)
+
+
+@pytest.mark.parametrize(
+    ("write", "named"),
+    [
+        (Path.mkdir, "resnet18.pth"),
+        (write_trap, "raised UnpicklingError"),
+        (write_pickle, "raised UnpicklingError"),
+        (write_other_network, "raised RuntimeError: Error(s) in loading state_dict for ResNet18"),
+        (None, "resnet18.pth"),
+    ],
+    ids=["a folder", "with code", "a pickle", "of another network", "none"],
+)
+def test_weights_that_cannot_be_used_are_refused_in_one_line(
+    runs: Path, here: Path, capsys: Capture, write: Any, named: str
+) -> None:
+    if write is not None:
+        write(here / "resnet18.pth")
+    assert main(words(runs, BACKBONE)) == 2
+    said = [line for line in capsys.readouterr().err.splitlines() if "reading" not in line]
+    assert len([line for line in said if line.startswith("error:")]) == 1 and named in said[-1]
+    assert not (here / "sprung").exists()
+
+
+@pytest.mark.parametrize("more", [("--components", "3"), ("--roi", "rect:0,0,16,24")])
+def test_what_is_no_image_is_refused_in_one_line(
+    runs: Path, here: Path, capsys: Capture, more: tuple[str, ...]
+) -> None:
+    assert main(words(runs, NETWORK, *more)) == 2
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said.startswith("error: estimator = ") and "needs whole images" in said and "--roi none" in said
