@@ -121,11 +121,18 @@ def _published(results: Results) -> Iterator[Part]:
     tables = [f"variance_as_published/{name}.csv" for name in ("floor_removed", "positions")]
     yield figure_part("variance_as_published/variance", caption, *tables)
     yield from map(text_part, view.notes)
+    limits = [grade.limits for grade in results.grades]
+    common = [limit for limit in (limits[0] if limits else ()) if all(limit in others for others in limits)]
     for grade in results.grades:
         yield text_part(f"{grade.printer} {grade.filament} beside the published table", "heading")
         yield list_part(verdict.text for verdict in grade.verdicts)
-        yield text_part("What limits this:")
-        yield list_part(grade.limits or ["nothing more than what is said above"])
+        own = [limit for limit in grade.limits if limit not in common]
+        if own:
+            yield text_part("What limits this:")
+            yield list_part(own)
+    if common:
+        yield text_part("What limits these comparisons" if len(results.grades) > 1 else "What limits this", "heading")
+        yield list_part(common)
 
 
 def _maps(results: Results) -> Iterator[Part]:

@@ -111,11 +111,13 @@ def table_figure(result: VarianceResult) -> Figure:
     """The table as points with intervals, a panel a force, with the floor and the paper's own figures."""
     levels, combinations = compared_levels(result), compared(result)
     figure, panels = _panels(len(levels), 2, (PAGE_IN, 0.55), (0.0, 2.35), sharex=True, sharey=True)
-    top = MAX_OVER_ESTIMATE * max(cell.variance for cell in result.cells if cell.force_level in levels)
+    cells = [cell for cell in result.cells if cell.force_level in levels]
+    top = MAX_OVER_ESTIMATE * max(cell.variance for cell in cells)
+    top = max([top, *(1.3 * cell.published for cell in cells if cell.published is not None)])
     for axes, level in zip(panels, levels, strict=True):
         _table_panel(axes, result, level, combinations, top)
         axes.set_title(_title(result, level), loc="left")
-    what = "variance" if result.protocol == "paper" else "variance of repeats on one print"
+    what = "variance" if result.protocol == "paper" else "variance of repeats\non one print"
     figure.supylabel(f"{what} ({squared_unit(result)})", fontsize=8.0)
     figure.supxlabel("texture", fontsize=8.0)
     figure.legend(handles=_table_legend(result, combinations), loc="outside upper left", ncols=3)
