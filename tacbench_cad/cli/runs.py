@@ -207,7 +207,8 @@ def roi(folders: tuple[Path, ...], roi: str | None, out: Path | None, json: bool
     else:
         sure = f"{100 * region.sureness:.0f} % sure, {100 * region.outside:.0f} % of the pixels lie outside"
         end = f"kept with {counted(kept, 'run')}" if kept else f"nothing is kept; --roi {region.text} keeps it"
-        print_lines(f"{region.text}: {sure}; {end}", *(f"picture: {path}" for path in files))
+        pictures = [f"{counted(len(files), 'picture')} in {out}"] if files else []
+        print_lines(f"{region.text}: {sure}; {end}", *pictures)
 
 
 @options.command("markers", command)
