@@ -32,7 +32,9 @@ from tacbench_cad.util.errors import InputError
 @options.option("--trials", options.COUNT, "Trials that are averaged. Default: 5; of the paper's protocols 20.")
 @options.option("--seed", options.COUNT, "Fixes every number.", default="0")
 @options.option(
-    "--hold-out", options.NAMES, "Of press,position,force,copy,printer-filament. Default: all that the data support."
+    "--hold-out",
+    options.NAMES,
+    "Of press,position,force,copy,printer-filament,session. Default: all that the data support.",
 )
 @options.option("--folds", options.COUNT, "Folds of presses and of positions.", default="5")
 @options.option(
@@ -108,11 +110,11 @@ def command(
     """Classify textures from the readings, and state what was held out of the training.
 
     leak-free (default) makes copies of readings, scales and finds principal components inside each training fold. It
-    holds out whole groups: presses, positions, a force, a copy, a printer and filament. A hold-out level that the data
-    cannot support is left out and named. paper does what the paper's text says, and warns of what inflates its test
-    column. as-published does what the cells of the authors' notebooks did that gave the paper's table, and sets that
-    table beside ours: trained on copy 1 of one combination at one force, on edges, tested on all its copies, copy 1
-    included. A column without copy 1 says what is left.
+    holds out whole groups: presses, positions, a force, a copy, a printer and filament, a session. A hold-out level
+    that the data cannot support is left out and named. paper does what the paper's text says, and warns of what
+    inflates its test column. as-published does what the cells of the authors' notebooks did that gave the paper's
+    table, and sets that table beside ours: trained on copy 1 of one combination at one force, on edges, tested on all
+    its copies, copy 1 included. A column without copy 1 says what is left.
 
     OUT holds classification.csv, confusion.csv, predictions.csv and figures as PNG and PDF; with --sweep, sweep.csv
     and its curve. Each finished trial is kept in OUT/trials: after an interruption the same command resumes.
@@ -129,7 +131,7 @@ def command(
     from tacbench_cad.lab.analysis.classification.classify import MODULES, TRIALS, classify, write_tables
     from tacbench_cad.lab.analysis.classification.figures import draw_result
     from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, usual
-    from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS
+    from tacbench_cad.lab.analysis.classification.splits import levels_of
     from tacbench_cad.lab.analysis.classification.sweep import Sweep, run_sweep
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.lab.parallel import workers
@@ -156,7 +158,8 @@ def command(
     copies = {"noise": noise, "brightness": () if brightness == "none" else brightness}
     given["augmentation"] = replace(given["augmentation"], **_given(copies))
     given |= _given({"components": components, "epochs": epochs, "batch_size": batch_size})
-    how = ClassificationSettings(**given, **settings, hold_out=hold_out or HOLD_OUT_LEVELS, train_on=train_on or ())
+    levels = hold_out or levels_of(collection)
+    how = ClassificationSettings(**given, **settings, hold_out=levels, train_on=train_on or ())
     trials = TRIALS[protocol] if trials is None else trials
     with locked(out), workers(jobs, dask) as executor, ProgressLine() as progress:
         if swept is not None:

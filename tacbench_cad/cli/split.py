@@ -11,7 +11,9 @@ from tacbench_cad.util.text import counted
 
 @options.command("split")
 @options.runs
-@options.option("--hold-out", options.words("A,B"), "Of press, position, force, copy, printer-filament. Default: all.")
+@options.option(
+    "--hold-out", options.words("A,B"), "Of press,position,force,copy,printer-filament,session. Default: all."
+)
 @options.option("--folds", options.COUNT, "Folds of the levels press and position.", default="5")
 @options.option("--seed", options.COUNT, "Draws presses and positions into folds.", default="0")
 @options.out("DIR", "Folder of the split files.", default="splits")
@@ -21,9 +23,10 @@ def command(
 ) -> None:
     """Write split files: which presses may be learnt from and which are to be predicted, with a protocol id and hashes.
 
-    One JSON file for each hold-out level: split_press.json, split_position.json, split_force.json, split_copy.json and
-    split_printer-filament.json. Anything may make the predictions; tacbench score judges them. Two sensors that pressed
-    the same prints in the same way have the same protocol id, so they can be compared without sharing code or images.
+    One JSON file for each hold-out level: split_press.json, split_position.json, split_force.json, split_copy.json,
+    split_printer-filament.json, and where sessions are known split_session.json. Anything may make the predictions;
+    tacbench score judges them. Two sensors that pressed the same prints in the same way have the same protocol id, so
+    they can be compared without sharing code or images.
 
     Examples:
       tacbench split runs/
@@ -31,11 +34,10 @@ def command(
       tacbench score predictions.csv splits/split_copy.json
     """
     from tacbench_cad.lab.analysis.classification.split_files import make_splits, write_split
-    from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.util.files import locked
 
-    splits, notes = make_splits(Collection.open(runs), hold_out or HOLD_OUT_LEVELS, seed=seed, folds=folds)
+    splits, notes = make_splits(Collection.open(runs), hold_out, seed=seed, folds=folds)
     with locked(out):
         files = {out / f"split_{split.hold_out}.json": split for split in splits}
         for path, split in files.items():

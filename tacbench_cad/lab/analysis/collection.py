@@ -34,7 +34,7 @@ def _of_print(name: str) -> cached_property[NDArray[Any]]:
     """What each press was made on: an attribute of the printed block."""
 
     def values(self: Collection) -> NDArray[Any]:
-        words = [getattr(run.info.printed, name) for run in self.runs]
+        words = [getattr(run.info.printed, name, None) for run in self.runs]
         if not all(isinstance(word, int) for word in words):
             words = [UNKNOWN if word is None else str(word) for word in words]
         return np.array(words)[self.run]
@@ -185,6 +185,8 @@ class Collection:
     printer = _of_print("printer")
     filament = _of_print("filament")
     combination = _of_print("combination")
+    #: Name of the session in which a press was recorded, (n,).
+    session = _of_print("session")
     #: Number of the print's copy, or what the prints are called where one has no number, (n,).
     copy = _of_print("copy")
     #: Force level and position, each from 1 or 0 where it is unknown, (n,).

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.lab import Collection, ImportOptions, import_samples, make_splits, variance_table
-from tacbench_cad.lab.analysis.classification.splits import PressTable
+from tacbench_cad.lab.analysis.classification.splits import PressTable, folds_of
 from tacbench_cad.lab.analysis.report.facts import open_points, unknown_in_words
 from tacbench_cad.lab.analysis.report.rendering import macro
 from tacbench_cad.lab.analysis.variance.cells import name_of
@@ -93,6 +94,31 @@ def test_intervals_count_prints_where_these_are_known_and_samples_elsewhere(stud
         PressTable.of(study("label", "print")), unknown=frozenset({"print"})
     )  # only its sessions are known
     assert presses.units("copy")[0] == "sessions"
+
+
+def test_a_session_is_held_out_where_sessions_are_known(study: Any, tmp_path: Path) -> None:
+    """Every label was recorded in each session, on monday 12 images and on friday 24."""
+    source = study("label").runs[0].folder.parent.parent / "frames"
+    days = {1: "monday", 2: "friday", 3: "friday"}
+    rows = ["image,label,session"]
+    rows += [f"{number}.png,{label},{days[copy]}" for number, (label, copy, *_) in enumerate(DESIGN)]
+    (tmp_path / "labels.csv").write_text("\n".join(rows))
+    assert import_samples([source, tmp_path / "labels.csv"], tmp_path / "runs", ImportOptions()).ok
+    collection = Collection.open([tmp_path / "runs"])
+    splits, notes = make_splits(collection)
+    assert [split.hold_out for split in splits] == ["press", "session"]
+    assert not any("session" in note for note in notes)
+    presses = PressTable.of(collection)
+    folds = folds_of(presses, ["session"], seed=0).folds
+    assert [(fold.group, len(fold.test)) for fold in folds] == [("session friday", 24), ("session monday", 12)]
+    for fold in folds:
+        assert not set(presses.session[fold.train]) & set(presses.session[fold.test])
+    assert presses.units("session")[0] == "sessions" and len(set(presses.units("session")[1])) == 2
+    one = collection.chosen(collection.session == "friday")
+    with pytest.raises(InputError, match="there is one session"):
+        folds_of(PressTable.of(one), ["session"], seed=0)
+    with pytest.raises(InputError, match="the session is unknown; import with a column for it"):
+        folds_of(PressTable.of(study("label")), ["session"], seed=0)
 
 
 def test_a_grade_needs_the_force(study: Any) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis.classification.augment import Augmentation
-from tacbench_cad.lab.analysis.classification.splits import FOLDS, HOLD_OUT_LEVELS
+from tacbench_cad.lab.analysis.classification.splits import FOLDS, HOLD_OUT_LEVELS, UNITS
 from tacbench_cad.lab.analysis.tables import read_settings, write_settings
 from tacbench_cad.lab.rig.plugin import is_plugin, load
 from tacbench_cad.util.convert import Bounds, Length, check_fields
@@ -98,7 +98,7 @@ class ClassificationSettings:
         if not self.estimators or len(set(self.estimators)) < len(self.estimators):
             raise InputError("estimator", list(self.estimators), "must be names, each once")
         for level in self.hold_out:
-            one_of("hold-out", level, HOLD_OUT_LEVELS)
+            one_of("hold-out", level, UNITS)
         if self.protocol != "leak-free" and self.components is None:
             raise InputError("components", "none", "the paper's protocol has principal components; 25 of them")
         if self.clip and self.protocol != "paper":

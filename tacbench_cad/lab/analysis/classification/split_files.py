@@ -20,7 +20,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.lab.analysis.classification.splits import FOLDS, HOLD_OUT_LEVELS, PressTable, folds_of
+from tacbench_cad.lab.analysis.classification.splits import FOLDS, PressTable, folds_of, levels_of
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.util.convert import from_plain, to_plain
 from tacbench_cad.util.door import read_document
@@ -170,13 +170,13 @@ def split_presses(collection: Collection) -> tuple[SplitPress, ...]:
 
 
 def make_splits(
-    collection: Collection, levels: Sequence[str] = HOLD_OUT_LEVELS, *, seed: int = 0, folds: int = FOLDS
+    collection: Collection, levels: Sequence[str] | None = None, *, seed: int = 0, folds: int = FOLDS
 ) -> tuple[tuple[Split, ...], tuple[str, ...]]:
     """The splits of a study, one for each hold-out level.
 
     Args:
         collection: The study.
-        levels: Which hold-out levels.
+        levels: Which hold-out levels; None: all that can be asked of the study.
         seed: Draws presses and positions into folds.
         folds: Folds of presses and of positions.
 
@@ -188,7 +188,7 @@ def make_splits(
             :func:`tacbench_cad.lab.analysis.classification.splits.folds_of`.
     """
     collection.require("a split", "label")
-    drawn = folds_of(PressTable.of(collection), levels, seed=seed, folds=folds)
+    drawn = folds_of(PressTable.of(collection), levels or levels_of(collection), seed=seed, folds=folds)
     presses = split_presses(collection)
     splits = []
     for level in drawn.levels:

@@ -5,6 +5,8 @@
 - ``force``: a contact force that training has not seen;
 - ``copy``: another print of the same texture from the same printer and filament;
 - ``printer-filament``: prints of a combination that training has not seen.
+
+Beside them stands ``session``: recordings of another session, for data that know theirs.
 """
 
 from __future__ import annotations
@@ -21,18 +23,20 @@ from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.types import Bools, Ints, Strings
 
 #: The units of each level's intervals, which are what differs between one held-out group and the next: their name, and
-#: where :class:`PressTable` has them. The levels stand in order, from the easiest.
+#: where :class:`PressTable` has them. The levels stand in order, from the easiest; sessions stand beside them.
 UNITS = {
     "press": ("prints", "run"),
     "position": ("positions", "position"),
     "force": ("force levels", "level"),
     "copy": ("prints", "run"),
     "printer-filament": ("printer-filament combinations", "combination"),
+    "session": ("sessions", "session"),
 }
 #: What must be known of every press for a level, in words of ``Collection.has``.
-NEEDS = {"position": "position", "force": "force", "copy": "print", "printer-filament": "printer or filament"}
-#: Names of the hold-out levels, from the easiest claim to the hardest.
-HOLD_OUT_LEVELS = tuple(UNITS)
+NEEDS = {name: name for name in ("position", "force", "session")}
+NEEDS |= {"copy": "print", "printer-filament": "printer or filament"}
+#: Names of the hold-out levels that every study is asked for, from the easiest claim to the hardest.
+HOLD_OUT_LEVELS = tuple(level for level in UNITS if level != "session")
 #: Folds of the levels whose groups are many: presses and positions.
 FOLDS = 5
 
@@ -48,7 +52,8 @@ class PressTable:
         copy: Number of the copy.
         level: Force level.
         position: Number of the position.
-        unknown: What is unknown of some press, of :data:`NEEDS`; and ``session`` if sessions are.
+        session: Name of the session.
+        unknown: What is unknown of some press, of :data:`NEEDS`.
     """
 
     run: Ints
@@ -57,6 +62,7 @@ class PressTable:
     copy: Ints
     level: Ints
     position: Ints
+    session: Strings
     unknown: frozenset[str] = frozenset()
 
     @property
@@ -68,8 +74,7 @@ class PressTable:
     def of(cls, collection: Collection) -> PressTable:
         """That of a collection."""
         columns = {field.name: getattr(collection, field.name) for field in fields(cls) if field.name != "unknown"}
-        needs = {*NEEDS.values(), "session"}
-        unknown = {need for need in needs if not any(collection.has(word) for word in need.split(" or "))}
+        unknown = {need for need in NEEDS.values() if not any(collection.has(word) for word in need.split(" or "))}
         return cls(**columns, unknown=frozenset(unknown))
 
     def units(self, hold_out: str) -> tuple[str, NDArray[Any]]:
@@ -118,7 +123,12 @@ class Folds:
     def levels(self) -> tuple[str, ...]:
         """The hold-out levels that have folds."""
         present = {fold.hold_out for fold in self.folds}
-        return tuple(level for level in HOLD_OUT_LEVELS if level in present)
+        return tuple(level for level in UNITS if level in present)
+
+
+def levels_of(collection: Collection) -> tuple[str, ...]:
+    """The hold-out levels that a study is asked for where nothing is said: sessions only if they are known."""
+    return (*HOLD_OUT_LEVELS, "session") if collection.has("session") else HOLD_OUT_LEVELS
 
 
 def folds_of(presses: PressTable, levels: Sequence[str] = HOLD_OUT_LEVELS, *, seed: int, folds: int = FOLDS) -> Folds:
@@ -140,7 +150,7 @@ def folds_of(presses: PressTable, levels: Sequence[str] = HOLD_OUT_LEVELS, *, se
     result: list[Fold] = []
     notes: list[str] = []
     for level in dict.fromkeys(levels):
-        one_of("hold-out", level, HOLD_OUT_LEVELS)
+        one_of("hold-out", level, UNITS)
         groups, names, reason = _groups(presses, level, seed, folds)
         supported = [] if reason else _folds(presses, level, groups, names, notes)
         if not supported:
@@ -155,7 +165,7 @@ def folds_of(presses: PressTable, levels: Sequence[str] = HOLD_OUT_LEVELS, *, se
 
 def _groups(presses: PressTable, level: str, seed: int, folds: int) -> tuple[Ints, list[str], str]:
     """To which fold each press belongs (-1: it always trains), names of the folds, and why there are none."""
-    random = np.random.default_rng([seed, HOLD_OUT_LEVELS.index(level)])
+    random = np.random.default_rng([seed, list(UNITS).index(level)])
     if NEEDS.get(level) in presses.unknown:
         column = NEEDS[level].partition(" ")[0]
         reason = f"the {NEEDS[level]} is unknown; import with a column for it: --columns {column}=COLUMN"
@@ -179,6 +189,9 @@ def _groups(presses: PressTable, level: str, seed: int, folds: int) -> tuple[Int
         reason = "no texture has two copies from one printer and filament" * (not len(copies))
         groups = np.where(several, np.searchsorted(copies, presses.copy), -1)
         return groups, [f"copy {number}" for number in copies], reason
+    if level == "session":
+        names, index = np.unique(presses.session, return_inverse=True)
+        return index, [f"session {name}" for name in names], "there is one session" * (len(names) < 2)
     names, index = np.unique(presses.combination, return_inverse=True)
     reason = f"there is one printer-filament combination, {names[0]}" * (len(names) < 2)
     return index, [str(name) for name in names], reason
@@ -231,7 +244,7 @@ def with_copies(presses: PressTable, fold: Fold, copies: int, seed: int) -> Fold
     Returns:
         None where some texture of a combination that trains has fewer.
     """
-    random = np.random.default_rng([seed, copies, HOLD_OUT_LEVELS.index(fold.hold_out)])
+    random = np.random.default_rng([seed, copies, list(UNITS).index(fold.hold_out)])
     kept: list[Ints] = []
     for where in _same_kind(presses):
         inside = fold.train[where[fold.train]]

@@ -85,10 +85,12 @@ def classify_into(
     from tacbench_cad.lab.analysis.classification.classify import TRIALS, classify, write_tables
     from tacbench_cad.lab.analysis.classification.figures import draw_result
     from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, usual
+    from tacbench_cad.lab.analysis.classification.splits import levels_of
     from tacbench_cad.lab.rig.sensor import is_image
 
     image = is_image(collection.frame(0))
-    settings = ClassificationSettings(**usual("leak-free", ("forest",), image=image, readings=len(collection)))
+    given = usual("leak-free", ("forest",), image=image, readings=len(collection))
+    settings = ClassificationSettings(**given, hold_out=levels_of(collection))
 
     def show(what: str, done: int, total: int) -> None:
         progress(f"classification: {what}", done, total)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 from tacbench_cad.lab.analysis.answers import WHICH_TEXTURES
 from tacbench_cad.lab.analysis.classification.accuracy import is_whole
-from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS
+from tacbench_cad.lab.analysis.classification.splits import UNITS
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.classification import Classification
 from tacbench_cad.lab.analysis.report.facts import press_words
@@ -78,7 +78,7 @@ class Results:
     def hold_out(self) -> str:
         """The hold-out level that is quoted: prints that training has not seen, or the easiest there is."""
         levels = {row["hold_out"] for row in self.leak_free.scores.rows} if self.leak_free else set()
-        return UNSEEN if UNSEEN in levels else next((level for level in HOLD_OUT_LEVELS if level in levels), "")
+        return UNSEEN if UNSEEN in levels else next((level for level in UNITS if level in levels), "")
 
     def score(self, hold_out: str) -> Row | None:
         """The accuracy of the first estimator at a hold-out level, all of its groups together."""

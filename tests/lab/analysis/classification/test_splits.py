@@ -38,6 +38,8 @@ def table(
         copy=np.array(copy),
         level=np.array(level),
         position=np.array(position),
+        session=np.full(len(run), "unknown"),
+        unknown=frozenset({"session"}),
     )
 
 
