@@ -61,7 +61,7 @@ def test_names_each_texture_without_being_told(number: int, tmp_path: Path) -> N
     assert 0.005 < report.deviation_mm <= 0.0101
 
 
-@pytest.mark.parametrize("scale", [0.5, 2.0, 0.33])
+@pytest.mark.parametrize("scale", [0.33, *(pytest.param(scale, marks=pytest.mark.long) for scale in (0.5, 2.0))])
 def test_names_preset_and_scale(scale: float, tmp_path: Path) -> None:
     part = block_part(Block.of(3, "released", scale=scale))
     report = examine(_anonymous(part.mesh[0], tmp_path / "a.stl"), full=False)
@@ -238,7 +238,9 @@ def test_name_and_claim_are_inverse() -> None:
 
 
 @pytest.mark.parametrize("number", [4, *(pytest.param(n, marks=pytest.mark.long) for n in (1, 2, 3, 5, 6))])
-@pytest.mark.parametrize("given", ["", pytest.param("preset", marks=pytest.mark.long), "texture and preset"])
+@pytest.mark.parametrize(
+    "given", ["", *(pytest.param(words, marks=pytest.mark.long) for words in ("preset", "texture and preset"))]
+)
 def test_the_published_files_match_to_single_precision(number: int, given: str, tmp_path: Path) -> None:
     corners = published(number)
     assert len(corners) == 353_972

@@ -48,8 +48,8 @@ BLOCKS = {
     "2-other-domain": Block.of(2, size_mm=(41.0, 17.0), mm_per_unit=(1.1, 0.6, 0.9)),
     "oblique": Block.of(OBLIQUE),
 }
-#: Over these the kernel integrates for 4 to 8 s each; of their textures others are asked the same.
-LONG_TO_INTEGRATE = ("3-paper", "3-released", "4-paper", "4-half")
+#: Over these the kernel integrates for 1 to 8 s each; of their textures others are asked the same.
+LONG_TO_INTEGRATE = ("3-paper", "3-released", "4-paper", "4-half", "5-released", "6-triple")
 FEATURES = {
     "2-key": Block.of(2, key_mm=3.0),
     "5-key": Block.of(5, key_mm=2.5),
@@ -111,7 +111,7 @@ def test_what_a_user_asks_first_is_right(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(one, marks=pytest.mark.long if one == "4-key-label" else ()) for one in FEATURES]
+    "name", [pytest.param(one, marks=pytest.mark.long if one in ("4-key-label", "5-key") else ()) for one in FEATURES]
 )
 def test_key_and_label(name: str) -> None:
     block = FEATURES[name]

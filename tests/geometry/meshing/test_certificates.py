@@ -65,9 +65,17 @@ def test_tight_within_a_tolerance(number: int) -> None:
     assert vertical <= certificate.vertical_mm <= 1.05 * vertical
 
 
-@pytest.mark.parametrize("number", [1, 2, 4, *(pytest.param(n, marks=pytest.mark.long) for n in (3, 5, 6))])
-def test_tight_on_a_grid(number: int) -> None:
-    block = Block.of(number, sampling="grid")
+@pytest.mark.parametrize(
+    ("number", "sampling"),
+    [
+        (1, "grid"),
+        (2, "grid"),
+        (4, SampleGrid(nx=95, ny=101)),
+        *(pytest.param(number, "grid", marks=pytest.mark.long) for number in (3, 4, 5, 6)),
+    ],
+)
+def test_tight_on_a_grid(number: int, sampling: str | SampleGrid) -> None:
+    block = Block.of(number, sampling=sampling)  # type: ignore[arg-type]
     mesh, certificate = mesh_block(block)
     distance, vertical = deviations(block, mesh, 8, most=6_000_000)
     assert distance <= certificate.distance_mm <= 1.15 * distance
