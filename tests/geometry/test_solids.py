@@ -8,10 +8,7 @@ import numpy as np
 import pytest
 from helpers.fixture_measure import manifold
 
-from housing.holder import Holder
-from housing.jig import Jig
 from tacbench_cad.geometry.solids import tessellate
-from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 
 build123d = pytest.importorskip("build123d", reason="fixtures need the extra cad")
@@ -66,8 +63,10 @@ def test_same_bytes_every_time_and_after_another_mesh() -> None:
 
 
 def test_fixtures_have_no_self_intersection() -> None:
+    from helpers.fixtures import JIG, KEYED
+
     pymeshlab = pytest.importorskip("pymeshlab")
-    for part in (Holder(block=Block.of(1, key_mm=3.0)).part(), Jig(holder=Holder(block=Block.of(1))).part()):
+    for part in (KEYED.part(), JIG.part()):
         mesh, _ = part.mesh
         meshes = pymeshlab.MeshSet()
         meshes.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))

@@ -8,6 +8,7 @@ import manifold3d
 import numpy as np
 import pytest
 from helpers.fixture_measure import block_prism, cylinders, manifold, require_sound
+from helpers.fixtures import HOLDER, JIG, KEYED, KEYED_JIG
 
 from housing.holder import Holder
 from housing.jig import Jig
@@ -20,11 +21,10 @@ from tacbench_cad.spec.block import Block
 TOUCHING_MM3 = 0.01
 
 CASES = [
-    Holder(block=Block.of(1)),
+    HOLDER,
     Holder(block=Block.of(1, key_mm=3.0), slots=2, fit="loose"),
     Holder(block=Block.of(1, scale=0.8, key_mm=2.0)),
-    Holder(block=Block.of(1, scale=0.8), slots=2, fit="press"),
-    Holder(block=Block.of(1, scale=1.5)),
+    Holder(block=Block.of(1, scale=0.8), fit="press"),
     Holder(block=Block.of(1, scale=1.5, key_mm=5.0), fit=0.2, rim_mm=0.5),
     Holder(block=Block.of(1, key_mm=3.0), quarter_turns=1),
     Holder(block=Block.of(1, "released"), preset="released"),
@@ -35,7 +35,8 @@ TRAY = Holder(block=Block.of(1, key_mm=3.0), slots=6)
 @cache
 def meshed(holder: Holder) -> tuple[Jig, manifold3d.Manifold, manifold3d.Manifold]:
     """The jig of a holder, the holder's mesh and that of the jig where it is used."""
-    jig = Jig(holder=holder)
+    shared = {each.holder: each for each in (JIG, KEYED_JIG)}
+    jig = shared.get(holder) or Jig(holder=holder)
     return jig, manifold(holder.part().mesh[0]), manifold(tessellate(jig.solid_in_use()))
 
 
@@ -94,7 +95,7 @@ def test_clearances_are_as_named(holder: Holder) -> None:
 
 
 def test_the_keyed_corner_has_the_same_clearance() -> None:
-    holder = Holder(block=Block.of(1, key_mm=3.0))
+    holder = KEYED
     plate, place = meshed(holder)[1], holder.block_placements()[0]
     step = 0.15 / np.sqrt(2.0)
     assert (plate ^ placed(holder.block, place, (step, -step))).volume() < TOUCHING_MM3
@@ -136,9 +137,9 @@ def test_a_real_block_of_the_formula_fits() -> None:
     """The textured block itself, not its prism, with texture 4's overshoot."""
     from tacbench_cad.geometry.block_mesh import mesh_block
 
-    holder = Holder(block=Block.of(4, key_mm=3.0))
+    holder = KEYED  # of a block of the same size
     _, plate, seated = meshed(holder)
-    mesh, _ = mesh_block(holder.block)
+    mesh, _ = mesh_block(Block.of(4, key_mm=3.0))
     place = holder.block_placements()[0]
     block = manifold(mesh).translate(place.origin_mm)
     assert block.bounding_box()[5] - holder.size_mm[2] == pytest.approx(1.18, abs=1e-5)
@@ -146,8 +147,8 @@ def test_a_real_block_of_the_formula_fits() -> None:
     assert (block ^ seated).volume() < TOUCHING_MM3
 
 
-#: One keyed block, and two without a key, turned.
-QUICK_SEEDS = (2, 8)
+#: One keyed block, and one without a key, both turned.
+QUICK_SEEDS = (0, 8)
 
 
 @pytest.mark.parametrize("seed", QUICK_SEEDS)
@@ -188,8 +189,6 @@ def _random_assembly(seed: int) -> None:
 def test_solids_do_not_collide_in_the_kernel_either() -> None:
     from build123d import Solid
 
-    holder = Holder(block=Block.of(1, key_mm=3.0))
-    jig = Jig(holder=holder)
-    common = Solid(holder.solid()).intersect(Solid(jig.solid_in_use()))
-    volume = 0.0 if common is None else sum(one.volume for one in common.solids())
+    common = Solid(KEYED.solid()).intersect(Solid(KEYED_JIG.solid_in_use()))
+    volume = 0.0 if common is None else sum(solid.volume for solid in common.solids())
     assert volume < 1e-9

@@ -9,13 +9,13 @@ import pytest
 cq = pytest.importorskip("cadquery")
 pytest.importorskip("build123d")
 
-from housing import Coupon, Fixture, Holder, Jig
+from helpers.fixtures import PAIR as HOLDER
+from helpers.fixtures import PAIR_JIG as JIG
+
+from housing import Coupon, Fixture, Holder
 from housing import cq as plugin
 from housing.bd import assembled as joined
 from tacbench_cad import Block, InputError
-
-HOLDER = Holder(block=Block.of(1, key_mm=3.0), slots=2, quarter_turns=1)
-JIG = Jig(holder=HOLDER)
 
 
 def box(shape: cq.Shape) -> tuple[float, ...]:

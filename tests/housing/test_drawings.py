@@ -26,6 +26,7 @@ from tacbench_cad.spec.block import Block
 
 _PAPER = Block.of(4)
 _KEYED = Block.of(4, key_mm=3.0)
+_JIG = Jig(holder=Holder(block=_PAPER))
 _RELEASED = Holder(block=Block.of(1, "released"), preset="released")
 
 DRAWINGS: dict[str, Callable[[], Drawing]] = {
@@ -35,7 +36,7 @@ DRAWINGS: dict[str, Callable[[], Drawing]] = {
     "holder, turned": lambda: holder_drawing(Holder(block=_KEYED, quarter_turns=1, rim_mm=5.0)),
     "holder, released": lambda: holder_drawing(_RELEASED),
     "tray": lambda: holder_drawing(Holder(block=_KEYED, slots=6)),
-    "jig": lambda: jig_drawing(Jig(holder=Holder(block=_PAPER))),
+    "jig": lambda: jig_drawing(_JIG),
     "jig, turned, all holes": lambda: jig_drawing(Jig(holder=Holder(block=_KEYED, quarter_turns=3), marks="all")),
     "jig, released": lambda: jig_drawing(Jig(holder=_RELEASED)),
     "coupon": lambda: coupon_drawing(Coupon()),
@@ -90,7 +91,7 @@ def test_the_other_part_is_as_large_as_it_is() -> None:
 
 
 def test_a_jig_is_drawn_as_it_is_used() -> None:
-    jig = Jig(holder=Holder(block=_PAPER))
+    jig = _JIG
     points = np.concatenate(jig_drawing(jig).front.outlines["cut"])
     assert points[:, 1].min() == pytest.approx(jig.seat.bottom_mm, abs=1e-5)
     assert points[:, 1].max() == pytest.approx(jig.seat.roof_mm[1], abs=1e-5)

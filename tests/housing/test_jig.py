@@ -8,6 +8,7 @@ import manifold3d
 import numpy as np
 import pytest
 from helpers.fixture_measure import cylinders, manifold, overhang_heights, require_sound
+from helpers.fixtures import ALL_HOLES, HOLDER, JIG
 
 from housing.holder import Holder
 from housing.jig import Jig
@@ -15,8 +16,6 @@ from housing.marks import DEPTH_MM, HAIR_MM, gap_to_circle_mm, is_engraved
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.util.errors import InputError
-
-HOLDER = Holder(block=Block.of(1))
 
 
 def refusal(holder: Holder = HOLDER, **options: object) -> str:
@@ -34,13 +33,13 @@ def test_a_grid_of_another_size_is_refused() -> None:
 @pytest.mark.parametrize(
     "jig",
     [
-        Jig(holder=HOLDER),
-        Jig(holder=HOLDER, marks="all"),
+        pytest.param(JIG, marks=pytest.mark.long),
+        ALL_HOLES,
         Jig(holder=Holder(block=Block.of(1, scale=0.8, key_mm=2.0)), fit="loose"),
         Jig(holder=Holder(block=Block.of(1, scale=1.5), slots=2, fit="press", rim_mm=0.0)),
         Jig(holder=Holder(block=Block.of(1, "released"), preset="released")),
     ],
-    ids=lambda jig: jig.name,
+    ids=lambda jig: getattr(jig, "name", None),
 )
 def test_mesh_and_solid_are_what_is_stated(jig: Jig) -> None:
     part = jig.part()
@@ -52,7 +51,7 @@ def test_mesh_and_solid_are_what_is_stated(jig: Jig) -> None:
 
 
 def test_default_dimensions_and_report() -> None:
-    jig = Jig(holder=HOLDER)
+    jig = JIG
     assert jig.name == "jig_paper_x1"
     # Holder 45.6 x 52.3 mm, 0.15 mm clearance and 2.4 mm lips all round; 3 mm lip, 1.18 + 0.3 mm recess, 2 mm roof.
     assert jig.size_mm == pytest.approx((50.7, 57.4, 6.48), abs=1e-9)
@@ -62,11 +61,10 @@ def test_default_dimensions_and_report() -> None:
         assert number in text
 
 
-@pytest.mark.parametrize(("marks", "count", "hole", "lead"), [("default", 5, 1.5, 2.2), ("all", 25, 0.6, 0.8)])
-def test_holes_have_the_stated_diameters(marks: str, count: int, hole: float, lead: float) -> None:
+@pytest.mark.parametrize(("jig", "count", "hole", "lead"), [(JIG, 5, 1.5, 2.2), (ALL_HOLES, 25, 0.6, 0.8)])
+def test_holes_have_the_stated_diameters(jig: Jig, count: int, hole: float, lead: float) -> None:
     from build123d import GeomType, Solid
 
-    jig = Jig(holder=HOLDER, marks=marks)
     assert [r for r, _ in cylinders(jig.solid())] == pytest.approx([hole / 2] * count)
     cones = Solid(jig.solid()).faces().filter_by(GeomType.CONE)
     assert len(cones) == count
@@ -118,7 +116,7 @@ def test_hairs_keep_one_nozzle_off_the_lead_ins(scale: float) -> None:
 
 def test_walls_between_markers_are_measured_not_assumed() -> None:
     """The marked face, opened with a disc of just the stated wall, loses nothing between markers; with more it does."""
-    jig = Jig(holder=HOLDER)
+    jig = JIG
     assert jig.walls_mm["wall between markers"] == pytest.approx(0.4)
     section = manifold(jig.part().mesh[0]).slice(0.001)
     x, y = jig.holder.block_placements()[0].origin_mm[:2]

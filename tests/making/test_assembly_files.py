@@ -14,11 +14,12 @@ pytest.importorskip("build123d")
 pytest.importorskip("lib3mf")
 
 import build123d as bd
+from helpers.fixtures import HOLDER as SINGLE
+from helpers.fixtures import PAIR as HOLDER
+from helpers.fixtures import PAIR_JIG as JIG
 
 from housing import Assembly
 from housing.bd import assembled
-from housing.holder import Holder
-from housing.jig import Jig
 from tacbench_cad.checks.identify import examine
 from tacbench_cad.cli import main
 from tacbench_cad.formats import step, threemf
@@ -28,12 +29,10 @@ from tacbench_cad.making.writing import Failure, make_files
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 
-HOLDER = Holder(block=Block.of(1, key_mm=3.0), slots=2, quarter_turns=1)
 BLOCKS = (Block.of(1, key_mm=3.0), Block.of(2, key_mm=3.0))
-JIG = Jig(holder=HOLDER)
 SET = Assembly(holder=HOLDER, blocks=BLOCKS, jig=JIG)
 #: The least that has several colours.
-SMALL = Assembly(holder=Holder(block=Block.of(1)), blocks=(Block.of(1),), jig=None)
+SMALL = Assembly(holder=SINGLE, blocks=(Block.of(1),), jig=None)
 NAMES = [HOLDER.name, *(block.name for block in BLOCKS), JIG.name]
 
 

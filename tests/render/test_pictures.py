@@ -126,7 +126,7 @@ def test_sheet_has_a_tile_and_a_caption_for_each_part(tmp_path: Path) -> None:
     assert (tmp_path / "sheet.png").read_bytes() == (tmp_path / "again.png").read_bytes()
 
 
-@pytest.mark.parametrize("count", [1, 2, 4, 8, 17, pytest.param(40, marks=pytest.mark.long)])
+@pytest.mark.parametrize("count", [1, 2, 4, 17, *(pytest.param(count, marks=pytest.mark.long) for count in (8, 40))])
 def test_sheets_of_any_length(tmp_path: Path, count: int) -> None:
     """Every part is drawn, none over the other: the ink grows with the parts."""
     pictures.preview_sheet([("box", box(3.0, 4.0, 2.0))] * count, tmp_path / "sheet.png")
@@ -162,16 +162,14 @@ def test_a_part_is_drawn_large_with_its_underside_where_that_is_engraved(tmp_pat
 def test_an_assembly_has_its_parts_in_their_colours(tmp_path: Path) -> None:
     """Put together the jig covers the block; taken apart each of the three colours is seen."""
     pytest.importorskip("build123d", reason="fixtures need the extra cad")
-    from housing import Assembly
-    from housing.holder import Holder
-    from housing.jig import Jig
+    from helpers.fixtures import HOLDER, JIG
 
-    block = Block.of(1)
-    holder = Holder(block=block)
-    one = Assembly(holder=holder, blocks=(block,), jig=Jig(holder=holder))
+    from housing import Assembly
+
+    assembly = Assembly(holder=HOLDER, blocks=(HOLDER.block,), jig=JIG)
 
     def shares(apart_mm: float) -> list[float]:
-        pictures.assembly_picture(one, tmp_path / "set.png", apart_mm)
+        pictures.assembly_picture(assembly, tmp_path / "set.png", apart_mm)
         image = pixels(tmp_path / "set.png")[:-80].astype(float)
         drawn = image[ink(image.astype(np.uint8))]
         hue = (drawn - drawn.mean(axis=1, keepdims=True)) / drawn.mean(axis=1, keepdims=True)

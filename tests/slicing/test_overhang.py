@@ -67,17 +67,16 @@ def test_a_block_hangs_nowhere_but_over_its_label(number: int, preset: str) -> N
 
 def test_the_fixtures_bridge_what_they_say() -> None:
     pytest.importorskip("build123d", reason="fixtures need the extra cad")
-    from housing.coupon import GAP_MM, TAB_MM, Coupon
-    from housing.holder import Holder
-    from housing.jig import Jig
+    from helpers.fixtures import JIG, KEYED
 
-    holder = Holder(block=Block.of(1, key_mm=3.0))
-    found = overhangs(holder.part().mesh[0])
+    from housing.coupon import GAP_MM, TAB_MM, Coupon
+
+    found = overhangs(KEYED.part().mesh[0])
     assert (found.steepest_deg, found.ceiling_mm2) == (0.0, 0.0)
     tab = overhangs(Coupon().part().mesh[0])
     assert (tab.steepest_deg, tab.ceiling_mm2) == (0.0, pytest.approx(TAB_MM[0] * GAP_MM, rel=1e-5))
     assert tab.widest_mm == pytest.approx(2.0, abs=2e-3)
     # Grooves are 0.4 mm wide and lead-ins are cones of 45 degrees, whose facets lean a little more or less.
-    marks = overhangs(Jig(holder=holder).part().mesh[0])
+    marks = overhangs(JIG.part().mesh[0])
     assert marks.steepest_deg == pytest.approx(45.0, abs=2.0)
     assert 0.4 < marks.widest_mm < 0.7

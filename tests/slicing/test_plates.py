@@ -72,7 +72,7 @@ def test_the_same_request_gives_the_same_plates() -> None:
     assert arrange_plates(SIX, 3, printers()["form-3"]) == arrange_plates(SIX, 3, printers()["form-3"])
 
 
-@pytest.mark.parametrize("copies", [1, 2, 7])
+@pytest.mark.parametrize("copies", [1, 2, 5])
 @pytest.mark.parametrize("spacing", [0.0, 20.0])
 def test_any_count_on_a_small_bed(copies: int, spacing: float) -> None:
     small = Printer(
@@ -185,10 +185,10 @@ def test_the_layout_names_blocks_as_acquire_asks_for_them(made: Path) -> None:
 
 def test_the_table_lists_the_labels_of_each_texture(tmp_path: Path, capsys: Capture) -> None:
     pytest.importorskip("lib3mf")
-    options = ("--texture", "1,4", "--copies", "3", "--out", str(tmp_path))
+    options = ("--texture", "1,2", "--copies", "3", "--out", str(tmp_path))
     assert main(["plate", "--printer", "form-3", *options]) == 0
     out = capsys.readouterr().out
-    assert "T1 PAPER X1 01 02 03" in out and "T4 PAPER X1 01 02 03" in out
+    assert "T1 PAPER X1 01 02 03" in out and "T2 PAPER X1 01 02 03" in out
 
 
 def test_acquire_reads_the_layout(made: Path) -> None:

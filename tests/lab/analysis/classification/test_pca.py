@@ -116,24 +116,28 @@ def test_scores_of_the_training_set_are_those_of_noise_with_the_drawn_inner_prod
     assert_scikit_learns(found, written, train)
 
 
+#: Draws of which the means are compared.
+DRAWS = 200
+
+
 def test_the_noise_has_the_law_of_drawn_pixels() -> None:
     """Means over many draws agree with those over explicit draws of all pixels, within their standard errors."""
     images = images_of(24, 90)
     train = images[:12].astype(float)
-    pool = Pool.of(images, np.arange(12), components=8, seeds=range(300))
+    pool = Pool.of(images, np.arange(12), components=8, seeds=range(DRAWS))
     assert pool.factor is not None
     random = np.random.default_rng(9)
     ours, theirs = [], []
-    for seed in range(300):
+    for seed in range(DRAWS):
         one = scores_of(pool, Augmentation(noise=20.0), 8, seed)
         ours.append(features(one.variance, one.train[12:24], one.plain[12:]))
-    for _ in range(300):
+    for _ in range(DRAWS):
         noisy = train + 20.0 * random.standard_normal(train.shape)
         written = np.concatenate([train, noisy, train + 10, train - 10])
         full = PCA(8, svd_solver="full").fit(written)
         theirs.append(features(full.explained_variance_, full.transform(noisy), full.transform(images[12:])))
     one_mean, other = np.array(ours), np.array(theirs)
-    error = np.sqrt((one_mean.var(axis=0) + other.var(axis=0)) / 300)
+    error = np.sqrt((one_mean.var(axis=0) + other.var(axis=0)) / DRAWS)
     assert np.all(np.abs(one_mean.mean(axis=0) - other.mean(axis=0)) < 4.5 * error)
     ratio = one_mean.std(axis=0) / other.std(axis=0)
     assert np.all((ratio > 0.75) & (ratio < 1.33))
