@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,10 +27,13 @@ from tacbench_cad import __version__
 from tacbench_cad.cli import report as command
 from tacbench_cad.lab.analysis.classification.classify import TRIALS
 from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.report.figures import draw_frames
 from tacbench_cad.lab.analysis.report.page import Options, copy_files, write_report
 from tacbench_cad.lab.analysis.report.parts import table_part
 from tacbench_cad.lab.analysis.report.rendering import macro, read_image, render_page
+from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.tables import Column, Table
+from tacbench_cad.lab.runs.checking import Finding, RunReport
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.util import packages
@@ -333,6 +337,26 @@ def test_a_damaged_record_is_named(runs: Path, tmp_path: Path) -> None:
 def test_a_page_must_be_html(runs: Path, tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match=r"must end in \.html"):
         write_report([runs], tmp_path / name)
+
+
+def test_the_sheet_has_a_good_frame_of_each_texture_and_names_those_without(tmp_path: Path) -> None:
+    folders = write_study(tmp_path / "runs", prints=[("ender-3", "petg")], textures=(1, 2, 3), copies=1, still=0)
+    for folder in folders:
+        for number in range(1, 9) if "texture-3" in folder.name else [1] if "texture-1" in folder.name else []:
+            (folder / "sensor_images" / f"image_{number}.png").write_bytes(b"")
+    study = Collection.open([tmp_path / "runs"])
+    first = study.frame(1)
+    finding = Finding(kind="blurred", where=study.path(int(np.flatnonzero(study.texture == "texture-2")[0])), text="")
+    report = RunReport(folder=folders[1], name="", simulated=(), planned=8, findings=(finding,))
+    drawn: list[tuple[str, Any]] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("matplotlib.axes.Axes.set_title", lambda axes, name, **_: drawn.append((name, axes.images[0])))
+        caption = draw_frames(Results(collection=study, reports=(report,)), tmp_path)
+    assert caption.endswith("without a problem. There is none of texture-3.")
+    assert [name for name, _ in drawn] == ["texture-1", "texture-2"]
+    expected = first, study.frame(int(np.flatnonzero(study.texture == "texture-2")[1]))
+    assert all(np.array_equal(image.get_array(), frame) for (_, image), frame in zip(drawn, expected, strict=True))
+    assert read_image(tmp_path / "frames.png").width < 400 and (tmp_path / "frames.pdf").is_file()
 
 
 def test_what_stands_in_a_table_is_escaped() -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from tacbench_cad.lab.analysis.answers import TOLD_APART
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure, save, styled
+from tacbench_cad.lab.analysis.report.facts import press_words
 from tacbench_cad.lab.analysis.report.results import UNSEEN, Results
 from tacbench_cad.lab.analysis.variance.cells import name_of, short_texture
 from tacbench_cad.lab.analysis.variance.figures import MAX_OVER_ESTIMATE, draw_point, log_axes, look_of
@@ -37,7 +38,7 @@ def draw_summary(results: Results, folder: Path) -> str:
     if results.level is not None and any(cell.variance > 0.0 for cell in results.cells_at(results.level)):
         panels["variance over prints and repeats, by texture"] = _draw_variance
     if results.confusion:
-        panels["presses predicted correctly, by texture"] = _draw_recall
+        panels[f"{press_words(results.collection)[1]} predicted correctly, by texture"] = _draw_recall
     if not panels:
         return ""
     with styled():
@@ -51,7 +52,9 @@ def draw_summary(results: Results, folder: Path) -> str:
         if handles:
             figure.legend(handles=handles, loc="outside upper left", ncols=5, fontsize=6.5)
         save(figure, folder / SUMMARY, results.collection.simulated)
-    return "; ".join(panels).capitalize() + ". Bars: 95 % intervals with prints as their unit."
+    intervals = any(row[name] is not None for row in results.textures.rows for name in ("low", "recall_low"))
+    bars = " Bars: 95 % intervals with prints as their unit." if intervals else ""
+    return f"{'; '.join(panels).capitalize()}.{bars}"
 
 
 def _draw_variance(axes: Axes, results: Results) -> None:
@@ -126,10 +129,12 @@ def draw_frames(results: Results, folder: Path) -> str:
         for axes in panels:
             axes.set_axis_off()
         save(figure, folder / FRAMES, results.collection.simulated)
-    left_out = f" The first {MAX_FRAMES} of {len(textures)} are shown." if len(textures) > MAX_FRAMES else ""
-    pressing = results.collection.pressing
-    at = f" at {pressing.level_name(level)}" if level and results.collection.has("force") else ""
-    return f"A frame of each texture: the first press{at} without a problem.{left_out}"
+    study = results.collection
+    at = f" at {study.pressing.level_name(level)}" if level and study.has("force") else ""
+    caption = f"A frame of each texture: the first {press_words(study)[0]}{at} without a problem."
+    without = [name for name in textures[:MAX_FRAMES] if name not in frames]
+    caption += f" There is none of {', '.join(without)}." if without else ""
+    return caption + (f" The first {MAX_FRAMES} of {len(textures)} are shown." if len(textures) > MAX_FRAMES else "")
 
 
 def _good_frames(study: Collection, texture: str, level: int, bad: set[tuple[Path, str]]) -> Iterator[Frame]:

@@ -8,26 +8,20 @@ CSV never disagree.
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad import __version__
 from tacbench_cad.lab.analysis.classification.classify import MODULES, Progress
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.published import texture_number
-from tacbench_cad.lab.analysis.report import facts
 from tacbench_cad.lab.analysis.report.classification import Classification, classify_into
-from tacbench_cad.lab.analysis.report.figures import FRAMES, SUMMARY, draw_frames, draw_summary
-from tacbench_cad.lab.analysis.report.parts import figure_part, table_part
+from tacbench_cad.lab.analysis.report.document import DOCUMENT_FILE, write_document
 from tacbench_cad.lab.analysis.report.rendering import render_page
 from tacbench_cad.lab.analysis.report.results import Results
-from tacbench_cad.lab.analysis.report.sections import sections
-from tacbench_cad.lab.analysis.report.summary import next_steps, summary
 from tacbench_cad.lab.analysis.tables import read_settings
 from tacbench_cad.lab.analysis.variance.grade import grade
 from tacbench_cad.lab.analysis.variance.view import SETTINGS_FILE, Settings, VarianceView
@@ -37,8 +31,6 @@ from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked, refusing, replacing
 from tacbench_cad.util.packages import require
 
-#: The document that the page shows, in the folder beside it, and the table to quote.
-DOCUMENT_FILE, TABLE_FILE = "report.json", "textures.csv"
 #: Kinds of files that an analysis writes and a report copies.
 SUFFIXES = (".csv", ".png", ".pdf", ".json")
 
@@ -106,45 +98,11 @@ def write_report(
             **_classifications(collection, files, chosen, progress),
         )
         progress("writing the page", 0, 0)
-        document = _document(results, files)
-        with replacing(files / DOCUMENT_FILE) as temporary:
-            temporary.write_text(json.dumps(document, indent=1, allow_nan=False), encoding="utf-8")
+        document = write_document(results, files)
         with replacing(out) as temporary:
             temporary.write_text(render_page(document, files.parent), encoding="utf-8", newline="\n")
     written = [path for folder in (files, *sorted(files.iterdir())) for path in _results(folder)]
     return [out, files / DOCUMENT_FILE, *(path for path in written if path != files / DOCUMENT_FILE)]
-
-
-def _document(results: Results, files: Path) -> dict[str, Any]:
-    """Write the tables and figures that are the report's own, and put together everything that the page shows."""
-    study = results.collection
-    tables = {
-        "design.csv": facts.design_table(study),
-        "print_records.csv": facts.record_tables(study)["all"],
-        "data_quality.csv": facts.quality_table(results.reports),
-        "findings.csv": facts.findings_table(results.reports),
-        TABLE_FILE: results.textures,
-    }
-    for name, table in tables.items():
-        table.write(files / name, study.simulated)
-    for path in (files / f"{stem}{suffix}" for stem in (SUMMARY, FRAMES) for suffix in (".png", ".pdf")):
-        path.unlink(missing_ok=True)
-    captions = {SUMMARY: draw_summary(results, files), FRAMES: draw_frames(results, files)}
-    answers = results.variance.tables["printer_answers"].records() if results.variance else []
-    return {
-        "version": __version__,
-        "folder": files.name,
-        "title": facts.title(study),
-        "simulated": list(study.simulated),
-        "notice": facts.simulated_in_words(study.simulated),
-        "summary": [{"topic": topic, "text": text} for topic, text in summary(results).items()],
-        "steps": next_steps(results),
-        "figures": [figure_part(stem, caption, TABLE_FILE) for stem, caption in captions.items() if caption],
-        "table": {**table_part(results.shown_textures, TABLE_FILE), "records": results.textures.records()},
-        "printer_answers": answers,
-        "texture_answers": results.leak_free.answers.records() if results.leak_free else [],
-        "sections": sections(results, files),
-    }
 
 
 def _checked(collection: Collection, progress: Progress) -> Iterator[RunReport]:

@@ -147,33 +147,27 @@ class Results:
             """What is of a texture, not of a printer, stands in the texture's first row."""
             return lambda row: text(row) if row[name] is not None and firsts[row["texture"]] is row else ""
 
-        def ends(name: str, times: float = 1.0) -> Callable[[Row], str]:
-            return lambda row: interval(*(None if row[end] is None else times * row[end] for end in _ends(name)))
+        def printer(row: Row) -> str:
+            return name_of(f"{row['printer']}_{row['filament']}")
+
+        def ends(low: str, high: str, times: float = 1.0) -> Callable[[Row], str]:
+            return lambda row: interval(*(None if row[end] is None else times * row[end] for end in (low, high)))
 
         columns = [Column("texture", derived=once("texture", lambda row: str(row["texture"])))]
         if len(study.combinations) > 1:
-            columns.append(Column("name", head="printer, filament", derived=lambda row: name_of(combination_of(row))))
+            columns.append(Column("name", head="printer, filament", derived=printer))
         columns += [Column("prints")] if "prints" in known else []
         columns.append(Column("presses", head=press_words(study)[1]))
         title = "each texture"
         if self.variance and self.level is not None and "variance" in known:
             columns.append(Column("variance", head=f"variance ({self.variance.unit})", text=short))
-            columns.append(Column("ends", head="95 % interval", derived=ends(""), right=True))
+            columns.append(Column("ends", head="95 % interval", derived=ends("low", "high"), right=True))
             columns += [Column("noise_alone", text=short)] if "noise_alone" in known else []
             title += f"; variance: {study.pressing.level_name(self.level)}, ddof {self.variance.settings.ddof}"
         if "recall" in known:
             recall = once("recall", lambda row: percent(row["recall"]))
             columns.append(Column("right", head=f"predicted correctly, {held_out} (%)", derived=recall, right=True))
         if "recall_low" in known:
-            both = once("recall_low", ends("recall_", 100.0))
+            both = once("recall_low", ends("recall_low", "recall_high", 100.0))
             columns.append(Column("recall_ends", head="95 % interval", derived=both, right=True))
         return replace(self.textures, columns=tuple(columns), title=title)
-
-
-def combination_of(row: Row) -> str:
-    """Printer and filament of a row, as :class:`Collection` names them."""
-    return f"{row['printer']}_{row['filament']}"
-
-
-def _ends(name: str) -> tuple[str, str]:
-    return f"{name}low", f"{name}high"

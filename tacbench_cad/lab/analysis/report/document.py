@@ -1,0 +1,65 @@
+"""The document of a report: plain values of everything that the page shows, and the files that it names."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from tacbench_cad import __version__
+from tacbench_cad.lab.analysis.report import facts
+from tacbench_cad.lab.analysis.report.figures import FRAMES, SUMMARY, draw_frames, draw_summary
+from tacbench_cad.lab.analysis.report.parts import figure_part, table_part
+from tacbench_cad.lab.analysis.report.results import Results
+from tacbench_cad.lab.analysis.report.sections import sections
+from tacbench_cad.lab.analysis.report.summary import next_steps, summary
+from tacbench_cad.util.files import replacing
+
+#: The document, in the folder beside the page, and the table to quote.
+DOCUMENT_FILE, TABLE_FILE = "report.json", "textures.csv"
+
+
+def write_document(results: Results, files: Path) -> dict[str, Any]:
+    """Write the tables and figures that are the report's own, and the document of everything that the page shows.
+
+    Args:
+        results: The results.
+        files: The folder beside the page, with the files of the analyses.
+
+    Returns:
+        The document.
+
+    Raises:
+        InputError: A file cannot be written.
+    """
+    study = results.collection
+    tables = {
+        "design.csv": facts.design_table(study),
+        "print_records.csv": facts.record_tables(study)["all"],
+        "data_quality.csv": facts.quality_table(results.reports),
+        "findings.csv": facts.findings_table(results.reports),
+        TABLE_FILE: results.textures,
+    }
+    for name, table in tables.items():
+        table.write(files / name, study.simulated)
+    for path in (files / f"{stem}{suffix}" for stem in (SUMMARY, FRAMES) for suffix in (".png", ".pdf")):
+        path.unlink(missing_ok=True)
+    captions = {SUMMARY: draw_summary(results, files), FRAMES: draw_frames(results, files)}
+    answers = results.variance.tables["printer_answers"].records() if results.variance else []
+    document = {
+        "version": __version__,
+        "folder": files.name,
+        "title": facts.title(study),
+        "simulated": list(study.simulated),
+        "notice": facts.simulated_in_words(study.simulated),
+        "summary": [{"topic": topic, "text": text} for topic, text in summary(results).items()],
+        "steps": next_steps(results),
+        "figures": [figure_part(stem, caption, TABLE_FILE) for stem, caption in captions.items() if caption],
+        "table": {**table_part(results.shown_textures, TABLE_FILE), "records": results.textures.records()},
+        "printer_answers": answers,
+        "texture_answers": results.leak_free.answers.records() if results.leak_free else [],
+        "sections": sections(results, files),
+    }
+    with replacing(files / DOCUMENT_FILE) as temporary:
+        temporary.write_text(json.dumps(document, indent=1, allow_nan=False), encoding="utf-8")
+    return document
