@@ -28,12 +28,14 @@ def test_markers_of_the_looks_are_found_and_followed(look: str, presses: int) ->
     reference = finder.find(frames[0][0]).centres_px
     number = np.argmin(np.hypot(*(reference[:, None] - frames[0][1].centres_px[None]).transpose(2, 0, 1)), axis=1)
     tracker = MarkerTracker(reference_px=reference)
+    errors = []
     for frame, truth in frames[1:]:
         track = tracker.follow(finder.find(frame).centres_px)
         moved = (truth.centres_px - frames[0][1].centres_px)[number]
-        error = np.hypot(*(track.displacement_px - moved).T)[track.found]
+        errors.append(np.hypot(*(track.displacement_px - moved).T)[track.found])
         assert np.mean(track.found) > 0.9
-        assert np.mean(error < 1.0) > 0.98
+        assert np.mean(errors[-1] < 1.0) > 0.9
+    assert np.mean(np.concatenate(errors) < 1.0) > 0.985
 
 
 @pytest.mark.parametrize("look", ["tactip-bristol", "tactip-sussex"])
