@@ -192,14 +192,14 @@ def _ring(segments: int = 12) -> Mesh:
     return Mesh(np.array(points).astype(np.float32).astype(np.float64), np.array(triangles, dtype=np.int32))
 
 
-@pytest.mark.parametrize("wanted", [0, 1, 2])
-def test_through_holes_are_counted(wanted: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_through_holes_are_counted(count: int, tmp_path: Path) -> None:
     ring = _ring()
     assert ring.volume_mm3 > 0.0
-    part = mesh_part(ring, genus=wanted)
+    part = mesh_part(ring, genus=count)
     report = verify(part, _write_as(part, ring, tmp_path / "a.stl"))
-    assert ("genus" in _faults(report)) == (wanted != 1)
-    assert report.ok == (wanted == 1)
+    assert ("genus" in _faults(report)) == (count != 1)
+    assert report.ok == (count == 1)
 
 
 def test_full_finds_triangles_that_cut_each_other(tmp_path: Path) -> None:

@@ -145,9 +145,9 @@ def test_what_the_option_means() -> None:
 
 
 def test_a_block_without_a_solid_leaves_the_3mf() -> None:
-    wanted = plan(Request(textures=("4",), preset="released", assembly=True))
-    assert wanted.assemblies[0].formats == ("3mf",)
-    assert any(one.what.startswith("assembly") and "texture-4" in one.reason for one in wanted.left_out)
+    work = plan(Request(textures=("4",), preset="released", assembly=True))
+    assert work.assemblies[0].formats == ("3mf",)
+    assert any(one.what.startswith("assembly") and "texture-4" in one.reason for one in work.left_out)
 
 
 @pytest.mark.parametrize(

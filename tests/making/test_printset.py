@@ -28,8 +28,8 @@ pytestmark = pytest.mark.usefixtures("no_preview")
 LIGHT = Request(formats=("stl",), parts=("blocks",))
 
 
-def names(wanted: Request) -> list[str]:
-    return [source.part.name for source in plan(wanted).sources]
+def names(request: Request) -> list[str]:
+    return [source.part.name for source in plan(request).sources]
 
 
 def needs_cad() -> None:
@@ -42,12 +42,12 @@ def needs_cad() -> None:
 def test_by_default_six_blocks_holder_and_jig_in_all_formats() -> None:
     needs_cad()
     pytest.importorskip("lib3mf")
-    wanted = plan(Request())
+    work = plan(Request())
     blocks = [f"texture-{i}_paper_x1" for i in range(1, 7)]
-    assert [source.part.name for source in wanted.sources] == [*blocks, "holder_paper_x1", "jig_paper_x1"]
-    assert {source.formats for source in wanted.sources} == {("stl", "3mf", "step")}
-    assert wanted.left_out == ()
-    assert wanted.file_count == 24
+    assert [source.part.name for source in work.sources] == [*blocks, "holder_paper_x1", "jig_paper_x1"]
+    assert {source.formats for source in work.sources} == {("stl", "3mf", "step")}
+    assert work.left_out == ()
+    assert work.file_count == 24
 
 
 @pytest.mark.parametrize(
@@ -68,12 +68,12 @@ def test_names_say_what_is_not_the_default(changes: dict[str, Any], name: str) -
 
 
 def test_copies_are_parts_of_their_own_and_bear_a_label() -> None:
-    wanted = plan(replace(LIGHT, textures=("2", "5"), copies=2))
-    assert [source.part.name for source in wanted.sources] == [
+    work = plan(replace(LIGHT, textures=("2", "5"), copies=2))
+    assert [source.part.name for source in work.sources] == [
         *("texture-2_paper_x1_copy01", "texture-2_paper_x1_copy02"),
         *("texture-5_paper_x1_copy01", "texture-5_paper_x1_copy02"),
     ]
-    assert all(source.part.block is not None and source.part.block.label for source in wanted.sources)
+    assert all(source.part.block is not None and source.part.block.label for source in work.sources)
 
 
 def test_copies_share_one_holder_and_one_jig() -> None:
@@ -95,10 +95,10 @@ def test_every_geometry_gets_its_own_holder(tmp_path: Path) -> None:
 
 def test_the_preset_released_brings_the_holder_that_the_authors_printed() -> None:
     needs_cad()
-    wanted = Request(preset="released", textures=("1",), formats=("stl",), parts=("holder",))
-    (holder,) = plan(wanted).sources
+    request = Request(preset="released", textures=("1",), formats=("stl",), parts=("holder",))
+    (holder,) = plan(request).sources
     assert holder.part.size_mm == pytest.approx((45.39, 65.01, 7.47))
-    (fitted,) = plan(replace(wanted, fit="press")).sources
+    (fitted,) = plan(replace(request, fit="press")).sources
     assert fitted.part.size_mm != holder.part.size_mm and fitted.part.name != holder.part.name
 
 
@@ -113,26 +113,26 @@ def test_two_files_with_one_name_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("number", [4, 6])
 def test_released_square_waves_get_no_solid_but_everything_else(number: int) -> None:
     pytest.importorskip("OCP")
-    wanted = plan(Request(textures=(str(number),), preset="released", formats=("stl", "step"), parts=("blocks",)))
-    (source,) = wanted.sources
+    work = plan(Request(textures=(str(number),), preset="released", formats=("stl", "step"), parts=("blocks",)))
+    (source,) = work.sources
     assert source.formats == ("stl",)
-    assert [one.what for one in wanted.left_out] == [f"texture-{number}_released_x1.step"]
-    assert wanted.left_out[0].reason
+    assert [one.what for one in work.left_out] == [f"texture-{number}_released_x1.step"]
+    assert work.left_out[0].reason
 
 
 def test_of_all_released_textures_those_with_a_solid_are_made() -> None:
     pytest.importorskip("OCP")
-    wanted = plan(Request(preset="released", formats=("step",), parts=("blocks",)))
-    assert [source.part.name.split("_")[0] for source in wanted.sources] == [f"texture-{i}" for i in (1, 2, 3, 5)]
-    assert len(wanted.left_out) == 2
+    work = plan(Request(preset="released", formats=("step",), parts=("blocks",)))
+    assert [source.part.name.split("_")[0] for source in work.sources] == [f"texture-{i}" for i in (1, 2, 3, 5)]
+    assert len(work.left_out) == 2
 
 
 def test_a_jig_that_cannot_be_is_left_out_with_the_numbers_unless_asked_for() -> None:
     needs_cad()
     small = Request(textures=("1",), size_mm=(30.0, 20.0), formats=("stl",))
-    wanted = plan(small)
-    assert [source.part.kind for source in wanted.sources] == ["block", "holder"]
-    (left,) = wanted.left_out
+    work = plan(small)
+    assert [source.part.kind for source in work.sources] == ["block", "holder"]
+    (left,) = work.left_out
     assert left.what == "jig" and "9 x 23 mm" in left.reason and "30 x 20 mm" in left.reason
     for asked in ({"jig": "default"}, {"parts": ("jig",)}):
         with pytest.raises(InputError, match="9 x 23 mm"):
@@ -151,11 +151,11 @@ def test_without_the_cad_extra_the_rest_is_made_and_named(extra: str, monkeypatc
     monkeypatch.setattr(request, "why_missing", lambda *modules: reason if extra in modules else None)
     step = request.FORMATS["step"]
     monkeypatch.setitem(request.FORMATS, "step", replace(step, why_missing=lambda: reason))
-    wanted = plan(Request(textures=("1",)))
-    assert [source.part.kind for source in wanted.sources] == ["block"]
-    assert "step" not in wanted.sources[0].formats
-    assert {one.what for one in wanted.left_out} == {"step", "holder, jig"}
-    assert all("pip install" in one.reason for one in wanted.left_out)
+    work = plan(Request(textures=("1",)))
+    assert [source.part.kind for source in work.sources] == ["block"]
+    assert "step" not in work.sources[0].formats
+    assert {one.what for one in work.left_out} == {"step", "holder, jig"}
+    assert all("pip install" in one.reason for one in work.left_out)
     for asked in ({"formats": ("step",)}, {"parts": ("holder",)}, {"jig": "all"}):
         with pytest.raises(MissingToolError, match="pip install"):
             plan(Request(textures=("1",), **asked))
@@ -239,9 +239,9 @@ def test_on_a_sample_grid_the_row_says_how_far_the_grid_is_from_the_formula(tmp_
 
 
 def test_the_same_request_gives_the_same_bytes(tmp_path: Path) -> None:
-    wanted = replace(LIGHT, textures=("1", "3"), label=True, key_mm=3.0)
+    request = replace(LIGHT, textures=("1", "3"), label=True, key_mm=3.0)
     for folder in ("a", "b"):
-        build(replace(wanted, out=tmp_path / folder))
+        build(replace(request, out=tmp_path / folder))
     files = sorted(path.name for path in (tmp_path / "a").iterdir())
     assert "manifest.json" in files and len([name for name in files if name.endswith(".stl")]) == 2
     for name in files:
@@ -251,13 +251,13 @@ def test_the_same_request_gives_the_same_bytes(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("two_processors")
 def test_meshes_shared_out_among_processes_are_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    wanted = replace(LIGHT, textures=("1", "2", "3", "5"))
-    alone = build(replace(wanted, out=tmp_path / "alone"))
+    request = replace(LIGHT, textures=("1", "2", "3", "5"))
+    alone = build(replace(request, out=tmp_path / "alone"))
     monkeypatch.setattr(printset, "SHARED_FROM", 0)
     taken: list[str] = []
     honest = printset.make_files
     monkeypatch.setattr(printset, "make_files", lambda part, *rest: taken.append(part.name) or honest(part, *rest))
-    shared = build(replace(wanted, out=tmp_path / "shared"))
+    shared = build(replace(request, out=tmp_path / "shared"))
     assert shared.rows == alone.rows and len(shared.rows) == 4
     assert len(set(taken)) == len(taken), "no part may be made twice"
     for row in alone.rows:
@@ -332,9 +332,9 @@ def test_an_interruption_before_the_first_file_leaves_nothing(tmp_path: Path) ->
 @pytest.mark.usefixtures("two_processors")
 def test_an_interruption_ends_the_children_and_sweeps_what_they_had_begun(tmp_path: Path) -> None:
     pytest.importorskip("OCP")
-    wanted = Request(textures=("1", "4"), formats=("stl", "step"), parts=("blocks",), out=tmp_path)
+    request = Request(textures=("1", "4"), formats=("stl", "step"), parts=("blocks",), out=tmp_path)
     with pytest.raises(KeyboardInterrupt):
-        build(wanted, stop_after(2))
+        build(request, stop_after(2))
     found = {path.name for path in tmp_path.iterdir()}
     assert {"texture-1_paper_x1.stl", "texture-4_paper_x1.stl", "manifest.json"} <= found
     assert not [name for name in found if name.startswith(".")]

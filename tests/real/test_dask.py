@@ -145,8 +145,8 @@ def _free_port() -> int:
 def test_no_dask_at_the_address(address: str, impatient: None) -> None:
     pytest.importorskip("distributed")
     began = time.monotonic()
-    wanted = "no Dask scheduler answers there within 1 s"
-    with pytest.raises(InputError, match=wanted), workers(1, address.format(_free_port())):
+    message = "no Dask scheduler answers there within 1 s"
+    with pytest.raises(InputError, match=message), workers(1, address.format(_free_port())):
         pass
     assert time.monotonic() - began < 20.0
 

@@ -48,11 +48,11 @@ PLAIN = "G1 X10 Y10\nG1 X20 Y10 E0.5\nG1 X20 Y30 E1\n"
     ],
 )
 def test_one_print_in_many_words(tmp_path: Path, same: str) -> None:
-    wanted = beads(tmp_path, PLAIN)
-    assert wanted == pytest.approx(
+    expected = beads(tmp_path, PLAIN)
+    assert expected == pytest.approx(
         np.array([[10, 10, 20, 10, 0.2, 0.05 * FILAMENT_MM2], [20, 10, 20, 30, 0.2, 0.05 * FILAMENT_MM2]])
     )
-    assert beads(tmp_path, same) == pytest.approx(wanted, abs=1e-9)
+    assert beads(tmp_path, same) == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -138,7 +138,7 @@ def test_a_raft_lies_below_the_part(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "filament", "wanted", "assumed"),
+    ("text", "filament", "expected", "assumed"),
     [
         ("; filament_diameter = 2.85\n", None, 2.85, False),
         ("; filament_diameter: 1.75,1.75\n", None, 1.75, False),
@@ -146,10 +146,10 @@ def test_a_raft_lies_below_the_part(tmp_path: Path) -> None:
         ("", None, 1.75, True),
     ],
 )
-def test_filament(tmp_path: Path, text: str, filament: float | None, wanted: float, assumed: bool) -> None:
+def test_filament(tmp_path: Path, text: str, filament: float | None, expected: float, assumed: bool) -> None:
     found = sliced(tmp_path, _layers(0.2) + text, filament)
-    assert (found.filament_mm, found.filament_assumed) == (wanted, assumed)
-    assert found.beads.area_mm2 == pytest.approx(math.pi / 4.0 * wanted**2 / 10.0)
+    assert (found.filament_mm, found.filament_assumed) == (expected, assumed)
+    assert found.beads.area_mm2 == pytest.approx(math.pi / 4.0 * expected**2 / 10.0)
 
 
 @pytest.mark.parametrize(

@@ -176,15 +176,15 @@ def test_the_reason_why_a_module_does_not_import(tmp_path: Path, monkeypatch: py
     assert "half_a_kernel" not in sys.modules
 
 
-@pytest.mark.parametrize(("told", "obeyed"), [("3", True), ("1", True), ("0", False), ("default", False), ("", False)])
+@pytest.mark.parametrize(("text", "obeyed"), [("3", True), ("1", True), ("0", False), ("default", False), ("", False)])
 def test_a_count_of_processors_is_taken_from_the_environment(
-    told: str, obeyed: bool, monkeypatch: pytest.MonkeyPatch
+    text: str, obeyed: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("PYTHON_CPU_COUNT", raising=False)
     own = cpu_count()
     assert own >= 1
-    monkeypatch.setenv("PYTHON_CPU_COUNT", told)
-    assert cpu_count() == (int(told) if obeyed else own)
+    monkeypatch.setenv("PYTHON_CPU_COUNT", text)
+    assert cpu_count() == (int(text) if obeyed else own)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit of processor time")

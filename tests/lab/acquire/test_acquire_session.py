@@ -24,8 +24,8 @@ class Script:
     def __init__(self, *lines: str) -> None:
         self.lines = list(lines)
         self.asked: list[str] = []
-        self.told: list[str] = []
-        self.person = Typing(self._ask, self.told.append)
+        self.shown: list[str] = []
+        self.person = Typing(self._ask, self.shown.append)
 
     def _ask(self, prompt: str) -> str:
         self.asked.append(prompt)
@@ -59,7 +59,7 @@ def test_a_study_asks_for_each_block_and_opens_the_rig_once(tmp_path: Path) -> N
     assert [one.presses for one in results] == [8, 8]
     assert rig.opened == 1
     assert rig.stage.closed
-    assert script.told[0] == "Put into the holder: texture-1, preset paper, scale 1, bambu-p1p, pla-minus, copy 1"
+    assert script.shown[0] == "Put into the holder: texture-1, preset paper, scale 1, bambu-p1p, pla-minus, copy 1"
     assert script.asked == ["Its label (T1 PAPER X1 01): ", "Its label (T4 PAPER X1 01): "]
 
 
@@ -67,7 +67,7 @@ def test_a_wrong_label_is_asked_for_again_and_then_refused(tmp_path: Path) -> No
     script = Script("T4 PAPER X1 01", printed(1).name, "T5 PAPER X1 01", *["no"] * 9)
     with pytest.raises(InputError, match="must be T4 PAPER X1 01"):
         run(FakeRig(), study_of(short(), 1, 4), tmp_path, script)
-    assert "'T4 PAPER X1 01' is another block; this one says T1 PAPER X1 01" in script.told
+    assert "'T4 PAPER X1 01' is another block; this one says T1 PAPER X1 01" in script.shown
     assert len(Run.open(tmp_path / printed(1).name).rows) == 8
     assert not (tmp_path / printed(4).name).exists()
 
@@ -92,7 +92,7 @@ def test_a_tray_is_filled_slot_by_slot(tmp_path: Path) -> None:
     assert [Run.open(one.folder).info.frame.origin_mm[0] for one in results] == [0.0, 60.0, 0.0]
     assert {round(x) for x, _, _ in rig.stage.path} == {0, 4, 9, 64, 69}
     # Both blocks of the first tray are asked for before the first is pressed; a later session keeps their slots.
-    assert [told.split(":")[0] for told in script.told] == ["Put into slot 1", "Put into slot 2", "Put into slot 1"]
+    assert [line.split(":")[0] for line in script.shown] == ["Put into slot 1", "Put into slot 2", "Put into slot 1"]
     assert [place.slot for place in places(study, settings, tmp_path)] == [0, 1, 0]
 
 

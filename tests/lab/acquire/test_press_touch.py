@@ -37,10 +37,10 @@ def test_stated_depths_below_first_touch(touch: str) -> None:
     else:
         presser.touch = by_sensor(presser.carriage, protocol, rig.sensor, AT_ONCE)
     found = depths(rig, presser)
-    wanted = [press.depth_mm for press in plan_presses(protocol, (1, 2), "block")]
+    expected = [press.depth_mm for press in plan_presses(protocol, (1, 2), "block")]
     # First touch is known to a fine step and what the gauge (5 mN) or the image needs to show it.
-    assert found == pytest.approx(wanted, abs=0.12 if touch == "gauge" else 0.2)
-    assert float(np.std(np.subtract(found, wanted))) < 0.03
+    assert found == pytest.approx(expected, abs=0.12 if touch == "gauge" else 0.2)
+    assert float(np.std(np.subtract(found, expected))) < 0.03
 
 
 def test_a_contact_without_a_gauge_has_no_force() -> None:

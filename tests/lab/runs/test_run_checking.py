@@ -196,9 +196,9 @@ def test_an_empty_run_is_nothing_but_gaps(tmp_path: Path, make_info: Any) -> Non
 
 
 def test_progress_reaches_its_end(run_folder: Path) -> None:
-    told: list[tuple[int, int]] = []
-    check_run(run_folder, progress=lambda done, of: told.append((done, of)))
-    assert told == [(number, 25) for number in range(1, 26)]
+    updates: list[tuple[int, int]] = []
+    check_run(run_folder, progress=lambda done, of: updates.append((done, of)))
+    assert updates == [(number, 25) for number in range(1, 26)]
 
 
 def test_folders_of_runs_are_walked(tmp_path: Path, make_info: Any) -> None:

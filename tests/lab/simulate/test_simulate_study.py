@@ -83,11 +83,11 @@ def _files(folder: Path) -> dict[str, bytes]:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A small study, made in two processes."""
     out = tmp_path_factory.mktemp("made")
-    told: list[int] = []
-    blocks = simulate_study(_study(), out, SimulationOptions(), jobs=2, progress=told.append)
+    counts: list[int] = []
+    blocks = simulate_study(_study(), out, SimulationOptions(), jobs=2, progress=counts.append)
     assert [block.presses for block in blocks] == [24, 24]
     assert [block.images for block in blocks] == [24 + 9, 24 + 9]
-    assert told and told[-1] == 66 == sum(images_there(folder) for folder in out.iterdir())
+    assert counts and counts[-1] == 66 == sum(images_there(folder) for folder in out.iterdir())
     yield out
 
 

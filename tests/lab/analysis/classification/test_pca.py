@@ -231,14 +231,14 @@ def test_a_matrix_with_fewer_directions_is_refused(values: tuple[float, ...], mo
 def test_white_noise_takes_no_more_memory_than_its_eigenvectors() -> None:
     """Its spectrum is flat; a matrix of this size would be 18 MB."""
     noise = np.random.default_rng(3).standard_normal((1500, 300))
-    wanted = np.linalg.eigvalsh(noise.T @ noise)[::-1][:25]
+    expected = np.linalg.eigvalsh(noise.T @ noise)[::-1][:25]
     tracemalloc.start()
     found, vectors = leading(lambda v: noise @ (noise.T @ v), 1500, 25)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 2e6
-    np.testing.assert_allclose(found, wanted, rtol=1e-8)
-    np.testing.assert_allclose(noise @ (noise.T @ vectors), vectors * found, atol=1e-8 * wanted[-1])
+    np.testing.assert_allclose(found, expected, rtol=1e-8)
+    np.testing.assert_allclose(noise @ (noise.T @ vectors), vectors * found, atol=1e-8 * expected[-1])
     again, same = leading(lambda v: noise @ (noise.T @ v), 1500, 25)
     assert np.array_equal(found, again) and np.array_equal(vectors, same)
 
