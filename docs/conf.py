@@ -52,7 +52,7 @@ myst_heading_anchors = 3
 nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_show_tb = True
-nb_execution_timeout = 600
+nb_execution_timeout = 1200
 
 # The reference is made from the code by _ext/reference.py, a page a module.
 autodoc_default_options = {"members": True, "special-members": "__call__"}

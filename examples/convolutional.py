@@ -45,8 +45,8 @@ class Network(ClassifierMixin, BaseEstimator):
         self,
         frame_shape: tuple[int, ...] | None = None,
         random_state: int = 0,
-        epochs: int = 8,
-        batch_size: int = 16,
+        epochs: int = 10,
+        batch_size: int = 64,
         rate: float = 3e-3,
     ) -> None:
         self.frame_shape, self.random_state = frame_shape, random_state
@@ -72,7 +72,10 @@ class Network(ClassifierMixin, BaseEstimator):
             verbose=0,
         )
         torch.manual_seed(self.random_state)
-        self.net_.fit(self._frames(rows), numbers)
+        frames = self._frames(rows)
+        self.net_.initialize()
+        self.net_.notify("on_train_begin", X=frames, y=numbers)
+        self.net_.fit_loop(frames, numbers)  # skorch's fit takes Ctrl-C for the end of training
         return self
 
     def predict(self, rows: Any) -> Any:

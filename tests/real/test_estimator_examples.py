@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers.checkout import ROOT
 from helpers.studies import write_study
@@ -22,6 +23,7 @@ torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip insta
 pytest.importorskip("skorch")
 
 from tacbench_cad.cli import main
+from tacbench_cad.lab.rig.plugin import load
 
 Capture = pytest.CaptureFixture[str]
 EXAMPLES = ("convolutional", "frozen_backbone")
@@ -80,7 +82,7 @@ def test_an_interrupted_network_is_resumed(runs: Path, here: Path) -> None:
     program = [sys.executable, "-c", "import sys; from tacbench_cad.cli import main; sys.exit(main())", *command]
     # Slower than it is, so that the signal comes in the middle.
     source = (here / "convolutional.py").read_text()
-    (here / "convolutional.py").write_text(source.replace("epochs: int = 8", "epochs: int = 60"))
+    (here / "convolutional.py").write_text(source.replace("epochs: int = 10", "epochs: int = 60"))
     process = subprocess.Popen(program, cwd=here, env=dict(os.environ), stderr=subprocess.PIPE, text=True)
     trials = here / "out" / "trials"
     deadline = time.monotonic() + 200
@@ -94,6 +96,22 @@ def test_an_interrupted_network_is_resumed(runs: Path, here: Path) -> None:
     assert main(command) == 0
     assert len(list(trials.iterdir())) == 3
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in kept.items())
+
+
+def test_ctrl_c_is_not_taken_for_the_end_of_training(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = iter(range(100))
+
+    def interrupted(*_: Any) -> Any:
+        if next(calls) == 3:
+            raise KeyboardInterrupt
+        return forward(*_)
+
+    network = load(NETWORK)(frame_shape=(16, 16), batch_size=4)
+    forward = torch.nn.Conv2d.forward
+    monkeypatch.setattr(torch.nn.Conv2d, "forward", interrupted)
+    rows = np.random.default_rng(0).normal(size=(16, 256))
+    with pytest.raises(KeyboardInterrupt):
+        network.fit(rows, np.repeat(["a", "b"], 8))
 
 
 def test_random_weights_give_features_and_belong_to_the_trials(runs: Path, here: Path) -> None:
@@ -136,7 +154,7 @@ def write_trap(path: Path) -> None:
 
 
 def write_pickle(path: Path) -> None:
-    path.write_bytes(pickle.dumps(Trap()))
+    path.write_bytes(pickle.dumps(Trap(), protocol=2))
 
 
 def write_other_network(path: Path) -> None:
