@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -122,8 +123,11 @@ def pressed(rest: Points, look: Look, most: float, rng: np.random.Generator) -> 
     return rest + moved * most / np.max(np.hypot(*moved.T))
 
 
+@cache
 def draw(look: Look, seed: int, most: float = 0.0, *, light: float = 1.0, blur: float = 0.0) -> Shot:
-    """A frame of a look; lamps, reflections and unevenness belong to the look, the press and the noise to the seed.
+    """A frame of a look, to be looked at and not changed.
+
+    Lamps, reflections and unevenness belong to the look, the press and the noise to the seed.
 
     Args:
         look: The look.
