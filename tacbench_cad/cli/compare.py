@@ -60,7 +60,7 @@ def command(
     names = estimators or (None,)
     if len(names) > 2:
         raise InputError("estimator", ",".join(map(str, names)), "must be one name, or A's and B's")
-    if a.resolve() == b.resolve() and len(names) < 2:
+    if a.resolve() == b.resolve() and len(set(names)) < 2:
         raise InputError("B", str(b), "is A itself; name the other sensor's study")
     require("compare", *(("matplotlib",) if _is_classified(a) and _is_classified(b) else MODULES))
     with locked(out):

@@ -186,6 +186,9 @@ def test_two_estimators_of_one_classification_are_compared(tmp_path: Path) -> No
         accuracies = read_side(out, "", name)[0].accuracies["copy", "texture-2"].values()
         (row,) = (row for row in document["rows"] if row["texture"] == "texture-2")
         assert row[key] == pytest.approx(np.mean([accuracy.value for accuracy in accuracies])) and row["paired"]
-    for names, reason in (("forest", "is A itself"), ("forest,network,forest", "must be one name, or A's and B's")):
+    for names, reason in (
+        ("forest,forest", "is A itself"),
+        ("forest,network,forest", "must be one name, or A's and B's"),
+    ):
         error = CliRunner().invoke(command.command, [*words, names]).exception
         assert isinstance(error, InputError) and reason in str(error)

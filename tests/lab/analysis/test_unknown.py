@@ -93,7 +93,7 @@ def test_intervals_count_prints_where_these_are_known_and_samples_elsewhere(stud
     presses = replace(
         PressTable.of(study("label", "print")), unknown=frozenset({"print"})
     )  # only its sessions are known
-    assert presses.units("copy")[0] == "sessions"
+    assert presses.units("copy")[0] == "recordings"
 
 
 def test_a_session_is_held_out_where_sessions_are_known(study: Any, tmp_path: Path) -> None:

@@ -86,7 +86,7 @@ class PressTable:
         if array == "run" and NEEDS["copy"] in self.unknown:
             if "session" in self.unknown:
                 return "samples", np.arange(len(self.run))
-            return "sessions", self.run
+            return "recordings", self.run
         return name, getattr(self, array)
 
 
