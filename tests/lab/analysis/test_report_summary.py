@@ -18,6 +18,7 @@ from tacbench_cad.lab.analysis.classification.result import COLUMNS, CONFUSION_C
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.classification import Classification
+from tacbench_cad.lab.analysis.report.parts import long_part, wide_parts
 from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.report.summary import (
     listed,
@@ -28,7 +29,7 @@ from tacbench_cad.lab.analysis.report.summary import (
     summary,
     textures_sentence,
 )
-from tacbench_cad.lab.analysis.tables import Table
+from tacbench_cad.lab.analysis.tables import Column, Table
 from tacbench_cad.lab.analysis.variance.cells import FRAMES, Cell
 from tacbench_cad.lab.analysis.variance.view import Settings, VarianceView
 from tacbench_cad.lab.runs.checking import Finding, RunReport
@@ -246,3 +247,23 @@ def test_simulated_data_are_not_published(make_study: Callable[..., Collection],
     assert pressed_sentence(results).startswith("1 print of 1 texture on ender-3 pla-plus was pressed 2 times")
     assert [step.partition(" ")[0] for step in next_steps(results)] == ["Print", "Record", "Make", "These"]
     assert "sensor noise alone gives at most 25 % of the variance" in quality_sentence(results)
+
+
+def test_tables_fit_on_paper(complete: Results) -> None:
+    columns = [Column("estimator"), *(Column(f"texture-{n}", float) for n in range(20))]
+    row = {"estimator": "forest", **{f"texture-{n}": float(n) for n in range(20)}}
+    pieces = list(wide_parts(Table.of(columns, [row], "recall"), "confusion.csv"))
+    assert [len(piece["heads"]) for piece in pieces] == [9, 9, 5]
+    assert all(piece["rows"][0][0] == "forest" and piece["title"] == "recall" for piece in pieces)
+    assert [text for piece in pieces for text in piece["rows"][0][1:]] == [str(n) for n in range(20)]
+    assert [piece["heads"] for piece in wide_parts(Table.of(columns[:1], [row]), "")] == [["estimator"]]
+    long = long_part(Table.of(columns[:1], [row] * 60, "findings"), "findings.csv")
+    assert len(long["rows"]) == 50 and long["title"] == "findings (the first 50 of 60)"
+
+
+def test_many_printers_have_one_range(complete: Results, study: Collection) -> None:
+    rows = [repeatable(f"printer {n}", "yes, below 30 %", 10.0 + n) for n in range(5)]
+    sentence = printing_sentence(replace(complete, variance=variance(study, *rows)))
+    assert sentence.startswith(
+        "printer 0, printer 1, printer 2 and 2 more are repeatable: their prints differ by 10 to 14 %"
+    )

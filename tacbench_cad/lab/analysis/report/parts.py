@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 from tacbench_cad.lab.analysis.tables import Table
 
+#: Columns of numbers that fit on paper side by side, and rows of a long table that people are shown.
+_MAX_COLUMNS, MAX_ROWS = 8, 50
 #: A piece of a page. Its ``kind`` is ``text``, ``heading``, ``code``, ``list``, ``table`` or ``figure``.
 Part = dict[str, Any]
 
@@ -36,6 +39,21 @@ def table_part(table: Table, file: str = "") -> Part:
         "rows": list(table.texts()),
         "files": [file] if file else [],
     }
+
+
+def long_part(table: Table, file: str) -> Part:
+    """The first rows of a table that may be very long."""
+    count = len(table.rows)
+    title = table.title if count <= MAX_ROWS else f"{table.title} (the first {MAX_ROWS} of {count:,})"
+    return table_part(replace(table, rows=table.rows[:MAX_ROWS], title=title), file)
+
+
+def wide_parts(table: Table, file: str) -> Iterator[Part]:
+    """A table with a column for each texture: as many tables one below the other as it takes to fit on paper."""
+    first = [*table.right, True].index(True)
+    for start in range(first, max(len(table.columns), first + 1), _MAX_COLUMNS):
+        columns = (*table.columns[:first], *table.columns[start : start + _MAX_COLUMNS])
+        yield table_part(replace(table, columns=columns), file)
 
 
 def figure_part(stem: str, caption: str, *tables: str) -> Part:

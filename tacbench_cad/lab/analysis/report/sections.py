@@ -12,7 +12,15 @@ from tacbench_cad.lab.analysis.classification.result import recall_table
 from tacbench_cad.lab.analysis.report import facts
 from tacbench_cad.lab.analysis.report.cite import citations
 from tacbench_cad.lab.analysis.report.classification import Classification
-from tacbench_cad.lab.analysis.report.parts import Part, figure_part, list_part, table_part, text_part
+from tacbench_cad.lab.analysis.report.parts import (
+    Part,
+    figure_part,
+    list_part,
+    long_part,
+    table_part,
+    text_part,
+    wide_parts,
+)
 from tacbench_cad.lab.analysis.report.rendering import macro
 from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.report.summary import next_steps
@@ -81,10 +89,10 @@ def _quality(results: Results) -> Iterator[Part]:
         f"{without} of {counted(len(reports), 'run')} have no finding, {counted(findings, 'finding')} in all."
     )
     if findings:
-        yield table_part(facts.findings_table(reports, MAX_FINDINGS), "findings.csv")
+        yield long_part(facts.findings_table(reports, MAX_FINDINGS), "findings.csv")
     incomplete = facts.quality_table([r for r in reports if r.findings or r.out_of_band or r.presses < r.planned])
     if incomplete.rows:
-        yield table_part(incomplete, "data_quality.csv")
+        yield long_part(incomplete, "data_quality.csv")
 
 
 def _variance(results: Results) -> Iterator[Part]:
@@ -97,7 +105,7 @@ def _variance(results: Results) -> Iterator[Part]:
         yield list_part(view.warnings)
     shown = list(view.shown())
     for number, (name, table) in enumerate(shown):
-        yield table_part(table, f"variance/{name}.csv")
+        yield from wide_parts(table, f"variance/{name}.csv")
         if name == "variance" and name not in (later for later, _ in shown[number + 1 :]):
             caption = f"Variance in {view.unit} by texture, with 95 % intervals over prints."
             yield figure_part("variance/variance", caption, "variance/floor_removed.csv")
@@ -113,7 +121,7 @@ def _published(results: Results) -> Iterator[Part]:
             yield text_part(f"These data cannot be set beside the paper's figures: {results.no_published}.")
         return
     for name, table in view.shown():
-        yield table_part(table, f"variance_as_published/{name}.csv")
+        yield from wide_parts(table, f"variance_as_published/{name}.csv")
     caption = (
         f"The quantity of the paper's table, the variance of the repeats on one print in {view.unit}, with 95 % "
         "intervals over prints."
@@ -177,7 +185,7 @@ def _one_classification(classification: Classification, folder: Path) -> Iterato
     chance = f"chance is {100.0 * classification.chance:.1f} %"
     title = f"Accuracy in per cent with 95 % intervals, protocol {record.protocol}; {chance}"
     yield table_part(classification.scores.select(*_SCORES, title=title), f"{name}/classification.csv")
-    yield table_part(recall_table(classification.confusion), f"{name}/confusion.csv")
+    yield from wide_parts(recall_table(classification.confusion), f"{name}/confusion.csv")
     for stem, caption in _CLASSIFICATION_FIGURES.items():
         for path in sorted((folder / name).glob(f"{stem}*.png")):
             yield figure_part(f"{name}/{path.stem}", caption)

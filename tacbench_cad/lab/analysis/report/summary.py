@@ -100,7 +100,10 @@ def printing_sentence(results: Results) -> str:
     sentences = []
     for answer, rows in _by_answer(_printer_rows(results)).items():
         names = listed(_named(row["about"]) for row in rows)
+        figures = [row["figure"] for row in rows if row["figure"] is not None]
         values = listed(f"{short(row['figure'])} % ({_ends(row)})" for row in rows if row["figure"] is not None)
+        if len(figures) > _MAX_NAMES:
+            values = f"{interval(min(figures), max(figures))} %"
         many, their = len(rows) > 1, "their" if len(rows) > 1 else "its"
         differ = f"{their} prints differ by {values} of what textures differ by"
         limit = f"the limit is {100.0 * REPEATABLE:g} %"
