@@ -134,4 +134,6 @@ def test_a_report_states_nothing_that_nobody_said(study: Any) -> None:
     assert "print, printer, filament, position, force, repeat, formula, size" in unknown_in_words(collection)
     for word in ("preset", " N", " mm", "rim", "stage", "gauge"):
         assert word not in text
+    with_prints = str(macro("methods.j2", "design")(study("label", "print")))
+    assert "They show 3 prints of 2 textures." in " ".join(with_prints.split())
     assert not open_points(collection, colour=False, ddof=0).rows

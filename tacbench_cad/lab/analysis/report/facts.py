@@ -50,7 +50,9 @@ def prints_in_words(collection: Collection) -> str:
         if not collection.has("print"):
             prints = "an unknown number of prints"
         textures = counted(len(groups[combination]), "texture")
-        parts.append(f"{prints} of {textures} on {combination.replace('_', ' in ')}")
+        known = {name: value for name, value in parts_of(combination).items() if value != UNKNOWN}
+        on = f" on {known['printer']}" if "printer" in known else ""
+        parts.append(f"{prints} of {textures}{on}" + (f" in {known['filament']}" if "filament" in known else ""))
     return "; ".join(parts)
 
 
