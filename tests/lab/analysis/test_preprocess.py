@@ -12,7 +12,9 @@ from helpers.studies import write_study
 
 from tacbench_cad.cli import main
 from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.figures import save, styled
 from tacbench_cad.lab.analysis.preprocess import Preprocess, preprocess_of
+from tacbench_cad.lab.analysis.variance.figures import displacement_figure
 from tacbench_cad.lab.analysis.variance.table import variance_table
 from tacbench_cad.lab.study.presses import plan_presses
 from tacbench_cad.lab.vision.displacements import MarkerFeatures
@@ -97,16 +99,18 @@ def test_variance_of_markers_is_that_of_their_true_displacements(pressed: Path) 
     assert np.corrcoef(field[:, 0], dots_moved(run.info.printed, press)[nearest, 0])[0, 1] > 0.98
 
 
-def test_markers_in_processes_give_the_same_table(pressed: Path) -> None:
+def test_markers_in_processes_give_the_same_table_and_are_drawn(pressed: Path, tmp_path: Path) -> None:
     collection = Collection.open([pressed])
     preprocess = preprocess_of(collection, "markers")
     alone, together = (variance_table(collection, preprocess, jobs=jobs) for jobs in (1, 2))
     assert [cell.variance for cell in alone.cells] == pytest.approx([cell.variance for cell in together.cells])
+    with styled():
+        for path in save(displacement_figure(together), tmp_path / "displacements", ()):
+            assert path.stat().st_size > 5000
 
 
-def test_the_commands_say_what_was_analysed(
-    pressed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], request: pytest.FixtureRequest
-) -> None:
+@pytest.mark.usefixtures("no_figures")
+def test_the_commands_say_what_was_analysed(pressed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["variance", str(pressed), "--features", "markers", "-o", str(tmp_path / "out"), "--jobs", "1"]) == 0
     shown = capsys.readouterr().out
     assert "px^2; displacement of markers" in shown
@@ -114,7 +118,6 @@ def test_the_commands_say_what_was_analysed(
     assert (tmp_path / "out" / "displacements.png").is_file()
     rows = (tmp_path / "out" / "displacements.csv").read_text().splitlines()
     assert len(rows) == 1 + 2 * 4 * 49
-    request.getfixturevalue("no_figures")
     assert main(["variance", str(pressed), "--roi", "rect:10,10,150,150", "--json", "--jobs", "1"]) == 0
     assert json.loads(capsys.readouterr().out)["roi"] == "rect:10,10,150,150"
     report = ["report", str(pressed), "--no-classify", "--variance", str(tmp_path / "out"), "-o"]
