@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import os
 import signal
@@ -33,14 +35,14 @@ class Run(NamedTuple):
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """Texture 1 with its holder in every format, made by a process of its own."""
+    """Texture 1 with its holder in every format."""
     for module in ("build123d", "lib3mf", "matplotlib"):
         pytest.importorskip(module)
     folder = tmp_path_factory.mktemp("made") / "new" / "folder"
-    argv = (*TACBENCH, "make", "--texture", "1", "--parts", "blocks,holder", "--json", "--out", str(folder))
-    done = subprocess.run(argv, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return Run(folder, json.loads(done.stdout), done.stderr)
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        assert main(["make", "--texture", "1", "--parts", "blocks,holder", "--json", "--out", str(folder)]) == 0
+    return Run(folder, json.loads(out.getvalue()), err.getvalue())
 
 
 def test_every_part_is_there_in_every_format(made: Run) -> None:
