@@ -69,13 +69,14 @@ class Judge:
 
     @cached_property
     def _inside(self) -> Bools | None:
-        """The region without a margin along its edge."""
+        """The region without a margin along its edge; all of one that is too narrow for a margin."""
         import cv2
 
         if self.region is None:
             return None
         side = 2 * max(_MIN_MARGIN_PX, round(_MARGIN * math.sqrt(self.region.mask.sum() / math.pi))) + 1
-        return np.asarray(cv2.erode(self.region.mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)
+        inside = np.asarray(cv2.erode(self.region.mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)
+        return inside if inside.any() else self.region.mask
 
     def measure(self, frame: Frame) -> Measured:
         """Measure a frame of the region's size."""

@@ -76,6 +76,14 @@ def dome() -> tuple[Judge, Frame]:
     return Judge(limits=FrameLimits(), region=find_region([frame])), frame
 
 
+def test_a_region_too_narrow_for_a_margin_is_judged_whole() -> None:
+    mask = np.zeros((60, 80), dtype=bool)
+    mask[30:32] = True
+    judge = Judge(limits=FrameLimits(), region=Region(text="rect:0,30,79,31", mask=mask))
+    measured = judge.measure(np.full((60, 80), 250, np.uint8))
+    assert measured.quality.saturated == 1.0
+
+
 def test_drift_and_flicker_as_in_public_recordings_are_no_findings(dome: tuple[Judge, Frame]) -> None:
     judge, frame = dome
     light = np.concatenate([np.full(5, 1.0) + 0.002 * np.array([-1, 1, -1, 1, 0]), np.linspace(1.0, 0.97, 15)])
