@@ -17,7 +17,7 @@ from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.quality import Judge, beside_each_other
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
-from tacbench_cad.lab.vision.region import find_region
+from tacbench_cad.lab.vision.region import Region, find_region
 
 
 @pytest.fixture(scope="module", params=LOOKS)
