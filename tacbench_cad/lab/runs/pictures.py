@@ -44,7 +44,7 @@ def encoded(frame: Frame, simulated: Sequence[str]) -> tuple[bytes, str]:
         simulated: What of the rig was simulated; it goes into an image's metadata.
 
     Returns:
-        The bytes, and the ending of the file's name: ``.png`` or ``.npy``.
+        The bytes, and ``.png`` or ``.npy``, the ending of the file's name.
     """
     if not is_image(frame):
         stream = io.BytesIO()
