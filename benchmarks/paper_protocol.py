@@ -173,8 +173,10 @@ def study_of(study: Study, epochs: int) -> Any:
     count = np.arange(len(study.images))
     names = study.texture.astype(str), study.combination.astype(str)
     return Classified(
-        features=Features(rows=study.images),
-        presses=PressTable(run=count, texture=names[0], combination=names[1], copy=count, level=count, position=count),
+        features=Features(rows=study.images, shape=study.images.shape[1:]),
+        presses=PressTable(
+            run=count, texture=names[0], combination=names[1], copy=count, level=count, position=count, session=count
+        ),
         settings=ClassificationSettings(
             protocol="paper", estimators=CLASSIFIERS, epochs=epochs, train_on=tuple(map(str, study.selected))
         ),
