@@ -10,7 +10,8 @@ Peak memory is the largest resident size of the process plus, for ours, of each 
 
 With --networks: processor time of the batched network against ``MLPClassifier``, and of the protocol with each.
 
-Claims: at least 10 times faster, accuracies within the spread of the trials, peak memory below a third of the plain script's.
+Claims: at least 10 times faster, accuracies within the trials' standard deviation, peak memory below a third of that of
+the plain script.
 """
 
 from __future__ import annotations
