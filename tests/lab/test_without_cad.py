@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from helpers.small_study import STUDY
 
 BLOCKED = ("OCP", "cadquery", "build123d", "pymeshlab", "gmsh", "vtkmodules", "matplotlib", "housing")
@@ -32,20 +33,22 @@ def _tacbench(*commands: tuple[str | Path, ...]) -> str:
     return done.stdout + done.stderr
 
 
-def test_blocks_are_pressed_studies_simulated_and_both_checked(tmp_path: Path) -> None:
-    """All in one process: most of its time goes into loading what it needs."""
-    commands: list[tuple[str | Path, ...]] = []
-    drivers = () if sys.platform == "win32" else ("virtual-grbl", "virtual-marlin")  # they need pseudo-terminals
-    for driver in drivers:
-        study = tmp_path / f"{driver}.toml"
-        study.write_text(STUDY.replace("virtual-grbl", driver))
-        commands.append(("acquire", study, "--out", tmp_path / "runs" / driver))
+@pytest.mark.skipif(sys.platform == "win32", reason="virtual firmware needs pseudo-terminals")
+@pytest.mark.parametrize("driver", ["virtual-grbl", pytest.param("virtual-marlin", marks=pytest.mark.long)])
+def test_a_block_is_pressed_and_checked(driver: str, tmp_path: Path) -> None:
+    study = tmp_path / "study.toml"
+    study.write_text(STUDY.replace("virtual-grbl", driver))
+    _checked(("acquire", study, "--out", tmp_path / "runs"), tmp_path / "runs")
+
+
+def test_a_study_is_simulated_and_checked(tmp_path: Path) -> None:
     study = tmp_path / "study.toml"
     study.write_text(STUDY.partition("[stage]")[0])
-    commands.append(("simulate", "--study", study, "--out", tmp_path / "runs" / "simulated", "--jobs", "1"))
-    names = (*drivers, "simulated")
-    said = _tacbench(*commands, ("runs", "check", *(tmp_path / "runs" / name for name in names)))
-    assert f"{len(names)} runs, {2 * len(names)} presses: nothing wrong" in said
-    for name in names:
-        (info,) = (tmp_path / "runs" / name).glob("*/run.json")
-        assert "simulated TacTip" in info.read_text(encoding="utf-8")
+    _checked(("simulate", "--study", study, "--out", tmp_path / "runs", "--jobs", "1"), tmp_path / "runs")
+
+
+def _checked(command: tuple[str | Path, ...], runs: Path) -> None:
+    """A run of two presses is written, whole and marked as simulated. One process loads for both commands."""
+    assert "1 run, 2 presses: nothing wrong" in _tacbench(command, ("runs", "check", runs))
+    (info,) = runs.glob("*/run.json")
+    assert "simulated TacTip" in info.read_text(encoding="utf-8")

@@ -128,6 +128,11 @@ def test_the_commands_say_what_was_analysed(pressed: Path, tmp_path: Path, capsy
     command = ["classify", str(pressed), "--features", "markers", "--trials", "1", "--hold-out", "copy", "--jobs", "1"]
     assert main([*command, "-o", str(tmp_path / "classes")]) == 0
     assert "100.0" in capsys.readouterr().out
+
+
+def test_regions_and_markers_are_drawn_and_regions_kept(
+    pressed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["runs", "markers", str(pressed), "-o", str(tmp_path / "pictures")]) == 0
     assert "49 bright markers" in capsys.readouterr().out
     assert len(list((tmp_path / "pictures").glob("*_markers.png"))) == 8
