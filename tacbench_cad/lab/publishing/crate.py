@@ -70,7 +70,8 @@ def publish(
         raise InputError("runs", twice, "is the name of two run folders; publish them apart, or rename one")
     licence = b"" if publication.licence_file is None else door.read_bytes(Path(publication.licence_file), "licence")
     with _data_set(out) as folder:
-        contents = [_copy_run(run, folder / RUNS / run.folder.name, progress) for run in runs]
+        sums: dict[str, str] = {}
+        contents = [_copy_run(run, folder, sums, progress) for run in runs]
         blocks = {run.info.printed.block.name: run.info.printed.block for run in runs if run.info.printed.block}
         if parts is not None and blocks:
             (folder / PARTS).mkdir()
@@ -85,12 +86,12 @@ def publish(
         write_json(folder / "datacite.json", datacite(publication, described, keywords))
         write_json(folder / ".zenodo.json", zenodo(publication, described, keywords))
         write_text(folder / "README.md", _page(publication, described))
-        sums = {path: sha256(folder / path) for path in _files(folder)}
+        others = {path: sha256(folder / path) for path in _files(folder) if path not in sums}
         contents += [
             Part(path=path, name=Path(path).name, sha256=digest, size=(folder / path).stat().st_size)
-            for path, digest in sums.items()
-            if not path.startswith(f"{RUNS}/")
+            for path, digest in others.items()
         ]
+        sums |= others
         of_paper = any(block.texture.number for block in blocks.values())
         write_crate(folder, publication, described, keywords, contents, textures=of_paper)
         sums |= {path: sha256(folder / path) for path in _files(folder) if path not in sums}
@@ -122,8 +123,9 @@ def _files(folder: Path) -> list[str]:
     return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
 
 
-def _copy_run(run: Run, target: Path, progress: Progress) -> Part:
-    """Copy a run folder; every frame must have the checksum of its row."""
+def _copy_run(run: Run, folder: Path, sums: dict[str, str], progress: Progress) -> Part:
+    """Copy a run folder into the data set, and note the checksum of each file; a frame's must be that of its row."""
+    target = folder / RUNS / run.folder.name
     frames: list[Row | Reference | Stationary] = [*run.rows, *run.references, *run.stationary_frames]
     expected = {row.path: row.image_sha256 for row in frames}
     names = [name for name in _files(run.folder) if not Path(name).name.startswith((LOCK_NAME, TEMPORARY_PREFIX))]
@@ -134,7 +136,8 @@ def _copy_run(run: Run, target: Path, progress: Progress) -> Part:
         (target / name).parent.mkdir(parents=True, exist_ok=True)
         with door.open_input(run.folder / name, "run", within=run.folder) as source, (target / name).open("wb") as copy:
             shutil.copyfileobj(source, copy)
-        if name in expected and sha256(target / name) != expected[name]:
+        digest = sums[f"{RUNS}/{run.folder.name}/{name}"] = sha256(target / name)
+        if digest != expected.get(name, digest):
             raise CheckFailedError(f"{run.folder / name}: is not the file that was written: its checksum differs")
         progress(run.folder.name, count, len(names))
     told = f"simulated ({'; '.join(run.info.simulated)})" if run.info.simulated else "nothing is marked as simulated"

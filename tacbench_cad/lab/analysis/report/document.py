@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from tacbench_cad.lab.analysis.report.parts import figure_part, table_part
 from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.report.sections import sections
 from tacbench_cad.lab.analysis.report.summary import next_steps, summary
-from tacbench_cad.util.files import replacing
+from tacbench_cad.util.files import write_json
 
 #: The document, in the folder beside the page, and the table to quote.
 DOCUMENT_FILE, TABLE_FILE = "report.json", "textures.csv"
@@ -35,7 +34,7 @@ def write_document(results: Results, files: Path) -> dict[str, Any]:
     study = results.collection
     tables = {
         "design.csv": facts.design_table(study),
-        "print_records.csv": facts.record_tables(study)["all"],
+        "print_records.csv": results.records["all"],
         "data_quality.csv": facts.quality_table(results.reports),
         "findings.csv": facts.findings_table(results.reports),
         TABLE_FILE: results.textures,
@@ -60,6 +59,5 @@ def write_document(results: Results, files: Path) -> dict[str, Any]:
         "texture_answers": results.leak_free.answers.records() if results.leak_free else [],
         "sections": sections(results, files),
     }
-    with replacing(files / DOCUMENT_FILE) as temporary:
-        temporary.write_text(json.dumps(document, indent=1, allow_nan=False), encoding="utf-8")
+    write_json(files / DOCUMENT_FILE, document)
     return document

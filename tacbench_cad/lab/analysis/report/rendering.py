@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tacbench_cad.lab.analysis.report import facts
+from tacbench_cad.lab.runs.pictures import PNG
 from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 #: Pixels of a screen for one of a figure: figures have 150 an inch, a page of HTML counts 96.
 _SCALE = 96.0 / 150.0
-_PNG = b"\x89PNG\r\n\x1a\n"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +43,7 @@ def read_image(path: Path) -> Image:
         InputError: It cannot be read, or is no PNG.
     """
     data = read_bytes(path, "figure", "image")
-    if not data.startswith(_PNG) or len(data) < 24:
+    if not data.startswith(PNG) or len(data) < 24:
         raise InputError("figure", str(path), "is no PNG file; have it drawn again")
     width, height = (round(side * _SCALE) for side in struct.unpack(">II", data[16:24]))
     return Image(data=base64.b64encode(data).decode(), width=width, height=height)

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 from tacbench_cad.lab.analysis.answers import WHICH_TEXTURES
 from tacbench_cad.lab.analysis.classification.accuracy import is_whole
 from tacbench_cad.lab.analysis.classification.splits import UNITS
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.classification import Classification
-from tacbench_cad.lab.analysis.report.facts import press_words
+from tacbench_cad.lab.analysis.report.facts import press_words, record_tables
 from tacbench_cad.lab.analysis.tables import Column, Row, Table, percent
 from tacbench_cad.lab.analysis.variance.cells import Cell, Level, name_of, parts_of, shown_levels
 from tacbench_cad.lab.analysis.variance.grade import Grade
@@ -61,6 +62,11 @@ class Results:
     def leak_free(self) -> Classification | None:
         """The first classification that keeps all of the test set out of training."""
         return next((one for one in self.classifications if one.record.protocol == "leak-free"), None)
+
+    @cached_property
+    def records(self) -> Mapping[str, Any]:
+        """The tables of the print records."""
+        return record_tables(self.collection)
 
     @cached_property
     def level(self) -> Level | None:

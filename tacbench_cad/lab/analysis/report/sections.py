@@ -213,7 +213,7 @@ def _methods(results: Results) -> Iterator[Part]:
 
 
 def _records(results: Results) -> Iterator[Part]:
-    records = facts.record_tables(results.collection)
+    records = results.records
     if records["damaged"]:
         yield text_part("Records that cannot be read:")
         yield list_part(records["damaged"])
