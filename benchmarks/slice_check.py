@@ -3,7 +3,7 @@
     python benchmarks/slice_check.py
 
 Blocks of preset paper, STL within 0.01 mm of the formula, are sliced by the programs that are installed (Debian's
-packages prusa-slicer, cura-engine and cura), and the G-code is compared with the formula as ``tacbench slice-check``
+packages prusa-slicer, cura-engine and cura), and the G-code is compared with the formula as ``tacbench check-gcode``
 does. Errors are root mean squares in micrometres: of height where the slope is below 1, sideways on steeper walls; in
 brackets that of the ideal staircase of the same layers. A peak is lost, and a valley filled, where it is off by more
 than a layer. The last columns: the height error where the frame is off by 0.1 mm, and seconds to slice and to check.

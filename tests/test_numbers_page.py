@@ -80,9 +80,9 @@ def test_every_key_of_the_parts_documents_is_explained(tmp_path: Path, capsys: C
         ["textures", "--texture", "1"],
         ["make", *of_block, "--out", str(tmp_path / "made")],
         ["make", *of_block, "--out", str(tmp_path / "grid"), "--grid"],
-        ["check", str(tmp_path / "made" / "texture-1_paper_x1.stl")],
+        ["check-part", str(tmp_path / "made" / "texture-1_paper_x1.stl")],
         ["plate", "--printer", "form-3", "--texture", "1", "--out", str(tmp_path / "plates")],
-        ["slice-check", str(gcode), "--texture", "2", "--scale", "0.5", "--no-picture"],
+        ["check-gcode", str(gcode), "--texture", "2", "--scale", "0.5", "--no-picture"],
         ["simulate", "--study", str(_tiny_study(tmp_path)), "--out", str(tmp_path / "runs"), "--jobs", "1"],
     ):
         assert main([*argv, "--json"]) == 0
@@ -99,7 +99,7 @@ def test_every_key_of_the_analysis_documents_is_explained(tmp_path: Path, capsys
     folders = write_study(runs, grid=PressGrid(x_mm=(4.0, 9.0), y_mm=(20.0,)))
     quick = ("--trials", "1", "--hold-out", "copy", "--components", "2", "--jobs", "1", "--epochs", "100")
     splits, predictions = tmp_path / "splits", tmp_path / "predictions.csv"
-    assert main(["runs", "check", *map(str, folders), "--json"]) == 1  # they lack references: findings are shown, too
+    assert main(["check-runs", *map(str, folders), "--json"]) == 1  # they lack references: findings are shown, too
     assert _unexplained(capsys) == set()
     for argv in (
         ["report", str(runs), "-o", str(tmp_path / "report.html"), "--no-classify", "--jobs", "1"],

@@ -44,7 +44,7 @@ def test_the_texture_file_makes_checked_stl_and_step(tmp_path: Path) -> None:
     assert main(["make", "--texture", str(file), "--parts", "blocks", "--out", str(tmp_path / "made")]) == 0
     made = sorted((tmp_path / "made").glob("ridges*"))
     assert {path.suffix for path in made} == {".stl", ".3mf", ".step"}
-    assert main(["check", *map(str, made), "--texture", str(file)]) == 0
+    assert main(["check-part", *map(str, made), "--texture", str(file)]) == 0
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

@@ -1,4 +1,4 @@
-"""``tacbench check``: what a file is, whoever made it, and everything that is wrong with it.
+"""``tacbench check-part``: what a file is, whoever made it, and everything that is wrong with it.
 
 The origin may lie anywhere and the block may be turned by quarter turns. A file of ours says what it is (see
 :mod:`tacbench_cad.checks.claim`) and is held to it; another is compared with all that is known, and the nearest named.

@@ -13,23 +13,22 @@ from click.exceptions import ClickException, Exit, NoSuchCommand, UsageError
 
 from tacbench_cad import __version__
 from tacbench_cad.cli.common import note
-from tacbench_cad.cli.options import help_of
+from tacbench_cad.cli.options import help_of, refuse_old_name
 from tacbench_cad.util.errors import MissingToolError, TacbenchError, one_line
 from tacbench_cad.util.packages import why_not_imported
 
-#: The commands by what they are for.
+#: The commands under their headings, in the order in which people use them.
 GROUPS = {
-    "Print set": ("make", "plate", "slice-check", "check", "textures", "show", "view", "export"),
-    "Rig and runs": ("acquire", "rig", "runs", "simulate", "import"),
-    "Analysis": ("variance", "grade", "classify", "split", "score", "compare", "report", "publish"),
-    "Others": ("cite", "doctor"),
+    "Print": ("textures", "make", "show", "view", "check-part", "plate", "check-gcode"),
+    "Press": ("rig", "acquire", "simulate", "import-frames", "check-runs", "runs"),
+    "Analyse": ("variance", "grade", "classify", "split", "score", "compare", "report"),
+    "Share": ("publish", "export-runs", "export-simulator", "cite"),
+    "Help": ("doctor",),
 }
 #: Exit code of a run that was stopped safely.
 SAFELY_STOPPED = 3
-#: Those that the same command resumes after an interruption.
-RESUMABLE = ("acquire", "simulate", "import", "classify", "report")
-#: The modules of commands that cannot have their command's name.
-_MODULES = {"import": "import_", "slice-check": "slice_check"}
+#: The commands that resume their work when they are typed again after an interruption.
+RESUMABLE = ("acquire", "simulate", "import-frames", "classify", "report")
 
 
 class _Commands(click.RichGroup):
@@ -39,9 +38,10 @@ class _Commands(click.RichGroup):
         return [name for names in GROUPS.values() for name in names]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
+        refuse_old_name(ctx, cmd_name)
         if cmd_name not in self.list_commands(ctx):
             raise NoSuchCommand(cmd_name, possibilities=self.list_commands(ctx), ctx=ctx)
-        module = importlib.import_module(f"{__name__}.{_MODULES.get(cmd_name, cmd_name)}")
+        module = importlib.import_module(f"{__name__}.{cmd_name.replace('-', '_')}")
         command: click.Command = module.command
         return command
 
@@ -66,13 +66,13 @@ def tacbench() -> None:
       tacbench make                         the six blocks, holder and jig, in stl_out/
       tacbench make --texture 4 --scale 2   one block at twice the size, with its fixtures
       tacbench plate --printer ender-3 --copies 6 --out plates   arranged on a printer's bed
-      tacbench check stl_out/*.stl          examine files, also such as were made elsewhere
+      tacbench check-part stl_out/*.stl          examine files, also such as were made elsewhere
       tacbench textures                     what there is, and what a nozzle can print of it
       tacbench show 4 --press               a picture of a texture and the press positions
       tacbench view -o view.html            the print set in 3D, in a browser
-      tacbench export --to mjcf --out sim   the textures for simulators, with contact that keeps the relief
+      tacbench export-simulator --to mjcf --out sim   the textures for simulators, with contact that keeps the relief
       tacbench acquire --virtual --out runs press a block on a simulated rig; with a FILE.toml on yours
-      tacbench runs check runs              examine what was recorded
+      tacbench check-runs runs              examine what was recorded
       tacbench simulate --study quick --out study  a whole simulated study
       tacbench report study -o report.html  what the data say, on one page
       tacbench doctor                       what is installed, and how to repair it

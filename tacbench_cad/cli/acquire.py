@@ -99,5 +99,5 @@ def command(
         note(f"{result.folder}: {counted(result.presses, 'press')}{missed}")
     unsound = [str(result.folder) for result in results if not check_run(result.folder).ok]
     if unsound:
-        raise CheckFailedError(f"complete but not sound: tacbench runs check {' '.join(unsound)}")
+        raise CheckFailedError(f"complete but not sound: tacbench check-runs {' '.join(unsound)}")
     click.echo(f"{counted(len(chosen.study.blocks), 'run')} complete in {folder}")

@@ -29,6 +29,32 @@ WHAT, SIZE, MESH, FIXTURES, WORK, OUTPUT = "What", "Size", "How exact", "Fixture
 _PANELS = ("Arguments", "Options", WHAT, SIZE, MESH, FIXTURES, WORK, OUTPUT)
 
 
+#: Commands that have another name now.
+RENAMED = {
+    "check": "check-part",
+    "slice-check": "check-gcode",
+    "runs check": "check-runs",
+    "export": "export-simulator",
+    "runs export": "export-runs",
+    "import": "import-frames",
+}
+
+
+def refuse_old_name(ctx: click.Context, name: str) -> None:
+    """Name the new name of a command to whoever types its old name.
+
+    Args:
+        ctx: The context of the group in which the command is looked up.
+        name: What was typed.
+
+    Raises:
+        ClickException: The command has another name now.
+    """
+    typed = " ".join([*ctx.command_path.split()[1:], name])
+    if typed in RENAMED:
+        raise click.ClickException(f'the command "{typed}" is now "{RENAMED[typed]}"')
+
+
 class Value(click.ParamType):  # type: ignore[type-arg]
     """A type of values.
 
@@ -235,6 +261,10 @@ class _Group(click.RichGroup):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        refuse_old_name(ctx, cmd_name)
+        return super().get_command(ctx, cmd_name)
 
 
 def group(name: str) -> Callable[[Callable[..., None]], click.RichGroup]:

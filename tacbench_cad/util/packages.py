@@ -44,7 +44,7 @@ PACKAGES: tuple[Package, ...] = (
     Package(
         distribution="cadquery-ocp", module="OCP", extra="cad", use="the Open CASCADE kernel: STEP files, fixtures"
     ),
-    Package(distribution="pymeshlab", module="pymeshlab", extra="cad", use="--verify full and tacbench check"),
+    Package(distribution="pymeshlab", module="pymeshlab", extra="cad", use="--verify full and tacbench check-part"),
     Package(distribution="matplotlib", module="matplotlib", extra="plot", use="preview.png and tacbench show"),
     Package(distribution="k3d", module="k3d", extra="view", use="the 3D page of tacbench view"),
     Package(distribution="pyserial", module="serial", extra="lab", use="stages and gauges on a serial port"),
@@ -52,8 +52,8 @@ PACKAGES: tuple[Package, ...] = (
     Package(distribution="scikit-learn", module="sklearn", extra="analysis", use="classifiers and their scores"),
     Package(distribution="joblib", module="joblib", extra="analysis", use="analysis on several processors"),
     Package(distribution="jinja2", module="jinja2", extra="analysis", use="the page of tacbench report"),
-    Package(distribution="pyarrow", module="pyarrow", extra="export", use="runs export --to huggingface"),
-    Package(distribution="zarr", module="zarr", extra="export", use="runs export --to zarr"),
+    Package(distribution="pyarrow", module="pyarrow", extra="export", use="export-runs --to huggingface"),
+    Package(distribution="zarr", module="zarr", extra="export", use="export-runs --to zarr"),
     Package(distribution="rocrate", module="rocrate", extra="publish", use="tacbench publish"),
     Package(distribution="torch", module="torch", extra="cnn", use="convolutional networks (examples)"),
     Package(distribution="skorch", module="skorch", extra="cnn", use="PyTorch for scikit-learn (examples)"),

@@ -182,4 +182,4 @@ def test_virtual_gives_150_presses(driver: str, tmp_path: Path, capsys: Capture)
     rows = Run.open(folder).rows
     assert len(rows) == 150
     assert all(row.in_band for row in rows)
-    assert main(["runs", "check", str(tmp_path)]) == 0
+    assert main(["check-runs", str(tmp_path)]) == 0

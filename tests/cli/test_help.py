@@ -13,6 +13,7 @@ import rich_click as click
 
 import tacbench_cad
 from tacbench_cad import cli
+from tacbench_cad.cli.options import RENAMED
 
 
 def test_its_code_gives_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -84,3 +85,11 @@ def test_a_help_names_only_options_that_there_are(words: list[str], command: cli
     for line in re.findall(r"^  tacbench (.+)$", text, re.MULTILINE):
         called = next(name for name in sorted(options, key=len, reverse=True) if f"{line} ".startswith(f"{name} "))
         assert set(re.findall(r"(?<![\w-])--?[a-z][a-z-]*", line)) <= options[called], line
+
+
+@pytest.mark.parametrize(("old", "new"), RENAMED.items())
+def test_an_old_name_of_a_command_names_the_new_name(old: str, new: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (old.split(), [*old.split(), "--help"], [*old.split(), "a.stl", "--texture", "1"]):
+        assert cli.main(words) == 2
+        assert capsys.readouterr() == ("", f'error: the command "{old}" is now "{new}"\n')
+    assert cli.main([*new.split(), "--help"]) == 0

@@ -34,14 +34,25 @@ def test_no_heavy_module_is_loaded() -> None:
         ("--help",),
         ("--version",),
         ("make", "--help"),
-        ("check", "--help"),
+        ("check-part", "--help"),
+        ("check-gcode", "--help"),
         ("show", "--help"),
         ("doctor", "--help"),
         *(
             (command, "--help")
-            for command in ("acquire", "simulate", "import", "view", "export", "variance", "classify", "report")
+            for command in (
+                "acquire",
+                "simulate",
+                "check-runs",
+                "import-frames",
+                "view",
+                "variance",
+                "classify",
+                "report",
+            )
         ),
-        *((group, command, "--help") for group, command in (("runs", "check"), ("rig", "probe"), ("rig", "align"))),
+        *((command, "--help") for command in ("export-simulator", "export-runs")),
+        *(("rig", command, "--help") for command in ("probe", "align")),
         ("textures",),
         ("textures", "--preset", "released", "--json"),
     ]
@@ -55,7 +66,7 @@ def test_no_help_loads_numpy_or_a_device_library() -> None:
         "from tacbench_cad.cli import GROUPS, main\n"
         "words = [[name] for names in GROUPS.values() for name in names]\n"
         "words += [['rig', name] for name in ('probe', 'align', 'calibrate-force')]\n"
-        "words += [['runs', name] for name in ('check', 'export')]\n"
+        "words += [['runs', name] for name in ('roi', 'markers')]\n"
         "assert [main([*command, '--help']) for command in words] == [0] * len(words)\n"
         "print(*({name.split('.')[0] for name in sys.modules} & {'numpy', 'OCP', 'cv2', 'serial'}), file=sys.stderr)\n"
     )

@@ -201,7 +201,7 @@ def test_options_reach_the_block(options: list[str], name: str, tmp_path: Path) 
     assert [path.stem for path in tmp_path.glob("*.stl")] == [name]
 
 
-@pytest.mark.parametrize("command", ["make", "check", "textures", "show", "doctor"])
+@pytest.mark.parametrize("command", ["make", "check-part", "textures", "show", "doctor"])
 def test_every_help_has_worked_examples(command: str, capsys: Capture) -> None:
     assert main([command, "--help"]) == 0
     out = capsys.readouterr().out

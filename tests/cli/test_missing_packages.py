@@ -45,10 +45,10 @@ MISSING: dict[str, list[tuple[list[str], list[str]]]] = {
         (["classify", "{runs}", "-o", "{out}"], ["joblib", "tacbench-cad[analysis]"]),
     ],
     "cv2": [
-        (["runs", "check", "{runs}"], ["opencv-python-headless", "tacbench-cad[lab]"]),
-        (["runs", "export", "{runs}", "--to", "tactile-data", "--out", "{out}"], ["tacbench-cad[lab]"]),
-        (["runs", "export", "{runs}", "--to", "tactile-data"], ["opencv-python-headless", "tacbench-cad[lab]"]),
-        (["import", "{authors}", "--out", "{out}"], ["opencv-python-headless", "tacbench-cad[lab]"]),
+        (["check-runs", "{runs}"], ["opencv-python-headless", "tacbench-cad[lab]"]),
+        (["export-runs", "{runs}", "--to", "tactile-data", "--out", "{out}"], ["tacbench-cad[lab]"]),
+        (["export-runs", "{runs}", "--to", "tactile-data"], ["opencv-python-headless", "tacbench-cad[lab]"]),
+        (["import-frames", "{authors}", "--out", "{out}"], ["opencv-python-headless", "tacbench-cad[lab]"]),
     ],
     "serial": [(["rig", "probe"], ["pyserial", "tacbench-cad[lab]"])],
     "matplotlib": [

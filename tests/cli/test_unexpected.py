@@ -33,11 +33,11 @@ def test_a_file_that_a_reader_fails_on_is_named(tmp_path: Path, log: Path, monke
     monkeypatch.setattr("tacbench_cad.checks.identify.examine", broken)
     good, bad = tmp_path / "good.stl", tmp_path / "bad.stl"
     bad.write_text("solid")
-    assert main(["check", str(bad), str(good)]) == 2
+    assert main(["check-part", str(bad), str(good)]) == 2
     error = capsys.readouterr().err
     assert error == f"error: {bad}: unexpected IndexError: list index out of range; the traceback is in {log}\n"
     assert "Traceback" in log.read_text() and "in broken" in log.read_text()
-    assert log.read_text().startswith(f"tacbench {__version__}: tacbench check {bad} {good}\n")
+    assert log.read_text().startswith(f"tacbench {__version__}: tacbench check-part {bad} {good}\n")
 
 
 def test_a_file_in_a_folder_of_the_command_is_named(

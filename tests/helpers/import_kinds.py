@@ -1,4 +1,4 @@
-"""Whole files of each kind that ``tacbench import``, ``runs roi`` and ``publish`` read, and their readers."""
+"""Whole files of each kind that ``tacbench import-frames``, ``runs roi`` and ``publish`` read, and their readers."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def test_a_step_file_that_crashes_the_kernel_is_refused_and_the_next_is_examined
     bad, last = tmp_path / "bad.step", tmp_path / "whole.step"
     bad.write_text(CRASHING["an edge of itself"](step_text))
     last.write_text(step_text)
-    code = main(["check", str(bad), str(last), "--json"])
+    code = main(["check-part", str(bad), str(last), "--json"])
     document = json.loads(capsys.readouterr().out)
     assert [report["file"] for report in document["files"]] == ["whole.step"]
     assert [each["file"] for each in document["refused"]] == ["bad.step"]

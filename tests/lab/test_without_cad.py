@@ -49,6 +49,6 @@ def test_a_study_is_simulated_and_checked(tmp_path: Path) -> None:
 
 def _checked(command: tuple[str | Path, ...], runs: Path) -> None:
     """A run of two presses is written, whole and marked as simulated. One process loads for both commands."""
-    assert "1 run, 2 presses: nothing wrong" in _tacbench(command, ("runs", "check", runs))
+    assert "1 run, 2 presses: nothing wrong" in _tacbench(command, ("check-runs", runs))
     (info,) = runs.glob("*/run.json")
     assert "simulated TacTip" in info.read_text(encoding="utf-8")

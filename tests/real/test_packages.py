@@ -311,7 +311,7 @@ IN_BASE = (
     ("plate --printer ender-3 --texture 1 --copies 2 --out plates", "T1 PAPER X1 01 02"),
     ("export --to mjcf,urdf,sdf,usd,obj,glb,npy,png16,taxim --texture 1 --out sim", "texture-1.xml"),
     (
-        "slice-check texture-1.gcode --texture 1",
+        "check-gcode texture-1.gcode --texture 1",
         'no picture: pictures need matplotlib: pip install "tacbench-cad[plot]"',
     ),
     ("split runs --out splits", "split_copy.json"),
@@ -326,7 +326,7 @@ BEYOND_BASE = (
     ("acquire study.toml --out {out}", "lab"),
     ("rig probe", "lab"),
     ("simulate --study study.toml --out {out}", "lab"),
-    ("runs export runs --to tactile-data --out {out}", "lab"),
+    ("export-runs runs --to tactile-data --out {out}", "lab"),
     ("variance runs", "analysis"),
     ("grade runs", "analysis"),
     ("classify runs -o {out}", "analysis"),
@@ -338,7 +338,7 @@ ALSO_BEYOND_BASE = (
     ("acquire --virtual --out {out}", "lab"),
     ("rig align study.toml", "lab"),
     ("rig calibrate-force --masses 0,50,100 --port virtual --out {out}.json", "lab"),
-    ("runs check runs", "lab"),
+    ("check-runs runs", "lab"),
 )
 
 
@@ -363,10 +363,10 @@ def test_lab(environment: Environment) -> None:
     (environment.here / "study.toml").write_text(STUDY, encoding="utf-8")
     if sys.platform != "win32":  # which has no pseudo-terminals
         environment.tacbench("acquire study.toml --out runs")
-        assert "2 presses: nothing wrong" in environment.tacbench("runs check runs")
-        assert environment.tacbench("runs export runs --to tactile-data --out exported")
+        assert "2 presses: nothing wrong" in environment.tacbench("check-runs runs")
+        assert environment.tacbench("export-runs runs --to tactile-data --out exported")
     environment.tacbench("simulate --study study.toml --out simulated --jobs 1")
-    assert "2 presses: nothing wrong" in environment.tacbench("runs check simulated")
+    assert "2 presses: nothing wrong" in environment.tacbench("check-runs simulated")
     assert "plugged in" in environment.tacbench("rig probe")
     assert 'pip install "tacbench-cad[analysis]"' in environment.refuses("variance runs")
     lacks = environment.lacks()
@@ -431,7 +431,7 @@ def test_all(environment: Environment, source: Path) -> None:
     environment.tacbench("view -o view.html")
     assert (environment.here / "view.html").stat().st_size > 1_000_000
     environment.tacbench("simulate --study study.toml --out simulated")
-    assert "2 presses: nothing wrong" in environment.tacbench("runs check simulated")
+    assert "2 presses: nothing wrong" in environment.tacbench("check-runs simulated")
     # A simulator comes with no extra, PyTorch with another.
     others = re.compile(r"^\s*import (mujoco|torch)$", re.MULTILINE)
     examples = [one for one in sorted((source / "examples").glob("*.py")) if not others.search(one.read_text())]

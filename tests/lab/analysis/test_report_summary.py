@@ -174,7 +174,7 @@ def test_quality(complete: Results, kinds: tuple[str, ...], fields: dict[str, in
     assert text in quality_sentence(bad)
     if kinds:
         run = complete.collection.runs[0].folder.name
-        assert next_steps(bad)[0].startswith(f'Look at the problems of {run} with "tacbench runs check"')
+        assert next_steps(bad)[0].startswith(f'Look at the problems of {run} with "tacbench check-runs"')
         assert next_steps(bad)[-1] == f"Then publish {PUBLISH}"
 
 

@@ -1,4 +1,4 @@
-"""``tacbench runs export --to tactile-data``: what tactile_learning reads."""
+"""``tacbench export-runs --to tactile-data``: what tactile_learning reads."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_a_sensor_without_images_is_refused(tmp_path: Path, make_info: Any, fill
 
 def test_the_command_exports_every_run(run_folder: Path, tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "out"
-    words = ["runs", "export", str(run_folder), "--to", "tactile-data", "--out", str(out), "--size", "64x48"]
+    words = ["export-runs", str(run_folder), "--to", "tactile-data", "--out", str(out), "--size", "64x48"]
     assert main(words) == 0
     assert "1 run, 16 images of 64x48 pixels" in capsys.readouterr().out
     assert image_of(out / "run" / "processed_images" / "image_7.png").shape == (48, 64)
@@ -114,5 +114,5 @@ def test_the_command_exports_every_run(run_folder: Path, tmp_path: Path, capsys:
     ],
 )
 def test_wrong_options_are_refused(words: list[str], message: str, run_folder: Path, capsys: Capture) -> None:
-    assert main(["runs", "export", str(run_folder), *words]) == 2
+    assert main(["export-runs", str(run_folder), *words]) == 2
     assert message in capsys.readouterr().err

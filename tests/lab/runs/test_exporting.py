@@ -1,4 +1,4 @@
-"""``tacbench runs export --to huggingface|webdataset|imagefolder|zarr|npz``: whole, streamed, true to the run."""
+"""``tacbench export-runs --to huggingface|webdataset|imagefolder|zarr|npz``: whole, streamed, true to the run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.cli import main
-from tacbench_cad.cli.runs import export as command
+from tacbench_cad.cli.export_runs import command
 from tacbench_cad.lab.runs.exporting import hugging_face, npz, web_dataset, zarr_group
 from tacbench_cad.lab.runs.exporting.columns import COLUMNS, values_of
 from tacbench_cad.lab.runs.exporting.formats import FORMATS, TACTILE_DATA, export_runs
@@ -209,7 +209,7 @@ def test_what_a_killed_export_left_is_swept_by_the_next(run_folder: Path, tmp_pa
 
 
 def test_existing_output_is_not_overwritten(run_folder: Path, tmp_path: Path, capsys: Capture) -> None:
-    words = ["runs", "export", str(run_folder), "--to", "npz", "--out", str(tmp_path / "out")]
+    words = ["export-runs", str(run_folder), "--to", "npz", "--out", str(tmp_path / "out")]
     assert main(words) == 0
     assert "1 run, 16 frames" in capsys.readouterr().out
     before = (tmp_path / "out" / npz.FILE).read_bytes()
@@ -274,7 +274,7 @@ def test_memory_does_not_grow_with_the_frames(
 
 
 def test_the_help_names_every_format(capsys: Capture) -> None:
-    assert main(["runs", "export", "--help"]) == 0
+    assert main(["export-runs", "--help"]) == 0
     (to,) = (parameter for parameter in command.params if parameter.name == "to")
     assert to.type.name == "|".join([*FORMATS, TACTILE_DATA])
 
@@ -289,5 +289,5 @@ def test_the_help_names_every_format(capsys: Capture) -> None:
     ],
 )
 def test_wrong_options_are_refused(words: list[str], message: str, run_folder: Path, capsys: Capture) -> None:
-    assert main(["runs", "export", str(run_folder), *words]) == 2
+    assert main(["export-runs", str(run_folder), *words]) == 2
     assert message in capsys.readouterr().err

@@ -239,7 +239,7 @@ def test_what_nobody_said_of_imported_images_is_not_said(about: Path, tmp_path: 
         (tmp_path / "images" / label).mkdir(parents=True)
         image = np.random.default_rng(len(label)).integers(0, 256, (24, 32), np.uint8)
         cv2.imwrite(str(tmp_path / "images" / label / "1.png"), image + (label == "cork"))
-    assert main(["import", str(tmp_path / "images"), "-o", str(tmp_path / "runs")]) == 0
+    assert main(["import-frames", str(tmp_path / "images"), "-o", str(tmp_path / "runs")]) == 0
     words = ["publish", str(tmp_path / "runs"), "--about", str(about), "--no-report", "-o", str(tmp_path / "out")]
     assert main(words) == 0
     crate = rocrate.ROCrate(tmp_path / "out")
@@ -247,7 +247,7 @@ def test_what_nobody_said_of_imported_images_is_not_said(about: Path, tmp_path: 
         "A test. 2 frames of a tactile sensor, in 2 runs (2 labels). Nothing is marked as simulated."
     )
     assert crate.root_dataset.get("citation") is None and not (tmp_path / "out" / "parts").exists()
-    words = ["runs", "export", str(tmp_path / "runs"), "--to", "webdataset", "-o", str(tmp_path / "tar")]
+    words = ["export-runs", str(tmp_path / "runs"), "--to", "webdataset", "-o", str(tmp_path / "tar")]
     assert main(words) == 0
     page = (tmp_path / "tar" / "README.md").read_text()
     assert "printer` |" not in page and "| cork | 1 |" in page

@@ -1,4 +1,4 @@
-"""``tacbench runs check``: every kind of damage by its name, and nothing repaired but a torn last row."""
+"""``tacbench check-runs``: every kind of damage by its name, and nothing repaired but a torn last row."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.cli import main
-from tacbench_cad.cli.runs import _devices
+from tacbench_cad.cli.check_runs import _devices
 from tacbench_cad.lab.runs.checking import check_run, ranges
 from tacbench_cad.lab.runs.pictures import encoded, sha256
 from tacbench_cad.lab.runs.reading import find_runs
@@ -234,7 +234,7 @@ def test_the_table_says_which_devices_were_simulated(simulated: tuple[str, ...],
 
 
 def test_the_command_passes_a_sound_folder(run_folder: Path, capsys: Capture) -> None:
-    assert main(["runs", "check", str(run_folder.parent)]) == 0
+    assert main(["check-runs", str(run_folder.parent)]) == 0
     out = capsys.readouterr().out
     assert next(line for line in out.splitlines() if "16 of 16" in line).split()[-2:] == ["stage", "ok"]
     assert "1 run, 16 presses: nothing wrong" in out
@@ -244,11 +244,11 @@ def test_the_command_passes_a_sound_folder(run_folder: Path, capsys: Capture) ->
 def test_the_command_names_findings_and_fails(run_folder: Path, capsys: Capture) -> None:
     for number in range(1, 15):
         (run_folder / "sensor_images" / f"image_{number}.png").unlink()
-    assert main(["runs", "check", str(run_folder)]) == 1
+    assert main(["check-runs", str(run_folder)]) == 1
     out = capsys.readouterr().out
     assert "run: missing: sensor_images/image_1.png is not there" in out
     assert "run: missing: and 4 more (all with --json)" in out
-    assert main(["runs", "check", str(run_folder), "--json"]) == 1
+    assert main(["check-runs", str(run_folder), "--json"]) == 1
     document = json.loads(capsys.readouterr().out)
     assert not document["ok"]
     assert len(document["runs"][0]["findings"]) == 14
@@ -257,7 +257,7 @@ def test_the_command_names_findings_and_fails(run_folder: Path, capsys: Capture)
 def test_the_command_repairs_and_says_so(run_folder: Path, capsys: Capture) -> None:
     path = run_folder / "targets.csv"
     path.write_bytes(path.read_bytes()[:-30])
-    assert main(["runs", "check", str(run_folder), "--repair"]) == 1
+    assert main(["check-runs", str(run_folder), "--repair"]) == 1
     assert "cut off a torn last row" in capsys.readouterr().err
 
 
@@ -268,7 +268,7 @@ def test_another_schema_version_ends_with_2_and_the_others_are_checked(
     with RunWriter.open(other, make_info()) as writer:
         filled(writer)
     (other / "run.json").write_text((other / "run.json").read_text().replace('"version": 1,', '"version": 3,'))
-    assert main(["runs", "check", str(run_folder.parent)]) == 2
+    assert main(["check-runs", str(run_folder.parent)]) == 2
     said = capsys.readouterr()
     assert "has schema version 3, this program reads 1 and 2" in said.err
     assert "1 run, 16 presses: nothing wrong" in said.out
@@ -280,5 +280,5 @@ def test_a_missing_command_is_one_line(capsys: Capture) -> None:
 
 
 def test_the_command_refuses_what_is_no_run(tmp_path: Path, capsys: Capture) -> None:
-    assert main(["runs", "check", str(tmp_path)]) == 2
+    assert main(["check-runs", str(tmp_path)]) == 2
     assert "has no run folder in it" in capsys.readouterr().err

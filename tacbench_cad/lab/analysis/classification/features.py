@@ -86,7 +86,7 @@ def read_features(
             progress(index + 1, count)
     if faults:
         more = f" (and {len(faults) - 1} more of {count:,} readings)" if len(faults) > 1 else ""
-        raise CheckFailedError(f"{faults[0]}{more}; mend or remove them with `tacbench runs check`, then go on")
+        raise CheckFailedError(f"{faults[0]}{more}; mend or remove them with `tacbench check-runs`, then go on")
     assert rows is not None  # a collection has at least one press
     if not any((row != rows[0]).any() for row in rows):
         raise InputError("readings", None, "are all the same, so they tell nothing apart; check the sensor")

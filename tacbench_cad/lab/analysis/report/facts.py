@@ -173,7 +173,7 @@ def record_tables(collection: Collection) -> dict[str, Any]:
 
 
 def quality_table(reports: Iterable[RunReport]) -> Table:
-    """What `tacbench runs check` says of each run."""
+    """What `tacbench check-runs` says of each run."""
     counts = _columns("planned", "presses", "out_of_band", "references", "stationary")
     findings = Column("findings", source=lambda report: len(report.findings))
     return Table.of((Column("run", source="name"), *counts, findings), reports, "Runs with something to look at")

@@ -170,7 +170,7 @@ def _open_steps(results: Results) -> Iterator[str]:
     if broken:
         mend = "repair them or press again" if planned else "repair them or leave them out"
         runs = broken[0] if len(broken) == 1 else f"{len(broken):,} runs (listed below under data quality)"
-        yield f'Look at the problems of {runs} with "tacbench runs check"; {mend}.'
+        yield f'Look at the problems of {runs} with "tacbench check-runs"; {mend}.'
     if results.no_variance:
         yield f"There is no variance table: {results.no_variance}."
     if results.no_classification:

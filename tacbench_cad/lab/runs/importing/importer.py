@@ -299,7 +299,7 @@ def _imported_files(out: Path) -> Iterator[tuple[str, Path]]:
     for path in sorted(out.glob(f"*/{RUN_FILE}")):
         try:
             source = Run.open(path.parent).info.source
-        except InputError:  # `tacbench runs check` says what is wrong with it
+        except InputError:  # `tacbench check-runs` says what is wrong with it
             continue
         files = source.get("files") if "authors" in str(source.get("kind")) else ()
         for entry in files if isinstance(files, list) else ():

@@ -62,7 +62,7 @@ def test_all_names_that_occur_are_known(arrays: Path) -> None:
 
 @pytest.mark.long
 def test_all_names_that_occur_import_in_one_go(arrays: Path, capsys: Capture) -> None:
-    assert main(["import", str(arrays), "-o", str(arrays.parent / "out")]) == 1
+    assert main(["import-frames", str(arrays), "-o", str(arrays.parent / "out")]) == 1
     assert "5,250 samples in 148 runs" in capsys.readouterr().out
     runs = find_runs([arrays.parent / "out"])
     assert len(runs) == 148 and sum(len(Run.open(folder).rows) for folder in runs) == 210 * 25
@@ -226,7 +226,7 @@ def test_objects_are_never_unpickled(tmp_path: Path) -> None:
 )
 def test_wrong_options_are_refused(words: list[str], message: str, tmp_path: Path, capsys: Capture) -> None:
     path = save(tmp_path, "PLAminus_z0_P30_Bambu.npy", images(1))
-    assert main(["import", str(path), "--out", str(tmp_path / "out"), *words]) == 2
+    assert main(["import-frames", str(path), "--out", str(tmp_path / "out"), *words]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 

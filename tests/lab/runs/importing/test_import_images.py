@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tacbench_cad.cli import import_, main
+from tacbench_cad.cli import import_frames, main
 from tacbench_cad.lab import ImportOptions, Run, check_run, find_runs, import_samples
 from tacbench_cad.lab.runs import writing
 from tacbench_cad.lab.runs.exporting.formats import export_runs
@@ -225,12 +225,12 @@ def test_a_bad_image_is_left_out_in_one_line(
     folder = images(8)
     labels = table(tmp_path / "labels.csv", ("image", "label"), [(f"{i}.png", "cork") for i in range(8)])
     damage(folder / f"{number}.png")
-    assert main(["import", str(folder), str(labels), "-o", str(tmp_path / "out")]) == 1
+    assert main(["import-frames", str(folder), str(labels), "-o", str(tmp_path / "out")]) == 1
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("left out")]
     assert len(lines) == 1 and f"labels.csv line {number + 2} ({number}.png)" in lines[0]
     assert re.search(message, lines[0])
     assert len(Run.open(tmp_path / "out" / "cork").rows) == 7
-    assert main(["runs", "check", str(tmp_path / "out")]) == 0
+    assert main(["check-runs", str(tmp_path / "out")]) == 0
 
 
 @pytest.mark.parametrize("name", ["../x.png", "/etc/passwd", "a/../../x.png", "..\\x.png", ""])
@@ -276,10 +276,10 @@ def test_names_say_what_words_mean(images: Any, table: Any, tmp_path: Path, caps
     labels = table(tmp_path / "labels.csv", ("image", "printer", "filament", "label"), rows)
     names = tmp_path / "names.toml"
     names.write_text('[printers]\nBAMBU = "bambu-p1p"\n[labels]\nz0 = "texture-1"\n')
-    assert main(["import", str(images(3)), str(labels), "--names", str(names), "-o", str(tmp_path / "out")]) == 0
+    assert main(["import-frames", str(images(3)), str(labels), "--names", str(names), "-o", str(tmp_path / "out")]) == 0
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["texture-1_bambu-p1p_plaminus", "z1_other"]
     names.write_text('[printer]\nbambu = "bambu-p1p"\n')
-    assert main(["import", str(images(3)), str(labels), "--names", str(names), "-o", str(tmp_path / "b")]) == 2
+    assert main(["import-frames", str(images(3)), str(labels), "--names", str(names), "-o", str(tmp_path / "b")]) == 2
     assert 'did you mean "printers"' in capsys.readouterr().err
 
 
@@ -334,10 +334,10 @@ def test_the_command_says_what_became_of_it(images: Any, table: Any, tmp_path: P
     folder = images(24)
     labels = table(tmp_path / "labels.csv", HEADER, rows_of(24))
     columns = "label=material,copy=block_id,position=place,force=newtons"
-    words = ["import", str(folder), str(labels), "--columns", columns, "-o", str(tmp_path / "out")]
+    words = ["import-frames", str(folder), str(labels), "--columns", columns, "-o", str(tmp_path / "out")]
     assert main(words) == 0
     said = capsys.readouterr()
-    assert "24 samples in 4 runs" in said.out and "next: tacbench runs check" in said.out
+    assert "24 samples in 4 runs" in said.out and "next: tacbench check-runs" in said.out
     (folder / "7.png").unlink()
     shutil.rmtree(tmp_path / "out")
     assert main([*words, "--json"]) == 1
@@ -356,14 +356,14 @@ def test_the_command_says_what_became_of_it(images: Any, table: Any, tmp_path: P
     ],
 )
 def test_wrong_words_are_refused(words: list[str], message: str, tmp_path: Path, capsys: Capture) -> None:
-    assert main(["import", *words, "-o", str(tmp_path / "out")]) != 0
+    assert main(["import-frames", *words, "-o", str(tmp_path / "out")]) != 0
     said = capsys.readouterr()
     assert message in said.out + said.err
     assert not (tmp_path / "out").exists()
 
 
 def test_the_command_knows_every_kind() -> None:
-    assert tuple(KINDS) == import_.KINDS
+    assert tuple(KINDS) == import_frames.KINDS
 
 
 def test_a_run_keeps_the_checksum_of_the_file_that_was_imported(images: Any, tmp_path: Path) -> None:

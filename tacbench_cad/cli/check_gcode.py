@@ -1,4 +1,4 @@
-"""``tacbench slice-check``: what a slicer's G-code will make of a texture, before it is printed."""
+"""``tacbench check-gcode``: what a slicer's G-code will make of a texture, before it is printed."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _frame_of(option: str, text: str) -> Frame:
     return Frame(x_mm=numbers[0], y_mm=numbers[1], quarters=int(degrees) // 90)
 
 
-@options.command("slice-check")
+@options.command("check-gcode")
 @options.argument("files", options.file("FILE.gcode"), "G-code of one block each.", many=True)
 @options.option("--texture", options.text("T"), "What the block is: 1 to 6 or a TOML file.", required=True)
 @options.preset
@@ -70,10 +70,10 @@ def command(
     Several files are shown side by side: so compare layer heights, nozzles or wall generators.
 
     Examples:
-      tacbench slice-check texture-2.gcode --texture 2
-      tacbench slice-check fine.gcode coarse.gcode --texture 4 --no-picture
-      tacbench slice-check plate.gcode --texture 4 --frame 88.35,85
-      tacbench slice-check turned.gcode --texture hex.toml --frame 20,30,90 --json
+      tacbench check-gcode texture-2.gcode --texture 2
+      tacbench check-gcode fine.gcode coarse.gcode --texture 4 --no-picture
+      tacbench check-gcode plate.gcode --texture 4 --frame 88.35,85
+      tacbench check-gcode turned.gcode --texture hex.toml --frame 20,30,90 --json
     """
     from tacbench_cad.slicing.compare import slice_check
     from tacbench_cad.slicing.pictures import as_sliced_picture

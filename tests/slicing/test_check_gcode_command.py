@@ -1,4 +1,4 @@
-"""``tacbench slice-check``: table, JSON, pictures, and what it refuses."""
+"""``tacbench check-gcode``: table, JSON, pictures, and what it refuses."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_numbers_and_a_picture(gcode: Path, tmp_path: Path, monkeypatch: pytest.
     image = pytest.importorskip("PIL.Image")
     pytest.importorskip("matplotlib")
     monkeypatch.chdir(tmp_path)
-    assert main(["slice-check", str(gcode), *HALF]) == 0
+    assert main(["check-gcode", str(gcode), *HALF]) == 0
     out, err = capsys.readouterr()
     for word in ("Cura", "17 of 0.2 mm", "height error, rms", "ideal staircase", "misplaced by 0.1 mm", "of 9"):
         assert word in out
@@ -39,13 +39,13 @@ def test_numbers_and_a_picture(gcode: Path, tmp_path: Path, monkeypatch: pytest.
 
 def test_several_files_stand_side_by_side(gcode: Path, tmp_path: Path, capsys: Capture) -> None:
     other = write_gcode(tmp_path / "fine.gcode", Block.of(2, scale=0.5), layer_mm=0.1)
-    assert main(["slice-check", str(gcode), str(other), *HALF, "--no-picture"]) == 0
+    assert main(["check-gcode", str(gcode), str(other), *HALF, "--no-picture"]) == 0
     head = capsys.readouterr().out.splitlines()[2]
     assert head.split() == ["two.gcode", "fine.gcode"]
 
 
 def test_json(gcode: Path, capsys: Capture) -> None:
-    assert main(["slice-check", str(gcode), *HALF, "--json", "--no-picture", "--frame", "90,80"]) == 0
+    assert main(["check-gcode", str(gcode), *HALF, "--json", "--no-picture", "--frame", "90,80"]) == 0
     said = json.loads(capsys.readouterr().out)["files"][0]
     assert said["frame"]["source"] == "given" and said["frame"]["outline_mm"] is None
     assert 0.03 < said["height"]["rms_mm"] < 0.1 and said["filament_assumed"]
@@ -57,9 +57,9 @@ def test_without_matplotlib_the_numbers_come_all_the_same(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert main(["slice-check", str(gcode), *HALF]) == 0
+    assert main(["check-gcode", str(gcode), *HALF]) == 0
     assert "no picture: pictures need matplotlib" in capsys.readouterr().err
-    assert main(["slice-check", str(gcode), *HALF, "-o", "wanted.png"]) == 2
+    assert main(["check-gcode", str(gcode), *HALF, "-o", "wanted.png"]) == 2
     assert list(tmp_path.iterdir()) == []
 
 
@@ -94,7 +94,7 @@ def test_wrong_input_is_one_line(
     capsys: Capture,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["slice-check", str(gcode), *options]) == 2
+    assert main(["check-gcode", str(gcode), *options]) == 2
     out, err = capsys.readouterr()
     assert out == "" and err.startswith("error: ") and err.count("\n") == 1
     assert needle in err
@@ -104,12 +104,12 @@ def test_wrong_input_is_one_line(
 def test_one_picture_for_two_files_and_two_files_of_one_name(gcode: Path, tmp_path: Path, capsys: Capture) -> None:
     twin = tmp_path / "two.gcode"
     twin.write_bytes(gcode.read_bytes())
-    assert main(["slice-check", str(gcode), str(twin), *HALF, "-o", str(tmp_path / "a.png")]) == 2
-    assert main(["slice-check", str(gcode), str(twin), *HALF]) == 2
+    assert main(["check-gcode", str(gcode), str(twin), *HALF, "-o", str(tmp_path / "a.png")]) == 2
+    assert main(["check-gcode", str(gcode), str(twin), *HALF]) == 2
     assert capsys.readouterr().err.count("error: out") == 2
 
 
 def test_a_file_that_is_none(tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "empty.gcode").touch()
-    assert main(["slice-check", str(tmp_path / "empty.gcode"), *HALF, "--no-picture"]) == 2
+    assert main(["check-gcode", str(tmp_path / "empty.gcode"), *HALF, "--no-picture"]) == 2
     assert "is empty" in capsys.readouterr().err

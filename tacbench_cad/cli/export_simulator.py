@@ -1,4 +1,4 @@
-"""``tacbench export``: textures for simulators."""
+"""``tacbench export-simulator``: textures for simulators."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tacbench_cad.cli.common import print_json, print_table
 from tacbench_cad.util.text import counted
 
 
-@options.command("export")
+@options.command("export-simulator")
 @options.option(
     "--to", options.words("mjcf|urdf|sdf|usd|glb|obj|npy|png16|taxim"), "What for; several with commas.", required=True
 )
@@ -26,9 +26,9 @@ def command(to: tuple[str, ...], textures: tuple[str, ...], preset: str, scale: 
     one that holds another is refused.
 
     Examples:
-      tacbench export --to mjcf --out sim
-      tacbench export --to urdf,sdf --texture 2 --out sim
-      tacbench export --to npy,png16 --texture hex.toml --scale 2 --out heights
+      tacbench export-simulator --to mjcf --out sim
+      tacbench export-simulator --to urdf,sdf --texture 2 --out sim
+      tacbench export-simulator --to npy,png16 --texture hex.toml --scale 2 --out heights
     """
     from tacbench_cad.formats.simulators.folder import export_to_simulators
     from tacbench_cad.making.choice import described

@@ -1,4 +1,4 @@
-"""``tacbench import``: anybody's frames as run folders."""
+"""``tacbench import-frames``: anybody's frames as run folders."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _levels_of(option: str, text: str) -> dict[str, int]:
     return {name: options.whole_of(option, number) for name, number in pairs.items()}
 
 
-@options.command("import")
+@options.command("import-frames")
 @options.argument("paths", options.file("PATHS"), "Folders and files.", many=True)
 @options.option(
     "--columns",
@@ -88,12 +88,12 @@ def command(
     interruption, it resumes.
 
     Examples:
-      tacbench import frames/ labels.csv -o runs
-      tacbench import frames/ labels.csv --columns label=material,print=block_id -o runs
-      tacbench import images_by_class/ -o runs
-      tacbench import X.npy X.csv -o runs
-      tacbench import press.mp4 times.csv -o runs
-      tacbench import arrays/*.npy --names printers.toml -o runs
+      tacbench import-frames frames/ labels.csv -o runs
+      tacbench import-frames frames/ labels.csv --columns label=material,print=block_id -o runs
+      tacbench import-frames images_by_class/ -o runs
+      tacbench import-frames X.npy X.csv -o runs
+      tacbench import-frames press.mp4 times.csv -o runs
+      tacbench import-frames arrays/*.npy --names printers.toml -o runs
     """
     from tacbench_cad.lab.runs.importing.authors import AuthorsOptions
     from tacbench_cad.lab.runs.importing.importer import import_samples
@@ -141,4 +141,4 @@ def _print(report: ImportReport, out: Path) -> None:
     left = f"; {sum(each.count for each in report.left_out):,} left out" if report.left_out else ""
     click.echo(f"{counted(samples, 'sample')} in {counted(len(report.runs), 'run')} in {out}{left}")
     if report.runs:
-        click.echo(f"next: tacbench runs check {out}")
+        click.echo(f"next: tacbench check-runs {out}")

@@ -1,4 +1,4 @@
-"""``tacbench check``: examine files, whoever made them."""
+"""``tacbench check-part``: examine files, whoever made them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from tacbench_cad.checks.report import Report
 
 
-@options.command("check")
+@options.command("check-part")
 @options.argument("files", options.file("FILE"), "STL, 3MF or STEP files.", many=True)
 @options.option("--texture", options.text("T"), "What it should be: 1 to 6 or a TOML file. Default: the nearest.")
 @options.option("--preset", options.PRESET, "Compare with this preset. Default: the nearest.")
@@ -30,11 +30,11 @@ def command(files: tuple[Path, ...], texture: str | None, preset: str | None, sc
     exit code is then 1.
 
     Examples:
-      tacbench check stl_out/*.stl
-      tacbench check print.3mf --texture 4
-      tacbench check z3.stl --texture 4 --preset released
-      tacbench check block.step --json
-      tacbench check stl_out/assembly_paper_x1.step
+      tacbench check-part stl_out/*.stl
+      tacbench check-part print.3mf --texture 4
+      tacbench check-part z3.stl --texture 4 --preset released
+      tacbench check-part block.step --json
+      tacbench check-part stl_out/assembly_paper_x1.step
     """
     from tacbench_cad.checks.identify import examine
     from tacbench_cad.util.files import existing_file

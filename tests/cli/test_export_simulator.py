@@ -1,4 +1,4 @@
-"""``tacbench export``: folders for simulators; bad input ends with exit code 2 and writes nothing."""
+"""``tacbench export-simulator``: folders for simulators; bad input ends with exit code 2 and writes nothing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Capture = pytest.CaptureFixture[str]
 
 
 def test_a_table_names_the_folders(tmp_path: Path, capsys: Capture) -> None:
-    assert main(["export", "--to", "obj,npy", "--texture", "1,5", "--out", str(tmp_path / "sim")]) == 0
+    assert main(["export-simulator", "--to", "obj,npy", "--texture", "1,5", "--out", str(tmp_path / "sim")]) == 0
     out, _ = capsys.readouterr()
     assert "texture-1" in out and "texture-5" in out
     found = sorted(path.name for path in (tmp_path / "sim" / "texture-5").iterdir())
@@ -23,7 +23,7 @@ def test_a_table_names_the_folders(tmp_path: Path, capsys: Capture) -> None:
 def test_json_and_a_texture_file_at_a_scale(tmp_path: Path, capsys: Capture) -> None:
     file = tmp_path / "wavy.toml"
     file.write_text('[texture]\nname = "wavy"\nfamily = "series"\nlaw = "square"\nN = 5\naxes = "x"\n')
-    argv = ["export", "--to", "npy", "--texture", str(file), "--scale", "2", "--out", str(tmp_path), "--json"]
+    argv = ["export-simulator", "--to", "npy", "--texture", str(file), "--scale", "2", "--out", str(tmp_path), "--json"]
     assert main(argv) == 0
     (row,) = json.loads(capsys.readouterr().out)["folders"]
     assert row["texture"] == "wavy" and list(row["files"]) == ["wavy.npy"]
@@ -44,7 +44,7 @@ def test_json_and_a_texture_file_at_a_scale(tmp_path: Path, capsys: Capture) -> 
     ],
 )
 def test_bad_input(options: list[str], needles: list[str], tmp_path: Path, capsys: Capture) -> None:
-    assert main(["export", *options, "--out", str(tmp_path / "out")]) == 2
+    assert main(["export-simulator", *options, "--out", str(tmp_path / "out")]) == 2
     out, err = capsys.readouterr()
     assert out == "" and len(err.splitlines()) == 1 and err.startswith("error: ")
     assert all(needle in err for needle in needles), err
@@ -52,8 +52,8 @@ def test_bad_input(options: list[str], needles: list[str], tmp_path: Path, capsy
 
 
 def test_a_folder_with_another_texture_is_refused(tmp_path: Path, capsys: Capture) -> None:
-    assert main(["export", "--to", "npy", "--texture", "1", "--out", str(tmp_path)]) == 0
+    assert main(["export-simulator", "--to", "npy", "--texture", "1", "--out", str(tmp_path)]) == 0
     capsys.readouterr()
-    assert main(["export", "--to", "npy", "--texture", "1", "--scale", "2", "--out", str(tmp_path)]) == 2
+    assert main(["export-simulator", "--to", "npy", "--texture", "1", "--scale", "2", "--out", str(tmp_path)]) == 2
     out, err = capsys.readouterr()
     assert out == "" and "holds another texture" in err and "scale 1" in err and str(tmp_path / "texture-1") in err

@@ -1,4 +1,4 @@
-"""``tacbench check``: files found sound, faults named, and the exit codes."""
+"""``tacbench check-part``: files found sound, faults named, and the exit codes."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ def write(path: Path, records: np.ndarray) -> Path:
 
 
 def test_a_sound_file_passes_and_is_recognised(block: Path, capsys: Capture) -> None:
-    assert main(["check", str(block)]) == 0
+    assert main(["check-part", str(block)]) == 0
     out = capsys.readouterr().out
     assert "texture-3" in out and "all checks passed" in out and "FAULT" not in out
 
 
 def test_json_holds_a_report_for_each_file(block: Path, capsys: Capture) -> None:
-    assert main(["check", "--json", str(block), str(block)]) == 0
+    assert main(["check-part", "--json", str(block), str(block)]) == 0
     out, err = capsys.readouterr()
     document = json.loads(out)
     assert err == "" and document["ok"] is True and document["refused"] == []
@@ -50,13 +50,13 @@ def test_json_holds_a_report_for_each_file(block: Path, capsys: Capture) -> None
 
 def test_an_open_edge_is_named_and_ends_with_1(block: Path, tmp_path: Path, capsys: Capture) -> None:
     path = write(tmp_path / "hole.stl", triangles(block)[1:])
-    assert main(["check", str(path)]) == 1
+    assert main(["check-part", str(path)]) == 1
     out = capsys.readouterr().out
     assert "FAULT" in out and "open edge" in out and "fault" in out.splitlines()[-1]
 
 
 def test_the_wrong_texture_is_a_fault_with_its_distance(block: Path, capsys: Capture) -> None:
-    assert main(["check", str(block), "--texture", "2", "--json"]) == 1
+    assert main(["check-part", str(block), "--texture", "2", "--json"]) == 1
     (report,) = json.loads(capsys.readouterr().out)["files"]
     faults = [check for check in report["checks"] if not check["ok"]]
     assert any("mm" in check["detail"] for check in faults)
@@ -65,7 +65,7 @@ def test_the_wrong_texture_is_a_fault_with_its_distance(block: Path, capsys: Cap
 def test_one_bad_file_among_good_ones(block: Path, tmp_path: Path, capsys: Capture) -> None:
     cut = tmp_path / "cut.stl"
     cut.write_bytes(block.read_bytes()[:5000])
-    assert main(["check", str(block), str(cut), "--json"]) == 1
+    assert main(["check-part", str(block), str(cut), "--json"]) == 1
     reports = json.loads(capsys.readouterr().out)["files"]
     assert [one["ok"] for one in reports] == [True, False]
 
@@ -87,7 +87,7 @@ def test_files_that_are_not_what_they_say(kind: str, suffix: str, block: Path, t
     path = tmp_path / f"file{suffix}"
     content = spoilt(kind, block.read_bytes())
     path.write_bytes(content)
-    assert main(["check", str(path)]) == 1
+    assert main(["check-part", str(path)]) == 1
     out, err = capsys.readouterr()
     assert "FAULT" in out and "Traceback" not in out + err
     assert path.read_bytes() == content
@@ -106,7 +106,7 @@ def test_what_is_no_file_to_check_ends_with_2(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "picture.png").write_bytes(b"png")
-    assert main(["check", *argv]) == 2
+    assert main(["check-part", *argv]) == 2
     err = capsys.readouterr().err
     assert err.startswith("error: ") and err.count("\n") == 1 and needle in err
 
@@ -121,11 +121,11 @@ def test_what_is_no_file_to_check_ends_with_2(
     ],
 )
 def test_wrong_options_end_with_2(options: list[str], needle: str, block: Path, capsys: Capture) -> None:
-    assert main(["check", str(block), *options]) == 2
+    assert main(["check-part", str(block), *options]) == 2
     out, err = capsys.readouterr()
     assert out == "" and err.startswith("error: ") and err.count("\n") == 1 and needle in err
 
 
 def test_no_file_at_all_is_wrong(capsys: Capture) -> None:
-    assert main(["check"]) == 2
+    assert main(["check-part"]) == 2
     assert "FILE" in capsys.readouterr().err

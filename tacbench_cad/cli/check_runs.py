@@ -1,0 +1,105 @@
+"""``tacbench check-runs``: examine run folders."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tacbench_cad.cli import options
+from tacbench_cad.cli.common import end_check, note, print_json, print_lines, print_table, simulated_devices
+from tacbench_cad.cli.progress import ProgressLine
+from tacbench_cad.util.errors import InputError, one_line
+from tacbench_cad.util.text import counted
+
+if TYPE_CHECKING:
+    from tacbench_cad.lab.runs.checking import RunReport
+
+#: Findings of one kind that are shown for a run before the rest is only counted.
+MAX_SHOWN = 10
+
+
+@options.command("check-runs")
+@options.runs
+@options.flag("--repair", "Cut off a torn last row. Nothing else is changed.")
+@options.json
+def command(runs: tuple[Path, ...], repair: bool, json: bool) -> None:
+    """Examine run folders and every frame in them.
+
+    Missing, extra, doubled, unreadable, dark, blurred and stuck (identical) images, wrong checksums and gaps in the
+    protocol are named, one line a run and then one a finding; the exit code is then 1. The order of the rows of
+    targets.csv means nothing: a press is known by its force level, repeat and position. Empty fields of print.toml are
+    named and are no fault.
+
+    Examples:
+      tacbench check-runs runs/
+      tacbench check-runs runs/texture-4_paper_x1_bambu-p1p_pla-minus_copy01 --repair
+      tacbench check-runs runs/ --json
+    """
+    from tacbench_cad.lab.runs.checking import check_run
+    from tacbench_cad.lab.runs.reading import find_runs
+
+    reports: list[RunReport] = []
+    refusals: list[tuple[Path, InputError]] = []
+    with ProgressLine() as progress:
+        for folder in find_runs(runs):
+            try:
+                reports.append(check_run(folder, repair=repair, progress=partial(progress.show, folder.name)))
+            except InputError as error:
+                refusals.append((folder, error))
+    for report in reports:
+        for repaired in report.repaired:
+            note(f"repaired {report.folder}: {repaired}")
+    if json:
+        print_json(
+            {
+                "ok": not refusals and all(report.ok for report in reports),
+                "runs": [report.as_dict() for report in reports],
+                "refused": [{"folder": str(path), "reason": one_line(refusal)} for path, refusal in refusals],
+            }
+        )
+    else:
+        _print(reports)
+    end_check(reports, [refusal for _, refusal in refusals])
+
+
+def _devices(simulated: Sequence[str]) -> str:
+    names = simulated_devices(simulated)
+    return "all" if len(names) == 3 else ", ".join(names) or "no"
+
+
+def _print(reports: Sequence[RunReport]) -> None:
+    print_table(
+        "runs",
+        ("run", ">presses", ">references", ">stationary", ">out of band", "simulated", ">findings"),
+        [
+            (
+                report.folder.name,
+                f"{report.presses} of {report.planned}",
+                report.references,
+                report.stationary,
+                report.out_of_band,
+                _devices(report.simulated),
+                len(report.findings) or "ok",
+            )
+            for report in reports
+        ],
+    )
+    for report in reports:
+        so_far: Counter[str] = Counter()
+        for finding in report.findings:
+            so_far[finding.kind] += 1
+            if so_far[finding.kind] <= MAX_SHOWN:
+                print_lines(one_line(f"{report.folder.name}: {finding.kind}: {finding.where} {finding.text}"))
+        for kind, count in so_far.items():
+            if count > MAX_SHOWN:
+                print_lines(f"{report.folder.name}: {kind}: and {count - MAX_SHOWN} more (all with --json)")
+    empty = Counter(field for report in reports for field in report.empty_fields)
+    if empty:
+        print_lines("empty in print.toml (runs): " + ", ".join(f"{field} ({count})" for field, count in empty.items()))
+    findings = sum(len(report.findings) for report in reports)
+    presses = sum(report.presses for report in reports)
+    verdict = counted(findings, "finding") if findings else "nothing wrong"
+    print_lines(f"{counted(len(reports), 'run')}, {counted(presses, 'press')}: {verdict}")

@@ -1,0 +1,103 @@
+"""``tacbench export-runs``: run folders as other tools read them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from functools import partial
+from pathlib import Path
+
+import rich_click as click
+
+from tacbench_cad.cli import options
+from tacbench_cad.cli.progress import ProgressLine
+from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.text import counted
+
+
+def _whole_numbers(separator: str, count: int, allowed: str) -> options.Value:
+    def read(option: str, text: str) -> tuple[int, ...]:
+        parts = text.split(separator)
+        if len(parts) != count:
+            raise InputError(option, text, f"must be {allowed}")
+        return tuple(options.whole_of(option, part) for part in parts)
+
+    return options.Value(allowed.partition(", ")[0], read)
+
+
+@options.command("export-runs")
+@options.runs
+@options.option(
+    "--to", options.text("huggingface|webdataset|imagefolder|zarr|npz|tactile-data"), "What it is for.", required=True
+)
+@options.option(
+    "--bbox",
+    _whole_numbers(",", 4, "X0,Y0,X1,Y1, whole numbers with commas between them"),
+    "For tactile-data: pixels to keep. Default: the largest centred square.",
+)
+@options.option(
+    "--size", _whole_numbers("x", 2, "WxH, as 128x128"), "For tactile-data: size of the images. Default: 128x128."
+)
+@options.flag("--colour", "For tactile-data: keep the colours. Default: grey (BT.601).")
+@options.out("DIR", "A new folder. For tactile-data, a folder for one folder a run; without it, the run folders.")
+def command(
+    runs: tuple[Path, ...],
+    to: str,
+    bbox: tuple[int, int, int, int] | None,
+    size: tuple[int, int] | None,
+    colour: bool,
+    out: Path | None,
+) -> None:
+    """Write run folders as other tools read them.
+
+    huggingface is Parquet files with the images, a dataset card and Croissant metadata; webdataset tar files;
+    imagefolder one folder of images for each label, with metadata.csv; zarr and npz arrays. Each has all frames of all
+    runs, as the bytes that they are where the format takes files, and the columns of targets.csv for each of them. What
+    is unknown stays unknown, and simulated data say so in every file.
+
+    tactile-data is what tactile_learning reads: processed_images/, targets_images.csv and the JSON files for each run.
+    Its images are cut to a square, made grey and 128 x 128 pixels, as that toolchain's models take them.
+
+    Every frame is compared with its checksum on the way. A folder is written whole or not at all.
+
+    Examples:
+      tacbench export-runs --to huggingface runs/ --out dataset
+      tacbench export-runs --to zarr runs/ --out arrays
+      tacbench export-runs --to tactile-data runs/ --out learning --bbox 110,0,550,440
+    """
+    from tacbench_cad.lab.runs.exporting.formats import FORMATS, TACTILE_DATA, export_runs
+
+    if one_of("to", to, (*FORMATS, TACTILE_DATA)) == TACTILE_DATA:
+        _export_tactile_data(runs, out, bbox, size or (128, 128), colour)
+        return
+    if out is None:
+        raise InputError("out", None, f"is missing: --to {to} needs a folder for the result")
+    for option, value in (("bbox", bbox), ("size", size), ("colour", colour)):
+        if value:
+            raise InputError(option, None, f"is for --to {TACTILE_DATA}: {to} keeps the frames as they are")
+    with ProgressLine() as progress:
+        samples = export_runs(runs, to, out, partial(progress.show, "frames"))
+    click.echo(f"{counted(len(samples.runs), 'run')}, {counted(len(samples), 'frame')}, in {out}")
+
+
+def _export_tactile_data(
+    folders: tuple[Path, ...],
+    out: Path | None,
+    bbox: tuple[int, int, int, int] | None,
+    size: tuple[int, int],
+    colour: bool,
+) -> None:
+    from tacbench_cad.lab.runs.exporting.tactile_data import Processing, export_tactile_data
+    from tacbench_cad.lab.runs.reading import find_runs
+
+    processing = Processing(bbox=bbox, size=size, grey=not colour)
+    runs = find_runs(folders)
+    twice = next((name for name, count in Counter(folder.name for folder in runs).items() if count > 1), None)
+    if out is not None and twice is not None:
+        raise InputError("out", str(out), f"two of the runs are named {twice}; export them to different folders")
+    images = 0
+    with ProgressLine() as progress:
+        for folder in runs:
+            target = None if out is None else out / folder.name
+            images += export_tactile_data(folder, target, processing, partial(progress.show, folder.name))
+    exported = f"{counted(len(runs), 'run')}, {counted(images, 'image')} of {size[0]}x{size[1]} pixels"
+    click.echo(f"{exported}, in {out or 'the run folders'}")
