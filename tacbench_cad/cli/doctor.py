@@ -14,7 +14,7 @@ from tacbench_cad.cli.common import note, print_json, print_lines, print_table
 def command(repair: bool, json: bool) -> None:
     """Say what is installed, whether it works, and the command that repairs what does not.
 
-    It knows the trap of the two kernel wheels (cadquery-ocp and cadquery-ocp-novtk write the same files) and the
+    It knows the trap of the two kernel packages (cadquery-ocp and cadquery-ocp-novtk write the same files) and the
     system libraries that the kernel loads. The exit code is 1 when something is broken. An extra that is not
     installed is not broken: the commands that need it say so.
 

@@ -1,1 +1,1 @@
-"""What every part of the project uses: errors, files and documents from outside, processes, optional packages."""
+"""Tools that every part of the project uses: errors, input and output files, child processes, optional packages."""

@@ -1,10 +1,11 @@
-"""One converter between dataclasses and the plain values of TOML and JSON files, strict in both directions.
+"""Strict conversion between dataclasses and the plain values of TOML and JSON files, in both directions.
 
-:func:`from_plain` makes a dataclass from a parsed document and converts nothing silently: ``"3"`` is not 3, ``true``
-is not 1, and only a whole number may stand for a number with decimals. A key that no field has is refused with the
-nearest one. What a dataclass allows is said by its types (``Literal``, ``tuple[float, float]``, ``float | None``), by
-:class:`Bounds` and :class:`Length` in ``Annotated``, and by its own ``__post_init__``; every message has the table and
-the key: ``[protocol] depth_mm = 'x': must be a finite number``::
+:func:`from_plain` makes a dataclass from a parsed document. It converts nothing silently: ``"3"`` is not accepted as
+3, and ``true`` is not accepted as 1. The only exception is a whole number where a number with decimals is expected. An
+unknown key is refused, and the message suggests the nearest known key. The allowed values of a dataclass follow from
+its types (``Literal``, ``tuple[float, float]``, ``float | None``), from :class:`Bounds` and :class:`Length` in
+``Annotated``, and from its own ``__post_init__``. Every message names the table and the key:
+``[protocol] depth_mm = 'x': must be a finite number``::
 
     @dataclass(frozen=True, kw_only=True)
     class Holder:
@@ -38,20 +39,20 @@ if TYPE_CHECKING:
     from cattrs import Converter
 
 T = TypeVar("T")
-#: What makes a value of a type from a plain one, given both.
+#: A function that gets a plain value and a type, and returns a value of that type.
 Hook = Callable[[Any, Any], Any]
 
-#: The years that a date may have.
+#: The first and the last year that a date may have.
 MIN_YEAR, MAX_YEAR = 1970, 2200
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Metadata of ``Annotated[float, Bounds(0.0, 10.0)]``: the bounds of a number, both allowed themselves.
+    """The range of a number, as metadata: ``Annotated[float, Bounds(0.0, 10.0)]``.
 
     Args:
-        low: The lower bound.
-        high: The upper bound.
+        low: The smallest allowed value.
+        high: The largest allowed value.
     """
 
     low: float = -math.inf
@@ -72,11 +73,11 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Length:
-    """Metadata of ``Annotated[tuple[float, ...], Length(1)]``: how many items a list or a table may have.
+    """The number of items that a list or a table may have, as metadata: ``Annotated[tuple[float, ...], Length(1)]``.
 
     Args:
-        low: The fewest.
-        high: The most.
+        low: The smallest allowed number of items.
+        high: The largest allowed number of items.
     """
 
     low: int = 0
@@ -87,27 +88,27 @@ class Length:
         if value is None or self.low <= len(value) <= self.high:
             return None
         return (
-            f"must have at least {self.low} items" if len(value) < self.low else f"may have {self.high} items at most"
+            f"must have at least {self.low} items" if len(value) < self.low else f"may have at most {self.high} items"
         )
 
 
 @dataclass(frozen=True)
 class NumberAsText:
-    """Metadata of ``Annotated[str, NumberAsText()]``: a whole number may stand for its digits."""
+    """Metadata of ``Annotated[str, NumberAsText()]``: a whole number is accepted and becomes a string."""
 
 
-#: A text that may be written as a whole number: ``textures = [1, "waves.toml"]``.
+#: A string that may also be written as a whole number: ``textures = [1, "waves.toml"]``.
 Word = Annotated[str, NumberAsText()]
 
 
 class _FaultError(Exception):
-    """A value that does not fit, with the keys and indices that lead to it."""
+    """A value that is not allowed, with the keys and indices that lead to it."""
 
     def __init__(self, value: Any, allowed: str, path: tuple[str | int, ...] = (), ending: str | None = None) -> None:
         super().__init__(allowed)
         self.value, self.allowed, self.path = value, allowed, path
-        #: What stands after the table in the message, where a dataclass refused one of its fields by itself; an empty
-        #: text where the fault is of the whole table.
+        #: The text after the table's name in the message, where a dataclass itself refused one of its fields. It is
+        #: empty where the whole table is at fault, and None otherwise.
         self.ending = ending
 
     def within(self, step: str | int) -> _FaultError:
@@ -115,7 +116,7 @@ class _FaultError(Exception):
 
     @property
     def field(self) -> str:
-        """``[study] [[prints]] 2: copies``."""
+        """The place of the value in the document: ``[study] [[prints]] 2: copies``."""
         text, names = "", list[str]()
         path = list(self.path)
         while path and isinstance(path[-1], int) and self.ending is None:
@@ -133,14 +134,14 @@ class _FaultError(Exception):
 
 
 def from_plain(cls: type[T], data: Any, where: str = "") -> T:
-    """Make a dataclass (or any type that one may have as a field) from the values of a parsed document.
+    """Make a dataclass (or a value of any type that a field may have) from the values of a parsed document.
 
-    A field has the key of its name, or the one of ``field(metadata={"key": "N"})``.
+    The key of a field is the field's name, unless ``field(metadata={"key": "N"})`` gives another key.
 
     Args:
         cls: The dataclass.
-        data: What a TOML or JSON parser gave.
-        where: What stands before the field in a message: ``"run.toml: "``, ``"[gauge] "``.
+        data: The values that a TOML or JSON parser returned.
+        where: The beginning of every error message: ``"run.toml: "``, ``"[gauge] "``.
 
     Raises:
         InputError: A key is unknown or missing, or a value is not allowed.
@@ -153,9 +154,9 @@ def from_plain(cls: type[T], data: Any, where: str = "") -> T:
 
 
 def check_fields(value: Any) -> None:
-    """Refuse a dataclass whose fields hold what their types do not allow, in its ``__post_init__``.
+    """Check that the fields of a dataclass have values that their types allow; to be called in ``__post_init__``.
 
-    Only what is read from a file has passed the converter; objects that Python code makes have not.
+    The converter checks values that come from a file. This function also checks objects made in Python code.
 
     Raises:
         InputError: A field has a value that is not allowed.
@@ -169,38 +170,40 @@ def check_fields(value: Any) -> None:
 
 
 class Checked:
-    """Base of dataclasses whose fields are checked when they are made; see :func:`check_fields`."""
+    """Base class of dataclasses that check their fields when they are created; see :func:`check_fields`."""
 
     def __post_init__(self) -> None:
         check_fields(self)
 
 
 def read_toml(path: Path, cls: type[T], what: str, *, within: Path | None = None) -> T:
-    """Read a TOML file from outside into a dataclass.
+    """Read an untrusted TOML file into a dataclass.
 
     Args:
         path: The file.
         cls: The dataclass of the whole document.
-        what: What the file is, for the messages: ``texture``.
-        within: A folder out of which no link may lead.
+        what: The kind of document, for error messages: ``texture``.
+        within: A folder that the file must lie in, also if ``path`` is a link.
 
     Raises:
-        InputError: The file cannot be read, or holds what is not allowed; the message names file, table and key.
+        InputError: The file cannot be read, or a value is not allowed. The message names the file, table and key.
     """
     return from_plain(cls, door.read_document(path, what, "toml", within=within), f"{path}: ")
 
 
 def read_json(path: Path, cls: type[T], what: str, *, within: Path | None = None) -> T:
-    """Read a JSON file from outside into a dataclass; arguments and errors as of :func:`read_toml`."""
+    """Read an untrusted JSON file into a dataclass; same arguments and errors as :func:`read_toml`."""
     return from_plain(cls, door.read_document(path, what, "json", within=within), f"{path}: ")
 
 
 def to_plain(value: Any, *, without_none: bool = False, without_defaults: bool = False) -> Any:
-    """The plain values of TOML and JSON that stand for an object: tables, lists, texts, numbers, flags and None.
+    """Convert an object to the plain values of TOML and JSON: tables, lists, strings, numbers, booleans and None.
 
-    Dataclasses become tables with a key for each field (its name, or ``field(metadata={"key": "N"})``; one with
-    ``metadata={"key": None}`` is left out), tuples and sets lists, paths and enums texts, NumPy's numbers and arrays
-    Python's own.
+    - A dataclass becomes a table with a key for each field. The key is the field's name, unless
+      ``field(metadata={"key": "N"})`` gives another key; a field with ``metadata={"key": None}`` is left out.
+    - Tuples and sets become lists.
+    - Paths and enums become strings.
+    - NumPy numbers and arrays become Python numbers and lists.
 
     Args:
         value: The object.
@@ -248,7 +251,7 @@ def _is_default(field: dataclasses.Field[Any], value: Any) -> bool:
 
 
 def _keys(cls: Any) -> Iterator[tuple[dataclasses.Field[Any], str]]:
-    """The fields of a dataclass that its plain form has, and their keys."""
+    """Yield the fields of a dataclass that are part of its plain form, with their keys."""
     for field in dataclasses.fields(cls):
         key = field.metadata.get("key", field.name)
         if key is not None and field.init:
@@ -257,7 +260,7 @@ def _keys(cls: Any) -> Iterator[tuple[dataclasses.Field[Any], str]]:
 
 @cache
 def _hooks(cls: Any) -> tuple[tuple[dataclasses.Field[Any], str, Any, Hook], ...]:
-    """The same with the type of each and what makes it: looked up once, since a run alone has a hundred values."""
+    """Return the same fields with their types and hooks. They are cached, because a run has about a hundred values."""
     hints = get_type_hints(cls, include_extras=True)
     return tuple(
         (field, key, hints[field.name], _converter().get_structure_hook(hints[field.name])) for field, key in _keys(cls)
@@ -266,7 +269,7 @@ def _hooks(cls: Any) -> tuple[tuple[dataclasses.Field[Any], str, Any, Hook], ...
 
 @cache
 def _converter() -> Converter:
-    from cattrs import Converter  # here: a command that reads no document must not wait for it
+    from cattrs import Converter  # imported here, so that commands that read no document start faster
 
     converter = Converter()
     for kind, hook in ((bool, _flag), (int, _whole), (float, _number), (str, _text), (Path, _path)):
@@ -309,7 +312,7 @@ def _number(value: Any, _: Any) -> float:
 
 def _text(value: Any, _: Any) -> str:
     if not isinstance(value, str):
-        raise _FaultError(value, "must be a text")
+        raise _FaultError(value, "must be a string")
     return value
 
 
@@ -326,12 +329,13 @@ def _date(value: Any, kind: Any) -> Any:
     except (TypeError, ValueError):
         date = None
     if date is None or not MIN_YEAR <= date.year <= MAX_YEAR:
-        raise _FaultError(value, f"must be {_meaning(kind)} of the years {MIN_YEAR} to {MAX_YEAR}, such as 2026-01-31")
+        allowed = f"must be {_meaning(kind)} between the years {MIN_YEAR} and {MAX_YEAR}, for example 2026-01-31"
+        raise _FaultError(value, allowed)
     return date
 
 
 def _table_hook(cls: Any, _: Converter) -> Any:
-    """What makes a dataclass from a table."""
+    """Return the hook that makes a dataclass from a table."""
     read = {key: (field.name, kind, hook) for field, key, kind, hook in _hooks(cls)}
     required = {
         key
@@ -351,10 +355,10 @@ def _table_hook(cls: Any, _: Converter) -> Any:
                 values[name] = _structured(hook, value[key], kind, key)
             elif key in required:
                 if _meaning(kind) == "a table":
-                    raise _FaultError(None, "such a table is needed", (key,), ending="")
+                    raise _FaultError(None, "this table is missing", (key,), ending="")
                 if "tables" in _meaning(kind):
-                    raise _FaultError(None, "at least one such table is needed", ending=f"[[{key}]]")
-                raise _FaultError(None, f"is missing; {_meaning(kind)}", (key,))
+                    raise _FaultError(None, "at least one of these tables is needed", ending=f"[[{key}]]")
+                raise _FaultError(None, f"is missing; must be {_meaning(kind)}", (key,))
         try:
             return cls(**values)
         except InputError as error:
@@ -379,7 +383,7 @@ def _structured(hook: Hook, value: Any, kind: Any, step: str | int) -> Any:
 
 
 def _list_hook(kind: Any, converter: Converter) -> Any:
-    """What makes a tuple or a list from a list."""
+    """Return the hook that makes a tuple or a list from a list."""
     items = get_args(kind)
     open_ended = get_origin(kind) is not tuple or items[-1] is Ellipsis
     result = list if get_origin(kind) is list else tuple
@@ -398,7 +402,7 @@ def _list_hook(kind: Any, converter: Converter) -> Any:
 
 
 def _mapping_hook(kind: Any, converter: Converter) -> Any:
-    """What makes a dict from a table whose keys are free."""
+    """Return the hook that makes a dict from a table with any keys."""
     item = get_args(kind)[1] if get_args(kind) else Any
     hook = converter.get_structure_hook(item)
 
@@ -411,9 +415,10 @@ def _mapping_hook(kind: Any, converter: Converter) -> Any:
 
 
 def _union_hook(kind: Any, converter: Converter) -> Any:
-    """What makes one of several types: the first that a value of this kind may stand for, else the last error.
+    """Return the hook that makes a value of one of several types: of the first type that accepts the value.
 
-    Dataclasses that have a ``Literal`` field of one name, such as ``family``, are told apart by it.
+    Where several dataclasses share a ``Literal`` field, such as ``family``, the value of that field selects the
+    dataclass. If no type accepts the value, the error is that of the last type.
     """
     members = [member for member in get_args(kind) if member is not type(None)]
     optional = len(members) < len(get_args(kind))
@@ -427,7 +432,7 @@ def _union_hook(kind: Any, converter: Converter) -> Any:
         if tag and isinstance(value, Mapping):
             if tag not in value:
                 _refuse_unknown(value, dict.fromkeys(key for table in tables.values() for _, key in _keys(table)))
-                raise _FaultError(None, f"is missing; one of {', '.join(tables)}", (tag,))
+                raise _FaultError(None, f"is missing; must be one of {', '.join(tables)}", (tag,))
             word = _structured(converter.structure, value[tag], Literal.__getitem__(tuple(tables)), tag)
             return converter.structure(value, tables[word])
         fitting = [member for member in members if _could_be(value, member)]
@@ -445,7 +450,7 @@ def _union_hook(kind: Any, converter: Converter) -> Any:
 
 
 def _tagged(tables: list[Any]) -> tuple[str, dict[str, Any]]:
-    """The ``Literal`` field that all of several dataclasses have, and the dataclass that each word of it means."""
+    """Find the ``Literal`` field that several dataclasses share; return its name and the dataclass of each value."""
     hints = [get_type_hints(table) for table in tables]
     for name, kind in hints[0].items() if len(hints) > 1 else ():
         if get_origin(kind) is Literal and all(get_origin(each.get(name)) is Literal for each in hints):
@@ -456,7 +461,7 @@ def _tagged(tables: list[Any]) -> tuple[str, dict[str, Any]]:
 
 
 def _could_be(value: Any, kind: Any) -> bool:
-    """Whether a value is at least of the sort (a table, a list, a text, a number) that stands for a type."""
+    """Whether a plain value has the right form (table, list, string or number) for a type."""
     origin = get_origin(kind)
     if origin is Annotated:
         word = any(isinstance(each, NumberAsText) for each in kind.__metadata__)
@@ -509,7 +514,7 @@ def _annotated_hook(kind: Any, converter: Converter) -> Any:
 
 
 def _meaning(kind: Any, many: bool = False) -> str:
-    """What a type is called in a message: ``a finite number``, ``a list of 2 numbers``."""
+    """Return the name of a type for error messages: ``a finite number``, ``a list of 2 numbers``."""
     origin, items = get_origin(kind), get_args(kind)
     if origin is Annotated:
         return _meaning(items[0], many)
@@ -521,10 +526,10 @@ def _meaning(kind: Any, many: bool = False) -> str:
     if origin is Literal:
         return "one of " + ", ".join(map(str, items))
     names = {
-        bool: ("true or false", "flags"),
+        bool: ("true or false", "booleans"),
         int: ("a whole number", "whole numbers"),
         float: ("a finite number", "numbers"),
-        str: ("a text", "texts"),
+        str: ("a string", "strings"),
         Path: ("a path", "paths"),
         datetime.datetime: ("a date and time", "dates and times"),
         datetime.date: ("a date", "dates"),

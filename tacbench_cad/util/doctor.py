@@ -1,8 +1,8 @@
-"""What is installed here, whether it works, and the one command that repairs what does not.
+"""Diagnosis of the installation: which packages are installed, whether they work, and the commands that repair them.
 
-The kernel's two wheels, ``cadquery-ocp`` (which CadQuery needs) and ``cadquery-ocp-novtk`` (which build123d brings),
-write the same folder ``OCP``. Whichever was installed last wins, file by file, so the folder is compared with the list
-of files and hashes that each wheel left behind.
+Two packages contain the CAD kernel: ``cadquery-ocp``, which CadQuery needs, and ``cadquery-ocp-novtk``, which build123d
+installs. Both write to the folder ``OCP``, so the package that was installed last overwrites files of the other. The
+diagnosis therefore compares the files in that folder with the hashes that each package recorded.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from tacbench_cad.util.errors import MissingToolError, TacbenchError
 from tacbench_cad.util.packages import PACKAGES, has_module, install_command, version
 from tacbench_cad.util.processes import Workers, cpu_count, why_not_importable
 
-#: The wheel whose files must be the ones in place, and the one that overwrites them.
+#: The package whose files must be in the folder OCP, and the package that overwrites them.
 KERNEL, RIVAL = "cadquery-ocp", "cadquery-ocp-novtk"
-#: What the kernel loads from the system on Linux, and the Debian packages that bring it.
+#: The system libraries that the kernel loads on Linux, and the Debian packages that contain them.
 LIBRARIES = {"libGL.so.1": "libgl1", "libX11.so.6": "libx11-6"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One thing that was looked at.
+    """The result of one check of the installation.
 
     Args:
-        name: Two or three words.
-        ok: Whether it is as it should be.
-        detail: What was found.
-        repair: The command that mends it; None where all is well.
-        pip: Arguments of ``pip install`` that mend it, where that is what it takes.
+        name: The name of the check, two or three words.
+        ok: Whether the check passed.
+        detail: The versions, files or errors that the check met.
+        repair: The command that repairs the installation; None if the check passed.
+        pip: The arguments of ``pip install`` for the repair; empty if pip cannot repair it.
     """
 
     name: str
@@ -52,11 +52,11 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
-    """Everything that was found.
+    """The results of all checks of the installation.
 
     Args:
-        packages: A row for each package: its name, version and extra.
-        findings: What was tried, and whether it works.
+        packages: A row for each package, with its name, version, extra and use.
+        findings: The result of each check.
     """
 
     packages: tuple[dict[str, Any], ...]
@@ -64,11 +64,11 @@ class Diagnosis:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing is broken. A package of an extra that is not installed is not broken."""
+        """Whether all checks passed. A package of an extra may be missing."""
         return all(finding.ok for finding in self.findings)
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the document that ``tacbench doctor --json`` prints."""
         return {
             "version": __version__,
             "python": platform.python_version(),
@@ -80,62 +80,68 @@ class Diagnosis:
 
 
 def diagnose() -> Diagnosis:
-    """Look at everything. Packages are imported in child processes, so a broken one does no harm here."""
+    """Run all checks. Packages are imported in child processes, so that a broken package cannot end this process."""
     importlib.invalidate_caches()
     packages = tuple(
-        {"name": one.distribution, "version": one.version, "extra": one.extra, "use": one.use} for one in PACKAGES
+        {"name": package.distribution, "version": package.version, "extra": package.extra, "use": package.use}
+        for package in PACKAGES
     )
     findings = [*base_findings(), *kernel_findings(), *library_findings()]
     return Diagnosis(packages=packages, findings=(*findings, *import_findings(findings)))
 
 
 def base_findings() -> list[Finding]:
-    """Whether the base install is whole."""
+    """Check that the packages of the base installation are installed."""
     arm_linux = sys.platform == "linux" and platform.machine() in ("aarch64", "armv7l")
-    found = []
+    findings = []
     for package in PACKAGES:
         if package.extra is None and package.version is None:
             without_wheel = package.distribution == "lib3mf" and arm_linux
-            found.append(
-                Finding(name=package.distribution, ok=True, detail="has no wheel for ARM Linux: no 3MF files here")
+            findings.append(
+                Finding(
+                    name=package.distribution,
+                    ok=True,
+                    detail="is not available for ARM Linux, so 3MF files cannot be written or read here",
+                )
                 if without_wheel
                 else Finding(
                     name=package.distribution,
                     ok=False,
-                    detail="is not installed, and the base install needs it",
+                    detail="is not installed, but the base installation needs it",
                     repair=f"pip install {package.distribution}",
                     pip=(package.distribution,),
                 )
             )
-    return found
+    return findings
 
 
 def kernel_findings() -> list[Finding]:
-    """Whether the files of the right kernel wheel are the ones in place."""
+    """Check that the folder OCP contains the files of the right package."""
     own, rival = version(KERNEL), version(RIVAL)
     if own is None and not has_module("cadquery"):
         return []
     if own is None:
         wheel = f"{KERNEL}=={rival}" if rival else f"{KERNEL}>=7.9,<8"
-        detail = f"cadquery is installed without {KERNEL}" + (f"; {RIVAL} is no substitute" if rival else "")
+        detail = f"cadquery is installed without {KERNEL}" + (f"; {RIVAL} cannot replace it" if rival else "")
         return [_to_reinstall(wheel, detail, f'"{wheel}"')]
     foreign, wheel = foreign_files(KERNEL), f"{KERNEL}=={own}"
     both = f"{KERNEL} {own} and {RIVAL} {rival} share the folder OCP" if rival else f"{KERNEL} {own}"
     if not foreign:
-        return [Finding(name="kernel wheels", ok=True, detail=f"{both}; every file is {KERNEL}'s" if rival else both)]
-    detail = f"{both}; {len(foreign)} of {KERNEL}'s files are missing or not its own, as {foreign[0]}"
+        detail = f"{both}; every file belongs to {KERNEL}" if rival else both
+        return [Finding(name="kernel packages", ok=True, detail=detail)]
+    detail = f"{both}; {len(foreign)} of the files of {KERNEL} are missing or overwritten, for example {foreign[0]}"
     return [_to_reinstall(wheel, detail, wheel)]
 
 
 def _to_reinstall(wheel: str, detail: str, quoted: str) -> Finding:
     options = ("--force-reinstall", "--no-deps")
     repair = " ".join(("pip install", *options, quoted))
-    return Finding(name="kernel wheels", ok=False, detail=detail, repair=repair, pip=(*options, wheel))
+    return Finding(name="kernel packages", ok=False, detail=detail, repair=repair, pip=(*options, wheel))
 
 
 def foreign_files(distribution: str) -> list[str]:
-    """Files of an installed distribution that are missing, or differ from the hash that its wheel recorded."""
-    found = []
+    """List the files of an installed package that are missing, or whose hash is not the recorded one."""
+    foreign = []
     for file in importlib.metadata.files(distribution) or ():
         if file.hash is None or file.hash.mode != "sha256":
             continue
@@ -144,15 +150,15 @@ def foreign_files(distribution: str) -> list[str]:
             with open(path, "rb") as stream:  # noqa: PTH123 (a PackagePath's location is not always a Path)
                 digest = hashlib.file_digest(stream, "sha256").digest()
         except OSError:
-            found.append(str(file))
+            foreign.append(str(file))
             continue
         if base64.urlsafe_b64encode(digest).decode().rstrip("=") != file.hash.value:
-            found.append(str(file))
-    return found
+            foreign.append(str(file))
+    return foreign
 
 
 def library_findings() -> list[Finding]:
-    """Whether the system libraries of the kernel load; asked on Linux only, and only where the kernel is installed."""
+    """Check that the system libraries of the kernel can be loaded; only on Linux with the kernel installed."""
     if sys.platform != "linux" or not has_module("OCP"):
         return []
     missing = [name for name in LIBRARIES if not _loads(name)]
@@ -170,16 +176,16 @@ def _loads(library: str) -> bool:
 
 
 def import_findings(before: Sequence[Finding]) -> list[Finding]:
-    """Whether each installed package can be imported, tried in child processes.
+    """Check in child processes that each installed package can be imported.
 
     Args:
-        before: What was found so far: its repairs are the likely ones for an import that fails.
+        before: The results of the other checks. Their repairs probably help where an import fails.
     """
     repairs = [finding.repair for finding in before if finding.repair]
     installed = [package for package in PACKAGES if package.version is not None]
     with Workers(cpu_count()) as workers:
         jobs = [workers.submit(why_not_importable, (package.module,)) for package in installed]
-        found = []
+        findings = []
         for package, job in zip(installed, jobs, strict=True):
             try:
                 reason = job.result()
@@ -189,27 +195,27 @@ def import_findings(before: Sequence[Finding]) -> list[Finding]:
                 repair = f"pip install --force-reinstall {package.distribution}=={package.version}"
                 if package.extra is not None:
                     repair = repairs[0] if package.extra == "cad" and repairs else install_command(package.extra)
-                found.append(Finding(name=f"import {package.module}", ok=False, detail=reason, repair=repair))
-        if not found:
-            detail = f"all {len(installed)} installed packages load"
-            found.append(Finding(name="imports", ok=True, detail=detail))
-    return found
+                findings.append(Finding(name=f"import {package.module}", ok=False, detail=reason, repair=repair))
+        if not findings:
+            detail = f"all {len(installed)} installed packages can be imported"
+            findings.append(Finding(name="imports", ok=True, detail=detail))
+    return findings
 
 
 def left_out_extras() -> dict[str, str]:
-    """Extras of which something is not installed, and the command that installs each."""
+    """Return the extras with a missing package, each with the command that installs it."""
     extras = [package.extra for package in PACKAGES if package.extra is not None and package.version is None]
     return {extra: install_command(extra) for extra in dict.fromkeys(extras)}
 
 
 def repair(diagnosis: Diagnosis) -> list[tuple[str, ...]]:
-    """Run the pip repairs of a diagnosis. System libraries are left to the user.
+    """Run the repairs of a diagnosis that pip can do. The user has to install system libraries.
 
     Returns:
-        The arguments of each ``pip install`` that ran.
+        The arguments of each ``pip install`` command.
 
     Raises:
-        MissingToolError: pip is not there, or did not succeed.
+        MissingToolError: pip is not installed, or failed.
     """
     done = []
     for finding in diagnosis.findings:
@@ -217,6 +223,6 @@ def repair(diagnosis: Diagnosis) -> list[tuple[str, ...]]:
             continue
         command = [sys.executable, "-P", "-m", "pip", "install", "--disable-pip-version-check", *finding.pip]
         if subprocess.run(command, stdout=sys.stderr.fileno(), check=False).returncode != 0:
-            raise MissingToolError(f"the repair failed; run it by hand: {finding.repair}")
+            raise MissingToolError(f"the repair failed; try to run it yourself: {finding.repair}")
         done.append(finding.pip)
     return done

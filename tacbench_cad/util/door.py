@@ -1,9 +1,9 @@
-"""The one door for data from outside: files are opened here, and TOML, JSON and CSV are parsed here, within limits.
+"""Safe reading of untrusted files. All input files are opened here, and TOML, JSON and CSV are parsed here.
 
-A file that somebody else wrote can be anything: a named pipe that never ends, a link to a device, a terabyte, a number
-of 400 digits, a list nested 10,000 deep. Nothing of that gets further than this module. Every refusal is an
-:class:`~tacbench_cad.util.errors.InputError` that names the file. The limits are generous; the environment variable
-``TACBENCH_LIMITS`` multiplies them (``TACBENCH_LIMITS=4``).
+An untrusted file can be a named pipe that never ends, a link to a device, a terabyte large, or a document with a number
+of 400 digits or with 10,000 nested lists. This module refuses all of these with an
+:class:`~tacbench_cad.util.errors.InputError` that names the file. The limits are generous. The environment variable
+``TACBENCH_LIMITS`` multiplies them (for example ``TACBENCH_LIMITS=4``).
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from typing import Any, BinaryIO, NoReturn
 
 from tacbench_cad.util.errors import InputError, nearest, one_line
 
-#: Multiplies every limit.
+#: The environment variable that multiplies every limit.
 LIMITS_VARIABLE = "TACBENCH_LIMITS"
-#: The largest file of each kind, in megabytes.
+#: The largest allowed size of each kind of file, in MB.
 MAX_MB: Mapping[str, float] = {
     "toml": 8,
     "json": 64,
@@ -35,16 +35,16 @@ MAX_MB: Mapping[str, float] = {
     "gcode": 512,
     "any": 1024,
 }
-#: The deepest nesting of a document, the most values in it, and the largest whole number.
+#: The limits of a document: levels of nesting, number of values, and largest whole number.
 MAX_DEPTH, MAX_VALUES, MAX_WHOLE = 40, 20_000_000, 2**63 - 1
-#: The most rows of a CSV table, columns in a row and characters in a field.
+#: The limits of a CSV table: rows, columns, and characters in a field.
 MAX_ROWS, MAX_COLUMNS, MAX_FIELD = 5_000_000, 1000, 1_000_000
-#: What stands between the fields of a table; the first one where the header has none.
+#: The possible separators of a CSV table. The first is used if the header contains none of them.
 _SEPARATORS = ",;\t"
 
 
 def limits_factor() -> float:
-    """What the user multiplies all limits by.
+    """Return the user's factor for all limits.
 
     Raises:
         InputError: The environment variable is not a positive number.
@@ -55,26 +55,26 @@ def limits_factor() -> float:
     except ValueError:
         factor = math.nan
     if not 0.0 < factor < math.inf:
-        raise InputError(LIMITS_VARIABLE, text, "must be a positive number, which multiplies all limits")
+        raise InputError(LIMITS_VARIABLE, text, "must be a positive number")
     return factor
 
 
 def require_within(what: str, value: float, limit: float, unit: str, where: str | None = None) -> None:
-    """Refuse what exceeds a limit, and say how the limit is raised.
+    """Check that a size does not exceed a limit. The error message says how to raise the limit.
 
     Args:
-        what: What has the value, as the field of the message: ``image``.
-        value: The size that was met.
-        limit: The limit, before the user's factor.
-        unit: The unit of both: ``MB``, ``triangles``.
-        where: The file or place; None where ``what`` says it.
+        what: The kind of object, for the error message: ``image``.
+        value: The size.
+        limit: The limit, without the user's factor.
+        unit: The unit of the size and the limit: ``MB``, ``triangles``.
+        where: The file; None if ``what`` already names it.
 
     Raises:
         InputError: The value is larger than the limit.
     """
     if not value <= limit * limits_factor():
         needed = math.ceil(value / limit) if math.isfinite(value) else 0
-        raising = f"; {LIMITS_VARIABLE}={needed} in the environment allows it" if 0 < needed < 10**6 else ""
+        raising = f"; set the environment variable {LIMITS_VARIABLE}={needed} to allow it" if 0 < needed < 10**6 else ""
         size = f"{value:,.10g}" if math.isfinite(value) else str(value)
         raise InputError(
             what, where, f"has {size} {unit}, more than the {limit * limits_factor():,.10g} allowed{raising}"
@@ -82,22 +82,22 @@ def require_within(what: str, value: float, limit: float, unit: str, where: str 
 
 
 def open_input(path: Path, what: str = "file", kind: str = "any", *, within: Path | None = None) -> BinaryIO:
-    """Open a file from outside for reading bytes.
+    """Open an untrusted file for reading bytes.
 
     Args:
         path: The file.
-        what: What it is, for the messages: ``texture``.
-        kind: Its kind, one of :data:`MAX_MB`, which limits its size.
-        within: A folder out of which no link may lead.
+        what: The kind of document, for error messages: ``texture``.
+        kind: The kind of file, a key of :data:`MAX_MB`, which limits its size.
+        within: A folder that the file must lie in, also if ``path`` is a link.
 
     Raises:
-        InputError: It is missing, unreadable, too large, not a regular file, or a link out of ``within``.
+        InputError: The file is missing, unreadable, too large, not a regular file, or outside ``within``.
     """
     try:
         _require_regular(path, what, path.stat().st_mode)
         if within is not None and not path.resolve().is_relative_to(within.resolve()):
-            raise InputError(what, str(path), f"is a link that leads out of {within}; put the file itself there")
-        # A named pipe that took the file's place since is opened without waiting, and refused.
+            raise InputError(what, str(path), f"is a link to a file outside {within}; put the file itself there")
+        # If a named pipe has replaced the file since the check above, it is opened without waiting and then refused.
         stream = os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb")
     except (OSError, ValueError, RuntimeError) as error:  # a null character in the name; a link to itself
         raise InputError(what, str(path), f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
@@ -115,11 +115,11 @@ def _require_regular(path: Path, what: str, mode: int) -> None:
     if stat.S_ISDIR(mode):
         raise InputError(what, str(path), "is a folder; name a file")
     if not stat.S_ISREG(mode):
-        raise InputError(what, str(path), "is not a regular file but a pipe, a socket or a device")
+        raise InputError(what, str(path), "is a pipe, a socket or a device; name a regular file")
 
 
 def read_bytes(path: Path, what: str = "file", kind: str = "any", *, within: Path | None = None) -> bytes:
-    """The bytes of a file from outside; arguments and errors as of :func:`open_input`."""
+    """Read the bytes of an untrusted file; same arguments and errors as :func:`open_input`."""
     with open_input(path, what, kind, within=within) as stream:
         try:
             return stream.read()
@@ -128,10 +128,10 @@ def read_bytes(path: Path, what: str = "file", kind: str = "any", *, within: Pat
 
 
 def read_text(path: Path, what: str = "file", kind: str = "any", *, within: Path | None = None) -> str:
-    """The UTF-8 text of a file from outside, without a byte order mark; arguments as of :func:`open_input`.
+    """Read an untrusted UTF-8 file without its byte order mark; same arguments as :func:`open_input`.
 
     Raises:
-        InputError: As :func:`open_input`, or it is not UTF-8.
+        InputError: Same as :func:`open_input`, or the file is not UTF-8 text.
     """
     try:
         return read_bytes(path, what, kind, within=within).decode("utf-8-sig")
@@ -140,10 +140,10 @@ def read_text(path: Path, what: str = "file", kind: str = "any", *, within: Path
 
 
 def read_document(path: Path, what: str, kind: str, *, within: Path | None = None) -> Any:
-    """The plain values of a TOML or JSON file from outside; ``kind`` is ``toml`` or ``json``.
+    """Read an untrusted TOML or JSON file as plain values; ``kind`` is ``toml`` or ``json``.
 
     Raises:
-        InputError: As :func:`open_input` and :func:`parse_toml`.
+        InputError: Same as :func:`open_input` and :func:`parse_toml`.
     """
     if kind == "toml":
         return parse_toml(read_text(path, what, kind, within=within), what, str(path))
@@ -151,15 +151,15 @@ def read_document(path: Path, what: str, kind: str, *, within: Path | None = Non
 
 
 def parse_toml(text: str, what: str, name: str) -> dict[str, Any]:
-    """A TOML document as plain values, all of them bounded.
+    """Parse a TOML document into plain values within the limits of :func:`require_bounded`.
 
     Args:
         text: The document.
-        what: What it is, for the messages: ``texture``.
-        name: The file's name, for the messages.
+        what: The kind of document, for error messages: ``texture``.
+        name: The name of the file, for error messages.
 
     Raises:
-        InputError: It is not TOML, or nested too deep, or has a number or a text that cannot be used.
+        InputError: The document is not valid TOML, or exceeds a limit.
     """
     try:
         document = tomllib.loads(text)
@@ -172,7 +172,7 @@ def parse_toml(text: str, what: str, name: str) -> dict[str, Any]:
 
 
 def parse_json(text: str | bytes, what: str, name: str) -> Any:
-    """A JSON document as plain values, all of them bounded; arguments and errors as of :func:`parse_toml`."""
+    """Parse a JSON document into plain values; same arguments and errors as :func:`parse_toml`."""
     try:
         document = json.loads(text, parse_constant=_no_constant)
     except UnicodeDecodeError:
@@ -190,19 +190,19 @@ def _no_constant(word: str) -> NoReturn:
 
 
 def read_rows(path: Path, what: str, columns: Sequence[str], *, within: Path | None = None) -> list[list[str]]:
-    """The rows of a CSV table below its header line.
+    """Read the rows of a CSV table with a known header.
 
     Args:
         path: The file.
-        what: What it is, for the messages: ``layout``.
-        columns: The names that the header must have, in this order.
-        within: As of :func:`open_input`.
+        what: The kind of document, for error messages: ``layout``.
+        columns: The column names that the header must have, in this order.
+        within: Same as for :func:`open_input`.
 
     Returns:
-        Texts, as many in each row as there are columns.
+        The rows below the header, as lists of strings.
 
     Raises:
-        InputError: The file cannot be read, has another header, a row of another length, or too much of anything.
+        InputError: The file cannot be read, has another header, a row of another length, or exceeds a limit.
     """
     header, rows = read_table(path, what, within=within)
     if header != list(columns):
@@ -213,22 +213,22 @@ def read_rows(path: Path, what: str, columns: Sequence[str], *, within: Path | N
 
 
 def read_table(path: Path, what: str, *, within: Path | None = None) -> tuple[list[str], list[list[str]]]:
-    """The header and the rows of a CSV table; arguments and errors as of :func:`read_rows`."""
+    """Read the header and the rows of a CSV table; same arguments and errors as :func:`read_rows`."""
     return parse_table(read_text(path, what, "table", within=within), what, str(path))
 
 
 def parse_table(text: str, what: str, name: str) -> tuple[list[str], list[list[str]]]:
-    """The header and the rows of a CSV table; blank lines are left out.
+    """Parse a CSV table into its header and its rows, without blank lines.
 
-    The fields are separated as the header's are: by commas, semicolons (spreadsheets in many languages) or tabs.
+    The header decides which separator is used: comma, semicolon (as spreadsheets write in many languages) or tab.
 
     Args:
         text: The table.
-        what: What it is, for the messages.
-        name: The file's name, for the messages.
+        what: The kind of document, for error messages.
+        name: The name of the file, for error messages.
 
     Raises:
-        InputError: It is no CSV table, has no header, a row of another length, or too much of anything.
+        InputError: The text is not valid CSV, has no header, a row of another length, or exceeds a limit.
     """
     rows: list[list[str]] = []
     previous_limit = csv.field_size_limit(MAX_FIELD)
@@ -240,7 +240,7 @@ def parse_table(text: str, what: str, name: str) -> tuple[list[str], list[list[s
                 continue
             if len(row) != len(rows[0] if rows else row):
                 raise InputError(
-                    f"{name} line {reader.line_num}", None, f"has {len(row)} fields, the header {len(rows[0])}"
+                    f"{name} line {reader.line_num}", None, f"has {len(row)} fields, but the header has {len(rows[0])}"
                 )
             if len(row) > MAX_COLUMNS:
                 raise InputError(f"{name} line {reader.line_num}", None, f"has more than {MAX_COLUMNS} columns")
@@ -252,21 +252,21 @@ def parse_table(text: str, what: str, name: str) -> tuple[list[str], list[list[s
     finally:
         csv.field_size_limit(previous_limit)
     if not rows:
-        raise InputError(what, name, "is empty; a header line is needed")
+        raise InputError(what, name, "is empty; it needs a header line")
     if "\0" in text:
-        raise InputError(what, name, "has null characters; it is not a table")
+        raise InputError(what, name, "contains null characters, so it is not a CSV table")
     return rows[0], rows[1:]
 
 
 def require_bounded(document: Any, name: str) -> None:
-    """Refuse what no document of ours can hold: absurd nesting and counts, numbers beyond 64 bits, half characters.
+    """Check the limits of a document: nesting, number of values, numbers within 64 bits, and valid characters.
 
     Args:
-        document: Plain values, as a parser gives them.
-        name: The file's name, for the message.
+        document: The plain values that a parser returned.
+        name: The name of the file, for the error message.
 
     Raises:
-        InputError: There is such a value; the message names its key.
+        InputError: A value exceeds a limit. The message names its key.
     """
     count, level, depth = 0, [(document, "")], 0
     while level:
@@ -295,7 +295,7 @@ def require_bounded(document: Any, name: str) -> None:
 
 
 def _key(table: str, word: str, value: Any) -> str:
-    """``[protocol] depth_mm``, as in every message about a document."""
+    """Return the name of a key in error messages: ``[protocol] depth_mm``."""
     word = word if len(word) <= 80 else f"{word[:77]}..."
     if isinstance(value, dict):
         return f"{table[:-2]}.{word}] " if table.endswith("] ") else f"[{word}] "
@@ -307,4 +307,6 @@ def _require_characters(text: str, name: str, key: str) -> None:
         try:
             text.encode()
         except UnicodeEncodeError:
-            raise InputError(f"{name}: {key}".rstrip(), text[:80], "has half a character (a lone surrogate)") from None
+            raise InputError(
+                f"{name}: {key}".rstrip(), text[:80], "contains an invalid character (a lone surrogate)"
+            ) from None

@@ -1,4 +1,4 @@
-"""The errors a user can meet, and the exit code each one ends a command with."""
+"""The errors that a user can meet, and their exit codes."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from collections.abc import Iterable, Iterator
 
 
 class TacbenchError(Exception):
-    """Any error with a message meant for the user: one line, no traceback.
+    """Base class of errors whose message is meant for the user. A command prints it as one line, without traceback.
 
     Attributes:
-        exit_code: What a command ends with (0 is success, 130 an interruption).
+        exit_code: The exit code of a command that ends with this error.
     """
 
     exit_code = 2
@@ -25,9 +25,9 @@ class InputError(TacbenchError):
     """A field has a value that is not allowed.
 
     Args:
-        field: Name of the field, option or file.
-        value: The value that was given.
-        allowed: What would be allowed, as the end of a sentence.
+        field: The name of the field, option or file.
+        value: The value that was given; None leaves it out of the message.
+        allowed: What is allowed, or what to do, as the end of the message.
     """
 
     def __init__(self, field: str, value: object, allowed: str) -> None:
@@ -37,26 +37,26 @@ class InputError(TacbenchError):
         super().__init__(f"{field} = {_shown(value)}: {allowed}" if value is not None else f"{field}: {allowed}")
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, object, str]]:
-        # Raised in another process, it comes back by these three; Exception's own way has only the message.
+        # For errors raised in another process: pickling an Exception keeps only the message by default.
         return (type(self), (self.field, self.value, self.allowed))
 
 
 def _shown(value: object) -> str:
-    """A value for a message: as Python writes it, without the middle of one that is very long."""
+    """Write a value for a message as Python does; the middle of a very long value is left out."""
     try:
         text = repr(value)
-    except (ValueError, RecursionError):  # a whole number of thousands of digits, a list nested as deep
+    except (ValueError, RecursionError):  # a number of thousands of digits, or a very deeply nested list
         return f"({type(value).__name__})"
     return text if len(text) <= 300 else f"{text[:200]} ... {text[-40:]}"
 
 
 @contextlib.contextmanager
 def located(where: str, *, fields: str = "") -> Iterator[None]:
-    """Put a file or a table in front of the field of every :class:`InputError` that comes out of the body.
+    """Add the name of a file or table to the field of every :class:`InputError` that is raised in the body.
 
     Args:
-        where: ``"rig.toml: "`` or ``"[protocol] "``.
-        fields: Only in front of fields that begin so: ``"["`` for those of a file's tables.
+        where: The text to add in front of the field: ``"rig.toml: "`` or ``"[protocol] "``.
+        fields: Add it only to fields that begin with this text. ``"["`` selects the fields of a file's tables.
     """
     try:
         yield
@@ -67,26 +67,26 @@ def located(where: str, *, fields: str = "") -> Iterator[None]:
 
 
 class MissingToolError(TacbenchError):
-    """Something asked for needs a package or a system library that is not there."""
+    """A package or a system library that the user's request needs is not installed."""
 
 
 class CheckFailedError(TacbenchError):
-    """A part or a file was examined and found wrong."""
+    """A part or a file did not pass a check."""
 
     exit_code = 1
 
 
 def one_line(message: object, limit: int | None = None) -> str:
-    """The message without line breaks, cut off after so many characters."""
+    """Return a message without line breaks, cut to at most ``limit`` characters."""
     return " ".join(str(message).split())[:limit]
 
 
 def nearest(word: str, allowed: Iterable[str]) -> str:
-    """Return a hint naming the allowed word nearest to ``word``, or the whole list.
+    """Return a hint that names the allowed word nearest to ``word``, or all allowed words if none is similar.
 
     Args:
-        word: What was written.
-        allowed: The words that would have been accepted.
+        word: The word that was given.
+        allowed: The allowed words.
 
     Returns:
         ``'did you mean "scale"?'`` or ``'allowed: a, b, c'``.
@@ -99,25 +99,25 @@ def nearest(word: str, allowed: Iterable[str]) -> str:
 
 
 def require_between(field: str, value: float, low: float, high: float, unit: str = "") -> None:
-    """Refuse a number out of bounds, infinity and NaN among them; both bounds are allowed.
+    """Check that a number lies between two bounds, which are allowed themselves.
 
     Raises:
-        InputError: It is out of bounds, or not a number.
+        InputError: The number is out of bounds, infinite or NaN.
     """
     if isinstance(value, bool) or not low <= value <= high:
         raise InputError(field, value, f"must be from {low:g} to {high:g}{unit}")
 
 
 def one_of(field: str, word: str, allowed: Iterable[str]) -> str:
-    """The word, if it is allowed.
+    """Return the word if it is allowed.
 
     Args:
-        field: What it stands for, for the message.
-        word: What was given.
-        allowed: What may be given.
+        field: The name of the field, for the error message.
+        word: The word that was given.
+        allowed: The allowed words.
 
     Raises:
-        InputError: It is not; the message names the nearest one.
+        InputError: The word is not allowed. The message names the nearest allowed word.
     """
     words = tuple(allowed)
     if word not in words:

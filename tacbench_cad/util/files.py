@@ -1,4 +1,7 @@
-"""Files that are either whole or not there: a temporary name, one rename, and one process a folder."""
+"""Safe output files: each file is written under a temporary name and renamed, and only one process writes to a folder.
+
+A reader therefore finds either the complete file or none.
+"""
 
 from __future__ import annotations
 
@@ -16,37 +19,37 @@ from typing import Any
 from tacbench_cad.util.door import open_input
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
-#: Every temporary file begins so; a leftover of a killed run is swept by the next run that holds the folder.
+#: The prefix of every temporary file. The next process that locks the folder deletes those that a killed process left.
 TEMPORARY_PREFIX = ".tacbench-unfinished-"
-#: A temporary folder of :func:`replacing_folder`; other folders with the first prefix belong to those who made them.
+#: The prefix of the temporary folders of :func:`replacing_folder`.
 _FOLDER_PREFIX = f"{TEMPORARY_PREFIX}folder-"
-#: The file that a running process holds locked. It may outlive a killed process; the lock on it does not.
+#: The file that a running process locks. The file may remain after a process was killed, but the lock does not.
 LOCK_NAME = ".tacbench-lock"
 
 _REASONS = {
     errno.EACCES: "is not writable",
     errno.EPERM: "is not writable",
-    errno.EROFS: "is on a file system that cannot be written",
+    errno.EROFS: "is on a read-only file system",
     errno.ENOSPC: "is full: no space left on its device",
     errno.EDQUOT: "is full: the disk quota is used up",
     errno.ENOTDIR: "is not a folder",
     errno.EEXIST: "is not a folder",
-    errno.ENAMETOOLONG: "would hold a file with too long a name",
+    errno.ENAMETOOLONG: "cannot take a file with such a long name",
 }
 
 
 def _refusal(folder: Path, error: OSError) -> InputError:
-    """The one message for a folder that cannot take a file."""
-    reason = _REASONS.get(error.errno or 0, f"cannot take the file: {error.strerror or error}")
-    return InputError("output folder", str(folder), f"{reason}; name a folder that can be written and has room")
+    """Return the error for a folder to which a file cannot be written."""
+    reason = _REASONS.get(error.errno or 0, f"cannot take the file ({error.strerror or error})")
+    return InputError("output folder", str(folder), f"{reason}; choose a writable folder with enough free space")
 
 
 @contextlib.contextmanager
 def refusing(folder: Path) -> Iterator[None]:
-    """Turn what the system says of a folder that cannot be written into a message for the user.
+    """Turn the system's errors about an output folder into messages for the user.
 
     Raises:
-        InputError: An ``OSError`` came out of the body.
+        InputError: The body raised an ``OSError``.
     """
     try:
         yield
@@ -56,15 +59,15 @@ def refusing(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def replacing(path: Path, *, durable: bool = True) -> Iterator[Path]:
-    """Write a file so that ``path`` is either untouched or whole.
+    """Write a file so that ``path`` is either unchanged or complete.
 
-    The body writes to the temporary path that it is given, in the same folder (a rename is atomic only within one
-    file system). After the body the data are forced to disk and the file is renamed. If anything is raised, an
-    interruption included, the temporary file is removed and ``path`` stays as it was.
+    The body writes to a temporary path in the same folder, because a rename is atomic only within one file system.
+    After the body, the data are forced to disk and the file is renamed. After an error or an interruption, the
+    temporary file is removed and ``path`` is unchanged.
 
     Args:
-        path: Where the file shall be in the end. Its folder must exist.
-        durable: Force the data to disk. Without that, a power cut may leave an empty file; a killed process does not.
+        path: The final path of the file. Its folder must exist.
+        durable: Force the data to disk. Otherwise a power failure (but not a killed process) may leave an empty file.
 
     Yields:
         The temporary path, with the same suffix.
@@ -93,19 +96,19 @@ def replacing(path: Path, *, durable: bool = True) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def replacing_folder(path: Path) -> Iterator[Path]:
-    """Write a folder so that ``path`` is either not there or whole: :func:`replacing` for a folder that is new.
+    """Write a new folder so that ``path`` is either missing or complete; like :func:`replacing`.
 
     Args:
-        path: Where the folder shall be in the end. It does not exist yet, or is empty.
+        path: The final path of the folder. It must not exist, or must be empty.
 
     Yields:
-        The temporary folder, beside it.
+        A temporary folder next to ``path``.
 
     Raises:
-        InputError: ``path`` exists already, or its folder is unwritable or full.
+        InputError: ``path`` already exists, or its parent folder is unwritable or full.
     """
     if path.exists() and not (path.is_dir() and not any(path.iterdir())):
-        raise InputError("output folder", str(path), "exists already; remove it or name another one")
+        raise InputError("output folder", str(path), "already exists; remove it or choose another folder")
     temporary = path.parent / f"{_FOLDER_PREFIX}{os.getpid()}-{path.name}"
     with locked(path.parent), refusing(path.parent):
         for leftover in path.parent.glob(f"{_FOLDER_PREFIX}*"):
@@ -119,30 +122,30 @@ def replacing_folder(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str, *, durable: bool = True) -> None:
-    """Write a UTF-8 file that is whole or not there; arguments and errors as of :func:`replacing`."""
+    """Write a UTF-8 text file completely or not at all; same arguments and errors as :func:`replacing`."""
     with replacing(path, durable=durable) as temporary:
         temporary.write_bytes(text.encode())
 
 
 def write_json(path: Path, document: Mapping[str, Any], *, durable: bool = True) -> None:
-    """Write a JSON file that is whole or not there; errors as of :func:`replacing`."""
+    """Write a JSON file completely or not at all; same errors as :func:`replacing`."""
     write_text(path, json.dumps(document, indent=2, allow_nan=False) + "\n", durable=durable)
 
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold an output folder, making it if it is not there; a second process is refused.
+    """Lock an output folder, so that no other process of this program writes to it. A missing folder is created.
 
-    A folder that was made here and is empty in the end is removed again: a refusal leaves nothing behind.
+    If the folder was created here and is still empty at the end, it is removed again.
 
-    The lock is the operating system's (``flock``, on Windows ``msvcrt.locking``): it ends with the process, however
-    that ends. Unfinished files of a killed process are removed once the folder is held.
+    The operating system holds the lock (``flock``; ``msvcrt.locking`` on Windows), so it always ends with the process.
+    After locking, unfinished files of killed processes are deleted.
 
     Args:
-        folder: The folder to write in.
+        folder: The folder to write to.
 
     Raises:
-        InputError: Another process holds the folder, or it cannot be written.
+        InputError: Another process has locked the folder, or it is not writable.
     """
     try:
         created = [level for level in (folder, *folder.parents) if not level.exists()]
@@ -159,32 +162,32 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         _leave(folder / LOCK_NAME, handle)
-        with contextlib.suppress(OSError):  # one that holds something
+        with contextlib.suppress(OSError):  # the folder is not empty
             for level in created:
                 level.rmdir()
 
 
 def sha256(path: Path) -> str:
-    """The SHA-256 of a file's bytes, as 64 hexadecimal digits."""
+    """Return the SHA-256 hash of a file as 64 hexadecimal digits."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def existing_file(path: Path) -> Path:
-    """The path itself, if it is a regular file that can be opened.
+    """Return the path if it is a regular file that can be opened.
 
     Raises:
-        InputError: There is no such file, or it is a folder, a pipe or a device, or it may not be read.
+        InputError: The file does not exist, is not a regular file, or is not readable.
     """
     open_input(path).close()
     return path
 
 
 def not_empty(path: Path) -> Path:
-    """The path of a file that can be opened and holds something.
+    """Return the path if it is a file that can be opened and is not empty.
 
     Raises:
-        InputError: As :func:`existing_file`.
+        InputError: Same as :func:`existing_file`.
         CheckFailedError: The file is empty.
     """
     if existing_file(path).stat().st_size == 0:
@@ -223,7 +226,7 @@ else:
             except BaseException:
                 os.close(handle)
                 raise
-            # The holder before us removes the file: a lock on a removed file keeps nobody out, so take the new one.
+            # The previous process removes the file at its end. A lock on a removed file protects nothing: try again.
             with contextlib.suppress(FileNotFoundError):
                 if path.stat().st_ino == os.fstat(handle).st_ino:
                     return handle

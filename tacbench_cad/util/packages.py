@@ -1,4 +1,7 @@
-"""What is installed: packages, their versions and the command that brings a missing one. Importing it imports none."""
+"""The packages that the project can use: their versions, and the commands that install them.
+
+Importing this module imports none of them.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +14,13 @@ from tacbench_cad.util.errors import MissingToolError
 
 @dataclass(frozen=True, kw_only=True)
 class Package:
-    """Something that the project can use.
+    """A package that the project can use.
 
     Args:
-        distribution: Name to install it by.
-        module: Name to import it by.
-        extra: The extra that brings it; None for the base install.
-        use: What it is for.
+        distribution: The name by which it is installed.
+        module: The name by which it is imported.
+        extra: The extra that installs it; None for the base installation.
+        use: What the project uses it for.
     """
 
     distribution: str
@@ -31,7 +34,7 @@ class Package:
         return version(self.distribution)
 
 
-#: The packages that may be missing, and what brings them.
+#: The packages that may be missing.
 PACKAGES: tuple[Package, ...] = (
     Package(distribution="numpy", module="numpy", extra=None, use="all numbers"),
     Package(distribution="scipy", module="scipy", extra=None, use="splines and sparse tables"),
@@ -63,7 +66,7 @@ PACKAGES: tuple[Package, ...] = (
 
 def version(distribution: str) -> str | None:
     """The installed version of a distribution, or None."""
-    import importlib.metadata  # costs as much as a table; most commands do not ask
+    import importlib.metadata  # slow to import, and most commands do not need it
 
     try:
         return importlib.metadata.version(distribution)
@@ -72,38 +75,38 @@ def version(distribution: str) -> str | None:
 
 
 def has_module(name: str) -> bool:
-    """Whether a top-level module can be found; it is not imported."""
+    """Whether a top-level module is installed; it is not imported."""
     return importlib.util.find_spec(name) is not None
 
 
 def install_command(extra: str | None) -> str:
-    """The command that installs an extra, or repairs the base install."""
+    """Return the command that installs an extra, or repairs the base installation."""
     return f'pip install "tacbench-cad[{extra}]"' if extra else "pip install --force-reinstall tacbench-cad"
 
 
 def why_missing(*modules: str) -> str | None:
-    """Why something that needs these modules cannot be had: what is missing, and the command that installs it.
+    """Name the missing packages and the command that installs them.
 
     Args:
-        modules: Import names, all of them in :data:`PACKAGES`.
+        modules: The import names of the needed packages, which must be in :data:`PACKAGES`.
 
     Returns:
-        The reason, or None when all are there.
+        The end of an error message, or None if all packages are installed.
     """
     known = {package.module: package for package in PACKAGES}
     missing = [known[name] for name in modules if not has_module(name)]
     if not missing:
         return None
     names = ", ".join(package.distribution for package in missing)
-    return f"needs {names}, not installed: {install_command(missing[0].extra)}"
+    return f"needs {names}, not installed: run {install_command(missing[0].extra)}"
 
 
 def require(what: str, *modules: str) -> None:
-    """Refuse something before it has begun.
+    """Check that packages are installed before work begins.
 
     Args:
-        what: What needs the modules, as the beginning of the message.
-        modules: As of :func:`why_missing`; the first that is missing decides which extra is named.
+        what: The feature that needs the packages, as the beginning of the error message.
+        modules: Same as for :func:`why_missing`. The message names the extra of the first missing package.
 
     Raises:
         MissingToolError: A module is missing.
@@ -114,16 +117,16 @@ def require(what: str, *modules: str) -> None:
 
 
 def why_not_imported(error: ModuleNotFoundError) -> str | None:
-    """Why an import failed, and what helps, if it was of one of :data:`PACKAGES`; else None."""
+    """Explain a failed import of one of :data:`PACKAGES` and name the remedy; None for any other module."""
     module = (error.name or "").split(".")[0]
     return why_missing(module) if any(package.module == module for package in PACKAGES) else None
 
 
 def quiet_opencv() -> None:
-    """Keep OpenCV and the libraries behind it from printing warnings of their own before our message.
+    """Switch off the warnings that OpenCV and its libraries print to the standard error output.
 
     Raises:
-        ImportError: It is not installed.
+        ImportError: OpenCV is not installed.
     """
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     import cv2

@@ -1,4 +1,4 @@
-"""Drawing with matplotlib in a style of our own, whatever the user's settings say, to files without a date."""
+"""Plots in the project's style, independent of the user's matplotlib settings, written to files without a date."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.transforms import Bbox
 
-#: Colours that people with any colour vision tell apart (Okabe and Ito), the darker ones first.
+#: Colours that colour-blind people can distinguish (Okabe and Ito), dark colours first.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#f0e442")
 BLUE, ORANGE, GREEN = COLOURS[:3]
-#: Colour of text and axes.
+#: The colour of text and axes.
 INK = "#222222"
-#: Dots per inch of a picture.
+#: The resolution of a picture, in dots per inch.
 DPI = 150
 _STYLE = {
     "font.family": "DejaVu Sans",
@@ -30,25 +30,25 @@ _STYLE = {
     "axes.titlesize": 9.0,
     "xtick.direction": "out",
 }
-#: What no file may hold: a date, or the names of the programs that wrote it.
+#: Metadata that is left out, so that files are reproducible: the date, and the programs that wrote the file.
 _METADATA: dict[str, dict[str, None]] = {
     "png": {"Software": None},
     "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
     "svg": {"Date": None, "Creator": None},
 }
-#: What each kind calls the words on what a file shows.
+#: The metadata key of a description, for each file format.
 _ABOUT = {"png": "Description", "pdf": "Subject", "svg": "Description"}
-#: Suffixes of the files that a figure can be written to.
+#: The suffixes of the file formats that a figure can be written to.
 SUFFIXES = tuple(f".{kind}" for kind in _METADATA)
 
 
 @contextlib.contextmanager
 def only_style(what: str, style: Mapping[str, Any]) -> Iterator[None]:
-    """Draw with matplotlib's own defaults and these changes to them; afterwards all is as it was.
+    """Use matplotlib's defaults with some changes in the body, and restore the user's settings afterwards.
 
     Args:
-        what: What is drawn, for the message where matplotlib is missing: ``pictures``.
-        style: Changes to matplotlib's defaults.
+        what: The kind of output, for the error message if matplotlib is missing: ``pictures``.
+        style: The changes to matplotlib's defaults.
 
     Raises:
         MissingToolError: matplotlib is not installed.
@@ -63,7 +63,7 @@ def only_style(what: str, style: Mapping[str, Any]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def styled() -> Iterator[None]:
-    """Draw in the style of our pictures.
+    """Use the style of the project's pictures in the body.
 
     Raises:
         MissingToolError: matplotlib is not installed.
@@ -73,12 +73,12 @@ def styled() -> Iterator[None]:
 
 
 def new_figure(inches: tuple[float, float], dpi: int = DPI, layout: Literal["constrained"] | None = None) -> Figure:
-    """A figure of its own, which no window knows of.
+    """Make a figure without a window, independent of pyplot.
 
     Args:
-        inches: Width and height.
-        dpi: Dots per inch of its files.
-        layout: matplotlib's layout engine; None where everything has its place.
+        inches: The width and height.
+        dpi: The resolution of its files, in dots per inch.
+        layout: The name of matplotlib's layout engine; None if all positions are fixed.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -89,16 +89,16 @@ def new_figure(inches: tuple[float, float], dpi: int = DPI, layout: Literal["con
 
 
 def colour_bar(axes: Axes, mapped: Any, label: str, **style: Any) -> float:
-    """Draw a colour bar along the right side of a map.
+    """Draw a colour bar on the right side of a map.
 
     Args:
-        axes: The map, whose sides are true to scale.
-        mapped: What has the colours.
-        label: What stands beside the bar.
-        style: Passed on to matplotlib.
+        axes: The axes of the map, with equal scales.
+        mapped: The image or contour set that defines the colours.
+        label: The label of the bar.
+        style: Further arguments of matplotlib's ``colorbar``.
 
     Returns:
-        Left side of the bar, as a fraction of the figure's width.
+        The left side of the bar, as a fraction of the figure's width.
     """
     axes.apply_aspect()
     box = axes.get_position()
@@ -108,14 +108,14 @@ def colour_bar(axes: Axes, mapped: Any, label: str, **style: Any) -> float:
 
 
 def save_figure(figure: Figure, path: Path, kind: str = "png", box: Bbox | None = None, about: str = "") -> None:
-    """Write a figure, whole or not at all, without a date.
+    """Write a figure to a file without a date. An interrupted call leaves no file.
 
     Args:
-        figure: The figure, with its own dots per inch.
+        figure: The figure. Its own resolution (dots per inch) is used.
         path: The file.
         kind: ``png``, ``pdf`` or ``svg``.
-        box: What of the plane is written, in inches; None for the figure itself.
-        about: Words for the file's metadata: a PNG's ``Description``, a PDF's ``Subject``.
+        box: The part of the figure to write, in inches; None for the whole figure.
+        about: A description for the file's metadata (``Description`` of a PNG, ``Subject`` of a PDF).
 
     Raises:
         InputError: The file cannot be written.

@@ -1,9 +1,9 @@
-"""Child processes that run slow work: CAD, and the blocks of a simulated study.
+"""Child processes for slow work: CAD parts, and the blocks of a simulated study.
 
-The Open CASCADE kernel keeps Python's lock while it computes and takes seconds to import, so parts are built side by
-side in processes of their own, and the command itself never loads it. A child can be ended at any time, in the middle
-of a computation too, which is what makes an interruption quick. Children are plain ``python`` processes that speak
-pickles over their pipes: unlike ``multiprocessing`` they never import the caller's ``__main__`` again.
+The Open CASCADE kernel takes seconds to import and holds Python's global lock while it computes. Parts are therefore
+built in parallel child processes, and the main process never loads the kernel. A child can be ended at any time, even
+during a computation, so that an interruption is quick. Children are plain ``python`` processes that exchange pickles
+through pipes. Unlike the children of ``multiprocessing``, they do not import the caller's ``__main__`` module.
 """
 
 from __future__ import annotations
@@ -28,19 +28,17 @@ from typing import Any
 from tacbench_cad.util.door import limits_factor
 from tacbench_cad.util.errors import CheckFailedError, TacbenchError, one_line
 
-#: A child of :func:`isolated` may use this much memory, in MB, times the user's factor of all limits.
+#: The memory limit of a child of :func:`isolated`, in MB. The user's factor for all limits multiplies it.
 MAX_ISOLATED_MB = 8000
-
-
-#: Processor time, in s, that a child may use beyond its time limit before the system ends it.
+#: The processor time, in s, that a child may use beyond its time limit before the system ends it.
 PROCESSOR_MARGIN_S = 10
 
 
 class LostProcessError(CheckFailedError):
-    """A child ended in the middle of a call.
+    """A child process ended during a call.
 
     Attributes:
-        seconds: The time limit that it exceeded; None where it ended by itself.
+        seconds: The time limit that the call exceeded; None if the process ended for another reason.
     """
 
     def __init__(self, message: str, seconds: float | None = None) -> None:
@@ -49,13 +47,13 @@ class LostProcessError(CheckFailedError):
 
 
 def child_environment() -> dict[str, str]:
-    """The environment of a Python child: it never imports from the folder that a command happens to be started in."""
+    """Return environment variables for a child process that keep it from importing from the current folder."""
     return {**os.environ, "PYTHONSAFEPATH": "1"}
 
 
 @contextlib.contextmanager
 def safe_children() -> Iterator[None]:
-    """The same for children that a library starts while the body runs."""
+    """Set the same variable in the body, for child processes that a library starts there."""
     before = os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
     try:
@@ -68,7 +66,7 @@ def safe_children() -> Iterator[None]:
 
 
 def cpu_count() -> int:
-    """Processors that this process may use, or what ``PYTHON_CPU_COUNT`` says, which Python 3.13 and later obey too."""
+    """Return the number of processors to use: ``PYTHON_CPU_COUNT`` (as in Python 3.13), else those available here."""
     limit = os.environ.get("PYTHON_CPU_COUNT", "")
     if limit.isdecimal() and int(limit):
         return int(limit)
@@ -79,7 +77,7 @@ def cpu_count() -> int:
 
 @dataclass(frozen=True, eq=False)
 class _Call:
-    """A call on its way to a child."""
+    """A function call to be run in a child process."""
 
     module: str
     function: str
@@ -90,11 +88,11 @@ class _Call:
 
 
 class Workers:
-    """A set of child processes. Use it as a context manager: leaving it ends them, whatever they do.
+    """A set of child processes. Use it as a context manager: at its end all children are killed.
 
     Args:
-        count: Most children at a time; each starts when there is work for it that no other child is free for.
-        max_mb: The memory that each may use, in MB; None for any. Without effect where the system has no such limit.
+        count: The largest number of children. A new child starts only if there is work and all others are busy.
+        max_mb: The memory limit of each child, in MB; None for no limit. Systems without such limits ignore it.
     """
 
     def __init__(self, count: int, max_mb: float | None = None) -> None:
@@ -116,7 +114,7 @@ class Workers:
         self.close()
 
     def close(self) -> None:
-        """End the children, whatever they do. Can be called twice."""
+        """Kill all children. May be called more than once."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -142,15 +140,15 @@ class Workers:
         """Run a module-level function in a child.
 
         Args:
-            function: Found in the child by its module and name.
-            arguments: Anything that pickles, as must the result.
-            first_child: Only the first child may take it, before any other call: for work that needs what only that
-                one has imported.
-            seconds: How long it may take once a child has begun; then the child is ended. None for any time.
+            function: The function. The child imports it by its module and name.
+            arguments: The arguments. They and the result must be picklable.
+            first_child: Run it only in the first child, before any other call. This is for work that needs a package
+                that only the first child has imported.
+            seconds: The time limit of the call; afterwards the child is killed. None for no limit.
 
         Returns:
-            A future, which can be cancelled until a child takes it. Its exception is the ``TacbenchError`` or the
-            ``OSError`` that the function raised, or a :class:`LostProcessError` where the child was lost.
+            A future, which can be cancelled until the call starts. Its exception is the ``TacbenchError`` or
+            ``OSError`` that the function raised, or a :class:`LostProcessError` if the child ended.
         """
         future: Future[Any] = Future()
         with self._changed:
@@ -165,7 +163,7 @@ class Workers:
         return future
 
     def _attend(self, number: int) -> None:
-        """What a thread does: hand one call after another to its own child."""
+        """Pass calls to a child, one after another. Each child has a thread that runs this method."""
         child: subprocess.Popen[bytes] | None = None
         while True:
             call = self._next(number)
@@ -187,12 +185,12 @@ class Workers:
                 call.future.set_result(result)
 
     def _free(self) -> None:
-        """Count a thread as free, before its call's result is known: what is submitted then needs no other child."""
+        """Count a thread as free. This happens before its result is set, so that the next call needs no new child."""
         with self._changed:
             self._busy -= 1
 
     def _next(self, number: int) -> _Call | None:
-        """The next call for a thread; waits for one. None when all is over."""
+        """Wait for the next call of a thread and return it; None after :meth:`close`."""
 
         def mine() -> _Call | None:
             own = [call for call in self._calls if number == 0 or not call.first_child]
@@ -226,8 +224,8 @@ class Workers:
             if late.is_set():
                 raise LostProcessError(f"{call.function} took longer than {call.seconds:g} s", call.seconds) from None
             how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
-            hint = "; was the memory full?" if code == -int(getattr(signal, "SIGKILL", 9)) else ""
-            raise LostProcessError(f"the process at work on {call.function} {how}{hint}") from None
+            hint = "; maybe the memory was full" if code == -int(getattr(signal, "SIGKILL", 9)) else ""
+            raise LostProcessError(f"the process that ran {call.function} {how}{hint}") from None
         finally:
             if timer is not None:
                 timer.cancel()
@@ -238,7 +236,7 @@ class Workers:
         raise RuntimeError(f"in a child process:\n{value}")
 
     def _start(self) -> subprocess.Popen[bytes]:
-        # The child gets exactly our module path: -P keeps a stray numpy.py of the current folder out of it.
+        # The child gets our own sys.path; -P keeps it from importing, say, a numpy.py in the current folder.
         code = f"import sys; sys.path[:] = {sys.path!r}; from tacbench_cad.util.processes import serve; "
         code += f"serve({self._max_mb!r})"
         with self._changed:
@@ -251,16 +249,16 @@ class Workers:
 
 
 def serve(max_mb: float | None = None) -> None:
-    """What a child does: read a call, run it, write its outcome, until the pipe closes.
+    """Run in a child: read a call, run it and write the result, until the pipe is closed.
 
     Args:
-        max_mb: The memory that it may use, in MB; None for any.
+        max_mb: The memory limit of the child, in MB; None for no limit.
     """
     if max_mb is not None:
         _limit_memory(max_mb)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interruption is the parent's to handle: it ends us
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles an interruption and kills this process
     answers = os.fdopen(os.dup(1), "wb")
-    # The kernel prints to the standard output at will; that must reach neither our answers nor the user's JSON.
+    # The kernel prints to the standard output. That must not get into our results or the user's JSON.
     quiet = os.open(os.devnull, os.O_WRONLY)
     os.dup2(quiet, 1)
     while True:
@@ -286,13 +284,13 @@ def _limit_memory(max_mb: float) -> None:
         return
     limit = int(max_mb * 1e6)
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    if soft == resource.RLIM_INFINITY or limit < soft:  # a child of a limited process stays within its limit
+    if soft == resource.RLIM_INFINITY or limit < soft:  # keep a lower limit that this process already has
         with contextlib.suppress(OSError, ValueError):
             resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
 
 
 def _limit_processor_time(seconds: float | None) -> None:
-    """Let the system end this child if its parent was killed and cannot do it: a kernel that loops hears nothing."""
+    """Limit the processor time of this child, so that an endless computation ends even if the parent was killed."""
     try:
         import resource
     except ImportError:  # Windows
@@ -307,7 +305,7 @@ def _limit_processor_time(seconds: float | None) -> None:
 
 
 def _portable(error: TacbenchError | OSError) -> Exception:
-    """An error that survives the way to the parent; one whose class does not becomes a plain one with its message."""
+    """Return the error if it can be pickled, otherwise a ``TacbenchError`` with the same message."""
     try:
         same: Exception = pickle.loads(pickle.dumps(error))
     except Exception:
@@ -321,17 +319,17 @@ _kept: Workers | None = None
 
 
 def isolated(function: Callable[..., Any], *arguments: Any, seconds: float | None = None) -> Any:
-    """Run a module-level function in a child, which is kept for the next call, and wait for its result.
+    """Run a module-level function in a child process and wait for its result.
 
-    For libraries that end the whole process on damaged data, or that never come back.
+    This is for libraries that may crash or hang on damaged data. The child is kept for the next call.
 
     Args:
-        function: As of :meth:`Workers.submit`.
-        arguments: Likewise.
-        seconds: Likewise.
+        function: Same as for :meth:`Workers.submit`.
+        arguments: Same as for :meth:`Workers.submit`.
+        seconds: Same as for :meth:`Workers.submit`.
 
     Raises:
-        LostProcessError: The child was lost, or ended because it took too long. What the function raises comes through.
+        LostProcessError: The child ended, or the call took too long. Errors of the function are raised as they are.
     """
     global _kept
     if _kept is None:
@@ -347,10 +345,10 @@ def isolated(function: Callable[..., Any], *arguments: Any, seconds: float | Non
 
 
 def why_not_importable(modules: tuple[str, ...]) -> str | None:
-    """Import modules, to find out whether that works here; meant to be run in a child.
+    """Try to import modules; meant to be run in a child.
 
     Returns:
-        The reason why one of them cannot be imported, or None.
+        The error of the first module that cannot be imported, or None.
     """
     for name in modules:
         try:

@@ -1,4 +1,4 @@
-"""How numbers stand in file names, labels and reports."""
+"""Numbers as text, for file names, labels and reports."""
 
 from __future__ import annotations
 
@@ -9,20 +9,21 @@ from collections.abc import Mapping, Sequence
 
 
 def decimal(value: float) -> str:
-    """The shortest decimals that give the number back, without an exponent: ``0.5``, ``1``, ``0.00001``.
+    """Write a number with the fewest digits that identify it, without an exponent: ``0.5``, ``1``, ``0.00001``.
 
-    The rounding of a product is left out: ``30.4`` for 30.400000000000002.
+    Rounding errors are removed: 30.400000000000002 becomes ``30.4``.
     """
-    import numpy as np  # here: a command that counts must not wait for it
+    import numpy as np  # imported here, so that commands that only count start faster
 
     exact, rounded = (np.format_float_positional(x, trim="-") for x in (value, float(f"{value:.12g}")))
     return rounded if len(rounded) <= len(exact) - 8 else exact
 
 
 def short_name(name: str) -> str:
-    """A name for a file: decimals with more than six digits are rounded to four, and a hash keeps the name unique.
+    """Shorten a file name: numbers with more than six digits are rounded to four, and a hash keeps the name unique.
 
-    ``hex_paper_x1_mm3.7083101740411615x1.5x1`` becomes ``hex_paper_x1_mm3.708x1.5x1_`` and six hexadecimal digits.
+    For example, ``hex_paper_x1_mm3.7083101740411615x1.5x1`` becomes ``hex_paper_x1_mm3.708x1.5x1_`` followed by six
+    hexadecimal digits.
     """
 
     def rounded(match: re.Match[str]) -> str:
@@ -34,23 +35,23 @@ def short_name(name: str) -> str:
 
 
 def counted(number: int, what: str) -> str:
-    """How many of something: ``1 run``, ``2,400 presses``.
+    """Write a number of things: ``1 run``, ``2,400 presses``.
 
     Args:
-        number: How many.
-        what: One of them, regular in the plural.
+        number: The number.
+        what: The noun in the singular; its plural must be regular.
     """
     ending = "" if number == 1 else "es" if what.endswith("s") else "s"
     return f"{number:,} {what}{ending}"
 
 
 def interval(low: float | None, high: float | None, *, signed: bool = False) -> str:
-    """An interval as it is printed everywhere: three significant digits, ``1.77 to 1,740``.
+    """Write an interval with three significant digits: ``1.77 to 1,740``.
 
     Args:
-        low: Lower end; None where there is no interval.
-        high: Upper end; infinite where nothing bounds it (``1.77 or more``), None where there is no interval.
-        signed: Write the sign of positive ends too, for intervals of differences.
+        low: The lower end; None if there is no interval.
+        high: The upper end; infinity if there is no upper bound (``1.77 or more``); None if there is no interval.
+        signed: Write a plus sign before positive numbers, for intervals of differences.
 
     Returns:
         The interval, or ``none``.
@@ -61,17 +62,17 @@ def interval(low: float | None, high: float | None, *, signed: bool = False) -> 
 
 
 def short(value: float, *, signed: bool = False) -> str:
-    """A number with three significant digits, without an exponent from 0.0001 to 1e15: ``0.0302``, ``4,440``."""
-    rounded = float(f"{value:.3g}") + 0.0  # without the sign of a zero
+    """Write a number with three significant digits: ``0.0302``, ``4,440``. No exponent between 0.0001 and 1e15."""
+    rounded = float(f"{value:.3g}") + 0.0  # adding 0.0 turns -0.0 into 0.0
     return f"{rounded:{'+' if signed else ''}{',.0f' if 1e3 <= abs(rounded) < 1e15 else '.3g'}}"
 
 
 def report(title: str, lines: Mapping[str, str] | Sequence[tuple[str, str]]) -> str:
-    """A dimension report: the title, then one aligned line for each entry.
+    """Write a dimension report: the title, then one line for each entry, with aligned columns.
 
     Args:
-        title: First line.
-        lines: Names and what is said of them.
+        title: The first line.
+        lines: The entries, each with a name and a text.
     """
     pairs = list(lines.items()) if isinstance(lines, Mapping) else lines
     width = max((len(name) for name, _ in pairs), default=0)
@@ -79,16 +80,16 @@ def report(title: str, lines: Mapping[str, str] | Sequence[tuple[str, str]]) -> 
 
 
 def report_rows(text: str) -> dict[str, str]:
-    """The values of a dimension report by their names: what :func:`report` was given."""
+    """Return the entries of a dimension report, that is, the ``lines`` that :func:`report` was given."""
     rows = (line.strip().partition("  ") for line in text.splitlines()[1:])
     return {name: value.strip() for name, _, value in rows}
 
 
 def by(*values: float) -> str:
-    """Lengths for people, without their unit: ``45.6 x 52.3 x 7.47``."""
+    """Write lengths without a unit: ``45.6 x 52.3 x 7.47``."""
     return " x ".join(f"{value:.6g}" for value in values)
 
 
 def mm(*values: float) -> str:
-    """Lengths for people: ``45.6 x 52.3 x 7.47 mm``."""
+    """Write lengths in mm: ``45.6 x 52.3 x 7.47 mm``."""
     return f"{by(*values)} mm"

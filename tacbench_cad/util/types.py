@@ -1,4 +1,4 @@
-"""Names for NumPy arrays in type hints, by the kind of number in them."""
+"""Type aliases of NumPy arrays, named after the type of their elements."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 Complexes = NDArray[np.complex128]
 Ints = NDArray[np.int64]
-#: Vertex numbers of a mesh.
+#: The vertex indices of a mesh.
 Indices = NDArray[np.int32]
 Bools = NDArray[np.bool_]
-#: The pixels of an image, or text as bytes.
+#: The pixels of an image, or the bytes of a text.
 Bytes = NDArray[np.uint8]
 Strings = NDArray[np.str_]

@@ -51,7 +51,7 @@ def test_the_wrong_wheel_installed_last_is_found_with_its_repair(site: Path) -> 
     install(site, "cadquery-ocp-novtk", "7.9.3.1", {"OCP/kernel.so": "without VTK"})
     (finding,) = doctor.kernel_findings()
     assert not finding.ok
-    assert "1 of cadquery-ocp's files" in finding.detail and "OCP/kernel.so" in finding.detail
+    assert "1 of the files of cadquery-ocp" in finding.detail and "OCP/kernel.so" in finding.detail
     assert finding.repair == "pip install --force-reinstall --no-deps cadquery-ocp==7.9.3.1"
     assert finding.pip == ("--force-reinstall", "--no-deps", "cadquery-ocp==7.9.3.1")
 
@@ -131,17 +131,17 @@ def test_repair_runs_pip_for_what_pip_can_mend_and_nothing_else(monkeypatch: pyt
 
 
 def test_json_and_exit_code_when_something_is_broken(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
-    finding = doctor.Finding(name="kernel wheels", ok=False, detail="mixed", repair="pip install x")
+    finding = doctor.Finding(name="kernel packages", ok=False, detail="mixed", repair="pip install x")
     monkeypatch.setattr(doctor, "diagnose", lambda: doctor.Diagnosis(packages=(), findings=(finding,)))
     assert main(["doctor", "--json"]) == 1
     document = json.loads(capsys.readouterr().out)
     assert document["ok"] is False
     assert document["findings"] == [
-        {"name": "kernel wheels", "ok": False, "detail": "mixed", "repair": "pip install x"}
+        {"name": "kernel packages", "ok": False, "detail": "mixed", "repair": "pip install x"}
     ]
     assert main(["doctor"]) == 1
     out = capsys.readouterr().out
-    assert "BROKEN: kernel wheels: mixed" in out and "repair: pip install x" in out
+    assert "BROKEN: kernel packages: mixed" in out and "repair: pip install x" in out
 
 
 @pytest.mark.long

@@ -147,7 +147,7 @@ def test_a_small_key_is_refused_even_when_no_holder_is_made() -> None:
 
 @pytest.mark.parametrize("extra", ["build123d", "OCP"])
 def test_without_the_cad_extra_the_rest_is_made_and_named(extra: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    reason = 'needs cadquery-ocp, not installed: pip install "tacbench-cad[cad]"'
+    reason = 'needs cadquery-ocp, not installed: run pip install "tacbench-cad[cad]"'
     monkeypatch.setattr(request, "why_missing", lambda *modules: reason if extra in modules else None)
     step = request.FORMATS["step"]
     monkeypatch.setitem(request.FORMATS, "step", replace(step, why_missing=lambda: reason))
@@ -345,7 +345,7 @@ def test_an_interruption_ends_the_children_and_sweeps_what_they_had_begun(tmp_pa
 def test_without_matplotlib_the_pictures_are_left_out_with_the_reason(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    reason = 'needs matplotlib, not installed: pip install "tacbench-cad[plot]"'
+    reason = 'needs matplotlib, not installed: run pip install "tacbench-cad[plot]"'
     monkeypatch.setattr(printset, "why_missing", lambda name: reason if name == "matplotlib" else None)
     result = build(replace(LIGHT, textures=("1",), out=tmp_path))
     assert result.ok and not result.preview and not (tmp_path / "preview.png").exists()

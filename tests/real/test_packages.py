@@ -305,7 +305,10 @@ IN_BASE = (
     ("cite", "Shepherd"),
     ("doctor", 'pip install "tacbench-cad[cad]"'),
     ("make --texture 1 --formats stl,3mf --parts blocks --out made", "texture-1_paper_x1.3mf"),
-    ("make --texture 1 --out all", "left out: holder, jig: needs cadquery-ocp, build123d, not installed: pip install"),
+    (
+        "make --texture 1 --out all",
+        "left out: holder, jig: needs cadquery-ocp, build123d, not installed: run pip install",
+    ),
     ("check made/texture-1_paper_x1.stl", "all checks passed"),
     ("check made/texture-1_paper_x1.3mf", "all checks passed"),
     ("plate --printer ender-3 --texture 1 --copies 2 --out plates", "T1 PAPER X1 01 02"),
@@ -405,7 +408,7 @@ def test_analysis(environment: Environment) -> None:
 
 def use_cad(environment: Environment) -> None:
     """The print set of one texture, examined in every way, and every module."""
-    assert "ok: kernel wheels" in environment.tacbench("doctor --repair")
+    assert "ok: kernel packages" in environment.tacbench("doctor --repair")
     assert "left out" not in environment.tacbench("make --texture 1 --verify full --out made")
     made = {path.name for path in (environment.here / "made").iterdir()}
     stems = {name.partition(".")[0] for name in made} - {"manifest", "preview"}

@@ -248,7 +248,10 @@ def test_plates_left_by_a_larger_request_are_refused_and_stay(tmp_path: Path, ca
         ("texture,preset,scale,key_mm,copy,printer,filament\n9,paper,1,,1,a,b\n", ["line 2", "texture = '9'"]),
         ("texture,preset,scale,key_mm,copy,printer,filament\n1,paper,big,,1,a,b\n", ["scale", "big"]),
         ("texture,preset,scale,key_mm,copy,printer,filament\n1,paper,1,,x,a,b\n", ["copy", "whole number"]),
-        ("texture,preset,scale,key_mm,copy,printer,filament\n1,paper,1\n", ["line 2", "3 fields, the header 7"]),
+        (
+            "texture,preset,scale,key_mm,copy,printer,filament\n1,paper,1\n",
+            ["line 2", "3 fields, but the header has 7"],
+        ),
     ],
 )
 def test_a_layout_with_a_mistake(tmp_path: Path, content: str, needles: list[str]) -> None:

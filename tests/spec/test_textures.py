@@ -122,7 +122,7 @@ GOOD = '[texture]\nname="hex"\nfamily="series"\nlaw="square"\nN=5\n'
         (GOOD.replace('"hex"', '"Hex!"'), r"a-z, 0-9"),
         (GOOD.replace('"hex"', '"holder"'), r"taken"),
         (GOOD.replace('"hex"', '"texture-4"'), r"taken"),
-        (GOOD.replace('"hex"', "7"), r"must be a text"),
+        (GOOD.replace('"hex"', "7"), r"must be a string"),
         (GOOD.replace('"series"', '"fourier"'), r"equation1, series, plane-waves"),
         (GOOD + "[[wave]]\namplitude=1\nf=1\ng=1\n", r'belongs to family = "plane-waves"'),
         (GOOD + "[block]\nsize=[1,2]\n", r'did you mean "size_mm"'),

@@ -131,7 +131,7 @@ def test_unplugged_nothing_passes_and_the_firmware_goes_on() -> None:
         ({"kind": "slip", "axis": "w"}, "axis"),
         ({"kind": "slip", "mm": "far"}, "mm"),
         ({"kind": "drop", "when": 3}, "when"),
-        ({}, "kind: is missing; one of drop"),
+        ({}, "kind: is missing; must be one of drop"),
     ],
 )
 def test_bad_faults_are_refused(values: dict[str, Any], message: str) -> None:

@@ -107,7 +107,7 @@ def _data_set(out: Path) -> Iterator[Path]:
             yield folder
         return
     if out.exists():
-        raise InputError("output file", str(out), "exists already; remove it or name another one")
+        raise InputError("output file", str(out), "already exists; remove it or choose another folder")
     with (
         locked(out.parent),
         replacing(out) as archive,

@@ -59,7 +59,7 @@ class StudyFile:
             InputError: The file has none.
         """
         if self.rig is None:
-            raise InputError("[stage]", None, "such a table is needed")
+            raise InputError("[stage]", None, "this table is missing")
         return self.rig
 
 
@@ -300,7 +300,7 @@ def _protocol(plain: Mapping[str, Any], scale: float) -> tuple[Protocol, str]:
 def _rig(document: _Document, rim: HolderRim, protocol: Protocol, folder: Path, teaching: bool) -> RigSettings:
     for table, values in (("stage", document.stage), ("sensor", document.sensor)):
         if values is None:
-            raise InputError(f"[{table}]", None, "such a table is needed")
+            raise InputError(f"[{table}]", None, "this table is missing")
     stage = _stage(document.stage or {}, teaching)
     gauge = from_plain(GaugeSettings, document.gauge or {}, "[gauge] ")
     if gauge.calibration is not None:

@@ -94,7 +94,7 @@ def test_a_value_for_people_is_short(value: object, text: str) -> None:
     [
         (None, "cannot be read: No such file"),
         (b"printer,accuracy\nx,0.5\n", "has no column low"),
-        (b"", "is empty; a header line is needed"),
+        (b"", "is empty; it needs a header line"),
         (b"printer,accuracy,low,high,images,paired\nx,much,,,1,true\n", "could not convert string to float: 'much'"),
         (b"printer,accuracy,low,high,images,paired\nx,0.5,,,1,maybe\n", "'maybe' is neither true nor false"),
         (b"printer\xff", "not UTF-8|not valid UTF-8"),

@@ -85,7 +85,7 @@ def test_a_package_of_an_extra_that_it_lacks_is_named(tmp_path: Path, monkeypatc
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(packages, "has_module", lambda name: False)
     (tmp_path / "needs_torch.py").write_text("raise ModuleNotFoundError('No module named torch', name='torch')\n")
-    with pytest.raises(InputError, match=r'needs torch, not installed: pip install "tacbench-cad\[cnn\]"'):
+    with pytest.raises(InputError, match=r'needs torch, not installed: run pip install "tacbench-cad\[cnn\]"'):
         plugin.load("needs_torch:Model")
 
 

@@ -214,7 +214,7 @@ def test_existing_output_is_not_overwritten(run_folder: Path, tmp_path: Path, ca
     assert "1 run, 16 frames" in capsys.readouterr().out
     before = (tmp_path / "out" / npz.FILE).read_bytes()
     assert main(words) == 2
-    assert "exists already; remove it or name another one" in capsys.readouterr().err
+    assert "already exists; remove it or choose another folder" in capsys.readouterr().err
     assert (tmp_path / "out" / npz.FILE).read_bytes() == before
 
 

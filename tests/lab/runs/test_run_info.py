@@ -121,5 +121,5 @@ def test_a_damaged_document_is_refused_in_words(path: tuple[str, ...], value: ob
 def test_a_missing_key_is_named(make_info: Any) -> None:
     document = make_info().as_dict()
     del document["holder"]
-    with pytest.raises(InputError, match=r"run\.json: \[holder\]: such a table is needed"):
+    with pytest.raises(InputError, match=r"run\.json: \[holder\]: this table is missing"):
         RunInfo.from_dict(document)

@@ -205,7 +205,7 @@ def pipe(path: Path) -> None:
         (other_size, r"has shape \(10, 12, 3\) where the run has \(24, 32, 3\)"),
         (huge, "megapixels"),
         (Path.unlink, "No such file"),
-        (link_out, "leads out of"),
+        (link_out, "is a link to a file outside"),
         (pipe, "pipe"),
         (lambda path: path.write_text("no image"), "no readable image"),
         (lambda path: path.write_bytes(b"\xff\xd8\xff\xe0"), "not a readable JPEG"),
