@@ -1,4 +1,4 @@
-"""``docs/numbers.md`` explains every number: each head of a CSV file and each key of a JSON document stands there."""
+"""``docs/columns.md`` names each column of a CSV file and each key of a JSON document."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def keys(document: Any) -> Iterator[str]:
 
 @pytest.mark.parametrize("table", TABLES)
 def test_every_head_of_a_table_is_explained(table: str) -> None:
-    assert set(TABLES[table]) <= named("numbers.md")
+    assert set(TABLES[table]) <= named("columns.md")
 
 
 def test_the_run_folders_page_explains_every_column_of_a_press() -> None:
@@ -88,7 +88,7 @@ def test_every_key_of_the_parts_documents_is_explained(tmp_path: Path, capsys: C
         assert main([*argv, "--json"]) == 0
         assert _unexplained(capsys) == set(), argv[0]
     manifest = json.loads((tmp_path / "grid" / "manifest.json").read_text(encoding="utf-8"))
-    assert set(keys(manifest)) <= named("numbers.md")
+    assert set(keys(manifest)) <= named("columns.md")
 
 
 @pytest.mark.usefixtures("no_figures")
@@ -113,7 +113,7 @@ def test_every_key_of_the_analysis_documents_is_explained(tmp_path: Path, capsys
         assert main([*argv, "--json"]) == 0
         assert _unexplained(capsys) == set(), argv[0]
     split = json.loads((splits / "split_copy.json").read_text(encoding="utf-8"))
-    assert set(keys(split)) <= named("numbers.md")
+    assert set(keys(split)) <= named("columns.md")
     rows = [",".join(score.COLUMNS)]
     for fold in split["folds"]:
         rows += [",".join(map(str, (fold["name"], *split["presses"][i][:5]))) for i in fold["test"]]
@@ -124,7 +124,7 @@ def test_every_key_of_the_analysis_documents_is_explained(tmp_path: Path, capsys
 
 def _unexplained(capsys: Capture) -> set[str]:
     """Keys of the document just printed that the page does not name."""
-    return set(keys(json.loads(capsys.readouterr().out))) - named("numbers.md")
+    return set(keys(json.loads(capsys.readouterr().out))) - named("columns.md")
 
 
 def _tiny_study(folder: Path) -> Path:
