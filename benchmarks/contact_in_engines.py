@@ -1,12 +1,15 @@
-"""How deep probes sink into exported textures, engine by engine: what the notes of the exported folders say.
+"""Measure how deep probes sink into exported textures in each physics engine.
 
     python benchmarks/contact_in_engines.py [--textures 24]
 
-Each row is a ball, or a dome under 2 N that can move up and down only, dropped by 0.3 mm over the lowest valley (ball)
-or over the block's centre (a dome). After the given time ``low`` is how far its centre lies below the height at which
-the formula lets it rest, in mm, and ``sinks`` how far below the formula's contact over the place where it has got to
-(on the walls of a square wave a sideways step counts there with the wall's slope). An engine that is not installed is
-left out, and says so.
+The notes in the exported folders quote these figures. Each row is a ball, or a dome that is pressed with 2 N and can
+move up and down only. It is dropped from 0.3 mm above the lowest valley (a ball) or above the block's centre (a dome).
+
+* ``low``: how far its centre is then below the height at which the formula lets it rest, in mm;
+* ``sinks``: how far it is below the formula's contact at the place that it has reached, in mm. On the walls of a
+  square wave, a sideways motion changes this value by the slope of the wall.
+
+An engine that is not installed is left out and named.
 """
 
 from __future__ import annotations
@@ -35,7 +38,7 @@ Place = tuple[float, float, float]
 
 
 def start_mm(block: Block, radius_mm: float) -> Place:
-    """Where a probe would rest: a dome over the block's centre, a ball in the lowest valley."""
+    """Where a probe would rest: a dome above the block's centre, a ball in the lowest valley."""
     if radius_mm >= DOME_MM:
         x, y = (side / 2.0 for side in block.size_mm)
         return (x, y, centre_height_mm(block, x, y, radius_mm, 1201))
@@ -83,9 +86,9 @@ def pybullet(path: Path, start: Place, radius_mm: float, seconds: float, step: f
             engine.resetBasePositionAndOrientation(probe, [*place[:2], z], turn, physicsClientId=client)
             engine.resetBaseVelocity(probe, [0, 0, speed], [0, 0, 0], physicsClientId=client)
         engine.stepSimulation(physicsClientId=client)
-    found = engine.getBasePositionAndOrientation(probe, physicsClientId=client)[0]
+    position = engine.getBasePositionAndOrientation(probe, physicsClientId=client)[0]
     engine.disconnect(client)
-    return np.array(found) * 1e3
+    return np.array(position) * 1e3
 
 
 def drake(path: Path, start: Place, radius_mm: float, seconds: float, modulus_pa: float = 1e7) -> np.ndarray:

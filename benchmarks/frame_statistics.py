@@ -1,12 +1,14 @@
-"""What frames of a TacTip look like in numbers: simulated ones beside real ones, or anybody's own.
+"""Measure what frames of a TacTip look like, simulated ones or your own, in numbers.
 
     python benchmarks/frame_statistics.py [--look tactip-bristol]
     python benchmarks/frame_statistics.py FILE.png ... --dome X,Y,R [--field R] [--log SIGMA,THRESHOLD]
 
-The first prints each statistic of a look beside what was measured on public frames of the sensor that it stands for.
-Claim: within 20 % of the measured value or inside of the measured range; where that is little, within 5 counts or
-0.3 px. The second prints the same statistics of image files: medians over the files, and the noise and the drift of
-the light if there are several, taken in the order of their names.
+The first command prints each statistic of a look next to the value that was measured on public frames of the same
+sensor. Goal: within 20 % of the measured value or inside the measured range; for small values within 5 counts or 0.3
+px.
+
+The second command prints the same statistics of image files, as medians over the files. With several files it also
+prints the noise and the drift of the light, in the order of the file names.
 """
 
 from __future__ import annotations
@@ -44,7 +46,7 @@ def print_looks(looks: list[str]) -> bool:
             missed += not met
             line += f" {chosen[look][goal.name].shown} | {value:.3g}{'' if met else ' (goal missed)'} |"
         print(line)
-    print(f"\n{missed} goals are missed")
+    print(f"\n{missed} goals are not met")
     return missed == 0
 
 
@@ -72,22 +74,22 @@ def print_files(paths: list[Path], near: Dome, field: float, log: tuple[float, f
 
 
 def main() -> int:
-    """Print the tables; the exit code is 1 where a goal is not met."""
+    """Print the tables; the exit code is 1 if a goal is not met."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("files", nargs="*", type=Path, help="images of one size; none for the looks")
-    parser.add_argument("--look", choices=list(SENSORS), help="one look; default: all that stand for a real sensor")
+    parser.add_argument("files", nargs="*", type=Path, help="images of one size; without files: the looks")
+    parser.add_argument("--look", choices=list(SENSORS), help="default: every look that is based on a real sensor")
     parser.add_argument("--dome", help="X,Y,R: a circle near the outline of the dome, in px; needed for FILES")
     parser.add_argument("--field", type=float, help="radius of the field of pins in px (default 0.78 R)")
     parser.add_argument("--log", default="4,30", help="sigma and threshold that find the pins (default 4,30)")
-    given = parser.parse_args()
-    if given.files:
-        if given.dome is None:
+    options = parser.parse_args()
+    if options.files:
+        if options.dome is None:
             parser.error("FILES need --dome X,Y,R")
-        x, y, radius = (float(part) for part in given.dome.split(","))
-        sigma, threshold = (float(part) for part in given.log.split(","))
-        print_files(given.files, Dome(x=x, y=y, radius=radius), given.field or 0.78 * radius, (sigma, threshold))
+        x, y, radius = (float(part) for part in options.dome.split(","))
+        sigma, threshold = (float(part) for part in options.log.split(","))
+        print_files(options.files, Dome(x=x, y=y, radius=radius), options.field or 0.78 * radius, (sigma, threshold))
         return 0
-    return 0 if print_looks([given.look] if given.look else list(SENSORS)) else 1
+    return 0 if print_looks([options.look] if options.look else list(SENSORS)) else 1
 
 
 if __name__ == "__main__":

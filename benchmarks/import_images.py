@@ -1,9 +1,9 @@
-"""What the import of images with a table costs beside a plain loop that reads, decodes and copies the same files.
+"""Measure the import of images with a table, and a plain loop that reads, decodes and copies the same files.
 
     python benchmarks/import_images.py [--images 1000] [--suffix .png]
 
-Images are 640 x 480 BGR: a smooth scene with camera noise. Both write into a folder of the same disk; the faster of two
-turns counts for each. Claim: the import takes at most 1.5 times as long as the loop.
+The images are 640 x 480 BGR: a smooth scene with camera noise. Both programs write into a folder of the same disk.
+Each runs twice, and the faster time counts. Claim: the import takes at most 1.5 times as long as the loop.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ TURNS = 2
 
 
 def write_images(folder: Path, count: int, suffix: str) -> None:
-    """A folder of images, and ``labels.csv`` beside it."""
+    """Write a folder of images and their table ``labels.csv``."""
     random = np.random.default_rng(0)
     y, x = np.mgrid[:480, :640]
     (folder / "frames").mkdir()
@@ -55,7 +55,7 @@ def imported(folder: Path, out: Path) -> None:
 
 
 def seconds(work: Callable[[Path, Path], None], folder: Path) -> tuple[float, float]:
-    """Time of the work and processor time of all its threads, without what it wrote being removed."""
+    """Wall time of the work and processor time of all its threads, in s; removing its output is not timed."""
     out = folder / "out"
     began, busy = time.perf_counter(), time.process_time()
     work(folder, out)
@@ -65,7 +65,7 @@ def seconds(work: Callable[[Path, Path], None], folder: Path) -> tuple[float, fl
 
 
 def main() -> int:
-    """Print the figures; the exit code is 1 where the claim does not hold."""
+    """Print the figures; the exit code is 1 if the claim does not hold."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--images", type=int, default=1000)
     parser.add_argument("--suffix", default=".png", choices=(".png", ".jpg", ".bmp"))

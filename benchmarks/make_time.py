@@ -1,10 +1,11 @@
-"""How long ``tacbench make`` takes with everything, against importing both CAD libraries, in the same run.
+"""Measure ``tacbench make`` with all parts and formats against importing both CAD libraries, in the same run.
 
     python benchmarks/make_time.py [--runs 3]
 
-Everything: six blocks, holder and jig as STL, 3MF and STEP, each file checked as it lies on disk, and pictures;
-then the same with ``--verify full``. Every process is fresh and every folder new; rounds are interleaved and the figure
-is the median. Claim: at its default checks at most 5 times ``python -c "import cadquery, build123d"``.
+The command makes six blocks, holder and jig as STL, 3MF and STEP, reads and checks each file, and draws the pictures.
+It then does the same with ``--verify full``. Every process is fresh and every folder is new. The processes take turns,
+and the figure is the median. Claim: with the default checks at most 5 times ``python -c "import cadquery,
+build123d"``.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _TACBENCH = (sys.executable, "-c", "import sys; from tacbench_cad.cli import mai
 
 
 def seconds(argv: Sequence[str]) -> float:
-    """Wall time of a process."""
+    """Wall time of a process, in s."""
     start = time.perf_counter()
     subprocess.run(argv, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
     return time.perf_counter() - start
@@ -39,12 +40,12 @@ def make(*options: str) -> tuple[float, int, int]:
     """
     with tempfile.TemporaryDirectory() as folder:
         taken = seconds([*_TACBENCH, "make", "--out", folder, *options])
-        files = [one for one in Path(folder).iterdir() if one.suffix in (".stl", ".3mf", ".step")]
-        return taken, len(files), sum(one.stat().st_size for one in files)
+        files = [path for path in Path(folder).iterdir() if path.suffix in (".stl", ".3mf", ".step")]
+        return taken, len(files), sum(path.stat().st_size for path in files)
 
 
 def main() -> int:
-    """Print the table; the exit code is 1 where the claim does not hold."""
+    """Print the table; the exit code is 1 if the claim does not hold."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=3, help="rounds (default 3)")
     runs = parser.parse_args().runs
@@ -60,8 +61,8 @@ def main() -> int:
     print(f"{'process':<44}{'median (s)':>12}{'times import':>14}")
     rows = (
         (f'python -c "{REFERENCE}"', reference),
-        ("tacbench make", statistics.median(one[0] for one in default)),
-        ("tacbench make --verify full", statistics.median(one[0] for one in full)),
+        ("tacbench make", statistics.median(run[0] for run in default)),
+        ("tacbench make --verify full", statistics.median(run[0] for run in full)),
     )
     for name, median in rows:
         print(f"{name:<44}{median:>12.2f}{median / reference:>14.2f}")

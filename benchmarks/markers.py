@@ -1,12 +1,14 @@
-"""Finding and following markers: how many, how well, and how long, beside OpenCV's blob detector on the same frames.
+"""Measure how many markers are found and followed, how exactly and how fast, against OpenCV's blob detector.
 
     python benchmarks/markers.py [--presses 60]
 
-Claims, on simulated frames whose truth is known (a marker counts as visible if its peak stands 5 standard deviations of
-the noise above its surroundings and no reflection covers its centre): of tactip-bristol (331 pins) at least 99 % are
-found and at most 0.5 % are false, of tactip-sussex (133 pins) 95 % and 5 %; centres within 0.2 px rms; a frame of 640 x
-480 takes below 15 ms on one core. The detector gets the thresholds, areas and circularity that were tuned for such
-frames, and is timed in the same run, so that the ratio does not depend on the machine.
+The frames are simulated, so the true markers are known. A marker counts as visible if its peak is 5 standard
+deviations of the noise above its surroundings and no reflection covers its centre. The blob detector uses thresholds,
+areas and circularity that were tuned for these frames. Both run in the same process, so the ratio does not depend on
+the machine.
+
+Claims: for tactip-bristol (331 pins) at least 99 % are found and at most 0.5 % are false; for tactip-sussex (133 pins)
+95 % and 5 %; centres are within 0.2 px rms; a frame of 640 x 480 takes less than 15 ms on one core.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.vision.markers import MarkerFinder, Markers, grey
 from tacbench_cad.lab.vision.tracking import MarkerTracker
 
-#: For each look: least fraction found, largest fraction false; the detector's least threshold, areas and circularity.
+#: For each look: smallest fraction found, largest fraction false; the detector's threshold, areas and circularity.
 LOOKS = {
     "tactip-bristol": ((0.99, 0.005), (60, (38, 209), None)),
     "tactip-sussex": ((0.95, 0.05), (60, (31, 173), 0.5)),
@@ -41,7 +43,7 @@ LIMIT_MS, LIMIT_RMS_PX = 15.0, 0.2
 
 
 def blob_detector(threshold: float, areas: tuple[int, int], circularity: float | None) -> Callable[[Frame], Markers]:
-    """OpenCV's blob detector, asked as our finder is."""
+    """OpenCV's blob detector, called in the same way as our finder."""
     how = cv2.SimpleBlobDetector_Params()
     how.blobColor, how.minThreshold, how.maxThreshold = 255, threshold, 255
     how.minArea, how.maxArea = areas
@@ -90,7 +92,7 @@ def main() -> int:
             f"  ours:  {found:.2%} found, {false:.2%} false, {rms:.3f} px rms; {took:.1f} ms, following {follow:.1f} ms"
         )
         print(f"  blobs: {blobs_found:.2%} found, {blobs_false:.2%} false, {blobs_rms:.3f} px rms; {blobs_took:.1f} ms")
-        print(f"  ours takes {took / blobs_took:.2f} of the blob detector's time")
+        print(f"  our time divided by the blob detector's: {took / blobs_took:.2f}")
         held &= found >= least and false <= most and rms <= LIMIT_RMS_PX and took < LIMIT_MS
     print("every claim holds" if held else "a claim does not hold")
     return 0 if held else 1

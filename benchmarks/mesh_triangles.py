@@ -1,13 +1,14 @@
-"""Triangles at one measured distance: our meshes against four simplifiers.
-
-Each texture of preset paper is meshed within a tolerance, and the distance of its top from the formula is measured.
-Each peer then gets a start mesh whose own error is below a tenth of that, and the fewest triangles are searched with
-which it stays within the same distance, measured in the same way. Counts are of the whole closed part; pydelatin makes
-tops only, so the walls and the underside that its outline needs are added to its count.
+"""Count the triangles that our meshes and four simplifiers need for the same measured distance from the formula.
 
     python benchmarks/mesh_triangles.py [--textures 1,2,3,5,6] [--tolerance 0.01] [--peers manifold3d,...] [--rounds 8]
 
-Needs the extra ``bench``. Texture 4 takes minutes, nearly all of it the peers'.
+Each texture of the preset paper is meshed within a tolerance, and the distance of its top from the formula is
+measured. Each peer gets a start mesh whose own error is below a tenth of that. A search then finds the fewest
+triangles with which the peer stays within the same distance, measured in the same way. The counts are of the whole
+closed part. pydelatin makes only tops, so the triangles of the walls and the underside for its outline are added to
+its count.
+
+This needs the extra ``bench``. Texture 4 takes minutes, nearly all of it for the peers.
 """
 
 from __future__ import annotations
@@ -32,11 +33,11 @@ from tacbench_cad.util.types import Floats
 
 #: Rounds of each search for the fewest triangles.
 ROUNDS = 8
-#: A start mesh has fewer triangles than this, unless a tenth of the distance takes more.
-MOST_START = 600_000
-#: Settings of fast-simplification that are tried, the best counts: its thresholds are absolute, in the mesh's units.
+#: A start mesh has fewer triangles than this, unless a tenth of the distance needs more.
+MAX_START_TRIANGLES = 600_000
+#: Settings of fast-simplification to try; the best result counts. Its thresholds are absolute, in the mesh's units.
 AGGRESSIONS = (2.0, 2.8)
-#: Points of the measurement lie this close along x and y, in mm, or at a twelfth of a triangle.
+#: Distance of the measured points along x and y, in mm; in a small triangle a twelfth of its side.
 STEP_MM = 0.04
 
 
@@ -69,7 +70,7 @@ class Ruler:
     def distance(self, mesh: Mesh, limit_mm: float = np.inf) -> float:
         """Largest ``|z - formula| / sqrt(1 + |gradient|^2)`` at dense points of the top, in mm.
 
-        Where a few points of each triangle already pass the limit, the rest is not looked at.
+        If a few points of each triangle already exceed the limit, the others are not measured.
         """
         corners = mesh.triangle_points
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -79,10 +80,10 @@ class Ruler:
         order = np.clip(np.ceil(span / STEP_MM), 12, 96).astype(np.int64)
         order = 12 * 2 ** np.ceil(np.log2(order / 12)).astype(np.int64)
         worst = self._worst(top, 4)
-        for one in np.unique(order):
+        for density in np.unique(order):
             if worst > limit_mm:
                 break
-            worst = max(worst, self._worst(top[order == one], int(one)))
+            worst = max(worst, self._worst(top[order == density], int(density)))
         return worst
 
     def _worst(self, group: Floats, order: int) -> float:
@@ -104,28 +105,28 @@ def _lattice(order: int) -> Floats:
 
 
 def start_mesh(block: Block, ruler: Ruler, distance_mm: float, across: int) -> Mesh:
-    """Vertices on the formula, on lines as dense as its curvature asks for; its own distance is below a tenth.
+    """A mesh with vertices on the formula, dense where it is curved, and an error of less than a tenth of a distance.
 
     Args:
         block: The block.
-        ruler: Measures it.
-        distance_mm: The distance of which it keeps a tenth.
-        across: Lines along a flat axis.
+        ruler: Measures the mesh.
+        distance_mm: The distance.
+        across: Number of lines along a flat axis.
     """
-    least = distance_mm / 40.0
+    tolerance_mm = distance_mm / 40.0
     while True:
-        x = _lines(block.surface.along_u, block.size_mm[0], least, across)
-        y = _lines(block.surface.along_v, block.size_mm[1], least, across)
-        if 2 * len(x) * len(y) < MOST_START or least > distance_mm / 16.0:
+        x = _lines(block.surface.along_u, block.size_mm[0], tolerance_mm, across)
+        y = _lines(block.surface.along_v, block.size_mm[1], tolerance_mm, across)
+        if 2 * len(x) * len(y) < MAX_START_TRIANGLES or tolerance_mm > distance_mm / 16.0:
             z = single(block.formula_datum_mm + block.surface.grid(x, y))
             top = Top(x, y, z, None, None, Certificate(distance_mm=0.0, vertical_mm=0.0))
             mesh = close(sheet(top, None, float(z.max())), None)
             measured = ruler.distance(mesh)
             if measured < distance_mm / 10.0:
                 return mesh
-            least *= 0.08 * distance_mm / measured
+            tolerance_mm *= 0.08 * distance_mm / measured
         else:
-            least *= 1.2
+            tolerance_mm *= 1.2
 
 
 def _lines(sines: Sines, length_mm: float, distance_mm: float, across: int) -> Floats:
@@ -141,13 +142,13 @@ def _lines(sines: Sines, length_mm: float, distance_mm: float, across: int) -> F
 
 @dataclass(frozen=True, order=True)
 class Result:
-    """What a peer reached: its fewest triangles (infinite where no run fitted) and the seconds of its slowest run.
+    """The result of a peer.
 
     Args:
-        count: Fewest triangles within the distance.
+        count: Fewest triangles within the distance; infinite if no run stayed within it.
         seconds: Time of its slowest run.
-        at_ours_mm: Its measured distance with as many triangles as ours; NaN where it does not get there.
-        begun: Triangles of the start mesh.
+        at_ours_mm: Its measured distance with as many triangles as ours; NaN if it cannot make so few.
+        begun: Number of triangles of the start mesh.
     """
 
     count: float
@@ -158,7 +159,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Race:
-    """One start mesh and what a peer has to do with it."""
+    """A start mesh, and the search that each peer makes with it."""
 
     block: Block
     start: Mesh
@@ -170,7 +171,7 @@ class Race:
     def run(self, name: str) -> Result:
         """The best of a peer's settings."""
         if name == "fast-simplification":
-            return min(self._by_count(fast_simplification_peer(self.start, one)) for one in AGGRESSIONS)
+            return min(self._by_count(fast_simplification_peer(self.start, value)) for value in AGGRESSIONS)
         if name == "pymeshlab":
             return self._by_count(pymeshlab_peer(self.start))
         if name == "manifold3d":
@@ -180,9 +181,9 @@ class Race:
     def _by_count(self, reduce: Callable[[float], Mesh]) -> Result:
         fraction = len(self.start.faces) / self.ours
         mesh = reduce(fraction)
-        # some stop short of the count that they are given
+        # some peers stop before they reach the requested count
         at_ours = self.ruler.distance(mesh) if len(mesh.faces) <= 1.01 * self.ours else np.nan
-        # where it is worse with our count it needs more: the search is between ours and the start
+        # worse with our count means that it needs more triangles: search between our count and the start mesh
         return self._fewest(reduce, fraction if at_ours > self.distance_mm else 12.0 * fraction, at_ours)
 
     def _fewest(self, reduce: Callable[[float], Mesh], high: float, at_ours: float) -> Result:
@@ -214,8 +215,8 @@ def pymeshlab_peer(start: Mesh) -> Callable[[float], Mesh]:
             planarquadric=True,
             planarweight=1e-4,
         )
-        found = work.current_mesh()
-        return Mesh(np.array(found.vertex_matrix()), np.array(found.face_matrix(), dtype=np.int32))
+        mesh = work.current_mesh()
+        return Mesh(np.array(mesh.vertex_matrix()), np.array(mesh.face_matrix(), dtype=np.int32))
 
     return reduce
 
@@ -239,8 +240,8 @@ def manifold_peer(start: Mesh, distance_mm: float) -> Callable[[float], Mesh]:
     body = manifold3d.Manifold(manifold3d.Mesh(start.vertices.astype(np.float32), start.faces.astype(np.uint32)))
 
     def reduce(factor: float) -> Mesh:
-        found = body.simplify(distance_mm * factor / 100.0).to_mesh()
-        return Mesh(found.vert_properties[:, :3].astype(np.float64), found.tri_verts.astype(np.int32))
+        mesh = body.simplify(distance_mm * factor / 100.0).to_mesh()
+        return Mesh(mesh.vert_properties[:, :3].astype(np.float64), mesh.tri_verts.astype(np.int32))
 
     return reduce
 
@@ -256,11 +257,11 @@ def pydelatin_peer(block: Block, start: Mesh, distance_mm: float) -> Callable[[f
     height = (block.formula_datum_mm + block.surface.grid(x, y)).astype(np.float32)
 
     def reduce(factor: float) -> Mesh:
-        # its own error is vertical: the search goes on until the measured distance fits
-        found = Delatin(np.ascontiguousarray(height.T), max_error=distance_mm * factor / 10.0)
-        column, row = found.vertices[:, 0].astype(np.int64), found.vertices[:, 1].astype(np.int64)
+        # its own error is vertical: search until the measured distance fits
+        surface = Delatin(np.ascontiguousarray(height.T), max_error=distance_mm * factor / 10.0)
+        column, row = surface.vertices[:, 0].astype(np.int64), surface.vertices[:, 1].astype(np.int64)
         points = np.column_stack([x[column], y[row], height[column, row]])
-        faces = np.asarray(found.triangles, dtype=np.int32).reshape(-1, 3)
+        faces = np.asarray(surface.triangles, dtype=np.int32).reshape(-1, 3)
         a, b, c = (points[faces[:, k], :2] for k in range(3))
         turned = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0] < 0.0
         faces[turned] = faces[turned][:, ::-1]
@@ -278,10 +279,10 @@ def main() -> None:
     parser.add_argument("--tolerance", type=float, default=0.01)
     parser.add_argument("--peers", default="pymeshlab,fast-simplification,manifold3d,pydelatin")
     parser.add_argument(
-        "--rounds", type=int, default=ROUNDS, help="bisections for each peer; texture 4 takes minutes each"
+        "--rounds", type=int, default=ROUNDS, help="bisections for each peer; one takes minutes for texture 4"
     )
     options = parser.parse_args()
-    print(f"{'texture':8}{'who':22}{'triangles':>10}{'ratio':>8}{'seconds':>9}   measured distance, start mesh")
+    print(f"{'texture':8}{'program':22}{'triangles':>10}{'ratio':>8}{'seconds':>9}   measured distance, start mesh")
     for number in options.textures.split(","):
         block = Block.of(number, sampling=Tolerance(mm=options.tolerance))
         start_time = time.perf_counter()
@@ -293,15 +294,15 @@ def main() -> None:
         proved = f"{distance:.5f} mm measured, {certificate.distance_mm:.5f} proved"
         print(f"{number:8}{'ours':22}{ours:10}{1:8.2f}{spent:9.3f}   {proved}", flush=True)
         flat = not all(ruler.waves_along)
-        # a texture of one axis is offered both as strips and with square cells: the better result counts
+        # a texture of one axis is tried as strips and with square cells; the better result counts
         starts = [start_mesh(block, ruler, distance, lines) for lines in ((2, 41) if flat else (2,))]
         for name in options.peers.split(","):
             races = (Race(block, start, ruler, distance, ours, options.rounds) for start in starts)
-            found = min(race.run(name) for race in races)
-            note = "" if np.isnan(found.at_ours_mm) else f", {found.at_ours_mm:.4f} mm with our count"
-            verdict = "  PEER WINS" if found.count < ours or found.at_ours_mm < distance else ""
-            row = f"{number:8}{name:22}{found.count:10.0f}{found.count / ours:8.2f}{found.seconds:9.3f}"
-            print(f"{row}   from {found.begun}{note}{verdict}", flush=True)
+            result = min(race.run(name) for race in races)
+            note = "" if np.isnan(result.at_ours_mm) else f", {result.at_ours_mm:.4f} mm with our number of triangles"
+            verdict = "  PEER WINS" if result.count < ours or result.at_ours_mm < distance else ""
+            row = f"{number:8}{name:22}{result.count:10.0f}{result.count / ours:8.2f}{result.seconds:9.3f}"
+            print(f"{row}   from {result.begun}{note}{verdict}", flush=True)
 
 
 if __name__ == "__main__":

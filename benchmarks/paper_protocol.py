@@ -1,17 +1,22 @@
-"""The paper's whole classification protocol beside the script that one would write from its text with scikit-learn.
+"""Measure the paper's whole classification protocol against a plain scikit-learn script of its text.
 
     python benchmarks/paper_protocol.py [RUNS...] [--cores 2] [--trials 20] [--plain-trials 2] [--networks]
 
-Three training combinations, random forest and network, 20 trials. Plain: for each trial and combination one PCA of the
-augmented set, one forest and one ``MLPClassifier``; a few trials are run and their time is multiplied. Ours: what
-``tacbench classify --protocol paper`` does. Both are child processes on the same cores, one after the other, on the
-same images: those of run folders, or synthetic ones of 256 x 192 pixels with textures, prints, positions and noise.
-Peak memory is the largest resident size of the process plus, for ours, of each of its workers.
+The protocol has three training combinations, random forest and network, and 20 trials.
 
-With --networks: processor time of the batched network against ``MLPClassifier``, and of the protocol with each.
+* plain: for each trial and combination one PCA of the images and their copies, one forest and one ``MLPClassifier``.
+  Only a few trials are run, and their time is multiplied.
+* ours: what ``tacbench classify --protocol paper`` does.
 
-Claims: at least 10 times faster, accuracies within the trials' standard deviation, peak memory below a third of that of
-the plain script.
+Both are child processes on the same cores, one after the our_percent, with the same images. These are the images of run
+folders, or synthetic ones of 256 x 192 pixels with textures, prints, positions and noise. The peak memory is the
+largest resident size of the process; for ours, that of each worker is added.
+
+With --networks: the processor time of the network trained in batches, and of the whole protocol with it and with
+``MLPClassifier``.
+
+Claims: at least 10 times faster, accuracies that agree within 3 standard errors and 0.1 %, and less than a third of
+the plain script's peak memory.
 """
 
 from __future__ import annotations
@@ -51,7 +56,7 @@ class Study:
 
 
 def synthetic(folder: Path, selected: int, others: int, shape: tuple[int, int], seed: int = 1) -> None:
-    """Write images of smooth fields: one a texture, changed by combination and print, moved by position, with noise."""
+    """Write images of smooth fields: one for each texture, changed by combination, print and position, with noise."""
     random = np.random.default_rng(seed)
     height, width = shape
     up = [np.array([np.interp(np.linspace(0, n - 1, s), range(n), line) for line in np.eye(n)]).T
@@ -62,7 +67,7 @@ def synthetic(folder: Path, selected: int, others: int, shape: tuple[int, int], 
 
     base, texture, place = 70 + field(15), field(3, TEXTURES), field(5, 25)
     texture_place = field(2, TEXTURES, 25)
-    counts = [selected if one < SELECTED else others for one in range(COMBINATIONS)]
+    counts = [selected if number < SELECTED else others for number in range(COMBINATIONS)]
     images = np.empty((TEXTURES * sum(counts), height * width), np.uint8)
     labels = np.empty((2, len(images)), np.int64)
     index = 0
@@ -70,9 +75,9 @@ def synthetic(folder: Path, selected: int, others: int, shape: tuple[int, int], 
         way = field(3, TEXTURES)
         for kind in range(TEXTURES):
             prints = field(2.0 if combination == 0 else 1.0, 6)
-            for one in range(count):
-                low = base + texture[kind] + way[kind] + prints[one // 50 % 6] + place[one % 25]
-                low = low + texture_place[kind, one % 25] + field(0.5)
+            for number in range(count):
+                low = base + texture[kind] + way[kind] + prints[number // 50 % 6] + place[number % 25]
+                low = low + texture_place[kind, number % 25] + field(0.5)
                 high = up[0] @ low @ up[1].T + 1.4 * random.standard_normal((height, width))
                 images[index] = np.clip(np.rint(high), 0, 255).ravel()
                 labels[:, index] = kind, combination
@@ -89,7 +94,7 @@ def recorded(folder: Path, runs: list[Path]) -> None:
 
     study = Collection.open(runs)
     np.save(folder / "images.npy", read_features(study, Preprocess(resolution=0.4)).rows)
-    labels = [np.unique(one, return_inverse=True)[1] for one in (study.texture, study.combination)]
+    labels = [np.unique(values, return_inverse=True)[1] for values in (study.texture, study.combination)]
     np.save(folder / "labels.npy", np.array(labels))
 
 
@@ -114,7 +119,7 @@ def scored(models: Any, sets: Any) -> list[list[float]]:
 
 
 def peak_kb() -> int:
-    """Largest resident size of this process; Linux' own counter, since ``getrusage`` keeps a parent's beyond exec."""
+    """Largest resident size of this process, from Linux' own counter: ``getrusage`` includes a parent's beyond exec."""
     status = Path("/proc/self/status")
     if status.exists():
         lines = status.read_text().splitlines()
@@ -185,7 +190,7 @@ def study_of(study: Study, epochs: int) -> Any:
 
 
 def ours(study: Study, trials: int, epochs: int, cores: int) -> Result:
-    """What ``tacbench classify --protocol paper`` does once the images are read."""
+    """The steps of ``tacbench classify --protocol paper`` after the images are read."""
     from tacbench_cad.lab.analysis.classification.paper_protocol import calls
     from tacbench_cad.lab.parallel import workers
 
@@ -198,8 +203,10 @@ def ours(study: Study, trials: int, epochs: int, cores: int) -> Result:
                 trained = [outcomes for part in executor(call for _, call in parts) for outcomes in part]
             for outcomes in trained:
                 right = {
-                    (one.estimator, one.hold_out): float(np.mean(one.predicted == study.texture[one.press]))
-                    for one in outcomes
+                    (outcome.estimator, outcome.hold_out): float(
+                        np.mean(outcome.predicted == study.texture[outcome.press])
+                    )
+                    for outcome in outcomes
                 }
                 result.accuracies.append([[right[name, column] for column in COLUMNS] for name in CLASSIFIERS])
         result.worker_kb = workers_kb()
@@ -231,26 +238,26 @@ def networks(study: Study, trials: int, epochs: int) -> None:
         pool = Pool.of(study.images, chosen, components=25, seeds=range(TOGETHER))
     with timed("PCA", TOGETHER):
         scores = trial_scores(pool, Augmentation(), 25, range(TOGETHER))
-    rows = [one.train[: int(0.8 * len(one.train))] for one in scores]
+    rows = [score.train[: int(0.8 * len(score.train))] for score in scores]
     labels = np.tile(study.texture[chosen], 4)[: len(rows[0])]
     with timed("forest", TOGETHER):
-        for seed, one in enumerate(rows):
-            RandomForestClassifier(max_depth=50, random_state=seed).fit(one, labels)
+        for seed, train in enumerate(rows):
+            RandomForestClassifier(max_depth=50, random_state=seed).fit(train, labels)
     settings = {"max_iter": epochs, "n_iter_no_change": epochs, "tol": 0}
     with timed("batched network", TOGETHER):
         ours = [NetworkClassifier((50,), **settings, random_state=seed) for seed in range(TOGETHER)]
-        fit_together(ours, [(one, labels) for one in rows])
+        fit_together(ours, [(train, labels) for train in rows])
     with timed("MLPClassifier", 1):
         MLPClassifier((50,), **settings, random_state=0).fit(rows[0], labels)
-    for stage, one in seconds.items():
-        print(f"{stage:<20}{one:>9.2f} s a trial and combination")
+    for stage, spent in seconds.items():
+        print(f"{stage:<20}{spent:>9.2f} s for each trial and combination")
     rest = seconds["inner products"] + seconds["PCA"] + seconds["forest"]
     faster = (rest + seconds["MLPClassifier"]) / (rest + seconds["batched network"])
     print(f"the whole protocol with MLPClassifier takes {faster:.1f} times the processor time")
 
 
 def child(part: str, folder: Path, trials: int, epochs: int, cores: int) -> None:
-    """Run one of the two and print what it took, as JSON."""
+    """Run the plain script or ours, and print times, memory and accuracies as JSON."""
     import warnings
 
     warnings.simplefilter("ignore")
@@ -264,7 +271,7 @@ def child(part: str, folder: Path, trials: int, epochs: int, cores: int) -> None
 
 
 def run(part: str, folder: Path, trials: int, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Run one of the two as a process with its number of cores and threads."""
+    """Run the plain script or ours as a process with its number of cores and threads."""
     threads = {f"{name}_NUM_THREADS": str(arguments.cores) for name in ("OMP", "OPENBLAS", "MKL")}
     argv = [sys.executable, __file__, "--part", part, "--folder", str(folder), "--trials", str(trials)]
     argv += ["--epochs", str(arguments.epochs), "--cores", str(arguments.cores)]
@@ -273,22 +280,22 @@ def run(part: str, folder: Path, trials: int, arguments: argparse.Namespace) -> 
     return answer
 
 
-def show(study: Study, answers: dict[str, dict[str, Any]], trials: dict[str, int], wanted: int) -> bool:
-    """Print times, memory and accuracies; whether the claims hold."""
+def show(study: Study, answers: dict[str, dict[str, Any]], trials: dict[str, int], count: int) -> bool:
+    """Print times, memory and accuracies; return whether the claims hold."""
     pixels = study.images.shape[1]
-    rows = [int(np.sum(study.combination == one)) for one in study.selected]
+    rows = [int(np.sum(study.combination == number)) for number in study.selected]
     print(f"{len(study.images)} images of {pixels} pixels; trained on {rows} images, four copies each")
-    whole = {part: answer["wall"] * wanted / trials[part] for part, answer in answers.items()}
+    whole = {part: answer["wall"] * count / trials[part] for part, answer in answers.items()}
     for part, answer in answers.items():
         print(f"\n{part}: {trials[part]} trials in {answer['wall']:.1f} s; peak memory {answer['peak_gb']:.2f} GB")
         for stage, seconds in answer["seconds"].items():
             each = seconds / trials[part] / len(study.selected)
-            print(f"  {stage:<30}{seconds:>9.1f} s{each:>9.2f} s a trial and combination")
-    note = f"{trials['plain']} trials, multiplied by {wanted / trials['plain']:g}"
-    print(f"\n{wanted} trials: plain {whole['plain']:.0f} s ({note}), ours {whole['ours']:.0f} s", end="")
+            print(f"  {stage:<30}{seconds:>9.1f} s{each:>9.2f} s for each trial and combination")
+    note = f"{trials['plain']} trials, multiplied by {count / trials['plain']:g}"
+    print(f"\n{count} trials: plain {whole['plain']:.0f} s ({note}), ours {whole['ours']:.0f} s", end="")
     faster = whole["plain"] / whole["ours"]
     print(f": {faster:.1f} times faster")
-    print(f"\n{'accuracy, %':<26}{'plain':>8}{'ours':>8}{'spread':>8}   (standard deviation of our trials)")
+    print(f"\n{'accuracy, %':<26}{'plain':>8}{'ours':>8}{'std':>8}   (std: standard deviation of our trials)")
     agree = True
     tables = {
         part: 100 * np.array(answer["accuracies"]).reshape(len(study.selected), trials[part], 2, 3)
@@ -297,12 +304,15 @@ def show(study: Study, answers: dict[str, dict[str, Any]], trials: dict[str, int
     for index, combination in enumerate(study.selected):
         for which, classifier in enumerate(CLASSIFIERS):
             for column, name in enumerate(COLUMNS):
-                one, other = (tables[part][index, :, which, column] for part in ("plain", "ours"))
-                spread = other.std(ddof=1) if len(other) > 1 else 0.0
-                near = abs(one.mean() - other.mean()) <= 3 * spread * np.sqrt(1 / len(one) + 1 / len(other)) + 0.1
-                agree &= bool(near)
+                plain_percent, our_percent = (tables[part][index, :, which, column] for part in ("plain", "ours"))
+                deviation = our_percent.std(ddof=1) if len(our_percent) > 1 else 0.0
+                error = deviation * np.sqrt(1 / len(plain_percent) + 1 / len(our_percent))
+                means = plain_percent.mean(), our_percent.mean()
+                agrees = abs(means[0] - means[1]) <= 3 * error + 0.1
+                agree &= bool(agrees)
                 label = f"{combination + 1} {classifier} {name}"
-                print(f"{label:<26}{one.mean():>8.2f}{other.mean():>8.2f}{spread:>8.2f}{'' if near else '   differ'}")
+                mark = "" if agrees else "   differ"
+                print(f"{label:<26}{means[0]:>8.2f}{means[1]:>8.2f}{deviation:>8.2f}{mark}")
     held = {
         "at least 10 times faster": faster >= 10,
         "accuracies agree (3 standard errors + 0.1 %)": agree,
@@ -315,15 +325,15 @@ def show(study: Study, answers: dict[str, dict[str, Any]], trials: dict[str, int
 
 
 def main() -> int:
-    """Print the tables; the exit code is 1 where a claim does not hold."""
+    """Print the tables; the exit code is 1 if a claim does not hold."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", nargs="*", type=Path, help="run folders; synthetic images without them")
+    parser.add_argument("runs", nargs="*", type=Path, help="run folders; default: synthetic images")
     parser.add_argument("--cores", type=int, default=2, help="threads and processes of both (default 2)")
     parser.add_argument("--trials", type=int, default=20, help="trials of the protocol (default 20)")
     parser.add_argument("--plain-trials", type=int, default=2, help="trials of the plain script (default 2)")
     parser.add_argument("--epochs", type=int, default=1500, help="epochs of the networks (default 1500)")
-    parser.add_argument("--selected", type=int, default=300, help="synthetic images a trained texture (default 300)")
-    parser.add_argument("--others", type=int, default=75, help="synthetic images a texture elsewhere (default 75)")
+    parser.add_argument("--selected", type=int, default=300, help="images per trained texture (default 300)")
+    parser.add_argument("--others", type=int, default=75, help="images per other texture (default 75)")
     parser.add_argument("--size", default="256x192", help="width and height of synthetic images (default 256x192)")
     parser.add_argument("--networks", action="store_true", help="only the network against MLPClassifier")
     parser.add_argument("--part", choices=("plain", "ours"), help=argparse.SUPPRESS)
@@ -339,7 +349,7 @@ def main() -> int:
         if arguments.runs:
             recorded(folder, arguments.runs)
         else:
-            width, height = (int(one) for one in arguments.size.split("x"))
+            width, height = (int(side) for side in arguments.size.split("x"))
             synthetic(folder, arguments.selected, arguments.others, (height, width))
         if arguments.networks:
             networks(Study(folder), arguments.trials, arguments.epochs)

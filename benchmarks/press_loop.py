@@ -1,11 +1,11 @@
-"""Where the time of a data run goes: 150 presses on the virtual rig, through the drivers and the pseudo-terminal.
+"""Measure where the time of a run goes: 150 presses on the virtual rig, through the drivers and the pseudo-terminal.
 
     python benchmarks/press_loop.py [--driver virtual-grbl] [--speed 50] [--texture 4] [--out DIR]
 
-Every call of the stage, the gauge, the sensor and the clock is timed from outside, and the writer counts its own
-encoding and syncing. What is left of the run's time is the loop's own: planning, searching, checking, encoding (which
-is also shown by itself), hashing, rows. Claim: below 20 ms a press, encoding included. The stationary readings are left
-out, so that what is shown belongs to presses (and to a reference every 600 s of rig time).
+Every call of the stage, the gauge, the sensor and the clock is timed, and the writer times its own encoding and
+syncing. The rest of the run's time is the loop's own: planning, searching, checking, encoding (also shown separately),
+hashing and writing rows. Stationary frames are left out, so the times belong to presses, and to a reference frame
+after every 600 s of the rig's time. Claim: less than 20 ms for each press, encoding included.
 """
 
 from __future__ import annotations
@@ -34,27 +34,27 @@ LIMIT_MS = 20.0
 
 
 class Timed(Closing):
-    """A device whose calls are timed; attributes pass through.
+    """A device whose calls are timed. Its attributes are those of the inner device.
 
     Args:
         inner: The device.
-        name: What it is called in the table.
-        seconds: Where its time is added.
-        calls: Where its calls are counted.
+        name: Its name in the table.
+        seconds: Its time is added here.
+        calls: Its calls are counted here.
     """
 
     def __init__(self, inner: Any, name: str, seconds: Counter[str], calls: Counter[str]) -> None:
         self._inner, self._name, self._seconds, self._calls = inner, name, seconds, calls
 
     def __getattr__(self, key: str) -> Any:
-        found = getattr(self._inner, key)
-        if not callable(found):
-            return found
+        value = getattr(self._inner, key)
+        if not callable(value):
+            return value
 
         def timed(*values: Any) -> Any:
             began = time.perf_counter()
             try:
-                return found(*values)
+                return value(*values)
             finally:
                 self._seconds[self._name] += time.perf_counter() - began
                 self._calls[self._name] += 1
@@ -63,7 +63,7 @@ class Timed(Closing):
 
 
 def main() -> int:
-    """Print the table; the exit code is 1 where the claim does not hold."""
+    """Print the table; the exit code is 1 if the claim does not hold."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--driver", default="virtual-grbl", help="virtual-grbl or virtual-marlin")
     parser.add_argument("--speed", type=float, default=50.0, help="times faster than real time (default 50)")
@@ -103,7 +103,7 @@ def main() -> int:
         whole = time.perf_counter() - began
         rows = Run.open(result.folder).rows
     presses = result.presses
-    shares = {
+    parts = {
         "opening and homing the rig": opening,
         "closing it": closing,
         "waiting for the stage": seconds["stage"],
@@ -113,16 +113,16 @@ def main() -> int:
         "waiting for the disk": result.seconds["sync"],
         "encoding and checksums": result.seconds["encode"],
     }
-    rest = whole - sum(shares.values())
+    rest = whole - sum(parts.values())
     print(f"{chosen.driver}, texture {chosen.texture}, {chosen.speed:g} times real time: {presses} presses, ", end="")
-    print(f"{sum(row.in_band is True for row in rows)} in their band, {whole:.1f} s")
-    print(f"{calls['stage'] / presses:.0f} stage, {calls['gauge'] / presses:.0f} gauge calls a press\n")
-    print(f"{'share':<32}{'s':>8}{'ms a press':>12}{'%':>7}")
-    for name, spent in {**shares, "the rest of the loop": rest}.items():
-        print(f"{name:<32}{spent:>8.2f}{1e3 * spent / presses:>12.2f}{100.0 * spent / whole:>7.1f}")
-    own_ms = 1e3 * (rest + shares["encoding and checksums"]) / presses
+    print(f"{sum(row.in_band is True for row in rows)} in their force band, {whole:.1f} s")
+    print(f"{calls['stage'] / presses:.0f} stage, {calls['gauge'] / presses:.0f} gauge calls for each press\n")
+    print(f"{'part':<32}{'s':>8}{'ms per press':>14}{'%':>7}")
+    for name, spent in {**parts, "the rest of the loop": rest}.items():
+        print(f"{name:<32}{spent:>8.2f}{1e3 * spent / presses:>14.2f}{100.0 * spent / whole:>7.1f}")
+    own_ms = 1e3 * (rest + parts["encoding and checksums"]) / presses
     held = own_ms < LIMIT_MS
-    print(f"\nthe loop's own time, encoding included: {own_ms:.1f} ms a press, claimed below {LIMIT_MS:g}: ", end="")
+    print(f"\nthe loop's own time, encoding included: {own_ms:.1f} ms per press, claimed below {LIMIT_MS:g}: ", end="")
     print("yes" if held else "NO")
     return 0 if held else 1
 

@@ -1,10 +1,11 @@
-"""What a run folder costs: writing a press, checking the paper's 8,100 images, importing the authors' files.
+"""Measure run folders: writing a press, checking the paper's 8,100 images, importing the authors' files.
 
     python benchmarks/run_folders.py [--runs 54]
 
-Images are 640 x 480 grey with 133 bright markers and read noise, as a TacTip's; the check reads copies of one run of
-150 (hard links, so the disk's speed is left out). The import's memory is its process's own peak, mapped files included.
-Claims: 8,100 images are checked within a minute on four cores; importing six blocks takes no more memory than two.
+The images are 640 x 480 grey with 133 bright markers and read noise, like those of a TacTip. The check reads hard
+links to one run of 150 images, so the speed of the disk does not count. The memory of the import is the peak of its
+process, mapped files included. Claims: 8,100 images are checked within a minute on four cores, and importing six
+blocks takes no more memory than importing two.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from tacbench_cad.spec.block import Block
 PINS = (1, 12, 12, 12, 24, 24, 24, 24)
 LIMIT_S = 60.0
 LIMIT_GROWTH = 1.1
-#: Imports blocks one after the other in a fresh process and prints its peak memory in bytes.
+#: A program that imports blocks one after the other and prints its peak memory in bytes.
 IMPORT = """
 import resource, sys
 from pathlib import Path
@@ -44,16 +45,16 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
 def image(random: np.random.Generator) -> np.ndarray:
     """A grey image like a TacTip's, uint8, (480, 640)."""
     y, x = np.mgrid[:480, :640]
-    made = np.full((480, 640), 8.0)
+    brightness = np.full((480, 640), 8.0)
     for ring in range(8):
         for azimuth in np.arange(PINS[ring]) * (2.0 * np.pi / PINS[ring]):
             px, py = 320 + 20 * ring * np.cos(azimuth), 240 + 20 * ring * np.sin(azimuth)
-            made += 200.0 * np.exp(-((x - px) ** 2 + (y - py) ** 2) / 18.0)
-    return np.clip(made + random.normal(0.0, 1.4, made.shape), 0, 255).astype(np.uint8)
+            brightness += 200.0 * np.exp(-((x - px) ** 2 + (y - py) ** 2) / 18.0)
+    return np.clip(brightness + random.normal(0.0, 1.4, brightness.shape), 0, 255).astype(np.uint8)
 
 
 def main() -> int:
-    """Print the figures; the exit code is 1 where a claim does not hold."""
+    """Print the figures; the exit code is 1 if a claim does not hold."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=54, help="runs that are checked (default 54: 8,100 images)")
     runs = parser.parse_args().runs
@@ -87,7 +88,7 @@ def _write_and_check(folder: Path, runs: int) -> bool:
             spent += time.perf_counter() - start
         count = len(info.presses)
         encode, sync = ((writer.seconds[name] - before[name]) / count * 1e3 for name in ("encode", "sync"))
-    print(f"writing a press: {spent / count * 1e3:.1f} ms, of it {encode:.1f} encoding, {sync:.1f} writing and syncing")
+    print(f"writing a press: {spent / count * 1e3:.1f} ms ({encode:.1f} encoding, {sync:.1f} writing and syncing)")
     copies = [folder / f"run-{number}" for number in range(runs)]
     for copy in copies[1:]:
         shutil.copytree(copies[0], copy, copy_function=os.link)
@@ -114,9 +115,9 @@ def _import(folder: Path) -> bool:
         words = [sys.executable, "-c", IMPORT, str(folder / f"out-{blocks}"), *map(str, paths[: 3 * blocks])]
         peaks.append(int(subprocess.run(words, capture_output=True, check=True, text=True).stdout) / 1e6)
         seconds = time.perf_counter() - start
-        print(f"importing {blocks} blocks, {blocks * 138} MB: {seconds:.1f} s, {peaks[-1]:.0f} MB of memory at most")
+        print(f"importing {blocks} blocks, {blocks * 138} MB: {seconds:.1f} s, {peaks[-1]:.0f} MB of peak memory")
     held = peaks[1] <= LIMIT_GROWTH * peaks[0]
-    print(f"memory flat: {'yes' if held else 'NO'}")
+    print(f"memory does not grow: {'yes' if held else 'NO'}")
     return held
 
 

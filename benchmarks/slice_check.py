@@ -1,12 +1,15 @@
-"""What PrusaSlicer and CuraEngine make of textures 2 and 4: the tables of docs/plates.md.
+"""Measure what PrusaSlicer and CuraEngine make of textures 2 and 4: the tables of docs/plates.md.
 
     python benchmarks/slice_check.py
 
-Blocks of preset paper, STL within 0.01 mm of the formula, are sliced by the programs that are installed (Debian's
-packages prusa-slicer, cura-engine and cura), and the G-code is compared with the formula as ``tacbench check-gcode``
-does. Errors are root mean squares in micrometres: of height where the slope is below 1, sideways on steeper walls; in
-brackets that of the ideal staircase of the same layers. A peak is lost, and a valley filled, where it is off by more
-than a layer. The last columns: the height error where the frame is off by 0.1 mm, and seconds to slice and to check.
+Blocks of the preset paper, as STL within 0.01 mm of the formula, are sliced by the programs that are installed
+(Debian's packages prusa-slicer, cura-engine and cura). The G-code is compared with the formula as ``tacbench
+check-gcode`` does.
+
+Errors are root mean squares in micrometres: vertical where the slope is below 1, sideways on steeper walls. The value
+in brackets is that of ideal steps with the same layers. A peak is lost, or a valley filled, if its height is wrong by
+more than one layer. The last columns have the height error if the coordinates are wrong by 0.1 mm, and the seconds to
+slice and to check.
 """
 
 from __future__ import annotations
@@ -42,7 +45,7 @@ Slice = Callable[[Path], Path]
 
 
 def cases(model: dict[int, Path]) -> Iterator[tuple[int, str, Slice]]:
-    """Texture, what is done, and how."""
+    """Texture, a description, and the function that slices it."""
     cura = shutil.which("CuraEngine") and cura_search_path()
     if shutil.which("prusa-slicer"):
         run = program("prusa-slicer", "prusa-slicer")
@@ -72,7 +75,7 @@ def _um(mm: float | None) -> str:
 
 
 def main() -> None:
-    """Slice, compare and print a row each."""
+    """Slice and compare each case, and print one row for it."""
     heads = ("height (ideal)", "sideways (ideal)", "peaks lost", "valleys filled", "0.1 mm off", "seconds")
     print(f"{'texture':<9}{'':<38}" + "".join(f"{head:>18}" for head in heads))
     with tempfile.TemporaryDirectory() as folder:
@@ -83,17 +86,17 @@ def main() -> None:
             start = time.perf_counter()
             path = cut(Path(folder) / "sliced.gcode")
             sliced = time.perf_counter()
-            found = compare(read_gcode(path), Block.of(number))
-            steep = found.sideways
+            comparison = compare(read_gcode(path), Block.of(number))
+            steep = comparison.sideways
             row = (
-                f"{_um(found.rms_mm)} ({_um(found.ideal_rms_mm)})",
+                f"{_um(comparison.rms_mm)} ({_um(comparison.ideal_rms_mm)})",
                 "-" if steep is None else f"{_um(steep.rms_mm)} ({_um(steep.ideal_rms_mm)})",
-                f"{found.peaks.missed:,} of {found.peaks.count:,}",
-                f"{found.valleys.missed:,} of {found.valleys.count:,}",
-                _um(found.misplaced_rms_mm),
+                f"{comparison.peaks.missed:,} of {comparison.peaks.count:,}",
+                f"{comparison.valleys.missed:,} of {comparison.valleys.count:,}",
+                _um(comparison.misplaced_rms_mm),
                 f"{sliced - start:.1f} + {time.perf_counter() - sliced:.1f}",
             )
-            print(f"{number:<9}{name:<38}" + "".join(f"{one:>18}" for one in row), flush=True)
+            print(f"{number:<9}{name:<38}" + "".join(f"{text:>18}" for text in row), flush=True)
 
 
 if __name__ == "__main__":

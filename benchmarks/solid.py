@@ -1,12 +1,13 @@
-"""The solid of texture 4 within 1 micrometre, against the surface fits of CadQuery and build123d.
+"""Measure the solid of texture 4 within 1 micrometre against the surface fits of CadQuery and build123d.
 
     python benchmarks/solid.py [--limit 200] [--quick]
 
-The peers get the paper's 189 x 201 samples of the formula and make one face; each setting runs in a process of its own
-and is ended after ``--limit`` seconds. Ours gets the formula and makes the whole solid, once from nothing (first call)
-and again (fastest of five, caches emptied). Imports are left out on all sides. The error is |z - formula| at the
-surface's own x and y on 1000 x 1000 parameters of the face; for ours also what is proved. ``--quick`` runs one setting
-of each library. Needs the extra ``cad``.
+The peers get the paper's 189 x 201 samples of the formula and make one face. Each setting runs in its own process,
+which is ended after ``--limit`` seconds. Our code gets the formula and makes the whole solid: once from nothing (first
+call), and five times more with empty caches, of which the fastest counts. Imports are not timed on either side.
+
+The error is |z - formula| at the surface's own x and y, for 1000 x 1000 parameters of the face; for our solid the
+proved bound is printed as well. ``--quick`` runs one setting of each library. This needs the extra ``cad``.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
 
-#: Tolerance, smoothing, least and most degree. At a tolerance of 1 mm the fit has 8 x 9 poles for a relief of 4.7 mm:
-#: no longer a surface to compare with.
+#: Tolerance, smoothing, lowest and highest degree. At a tolerance of 1 mm the fit has only 8 x 9 poles for a relief of
+#: 4.7 mm, so a comparison would mean nothing.
 SETTINGS: tuple[tuple[float, tuple[float, float, float] | None, int, int], ...] = (
     (0.001, None, 1, 3),  # finer than the fit reaches: it gives up early, and is the fastest
     (0.01, None, 1, 3),  # the default of both
@@ -35,14 +36,14 @@ SETTINGS: tuple[tuple[float, tuple[float, float, float] | None, int, int], ...] 
 )
 #: Settings of a quick run.
 QUICK = 1
-#: Seconds for imports before and for measuring after a fit; neither is in its time.
+#: Limits in s for the imports before a fit and for measuring after it; neither is part of its time.
 PATIENCE_S = 300.0
 OURS_DENSE = 2000
 
 
 @dataclass(frozen=True)
 class Result:
-    """One row: seconds and worst and root-mean-square distance in mm; None where there is none, with the reason."""
+    """One row: seconds, and worst and root-mean-square distance in mm. A missing value is None, with the reason."""
 
     name: str
     seconds: float | None = None
@@ -59,17 +60,17 @@ class Result:
 
 
 def _lines(stream: IO[str]) -> queue.Queue[dict[str, Any] | None]:
-    """The child's lines as they come, then None."""
-    found: queue.Queue[dict[str, Any] | None] = queue.Queue()
+    """The lines of the child process as they arrive, then None."""
+    messages: queue.Queue[dict[str, Any] | None] = queue.Queue()
 
     def pump() -> None:
         for line in stream:
             if line.startswith("{"):
-                found.put(json.loads(line))
-        found.put(None)
+                messages.put(json.loads(line))
+        messages.put(None)
 
     threading.Thread(target=pump, daemon=True).start()
-    return found
+    return messages
 
 
 def peer(library: str, setting: tuple[float, tuple[float, float, float] | None, int, int], limit_s: float) -> Result:
@@ -139,7 +140,7 @@ def ours() -> list[Result]:
 
 
 def print_patches() -> None:
-    """Patches, degree, poles and the size of the STEP file of every texture that has one."""
+    """Patches, degree, poles and the size of the STEP file of every texture that has a solid."""
     from tacbench_cad.formats.step import write_shape
     from tacbench_cad.geometry.brep import solid_block, solid_refusal
     from tacbench_cad.geometry.splines.patches import patches
@@ -167,7 +168,7 @@ def print_patches() -> None:
 
 
 def main() -> None:
-    """Print a row for each setting, then the ratios."""
+    """Print a row for each setting, and then the ratios."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--limit", type=float, default=200.0, metavar="S", help="seconds that one fit may take")
     parser.add_argument("--quick", action="store_true", help=f"{QUICK} setting of each library only")

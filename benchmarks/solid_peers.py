@@ -1,4 +1,4 @@
-"""One run of a CAD library's own surface fit, for benchmarks/solid.py: prints one line when ready, fitted, measured.
+"""Run one surface fit of a CAD library for benchmarks/solid.py. It prints a line when ready, fitted and measured.
 
 python benchmarks/solid_peers.py cadquery '{"tol": 0.01, "smoothing": null, "min": 1, "max": 3}'
 """
@@ -19,12 +19,12 @@ from OCP.TopoDS import TopoDS_Face
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.types import Floats
 
-#: Points along each parameter at which a surface is compared with the formula.
+#: Number of points along each parameter at which a surface is compared with the formula.
 DENSE = 1000
 
 
 def say(**facts: object) -> None:
-    """One line for the parent process."""
+    """Print one line for the parent process."""
     print(json.dumps(facts), flush=True)
 
 

@@ -1,9 +1,9 @@
-"""How long the light commands take, against importing NumPy, in the same run.
+"""Measure the start of light commands against importing NumPy, in the same run.
 
     python benchmarks/startup.py [--runs 15]
 
-Every command is a fresh process. Rounds are interleaved, so that a busy machine slows all of them alike; the figure is
-the median. Claim: at most 3 times ``python -c "import numpy"``.
+Every command is a fresh process. The commands take turns, so a busy machine slows all of them alike. The figure is the
+median. Claim: at most 3 times ``python -c "import numpy"``.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from collections.abc import Sequence
 REFERENCE = "import numpy"
 LIMIT = 3.0
 COMMANDS = ("--help", "textures", "--version", "make --help")
-#: The commands of the claim; the others are shown beside them.
+#: The commands that the claim is about; the others are only shown.
 CLAIMED = ("--help", "textures")
 
 
 def seconds(argv: Sequence[str]) -> float:
-    """Wall time of a process."""
+    """Wall time of a process, in s."""
     start = time.perf_counter()
     subprocess.run(argv, stdout=subprocess.DEVNULL, check=True)
     return time.perf_counter() - start
@@ -35,7 +35,7 @@ def command_line(command: str) -> list[str]:
 
 
 def main() -> int:
-    """Print the table; the exit code is 1 where the claim does not hold."""
+    """Print the table; the exit code is 1 if the claim does not hold."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=15, help="rounds (default 15)")
     runs = parser.parse_args().runs

@@ -1,8 +1,9 @@
-"""Six STL files within 0.01 mm: ours from formula to renamed files, numpy-stl from ready triangles to saved files.
+"""Measure six STL files within 0.01 mm: ours from the formula, numpy-stl from triangles that are already computed.
 
     python benchmarks/stl_speed.py [--repeats 7] [--tolerance 0.01]
 
-Imports and verification are left out on both sides. Needs the extra ``dev`` (numpy-stl).
+Both end with the renamed file. Imports and checks are left out on both sides. This needs the extra ``dev``
+(numpy-stl).
 """
 
 from __future__ import annotations
@@ -27,19 +28,19 @@ from tacbench_cad.util.files import replacing
 from tacbench_cad.util.types import Floats
 
 SIX = (1, 2, 3, 4, 5, 6)
-#: What ours may take beyond numpy-stl's time, for all six together, in seconds.
+#: Time that ours may take in addition to numpy-stl's, for all six together, in s.
 ALLOWANCE_S = 0.3
 
 
 def ours(number: int, tolerance_mm: float, folder: Path) -> None:
-    """One texture: formula, mesh, file, rename. Nothing is kept from run to run."""
+    """One texture: formula, mesh, file, rename. Nothing is cached between runs."""
     part = block_part(Block.of(number, sampling=Tolerance(mm=tolerance_mm)))
     with replacing(folder / f"{part.name}.stl") as temporary:
         write_stl(part, temporary)
 
 
 def peer(corners: Floats, path: Path) -> None:
-    """numpy-stl as its manual uses it: build from ready vertices, save as binary."""
+    """numpy-stl as in its manual: build from computed vertices, save as binary."""
     body = PeerMesh(np.zeros(len(corners), dtype=PeerMesh.dtype))
     body.vectors[:] = corners
     body.save(str(path), mode=Mode.BINARY)

@@ -1,10 +1,10 @@
-"""The simulated TacTip against the figures it was built from, and how long a press and an image take.
+"""Compare the simulated TacTip with the measurements that it was built from, and time a press and an image.
 
     python benchmarks/tactip.py [--runs 200]
 
-Claims: markers at rest within 0.3 px of 601 r / (48.9 + z); on a flat plate F = 0.47 d^1.5 within a factor of 2; every
-pose has its target force within a hundredth of the paper's band; deformation grows with force on every texture; one
-force takes less than 1 ms.
+Claims: markers at rest are within 0.3 px of 601 r / (48.9 + z); on a flat plate F = 0.47 d^1.5 within a factor of 2;
+every pose has its target force within a hundredth of the paper's band; the deformation grows with the force on every
+texture; computing one force takes less than 1 ms.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ def rng(seed: int = 0) -> np.random.Generator:
 
 
 def worst_marker_px() -> float:
-    """Largest distance of a marker's centroid in a rendered image from where its pin belongs."""
+    """Largest distance of a marker's centroid in a rendered image from the position of its pin, in px."""
     image = TacTip(colour=False).image(None, (0.0, 0.0, 0.0), rng())
     weight = np.where(image > 20, image, 0).astype(np.uint8)
     count, labels = cv2.connectedComponents((weight > 0).astype(np.uint8))
-    found = []
+    centres = []
     for label in range(1, count):
         moments = cv2.moments(np.where(labels == label, weight, 0).astype(np.float32))
-        found.append((moments["m10"] / moments["m00"], moments["m01"] / moments["m00"]))
+        centres.append((moments["m10"] / moments["m00"], moments["m01"] / moments["m00"]))
     worst = 0.0
     for pins, first, step, r, z in CLEAN.rings:
         for i in range(pins):
             azimuth, radius = math.radians(first + step * i), 601.0 * r / (48.9 + z)
             place = (319.5 + radius * math.cos(azimuth), 239.5 - radius * math.sin(azimuth))
-            worst = max(worst, min(math.dist(place, one) for one in found))
+            worst = max(worst, min(math.dist(place, centre) for centre in centres))
     return worst
 
 
@@ -65,7 +65,7 @@ def milliseconds(call: Callable[[int], object], runs: int) -> float:
 
 
 def main() -> int:
-    """Print the figures; the exit code is 1 where a claim does not hold."""
+    """Print the figures; the exit code is 1 if a claim does not hold."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=200, help="calls for each time (default 200)")
     runs = parser.parse_args().runs
@@ -101,10 +101,10 @@ def main() -> int:
                 )
             shifts.append(float(np.mean(moved)))
         held &= shifts == sorted(shifts) and error < 0.01
-        print(f"{texture:>10}{', '.join(f'{one:.3f}' for one in shifts):>54}{error:>26.5f}")
+        print(f"{texture:>10}{', '.join(f'{shift:.3f}' for shift in shifts):>54}{error:>26.5f}")
 
     cv2.setNumThreads(1)
-    x, y = (float(one) for one in places[12])
+    x, y = (float(value) for value in places[12])
     z = contact.z_for_force(x, y, FORCES_N[-1])
     one_force = milliseconds(lambda i: contact.force_n(x + 1e-4 * i, y, z), runs)
     held &= one_force < 1.0

@@ -1,10 +1,10 @@
-"""Size of the 3-D page of the whole set, and how long a browser takes to its first picture.
+"""Measure the size of the 3D page of the whole set, and the time until a browser shows the first picture.
 
     python benchmarks/view_page.py [--runs 5] [--preset paper]
 
-Debian's Chromium without a screen draws by the processor alone (SwiftShader). Every round is a fresh browser with a
-fresh profile; the figure is the median time from the start of navigation until a picture is on the page, as the page
-itself measures it. Claim: below 5 MB and below 4 seconds, at 1200 and at 390 pixels.
+Debian's Chromium without a screen draws with the processor alone (SwiftShader). Every round uses a fresh browser with
+a fresh profile. The figure is the median time from the start of navigation to the first picture, measured by the page
+itself. Claim: less than 5 MB and less than 4 seconds, at 1200 and at 390 pixels.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from tacbench_cad.render.viewing.page import write_page
 
 FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 SIZES = ((1200, 800), (390, 844))
-MOST_BYTES, MOST_S = 5_000_000, 4.0
+MAX_BYTES, MAX_S = 5_000_000, 4.0
 
 
 def first_picture_s(page: Path, size: tuple[int, int]) -> float:
@@ -43,7 +43,7 @@ def first_picture_s(page: Path, size: tuple[int, int]) -> float:
 
 
 def main() -> int:
-    """Print the table; the exit code is 1 where the claim does not hold."""
+    """Print the table; the exit code is 1 if the claim does not hold."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=5, help="rounds (default 5)")
     parser.add_argument("--preset", default="paper", help="paper (default) or released")
@@ -56,14 +56,14 @@ def main() -> int:
         write_page(scene, page)
         written = time.perf_counter()
         size = page.stat().st_size
-        print(f"{len(scene.things)} parts, {sum(len(one.mesh.faces) for one in scene.things):,} triangles")
+        print(f"{len(scene.things)} parts, {sum(len(part.mesh.faces) for part in scene.things):,} triangles")
         print(f"parts built in {built - start:.1f} s, page written in {written - built:.1f} s")
-        print(f"page: {size / 1e6:.2f} MB (claim: below {MOST_BYTES / 1e6:g})")
-        held = size < MOST_BYTES
+        print(f"page: {size / 1e6:.2f} MB (claim: below {MAX_BYTES / 1e6:g})")
+        held = size < MAX_BYTES
         for width, height in SIZES:
             times = [first_picture_s(page, (width, height)) for _ in range(options.runs)]
             median = statistics.median(times)
-            held = held and median < MOST_S
+            held = held and median < MAX_S
             print(f"first picture at {width} x {height}: median {median:.2f} s, worst {max(times):.2f} s")
     print(f"claim: {'holds' if held else 'DOES NOT HOLD'}")
     return 0 if held else 1
