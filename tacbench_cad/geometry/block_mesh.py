@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from tacbench_cad.geometry.mesh import Certificate, Mesh
@@ -11,7 +9,6 @@ from tacbench_cad.geometry.meshing.clip import sheet
 from tacbench_cad.geometry.meshing.closing import close
 from tacbench_cad.geometry.meshing.top import Top, textured_top
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.sampling import Tolerance
 
 
 def mesh_block(block: Block) -> tuple[Mesh, Certificate]:
@@ -29,17 +26,6 @@ def mesh_block(block: Block) -> tuple[Mesh, Certificate]:
     """
     top = textured_top(block)
     return mesh_of_top(block, top), top.certificate
-
-
-def fine_mesh(block: Block) -> Mesh:
-    """A mesh to look at: where the block has a tolerance, fine enough that no facet shows.
-
-    Raises:
-        InputError: As for :func:`mesh_block`.
-    """
-    if isinstance(block.sampling, Tolerance):
-        block = replace(block, sampling=Tolerance(mm=min(block.sampling.mm, 5e-5 * max(block.size_mm))))
-    return mesh_block(block)[0]
 
 
 def mesh_of_top(block: Block, top: Top) -> Mesh:

@@ -235,10 +235,10 @@ class _Making:
         items = []
         for source in self._work.sources:
             part = source.part
-            mesh = self._fixture_meshes.get(part.name) if source.in_child else part.mesh[0]
-            if mesh is not None and set(source.files.values()) - failed:
+            thing = self._fixture_meshes.get(part.name) if source.in_child else part
+            if thing is not None and set(source.files.values()) - failed:
                 size = " x ".join(f"{side:.4g}" for side in part.size_mm)
-                items.append((f"{part.stem('mesh')}\n{size} mm", mesh))
+                items.append((f"{part.stem('mesh')}\n{size} mm", thing))
         reason = why_missing("matplotlib")
         if reason and not any(one.what == PREVIEW_NAME for one in self._result.left_out):
             self._result.left_out.append(LeftOut(what=PREVIEW_NAME, reason=reason))

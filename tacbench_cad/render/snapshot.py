@@ -7,9 +7,10 @@ A block as PNG::
 
     snapshot(TextureBlock(4), "block.png")
 
-Colours are those of the objects: of a build123d compound's children, and of the parts of a CadQuery assembly. Needs
-matplotlib (extra ``plot``) and the CAD kernel. Blocks, holder and jig alone are drawn better, from our own meshes, by
-:mod:`tacbench_cad.render.pictures`; to look at them from all sides there is :mod:`tacbench_cad.render.viewing`.
+The objects keep their colours: those of a build123d compound's children, and those of the parts of a CadQuery assembly.
+It needs matplotlib (extra ``plot``) and the CAD kernel. For blocks, holder and jig alone
+:mod:`tacbench_cad.render.pictures` is better, because it draws our own meshes; :mod:`tacbench_cad.render.viewing` shows
+them from all sides.
 """
 
 from __future__ import annotations
@@ -18,20 +19,15 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.triangulation import triangulate
-from tacbench_cad.render.raster import ABOVE, Camera, render
+from tacbench_cad.render.raster import ABOVE, Body, Camera, Colour, render
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.plotting import new_figure, save_figure, styled
-from tacbench_cad.util.types import Floats, Indices
 
 if TYPE_CHECKING:
     from OCP.TopLoc import TopLoc_Location
     from OCP.TopoDS import TopoDS_Shape
-
-Colour = tuple[float, float, float]
 
 #: Largest angle between neighbouring chords of what is drawn, in radians for each mm of the tolerance.
 ANGLE_RAD_PER_MM = 10.0
@@ -53,10 +49,10 @@ def snapshot(
         shape: A Workplane, Shape or Assembly of CadQuery; a Shape or BuildPart of build123d; a ``TopoDS_Shape`` of the
             kernel; or several of these in a list.
         path: The PNG file.
-        camera: Where it is seen from.
+        camera: The direction of view.
         size_px: Width and height of the picture in pixels.
-        tolerance_mm: Distance by which the triangles that are drawn may miss the faces, in mm. They are the kernel's:
-            textures 4 and 6 take it minutes at 0.02 mm and a second or two at 0.2 mm.
+        tolerance_mm: Largest distance of the triangles that are drawn from the faces, in mm. The kernel makes these
+            triangles: for textures 4 and 6 it needs minutes at 0.02 mm, and a second or two at 0.2 mm.
 
     Raises:
         InputError: There is nothing to draw in it, or the file cannot be written.
@@ -64,19 +60,15 @@ def snapshot(
     """
     if not tolerance_mm > 0.0:
         raise InputError("tolerance", tolerance_mm, "must be above 0 mm")
-    vertices: list[Floats] = []
-    triangles: list[Indices] = []
-    materials: list[Floats] = []
-    for piece, colour in _pieces(shape):
-        nodes, corners = triangulate(piece, tolerance_mm, ANGLE_RAD_PER_MM * tolerance_mm)
-        triangles.append(corners + np.int32(sum(map(len, vertices))))
-        vertices.append(nodes)
-        materials.append(np.tile(np.array(colour) ** 2.2, (len(corners), 1)))
-    if not sum(map(len, triangles)):
+    bodies = []
+    for piece, (red, green, blue) in _pieces(shape):
+        mesh = Mesh(*triangulate(piece, tolerance_mm, ANGLE_RAD_PER_MM * tolerance_mm))
+        if len(mesh.faces):
+            bodies.append(Body(mesh=mesh, colour=(red**2.2, green**2.2, blue**2.2)))
+    if not bodies:
         raise InputError("shape", type(shape).__name__, "has no face to draw")
-    mesh = Mesh(np.concatenate(vertices), np.concatenate(triangles))
     width, height = size_px
-    image = render(mesh, width, height, camera, np.concatenate(materials))
+    image = render(bodies, width, height, camera)
     with styled():
         figure = new_figure((width / _DPI, height / _DPI), _DPI)
         figure.figimage(image, 0, 0, origin="upper")
@@ -84,7 +76,7 @@ def snapshot(
 
 
 def _pieces(shape: Any) -> Iterator[tuple[TopoDS_Shape, Colour]]:
-    """Kernel shapes in their places with their colours. The packages are told apart by what their objects have."""
+    """Kernel shapes in their places with their colours. The attributes of an object show which package made it."""
     if hasattr(shape, "traverse") and hasattr(shape, "toCompound"):  # cq.Assembly
         for piece, _, place, colour in shape:
             yield piece.moved(place).wrapped, GREY if colour is None else _rgb(colour.toTuple())
@@ -108,12 +100,12 @@ def _pieces(shape: Any) -> Iterator[tuple[TopoDS_Shape, Colour]]:
 
 
 def _each(shapes: Iterable[Any]) -> Iterator[tuple[TopoDS_Shape, Colour]]:
-    for one in shapes:
-        yield from _pieces(one)
+    for shape in shapes:
+        yield from _pieces(shape)
 
 
 def _children(parent: Any, place: TopLoc_Location | None) -> Iterator[tuple[TopoDS_Shape, Colour]]:
-    """The leaves of a build123d tree: each child's place counts from its parent's."""
+    """The leaves of a build123d tree. The place of each child is relative to its parent."""
     own = parent.location.wrapped
     place = own if place is None else place.Multiplied(own)
     for child in parent.children:

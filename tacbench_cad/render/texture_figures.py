@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tacbench_cad.geometry.block_mesh import fine_mesh
+from tacbench_cad.geometry.block_part import as_part
+from tacbench_cad.render.bodies import fine_body
 from tacbench_cad.render.raster import render
 from tacbench_cad.spec.protocol import FORCES_N, PressGrid, contact_radius_mm
 from tacbench_cad.util.plotting import BLUE, DPI, GREEN, INK, ORANGE, colour_bar, new_figure
@@ -129,7 +130,7 @@ def _portrait(figure: Figure, block: Block, place: tuple[float, float, float, fl
     """The block itself, rendered at the figure's own resolution."""
     width, height = (round(part * side * DPI) for part, side in zip(place[2:], figure.get_size_inches(), strict=True))
     axes = figure.add_axes(place)
-    axes.imshow(render(fine_mesh(block), width, height), interpolation="none", aspect="auto")
+    axes.imshow(render([fine_body(as_part(block))], width, height), interpolation="none", aspect="auto")
     axes.set_axis_off()
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from tacbench_cad.util.errors import MissingToolError
+from tacbench_cad.util.errors import InputError, MissingToolError
 from tacbench_cad.util.files import replacing
 
 if TYPE_CHECKING:
@@ -29,6 +30,9 @@ _STYLE = {
     "axes.edgecolor": INK,
     "axes.titlesize": 9.0,
     "xtick.direction": "out",
+    # Letters in a PDF stay letters, which programs can search; names inside of an SVG are the same on every run.
+    "pdf.fonttype": 42,
+    "svg.hashsalt": "tacbench-cad",
 }
 #: Metadata that is left out, so that files are reproducible: the date, and the programs that wrote the file.
 _METADATA: dict[str, dict[str, None]] = {
@@ -40,6 +44,17 @@ _METADATA: dict[str, dict[str, None]] = {
 _ABOUT = {"png": "Description", "pdf": "Subject", "svg": "Description"}
 #: The suffixes of the file formats that a figure can be written to.
 SUFFIXES = tuple(f".{kind}" for kind in _METADATA)
+
+
+def kind_of(path: Path) -> str:
+    """The kind of picture that a file's name asks for: ``png``, ``pdf`` or ``svg``.
+
+    Raises:
+        InputError: The name has another ending.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError("out", str(path), f"must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
+    return path.suffix.lower().removeprefix(".")
 
 
 @contextlib.contextmanager
@@ -70,6 +85,23 @@ def styled() -> Iterator[None]:
     """
     with only_style("pictures", _STYLE):
         yield
+
+
+@cache
+def text_width_mm(text: str, points: float) -> float:
+    """Width of a line of text on paper, in mm.
+
+    Args:
+        text: The line.
+        points: Size of the letters in points.
+    """
+    from matplotlib.font_manager import findfont, get_font
+
+    font = get_font(findfont("DejaVu Sans"))
+    # The letters are measured at a large size, at which rounding to whole pixels does not matter.
+    font.set_size(100.0, 72.0)
+    font.set_text(text, 0.0)
+    return float(font.get_width_height()[0]) / 64.0 * points / 100.0 * 25.4 / 72.0
 
 
 def new_figure(inches: tuple[float, float], dpi: int = DPI, layout: Literal["constrained"] | None = None) -> Figure:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from tacbench_cad.render.drawing.sheet import Callout, Dimension, Drawing, Side, View
+from tacbench_cad.util.plotting import text_width_mm
 from tacbench_cad.util.types import Floats
 
 #: The sheet, A4 across, its margin and the height of the title strip, in mm.
@@ -28,18 +29,6 @@ _FIRST_MM, _PITCH_MM, _TEXT_MM = 7.2, 6.2, 4.2
 _LETTER_MM, _CAPTION_MM = 6.5, 7.0
 #: Between the columns; least width and height of the notes.
 _GAP_MM, _NOTES_MM = 7.0, (84.0, 38.0)
-
-
-@cache
-def text_width_mm(text: str, points: float = TEXT_PT) -> float:
-    """Width of a line of text on paper, in mm."""
-    from matplotlib.font_manager import findfont, get_font
-
-    font = get_font(findfont("DejaVu Sans"))
-    # Measured large, where hinting to whole pixels does not count.
-    font.set_size(100.0, 72.0)
-    font.set_text(text, 0.0)
-    return float(font.get_width_height()[0]) / 64.0 * points / 100.0 * 25.4 / 72.0
 
 
 @dataclass(frozen=True)
@@ -65,7 +54,7 @@ class Placed:
     @cached_property
     def text(self) -> tuple[float, float]:
         """Where its text begins and ends."""
-        half = text_width_mm(self.dimension.text) / 2.0 + 0.5
+        half = text_width_mm(self.dimension.text, TEXT_PT) / 2.0 + 0.5
         return self.text_at - half, self.text_at + half
 
     @cached_property
@@ -88,7 +77,7 @@ def _places(dimension: Dimension, level: int, origin: float, scale: float) -> It
     """The places of a dimension on a level: its text between its ends if there is room, or beside them."""
     ends = dimension.start[dimension.axis], dimension.end[dimension.axis]
     low, high = ((end - origin) * scale for end in sorted(ends))
-    width = text_width_mm(dimension.text)
+    width = text_width_mm(dimension.text, TEXT_PT)
     if width <= high - low - 1.0:
         yield Placed(dimension, level, low, high, (low + high) / 2.0, high - low >= NARROW_MM)
     for text_at in (high + 1.2 + width / 2.0, low - 1.2 - width / 2.0):
@@ -139,7 +128,7 @@ class Frame:
         self.column_mm = self.room["right"] + 5.0
         if view.callouts:
             lines = [line for callout in view.callouts for line in callout.text.split("\n")]
-            self.room["right"] = self.column_mm + 3.0 + max(map(text_width_mm, lines))
+            self.room["right"] = self.column_mm + 3.0 + max(text_width_mm(line, TEXT_PT) for line in lines)
 
     def paper(self, points: Any) -> Floats:
         """Paper mm of points of the view."""

@@ -6,9 +6,10 @@ import numpy as np
 
 from tacbench_cad.geometry.block_mesh import mesh_block
 from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.render.bodies import relief_of
 from tacbench_cad.render.drawing.cuts import Cuts
 from tacbench_cad.render.drawing.sheet import Callout, Dimension, Drawing, View, length, sides
-from tacbench_cad.render.raster import Camera, render
+from tacbench_cad.render.raster import Body, Camera, render
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.label import LABEL_DEPTH_MM, STROKE_MM
 from tacbench_cad.spec.protocol import PressGrid
@@ -115,14 +116,15 @@ def _plan(block: Block, mesh: Mesh, cuts: Cuts, high: _Point, low: _Point, press
         ]
         callouts.append(Callout("5 x 5 press\npositions", (x1, grid.y_mm[2])))
     outlines = {"seen": outline, "hidden": hidden, "cross": list(crosses[:, None])}
-    return View(outlines, dimensions, callouts, cuts=(high[1], low[0]), shade=_shade(mesh))
+    return View(outlines, dimensions, callouts, cuts=(high[1], low[0]), shade=_shade(block, mesh))
 
 
-def _shade(mesh: Mesh) -> tuple[Bytes, tuple[float, ...]]:
-    """The mesh from above, shaded and pale, with where it lies."""
+def _shade(block: Block, mesh: Mesh) -> tuple[Bytes, tuple[float, ...]]:
+    """The block from above, shaded and pale, and the rectangle x0, x1, y0, y1 that the picture covers, in mm."""
     low, high = np.array(mesh.bounds_mm)[:, :2]
     pixels = np.maximum(8, np.rint(_SHADE_PIXELS * (high - low) / max(high - low)))
-    image = render(mesh, int(pixels[0]), int(pixels[1]), Camera(azimuth_deg=-90.0, elevation_deg=90.0))
+    body = Body(mesh=mesh, relief=relief_of(block))
+    image = render([body], int(pixels[0]), int(pixels[1]), Camera(azimuth_deg=-90.0, elevation_deg=90.0))
     pale = np.rint(255.0 - 0.32 * (255.0 - image.astype(np.float64))).astype(np.uint8)
     # The renderer leaves a pixel free on every side.
     half = pixels * max((high - low) / (pixels - 2.0)) / 2.0

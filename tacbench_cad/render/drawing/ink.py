@@ -21,11 +21,10 @@ from tacbench_cad.render.drawing.arrange import (
     Placed,
     Sheet,
     arrange,
-    text_width_mm,
 )
 from tacbench_cad.render.drawing.sheet import ACCEPTED_MM, Drawing, Outlines, Point, Side, length
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.plotting import SUFFIXES, new_figure, only_style, save_figure
+from tacbench_cad.util.plotting import SUFFIXES, new_figure, only_style, save_figure, text_width_mm
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
