@@ -1,18 +1,20 @@
-"""What to cite: the paper whose textures these are, and the version of this program. As ``CITATION.cff`` has it."""
+"""The works to cite: the paper that introduced the textures, and this version of the program, as in ``CITATION.cff``."""
 
 from __future__ import annotations
 
 from tacbench_cad import __version__
 from tacbench_cad.util.errors import one_of
 
-#: Both works as lines of a list of references. The paper's year and journal are not in CITATION.cff, so not here.
+#: One line for each work. The paper's year, journal and DOI are not in CITATION.cff, so they are not here either.
 TEXT = f"""\
 D. R. Shepherd, N. Herzig, P. Husbands, A. Philippides, C. Johnson and W. Kimbell. \
 A 3D-Printable Dataset for Fair Testing and Comparisons of Tactile Sensors.
 The tacbench-cad authors. tacbench-cad, version {__version__}.
 """
-#: Both as BibTeX entries. Braces keep the capitals of a title and the name of a group whole.
+#: One BibTeX entry for each work. Double braces keep the capitals of a title, and a group's name in one piece.
+#: BibTeX ignores text outside of entries, so the first line is a comment.
 BIBTEX = f"""\
+% tacbench-cad does not know the paper's year, journal and DOI: please add them.
 @misc{{shepherd_tactile_dataset,
   author = {{Shepherd, Dexter R. and Herzig, Nicolas and Husbands, Phil and Philippides, Andrew and Johnson, Chris \
 and Kimbell, William}},
@@ -28,13 +30,13 @@ and Kimbell, William}},
 
 
 def citations(form: str = "text") -> str:
-    """Both citations.
+    """Return the citations of both works.
 
     Args:
         form: ``text`` or ``bibtex``.
 
     Raises:
-        InputError: It is another format.
+        InputError: The format is neither of the two.
     """
     one_of("format", form, ("text", "bibtex"))
     return TEXT if form == "text" else BIBTEX
