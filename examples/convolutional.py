@@ -2,8 +2,8 @@
 
     tacbench classify runs --estimator examples.convolutional:Network --resolution 0.2 -o convolved
 
-It gets the frames themselves, not their principal components. All that it learns, its scaling included, comes from the
-training set that it is given, and a fixed number of epochs ends the training: nothing is chosen by what is held out.
+The network gets whole frames, not their principal components. Everything that it learns, including the scaling of the
+frames, comes from the training set. The number of epochs is fixed, so nothing is chosen by held-out data.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from torch import nn
 
 
 class Layers(nn.Sequential):
-    """Four convolutions, each of which halves the frame, and a linear layer."""
+    """Four convolutions that each halve the size of the frame, and a linear layer."""
 
     def __init__(self, textures: int) -> None:
         convolutions: list[nn.Module] = []
@@ -31,14 +31,14 @@ class Layers(nn.Sequential):
 
 
 class Network(ClassifierMixin, BaseEstimator):
-    """Classifies rows that were frames; ``tacbench classify`` sets the first two parameters.
+    """Classify frames that are given as rows. ``tacbench classify`` sets the first two parameters.
 
     Args:
         frame_shape: Height and width of a frame in pixels.
-        random_state: Everything random follows from it.
-        epochs: How often each frame of the training set is seen.
-        batch_size: Frames of a step.
-        rate: The highest learning rate, which rises and falls in one cycle.
+        random_state: Seed of all random numbers.
+        epochs: Number of passes through the training set.
+        batch_size: Number of frames in one step.
+        rate: The highest learning rate; the rate rises to it and falls again.
     """
 
     def __init__(
@@ -53,8 +53,8 @@ class Network(ClassifierMixin, BaseEstimator):
         self.epochs, self.batch_size, self.rate = epochs, batch_size, rate
 
     def fit(self, rows: Any, names: Any) -> Network:
-        """Train from the beginning."""
-        torch.set_num_threads(1)  # the other cores have other trials, and sums are always rounded alike
+        """Train a new network."""
+        torch.set_num_threads(1)  # the other cores run other trials, and sums are always rounded in the same way
         self.classes_, numbers = np.unique(names, return_inverse=True)
         self.mean_, self.scale_ = float(np.mean(rows)), float(np.std(rows))
         steps = -(-len(rows) // self.batch_size) * self.epochs
@@ -75,15 +75,15 @@ class Network(ClassifierMixin, BaseEstimator):
         frames = self._frames(rows)
         self.net_.initialize()
         self.net_.notify("on_train_begin", X=frames, y=numbers)
-        self.net_.fit_loop(frames, numbers)  # skorch's fit takes Ctrl-C for the end of training
+        self.net_.fit_loop(frames, numbers)  # skorch's own fit ends the training at Ctrl-C without an error
         return self
 
     def predict(self, rows: Any) -> Any:
-        """The names of the textures, (n,)."""
+        """Return the predicted textures, shape (n,)."""
         return self.classes_[self.net_.predict(self._frames(rows))]
 
     def _frames(self, rows: Any) -> Any:
-        """Rows as what the first layer gets: (n, 1, height, width)."""
+        """Scale the rows and give them the shape of the first layer's input, (n, 1, height, width)."""
         if self.frame_shape is None or len(self.frame_shape) != 2:
             raise ValueError("needs whole images: no principal components, no markers, and --roi none")
         return ((np.asarray(rows, dtype=np.float32) - self.mean_) / self.scale_).reshape(-1, 1, *self.frame_shape)

@@ -1,7 +1,7 @@
-"""A keyed texture block for CQ-editor and every other CQGI host: the constants below are its parameters.
+"""A texture block with a key, for CQ-editor and other CQGI hosts: you change the constants below in the host's panel.
 
-A host lists as parameters the bare constants at the top of the module, so they have no annotations. It gives back any
-number for a whole one; whatever must be whole is checked here.
+A host takes the constants at the top of the module as parameters, but only if they have no type annotations. It may
+return 2.5 for a number that must be whole, so the script checks that.
 """
 
 import cadquery as cq
@@ -21,5 +21,5 @@ if texture != int(texture):
 block = Block.of(int(texture), scale=scale, height_mm=height_mm, key_mm=key_mm or None, label=bool(label))
 result = cq.Workplane(solid(block))
 
-if "show_object" in globals():  # a host gives this function; plain Python does not
+if "show_object" in globals():  # a host defines this function; plain Python does not
     show_object(result, name=block.name)  # noqa: F821

@@ -1,6 +1,6 @@
-"""A texture from scratch, as checked STL and STEP files.
+"""Define a texture by its waves, and write its block as STL and STEP files that are checked.
 
-The formula is ``sin u sin v + 0.2 sin 4u``. A product of two sines is the sum of two oblique waves:
+The formula is ``sin u sin v + 0.2 sin 4u``. The product of two sines is the sum of two oblique waves:
 ``sin u sin v = cos(u - v)/2 - cos(u + v)/2``. One unit is 1.2 mm along x and y, and 1 mm in height.
 """
 

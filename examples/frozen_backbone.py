@@ -1,10 +1,10 @@
-"""A vision network that somebody else trained, frozen, as features for a logistic regression in ``tacbench classify``.
+"""A vision network with published weights that computes features for a logistic regression in ``tacbench classify``.
 
     tacbench classify runs --estimator examples.frozen_backbone:classifier --noise none --brightness none -o frozen
 
-The working folder needs ``resnet18.pth``: the weights of a ResNet-18 (He et al. 2016) by the names that torchvision
-gives them, as torchvision and timm publish them, or as you trained one on tactile images. Only numbers are read from
-the file. It can run no code, because the layers stand here.
+The network is frozen: it is not trained here. The working folder must contain ``resnet18.pth``, the weights of a
+ResNet-18 (He et al. 2016) with torchvision's names. torchvision and timm publish such files, or you train the
+network on tactile images. The file cannot run code: only numbers are read from it, and the layers are defined here.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from sklearn.preprocessing import StandardScaler
 from torch import nn
 
 WEIGHTS = Path("resnet18.pth")
-#: Files beside this one that decide the numbers: after a change of one, `tacbench classify` computes its trials again.
+#: Other files that the result depends on: if one of them changes, `tacbench classify` runs its trials again.
 FILES = (WEIGHTS,)
-#: Mean and standard deviation of ImageNet's channels, which such a network expects its images to be scaled by.
+#: Mean and standard deviation of ImageNet's channels. The network expects images that are scaled by them.
 MEAN, SCALE = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 BATCH_SIZE = 32
 
 
 class Residual(nn.Module):
-    """Two convolutions, whose result is added to what they got."""
+    """Two convolutions, and the sum of their result and their input."""
 
     def __init__(self, before: int, after: int) -> None:
         super().__init__()
@@ -40,13 +40,13 @@ class Residual(nn.Module):
             self.downsample = nn.Sequential(nn.Conv2d(before, after, 1, 2, bias=False), nn.BatchNorm2d(after))
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """The block's result."""
+        """Return the sum, after a ReLU."""
         kept = self.downsample(x) if hasattr(self, "downsample") else x
         return torch.relu(kept + self.bn2(self.conv2(torch.relu(self.bn1(self.conv1(x))))))
 
 
 class ResNet18(nn.Sequential):
-    """All of a ResNet-18 but its last layer: 512 numbers for an image."""
+    """A ResNet-18 without its last layer: it gives 512 numbers for each image."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -58,7 +58,7 @@ class ResNet18(nn.Sequential):
 
 
 class FrozenBackbone(TransformerMixin, BaseEstimator):
-    """Frames as the features of a network that is not trained here; ``tacbench classify`` sets ``frame_shape``."""
+    """Turn frames into features by a frozen network. ``tacbench classify`` sets ``frame_shape``."""
 
     def __init__(self, weights: Path = WEIGHTS, frame_shape: tuple[int, ...] | None = None) -> None:
         self.weights, self.frame_shape = weights, frame_shape
@@ -72,7 +72,7 @@ class FrozenBackbone(TransformerMixin, BaseEstimator):
         return self
 
     def transform(self, rows: Any) -> Any:
-        """The features, (n, 512)."""
+        """Return the features, shape (n, 512)."""
         if self.frame_shape is None or len(self.frame_shape) != 2:
             raise ValueError("needs whole images: no principal components, no markers, and --roi none")
         torch.set_num_threads(1)
@@ -83,5 +83,5 @@ class FrozenBackbone(TransformerMixin, BaseEstimator):
 
 
 def classifier() -> Any:
-    """The estimator, untrained."""
+    """Return the untrained estimator."""
     return make_pipeline(FrozenBackbone(), StandardScaler(), LogisticRegression(max_iter=1000))

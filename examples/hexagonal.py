@@ -1,7 +1,7 @@
 """Hexagonal bumps from three oblique waves at 120 degrees, as a build123d part.
 
-With the same mm per unit along x and y the hexagons are regular; the distance between neighbours is
-``4 pi / sqrt(3)`` units.
+The hexagons are regular because one unit has the same length in mm along x and y. The distance between neighbouring
+bumps is ``4 pi / sqrt(3)`` units.
 """
 
 from math import cos, pi, radians, sin

@@ -1,7 +1,8 @@
-"""A dome of 20 mm radius, about a tactile sensor's, pressed on texture 2 in MuJoCo with 2 N.
+"""Press a dome of 20 mm radius, similar to a TacTip, on texture 2 in MuJoCo with 2 N.
 
-The exported file is loaded as it is; the dome is added to it and let go above the middle of the block. ``sunk_mm`` is
-how far its summit then lies below the block's highest point. Needs ``pip install mujoco``.
+The script loads the exported file, adds the dome and lets it fall from above the middle of the block. It prints
+``sunk_mm``, the depth of the dome's lowest point below the block's highest point. Install MuJoCo first:
+``pip install mujoco``.
 """
 
 from pathlib import Path
@@ -15,12 +16,12 @@ RADIUS_MM, FORCE_N = 20.0, 2.0
 block = Block.of(2)
 (written,) = export_to_simulators([block], ["mjcf"], Path("sim"))
 
-# MuJoCo keeps at most 50 contacts for a pair of geoms: a wide dome needs the field in tiles.
+# MuJoCo keeps at most 50 contacts for each pair of geoms, so a wide dome needs a height field in several tiles.
 spec = mujoco.MjSpec.from_file(str(written.folder / "texture-2-tiles.xml"))
 mass = FORCE_N / 9.81
 x, y = (side / 2.0 for side in block.size_mm)
 start_mm = (x, y, block.height_mm + RADIUS_MM)
-dome = spec.worldbody.add_body(name="dome", pos=[one / 1e3 for one in start_mm])
+dome = spec.worldbody.add_body(name="dome", pos=[length_mm / 1e3 for length_mm in start_mm])
 dome.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[RADIUS_MM / 1e3, 0, 0], mass=mass)
 dome.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1], damping=10.0 * mass)
 

@@ -1,8 +1,8 @@
-"""A housing for another sensor: one with a flat pad of 16 x 12 mm instead of the TacTip's dome.
+"""Parts for a sensor that has a flat pad of 16 x 12 mm instead of the TacTip's dome.
 
-It needs a larger block, other press positions, and a guide that keeps the pad over them. Holder and jig follow from
-block and press grid alone. The guide is a part of its own: a plate on the holder's rim, with its screws, and a window
-as large as the pad and its way from the first press position to the last.
+Such a sensor needs a larger block, other press positions, and a guide that keeps the pad over them. The holder and the
+jig are calculated from the block and the press grid. The guide is drawn here: a plate that is screwed onto the holder's
+rim. Its window is large enough for the pad at all press positions.
 """
 
 from build123d import Align, Box, Cylinder, Pos

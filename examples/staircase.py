@@ -1,8 +1,8 @@
-"""A calibration staircase of frequencies, in CadQuery: what is the smallest sine that a sensor can feel?
+"""A plate with eight strips of finer and finer waves, in CadQuery: what is the smallest sine that a sensor can feel?
 
-Eight strips of ``sin u`` side by side on one plate. From one to the next the wavelength is divided by sqrt(2), from
-8 mm to 0.7 mm, and the amplitude with it, so that every strip has the same slope: they differ in size alone. The
-crests of all strips lie at the same height.
+Each strip has the surface ``sin u``. From each strip to the next, wavelength and amplitude are divided by sqrt(2); the
+wavelengths go from 8 mm to 0.7 mm. So all strips have the same slope and differ only in size. The crests of all strips
+have the same height.
 """
 
 from math import pi, sqrt
@@ -17,10 +17,12 @@ HEIGHT_MM = 4.0
 GAP_MM = 1.0
 PLATE_MM = 1.6
 WAVELENGTHS_MM = [8.0 / sqrt(2.0) ** step for step in range(8)]
-AMPLITUDE_SHARE = 0.06  # amplitude for each mm of wavelength
+AMPLITUDE_FRACTION = 0.06  # amplitude for each mm of wavelength
 
 strips = [
-    Block.of(1, size_mm=STRIP_MM, height_mm=HEIGHT_MM, mm_per_unit=(length / (2 * pi), 1.0, AMPLITUDE_SHARE * length))
+    Block.of(
+        1, size_mm=STRIP_MM, height_mm=HEIGHT_MM, mm_per_unit=(length / (2 * pi), 1.0, AMPLITUDE_FRACTION * length)
+    )
     for length in WAVELENGTHS_MM
 ]
 pitch = STRIP_MM[1] + GAP_MM

@@ -1,7 +1,7 @@
-"""A texture on one face of your own part: a pocket is cut into the face, and a block is fused into it.
+"""Put a texture on one face of your own part: cut a pocket into the face, and fuse a block into the pocket.
 
-The part is a wedge whose upper face slopes by 20 degrees. The highest points of the texture lie flush with that face,
-so that the part can lie on it, and 1 mm is left free round the texture.
+The part is a wedge with an upper face that slopes by 20 degrees. The highest points of the texture are flush with this
+face, so the part can still lie on it. A gap of 1 mm surrounds the texture.
 """
 
 from build123d import Align, Axis, Box, Plane, Polygon, extrude
@@ -14,7 +14,7 @@ FREE_MM = 1.0
 profile = Polygon((0, 0), (60, 0), (60, 30), (0, 8.16), align=None)
 wedge = extrude(Plane.XZ * profile, amount=-40)
 face = wedge.faces().sort_by(Axis.Z)[-1]
-on_face = Plane(face)  # its origin lies in the middle of the face, its z points outwards
+on_face = Plane(face)  # origin in the middle of the face, z pointing outwards
 
 block = Block.of(2, size_mm=(36.0, 28.0), height_mm=6.0)
 x, y = block.size_mm

@@ -1,7 +1,7 @@
-"""A tray of nine scales: texture 2 at 0.6 to 1.4 of the paper's size, on one plate, for one print.
+"""Texture 2 at nine scales, from 0.6 to 1.4, on one plate for one print.
 
-Scale multiplies everything: sides, height, mm per unit and the press grid. The blocks stand 3 by 3, the smallest at
-low x and low y, rows along x; each is sunk into the plate by half of its thickness.
+The scale multiplies the sides, the height, the mm per unit and the press grid. The blocks stand in three rows along x,
+and the smallest is at low x and low y. Each block is sunk into the plate by half of the plate's thickness.
 """
 
 from build123d import Align, Box, Pos
