@@ -17,12 +17,10 @@ HEIGHT_MM = 4.0
 GAP_MM = 1.0
 PLATE_MM = 1.6
 WAVELENGTHS_MM = [8.0 / sqrt(2.0) ** step for step in range(8)]
-AMPLITUDE_FRACTION = 0.06  # amplitude for each mm of wavelength
+AMPLITUDE_RATIO = 0.06  # amplitude for each mm of wavelength
 
 strips = [
-    Block.of(
-        1, size_mm=STRIP_MM, height_mm=HEIGHT_MM, mm_per_unit=(length / (2 * pi), 1.0, AMPLITUDE_FRACTION * length)
-    )
+    Block.of(1, size_mm=STRIP_MM, height_mm=HEIGHT_MM, mm_per_unit=(length / (2 * pi), 1.0, AMPLITUDE_RATIO * length))
     for length in WAVELENGTHS_MM
 ]
 pitch = STRIP_MM[1] + GAP_MM

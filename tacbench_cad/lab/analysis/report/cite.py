@@ -1,4 +1,4 @@
-"""The works to cite: the paper that introduced the textures, and this version of the program, as in ``CITATION.cff``."""
+"""The works to cite: the paper that introduced the textures, and this version of the program. See ``CITATION.cff``."""
 
 from __future__ import annotations
 
