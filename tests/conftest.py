@@ -63,8 +63,9 @@ def light_pdf_fonts() -> Iterator[list[tuple[dict[str, Any], Any]]]:
         if find_spec("matplotlib"):
             from tacbench_cad.lab.analysis import figures
             from tacbench_cad.render.drawing import ink
+            from tacbench_cad.util import plotting
 
-            for style in (figures._STYLE, ink._STYLE):
+            for style in (plotting._STYLE, figures._STYLE, ink._STYLE):
                 styles.append((style, style["pdf.fonttype"]))
                 patch.setitem(style, "pdf.fonttype", 3)
         yield styles
@@ -89,7 +90,7 @@ def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave figures of an analysis empty where a test is not about them: drawing takes longer than all the rest."""
     head = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + struct.pack(">II", 640, 480)
 
-    def save(figure: object, path: Path, kind: str = "png", box: object = None, about: str = "") -> None:
-        path.write_bytes(head if kind == "png" else b"%PDF")
+    def save(figure: object, path: Path, box: object = None, about: str = "") -> None:
+        path.write_bytes(head if path.suffix == ".png" else b"%PDF")
 
     monkeypatch.setattr("tacbench_cad.util.plotting.save_figure", save)

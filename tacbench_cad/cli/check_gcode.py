@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from tacbench_cad.cli import options
 from tacbench_cad.cli.common import note, print_json, print_table, write_picture
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.plotting import picture_format
 
 if TYPE_CHECKING:
     from tacbench_cad.slicing.compare import AsSliced, Extrema
@@ -45,7 +46,7 @@ def _frame_of(option: str, text: str) -> Frame:
     "Default: from the outer walls of the low layers.",
 )
 @options.option("--filament", options.MM, "Diameter of the filament. Default: the file's, or 1.75.")
-@options.out("FILE.png", "Picture. Default: FILE_as-sliced.png in this folder.")
+@options.out("FILE", "Picture: .png, .svg or .pdf. Default: FILE_as-sliced.png in this folder.")
 @options.flag("--no-picture", "Draw nothing.", panel=options.OUTPUT)
 @options.json
 def command(
@@ -115,8 +116,7 @@ def _pictures(files: Sequence[Path], out: Path | None, no_picture: bool) -> list
     if out is not None:
         if len(files) > 1:
             raise InputError("out", str(out), f"names one picture, and there are {len(files)} files; leave it out")
-        if out.suffix.lower() != ".png":
-            raise InputError("out", str(out), "must end in .png")
+        picture_format(out)
         return [out]
     paths = [Path(f"{path.stem}_as-sliced.png") for path in files]
     for path in paths:

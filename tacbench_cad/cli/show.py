@@ -29,19 +29,23 @@ _DRAWN = {"block": "blocks", "holder": "holder", "jig": "jig", "coupon": "coupon
     alone="block",
 )
 @options.part
-@options.out("FILE", "A .png; a drawing also .pdf or .svg. Default: the part's name in this folder.")
+@options.out("FILE", "A .png, .svg or .pdf. Default: the part's name in this folder.")
 def command(textures: tuple[str, ...], press: bool, drawing: str | None, out: Path | None, **request: Any) -> None:
-    """Draw a texture as a PNG, its surface or the press protocol on it; or a part with its dimensions.
+    """Draw a texture: its surface, or the press protocol on it. Or draw a part with its dimensions.
 
     A drawing takes the options that make the part and shows the numbers of the file that tacbench make writes.
 
     Examples:
       tacbench show 4
-      tacbench show 2 --press -o protocol.png
+      tacbench show 2 --press -o protocol.svg
       tacbench show hex.toml --preset released
       tacbench show 4 --drawing --key --label --press -o block.pdf
       tacbench show 4 --drawing holder --slots 6 -o tray.svg
     """
+    from tacbench_cad.util.plotting import picture_format
+
+    if out is not None:
+        picture_format(out)  # before anything is calculated
     fields = options.request_fields(request)
     if drawing is None:
         preset, scale = fields.pop("preset"), fields.pop("scale")
@@ -62,8 +66,6 @@ def _write_pictures(textures: tuple[str, ...], preset: str, scale: float, press:
 
     blocks = described(textures, preset, scale)
     _require_single(out, len(blocks))
-    if out is not None and out.suffix.lower() != ".png":
-        raise InputError("out", str(out), "must end in .png")
     for block in blocks:
         path = out or Path(f"{short_name(block.name)}{'_press' if press else ''}.png")
         texture_picture(block, path, press=press)
@@ -72,10 +74,8 @@ def _write_pictures(textures: tuple[str, ...], preset: str, scale: float, press:
 
 def _write_drawings(request: Request, press: bool, out: Path | None) -> None:
     from tacbench_cad.making.request import plan
-    from tacbench_cad.render.drawing import require_drawing, save_drawing
+    from tacbench_cad.render.drawing import save_drawing
 
-    if out is not None:
-        require_drawing(out)
     things = [source.thing for source in plan(request).sources]
     _require_single(out, len(things))
     for thing in things:

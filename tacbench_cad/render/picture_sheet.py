@@ -14,7 +14,7 @@ import numpy as np
 
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.render.raster import ABOVE, BELOW, Body, Camera, extent_mm, pixels_across, render
-from tacbench_cad.util.plotting import INK, new_figure, save_figure, text_width_mm
+from tacbench_cad.util.plotting import INK, fill_figure, new_figure, save_figure, text_width_mm
 from tacbench_cad.util.types import Bytes
 
 if TYPE_CHECKING:
@@ -127,14 +127,14 @@ class _Layout:
 
 
 def draw_sheet(items: Sequence[Item], path: Path) -> None:
-    """Write a sheet as a PNG; call it inside of :func:`tacbench_cad.util.plotting.styled`.
+    """Write a sheet; call it inside of :func:`tacbench_cad.util.plotting.styled`.
 
     Args:
         items: The parts.
-        path: The PNG file.
+        path: The file; its name ends in ``.png``, ``.svg`` or ``.pdf``.
 
     Raises:
-        InputError: The file cannot be written.
+        InputError: The file's name has another ending, or the file cannot be written.
     """
     layout = _layout(items)
     image = np.full((layout.height, layout.width, 3), 255, dtype=np.uint8)
@@ -151,7 +151,7 @@ def draw_sheet(items: Sequence[Item], path: Path) -> None:
         top += _row_px(row) + _ROW_PX
     if layout.rows:
         _draw_bar(figure, layout)
-    figure.figimage(image, 0, 0, origin="upper")
+    fill_figure(figure, image)
     save_figure(figure, path)
 
 

@@ -18,7 +18,7 @@ from tacbench_cad.geometry.part import rgb_of
 from tacbench_cad.render.bodies import body_of, fine_body
 from tacbench_cad.render.picture_sheet import Item, draw_sheet
 from tacbench_cad.render.texture_figures import cuts_figure, formula, heading, press_figure
-from tacbench_cad.util.plotting import kind_of, save_figure, styled
+from tacbench_cad.util.plotting import save_figure, styled
 
 if TYPE_CHECKING:
     from tacbench_cad.spec.block import Block
@@ -32,11 +32,11 @@ def preview_sheet(items: Sequence[tuple[str, Any]], path: Path) -> None:
     Args:
         items: The caption (its lines separated by newlines) and the part: a block, a fixture, any other part, or a
             mesh.
-        path: The PNG file.
+        path: The file; its name ends in ``.png``, ``.svg`` or ``.pdf``.
 
     Raises:
         MissingToolError: matplotlib is not installed, or the CAD kernel that a fixture needs.
-        InputError: The file cannot be written.
+        InputError: The file's name has another ending, or the file cannot be written.
     """
     with styled():
         draw_sheet([Item(caption, [body_of(thing)]) for caption, thing in items], path)
@@ -47,11 +47,11 @@ def part_picture(part: Any, path: Path) -> None:
 
     Args:
         part: A block, a fixture, or any other part.
-        path: The PNG file.
+        path: The file; its name ends in ``.png``, ``.svg`` or ``.pdf``.
 
     Raises:
         MissingToolError: matplotlib is not installed, or the CAD kernel that a fixture needs.
-        InputError: The file cannot be written.
+        InputError: The file's name has another ending, or the file cannot be written.
     """
     part = as_part(part)
     with styled():
@@ -63,12 +63,12 @@ def assembly_picture(assembly: Any, path: Path, apart_mm: float = 0.0) -> None:
 
     Args:
         assembly: A :class:`housing.Assembly`, or a part that is made of placed parts.
-        path: The PNG file.
+        path: The file; its name ends in ``.png``, ``.svg`` or ``.pdf``.
         apart_mm: How far the blocks are lifted off the holder, and the jig off the blocks, in mm.
 
     Raises:
         MissingToolError: matplotlib or the CAD kernel is not installed.
-        InputError: The file cannot be written.
+        InputError: The file's name has another ending, or the file cannot be written.
     """
     bodies, whole = [], as_part(assembly)
     kinds = list(dict.fromkeys(part.kind for part, _ in whole.placed))
@@ -93,9 +93,8 @@ def texture_picture(block: Block, path: Path, press: bool = False) -> None:
         MissingToolError: matplotlib is not installed.
         InputError: The file's name has another ending, the file cannot be written, or the press grid leaves the block.
     """
-    kind = kind_of(path)
     with styled():
-        save_figure(press_figure(block) if press else cuts_figure(block), path, kind)
+        save_figure(press_figure(block) if press else cuts_figure(block), path)
 
 
 def catalogue_picture(blocks: Sequence[Block], path: Path) -> None:
@@ -103,11 +102,11 @@ def catalogue_picture(blocks: Sequence[Block], path: Path) -> None:
 
     Args:
         blocks: The blocks.
-        path: The PNG file.
+        path: The file; its name ends in ``.png``, ``.svg`` or ``.pdf``.
 
     Raises:
         MissingToolError: matplotlib is not installed.
-        InputError: The file cannot be written.
+        InputError: The file's name has another ending, or the file cannot be written.
     """
     items = []
     for block in blocks:

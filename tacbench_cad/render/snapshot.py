@@ -23,7 +23,7 @@ from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.triangulation import triangulate
 from tacbench_cad.render.raster import ABOVE, Body, Camera, Colour, render
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.plotting import new_figure, save_figure, styled
+from tacbench_cad.util.plotting import fill_figure, new_figure, save_figure, styled
 
 if TYPE_CHECKING:
     from OCP.TopLoc import TopLoc_Location
@@ -48,14 +48,14 @@ def snapshot(
     Args:
         shape: A Workplane, Shape or Assembly of CadQuery; a Shape or BuildPart of build123d; a ``TopoDS_Shape`` of the
             kernel; or several of these in a list.
-        path: The PNG file.
+        path: The file; its name ends in ``.png``, ``.svg`` or ``.pdf``.
         camera: The direction of view.
         size_px: Width and height of the picture in pixels.
         tolerance_mm: Largest distance of the triangles that are drawn from the faces, in mm. The kernel makes these
             triangles: for textures 4 and 6 it needs minutes at 0.02 mm, and a second or two at 0.2 mm.
 
     Raises:
-        InputError: There is nothing to draw in it, or the file cannot be written.
+        InputError: There is nothing to draw, the file's name has another ending, or the file cannot be written.
         MissingToolError: matplotlib is not installed.
     """
     if not tolerance_mm > 0.0:
@@ -71,7 +71,7 @@ def snapshot(
     image = render(bodies, width, height, camera)
     with styled():
         figure = new_figure((width / _DPI, height / _DPI), _DPI)
-        figure.figimage(image, 0, 0, origin="upper")
+        fill_figure(figure, image)
         save_figure(figure, Path(path))
 
 

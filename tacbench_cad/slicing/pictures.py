@@ -29,11 +29,11 @@ def as_sliced_picture(comparison: AsSliced, path: Path) -> None:
 
     Args:
         comparison: The comparison.
-        path: The PNG file.
+        path: The file; its name ends in ``.png``, ``.svg`` or ``.pdf``.
 
     Raises:
         MissingToolError: matplotlib is not installed.
-        InputError: The file cannot be written.
+        InputError: The file's name has another ending, or the file cannot be written.
     """
     with styled():
         save_figure(_figure(comparison), path)
@@ -144,11 +144,11 @@ def plate_picture(plate: Plate, filament: str, path: Path) -> None:
     Args:
         plate: The plate.
         filament: What it is printed of.
-        path: The PNG file.
+        path: The file; its name ends in ``.png``, ``.svg`` or ``.pdf``.
 
     Raises:
         MissingToolError: matplotlib is not installed.
-        InputError: The file cannot be written.
+        InputError: The file's name has another ending, or the file cannot be written.
     """
     with styled():
         from matplotlib.patches import Rectangle

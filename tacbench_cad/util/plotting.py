@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from tacbench_cad.util.errors import InputError, MissingToolError
 from tacbench_cad.util.files import replacing
+from tacbench_cad.util.types import Bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,8 +47,8 @@ _ABOUT = {"png": "Description", "pdf": "Subject", "svg": "Description"}
 SUFFIXES = tuple(f".{kind}" for kind in _METADATA)
 
 
-def kind_of(path: Path) -> str:
-    """The kind of picture that a file's name asks for: ``png``, ``pdf`` or ``svg``.
+def picture_format(path: Path) -> str:
+    """The format that the ending of a picture's file name asks for: ``png``, ``pdf`` or ``svg``.
 
     Raises:
         InputError: The name has another ending.
@@ -120,6 +121,18 @@ def new_figure(inches: tuple[float, float], dpi: int = DPI, layout: Literal["con
     return figure
 
 
+def fill_figure(figure: Figure, image: Bytes) -> None:
+    """Lay an image behind everything else in a figure, pixel by pixel.
+
+    Args:
+        figure: The figure; its size in dots is the image's.
+        image: RGB image, shape (height, width, 3).
+    """
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), zorder=-1.0)
+    axes.imshow(image, interpolation="none", aspect="auto")
+    axes.set_axis_off()
+
+
 def colour_bar(axes: Axes, mapped: Any, label: str, **style: Any) -> float:
     """Draw a colour bar on the right side of a map.
 
@@ -139,19 +152,19 @@ def colour_bar(axes: Axes, mapped: Any, label: str, **style: Any) -> float:
     return float(left)
 
 
-def save_figure(figure: Figure, path: Path, kind: str = "png", box: Bbox | None = None, about: str = "") -> None:
+def save_figure(figure: Figure, path: Path, box: Bbox | None = None, about: str = "") -> None:
     """Write a figure to a file without a date. An interrupted call leaves no file.
 
     Args:
         figure: The figure. Its own resolution (dots per inch) is used.
-        path: The file.
-        kind: ``png``, ``pdf`` or ``svg``.
+        path: The file; its name ends in ``.png``, ``.pdf`` or ``.svg``.
         box: The part of the figure to write, in inches; None for the whole figure.
         about: A description for the file's metadata (``Description`` of a PNG, ``Subject`` of a PDF).
 
     Raises:
-        InputError: The file cannot be written.
+        InputError: The file's name has another ending, or the file cannot be written.
     """
+    kind = picture_format(path)
     metadata = {**_METADATA[kind], **({_ABOUT[kind]: about} if about else {})}
     with replacing(path) as temporary:
         figure.savefig(temporary, format=kind, bbox_inches=box, metadata=metadata)

@@ -23,6 +23,18 @@ def test_the_picture_has_the_name_that_was_asked_for(tmp_path: Path, capsys: Cap
         assert picture.format == "PNG" and min(picture.size) > 300
 
 
+@pytest.mark.parametrize("options", [[], ["--press"], ["--drawing"]], ids=["surface", "press", "drawing"])
+@pytest.mark.parametrize(("suffix", "head"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")])
+def test_the_ending_chooses_the_format(options: list[str], suffix: str, head: bytes, tmp_path: Path) -> None:
+    """Each kind of picture in each format, the same bytes on every run, without a date."""
+    paths = [tmp_path / f"{run}{suffix}" for run in "ab"]
+    for path in paths:
+        assert main(["show", "1", *options, "-o", str(path)]) == 0
+    written = paths[0].read_bytes()
+    assert written.startswith(head) and written == paths[1].read_bytes()
+    assert b"CreationDate" not in written and b"<dc:date>" not in written and b"atplotlib v" not in written
+
+
 def test_press_gives_another_picture_under_another_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["show", "1"]) == 0
@@ -96,7 +108,7 @@ def test_fixtures_are_drawn_by_the_same_option(tmp_path: Path, monkeypatch: pyte
     [
         (["show", "7"], "texture = '7'"),
         (["show", "all", "-o", "all.png"], "names one picture, and there are 6"),
-        (["show", "1", "-o", "picture.stl"], "must end in .png"),
+        (["show", "1", "-o", "picture.stl"], "must end in .png, .pdf or .svg"),
         (["show", "1", "-o", "nowhere/picture.png"], "nowhere"),
         (["show", "1", "--preset", "papers"], 'did you mean "paper"'),
         (["show", "1", "--key"], "key = 3.0: belongs to --drawing"),

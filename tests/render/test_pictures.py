@@ -202,6 +202,17 @@ def test_sheet_has_a_tile_and_a_caption_for_each_part(tmp_path: Path) -> None:
     assert (tmp_path / "sheet.png").read_bytes() == (tmp_path / "again.png").read_bytes()
 
 
+@pytest.mark.parametrize(("suffix", "head"), [(".svg", b"<?xml"), (".pdf", b"%PDF")])
+def test_a_sheet_can_be_a_vector_file_with_its_picture_inside(suffix: str, head: bytes, tmp_path: Path) -> None:
+    paths = [tmp_path / f"{run}{suffix}" for run in "ab"]
+    for path in paths:
+        pictures.preview_sheet([("box", box(3.0, 4.0, 2.0))], path)
+    assert paths[0].read_bytes().startswith(head)
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    with pytest.raises(InputError, match=r"must end in \.png, \.pdf or \.svg"):
+        pictures.preview_sheet([("box", box(3.0, 4.0, 2.0))], tmp_path / "sheet.jpg")
+
+
 @pytest.mark.parametrize("count", [1, 2, 4, 17, *(pytest.param(count, marks=pytest.mark.long) for count in (8, 40))])
 def test_sheets_of_any_length(tmp_path: Path, count: int) -> None:
     """Every part is drawn, none over the other: the ink is that of one part, times their number."""

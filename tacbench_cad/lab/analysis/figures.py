@@ -102,7 +102,7 @@ def save(figure: Figure, stem: Path, simulated: Sequence[str]) -> tuple[Path, Pa
     paths = stem.with_name(f"{stem.name}.png"), stem.with_name(f"{stem.name}.pdf")
     try:
         for path in paths:
-            plotting.save_figure(figure, path, path.suffix.removeprefix("."), box, about)
+            plotting.save_figure(figure, path, box, about)
             figure.set_layout_engine("none")  # the first file's places serve for the second
     finally:
         if mark is not None:

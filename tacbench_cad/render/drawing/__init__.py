@@ -12,7 +12,7 @@ Holder, jig and coupon are drawn by :mod:`housing.drawings`. Needs matplotlib (e
 """
 
 from tacbench_cad.render.drawing.blocks import block_drawing
-from tacbench_cad.render.drawing.ink import require_drawing, save_drawing
+from tacbench_cad.render.drawing.ink import save_drawing
 from tacbench_cad.render.drawing.sheet import Dimension, Drawing
 
-__all__ = ["Dimension", "Drawing", "block_drawing", "require_drawing", "save_drawing"]
+__all__ = ["Dimension", "Drawing", "block_drawing", "save_drawing"]

@@ -23,8 +23,7 @@ from tacbench_cad.render.drawing.arrange import (
     arrange,
 )
 from tacbench_cad.render.drawing.sheet import ACCEPTED_MM, Drawing, Outlines, Point, Side, length
-from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.plotting import SUFFIXES, new_figure, only_style, save_figure, text_width_mm
+from tacbench_cad.util.plotting import new_figure, only_style, save_figure, text_width_mm
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -71,22 +70,11 @@ def save_drawing(drawing: Drawing, path: Path) -> None:
         path: The file: ``.png``, ``.svg`` or ``.pdf``. It is written whole or not at all, without a date.
 
     Raises:
-        InputError: The suffix is another one, or the file cannot be written.
+        InputError: The file's name has another ending, or the file cannot be written.
         MissingToolError: matplotlib is not installed.
     """
-    require_drawing(path)
     with only_style("drawings", _STYLE):
-        save_figure(drawn(drawing), path, path.suffix.lower().removeprefix("."))
-
-
-def require_drawing(path: Path) -> None:
-    """Refuse a file that cannot be a drawing, before one is made.
-
-    Raises:
-        InputError: The suffix is none of :data:`tacbench_cad.util.plotting.SUFFIXES`.
-    """
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError("out", str(path), f"must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
+        save_figure(drawn(drawing), path)
 
 
 def drawn(drawing: Drawing) -> Figure:

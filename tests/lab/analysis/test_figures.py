@@ -17,7 +17,7 @@ def test_letters_in_a_pdf_file_can_be_searched(tmp_path: Path) -> None:
     with styled():
         figure = new_figure(3.0, 2.0)
         figure.suptitle("variance")
-        save_figure(figure, tmp_path / "figure.pdf", "pdf")
+        save_figure(figure, tmp_path / "figure.pdf")
     data = (tmp_path / "figure.pdf").read_bytes()
     assert b"/CIDFontType2" in data and b"/Type3" not in data
 
