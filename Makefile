@@ -33,10 +33,9 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# The manual: every cell of every page is run, and a warning is an error. The first page's picture, which is the README's too, is the sheet of the print set.
+# The manual. The code in its pages is run first, which renews the outputs and pictures that stand in them; a warning of the build is an error.
 docs: $(VENV)/.docs
-	$(BIN)/tacbench make --formats stl --out docs/_build/print-set
-	cp docs/_build/print-set/preview.png docs/images/preview.png
+	$(BIN)/python docs/renew.py
 	$(BIN)/sphinx-build -E -W --keep-going -n -j auto docs docs/_build/html
 
 bench: $(VENV)/.bench

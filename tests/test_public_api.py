@@ -69,20 +69,11 @@ def test_a_wrong_file_leaves_nothing(tmp_path: Path) -> None:
 
 
 def _sources() -> dict[str, list[str]]:
-    """The Python of the examples, and of the pages that people read: cells, files that cells write, plain blocks."""
+    """The Python of the examples and of the pages that people read."""
     sources = {path.name: [path.read_text(encoding="utf-8")] for path in sorted((ROOT / "examples").glob("*.py"))}
     for path in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
-        blocks = re.findall(r"^```+(?:\{code-cell\} )?python\n(.*?)^```", path.read_text(encoding="utf-8"), re.M | re.S)
-        sources[path.name] = [_code(block) for block in blocks]
+        sources[path.name] = re.findall(r"^```python\b[^\n]*\n(.*?)^```", path.read_text(encoding="utf-8"), re.M | re.S)
     return sources
-
-
-def _code(block: str) -> str:
-    """A cell without its tags, its header, and the magics of IPython; of a TOML file that a cell writes, nothing."""
-    block = re.sub(r"\A(:[^\n]*\n|---\n.*?^---\n)+", "", block, flags=re.M | re.S)
-    if re.match(r"%%(?!writefile \S+\.py)", block):
-        return ""
-    return re.sub(r"^%%?[^\n]*$", "", block, flags=re.M)
 
 
 SOURCES = _sources()

@@ -9,7 +9,7 @@ import inspect
 import pkgutil
 import re
 from collections.abc import Iterator
-from functools import cache, reduce
+from functools import cache, partial, reduce
 from operator import or_
 from pathlib import Path
 from types import UnionType
@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
+from sphinx.transforms.post_transforms import SphinxPostTransform
 from sphinx.util import logging
 from sphinx.util.docutils import SphinxDirective
 from sphinx.util.inspect import signature, stringify_signature
@@ -34,6 +35,9 @@ GENERATED = Path("api") / "generated"
 PUBLIC = ("housing", "tacbench_cad", "tacbench_cad.lab", "tacbench_cad.virtual_rig")
 #: Longer values of constants are not shown.
 MOST_LETTERS = 300
+#: A table of modules in the index, and a row of it.
+MODULE_TABLE = re.compile(r"^\| module \|.*\n(?:\|.*\n)*", re.MULTILINE)
+MODULE_ROW = re.compile(r"^\| `((?:tacbench_cad|housing)[\w.]*)` \|", re.MULTILINE)
 #: Names of other projects are no links: they have no pages here, and the build asks no network for theirs.
 OTHERS = re.compile(
     r"(abc|argparse|collections|concurrent|contextlib|datetime|functools|pathlib|random|socket|subprocess|typing|build123d"
@@ -123,7 +127,8 @@ def write_module_pages(app: Sphinx) -> None:
         if page.stem not in modules:
             page.unlink()
     index = app.srcdir / "api" / "index.md"
-    rows = [line.strip() for line in index.read_text(encoding="utf-8").splitlines()]
+    tables = MODULE_TABLE.findall(index.read_text(encoding="utf-8"))
+    rows = [name for table in tables for name in MODULE_ROW.findall(table)]
     logger = logging.getLogger(__name__)
     for name in modules:
         import_for_annotations(name)
@@ -147,6 +152,50 @@ class Modules(SphinxDirective):
             summary = inspect.cleandoc(importlib.import_module(name).__doc__ or "").partition("\n")[0]
             lines += [f"   * - :py:mod:`{name}`", f"     - {summary}"]
         return self.parse_text_to_nodes("\n".join(lines))
+
+
+def tables_of_modules(app: Sphinx, name: str, source: list[str]) -> None:
+    """Give the index's tables of modules, which are plain Markdown, links to the modules' pages."""
+    if name == "api/index":
+        link = partial(MODULE_ROW.sub, r"| [`\1`](generated/\1.rst) |")
+        source[0] = MODULE_TABLE.sub(lambda table: link(table[0]), source[0])
+
+
+class CodeLinks(SphinxPostTransform):
+    """Links from the pages to the reference: from a class ``Block``, a function ``build()`` or a full name."""
+
+    default_priority = 5
+
+    def run(self, **kwargs: Any) -> None:
+        """Turn code that names something public into a reference."""
+        if self.env.docname.startswith(GENERATED.as_posix()):
+            return
+        for node in list(self.document.findall(nodes.literal)):
+            target = documented(node.astext())
+            if target is None or node.parent is None or isinstance(node.parent, nodes.reference):
+                continue
+            link = self.env.domains.python_domain.resolve_xref(
+                self.env, self.env.docname, self.app.builder, "obj", target, addnodes.pending_xref(), node.deepcopy()
+            )
+            if link is not None:
+                node.replace_self(link)
+
+
+def documented(text: str) -> str | None:
+    """The full name of what a piece of code names: a public class, a public function with brackets, a dotted name."""
+    name = text.removesuffix("()")
+    if not re.fullmatch(r"[A-Za-z_][\w.]*", name):
+        return None
+    package, _, last = name.rpartition(".")
+    if package in PUBLIC:
+        return public_names(package).get(last, name)
+    if package:
+        return name if name.startswith(("tacbench_cad.", "housing.")) else None
+    if name in PUBLIC:
+        return name
+    if name == text and not re.match(r"[A-Z]+[a-z]", name):
+        return None
+    return next((names[name] for names in map(public_names, PUBLIC) if name in names), None)
 
 
 def shorten(
@@ -214,6 +263,8 @@ def setup(app: Sphinx) -> dict[str, bool]:
     """Connect all of it."""
     app.connect("missing-reference", link_public_name)
     app.add_directive("modules", Modules)
+    app.add_post_transform(CodeLinks)
+    app.connect("source-read", tables_of_modules)
     app.connect("builder-inited", write_module_pages)
     app.connect("autodoc-process-signature", shorten)
     app.connect("autodoc-skip-member", skip_foreign)

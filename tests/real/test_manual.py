@@ -1,13 +1,15 @@
-"""The manual as its build makes it: every cell ran, no link is dead, nothing is loaded, and a browser shows it all."""
+"""The manual: its outputs and pictures are up to date, no link is dead, nothing is fetched, a browser shows it all."""
 
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import subprocess
 import sys
 from dataclasses import dataclass, field
+from difflib import unified_diff
 from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
@@ -23,8 +25,8 @@ from markdown_it import MarkdownIt
 
 pytestmark = pytest.mark.real
 
-#: For the whole build, in s, and for one page in the browser, in ms.
-BUILD_PATIENCE_S, PAGE_PATIENCE_MS = 1800.0, 60_000
+#: For renewing all pages and for the build, in s, and for one page in the browser, in ms.
+RENEWAL_PATIENCE_S, BUILD_PATIENCE_S, PAGE_PATIENCE_MS = 3600.0, 1800.0, 60_000
 #: Where a reader may be sent, each looked at by a person: the theme's makers, and whom a page speaks of.
 OUTSIDE = {
     "https://github.com/gnea/grbl/wiki",
@@ -36,15 +38,8 @@ OUTSIDE = {
 FETCHED = ("src", "data", "poster", "background", "xlink:href")
 #: Relations for which it fetches what is linked to.
 LOADED = {"stylesheet", "icon", "preload", "prefetch", "modulepreload", "manifest"}
-#: Languages of blocks that are shown and not run; anything else is a cell.
+#: Languages of blocks that are shown and not run.
 SHOWN = {"sh", "text", "toml", "csv", "json", "bibtex", "gcode", "xml", "yaml"}
-#: Directives of Markdown pages that hold text, pictures or cells.
-DIRECTIVES = {
-    *("code-cell", "toctree", "figure", "image", "math", "list-table", "literalinclude", "glossary"),
-    *("note", "tip", "warning", "important", "admonition", "seealso", "dropdown"),
-    *("automodule", "autoclass", "autofunction", "autosummary", "modules", "commands"),
-    *("eval-rst", "include", "contents", "raw", "rst-class"),
-}
 
 
 @dataclass(frozen=True)
@@ -105,8 +100,6 @@ class Page(HTMLParser):
     styles: list[str] = field(default_factory=list)
     ids: set[str] = field(default_factory=set)
     nameless: list[str] = field(default_factory=list)
-    cells: int = 0
-    failed: int = 0
     formulas: int = 0
     _style: bool = False
 
@@ -128,8 +121,6 @@ class Page(HTMLParser):
             self.nameless.append(found.get("src", "")[:80])
         self.styles.append(found.get("style", ""))
         self._style = tag == "style"
-        self.cells += tag == "div" and "cell" in classes
-        self.failed += "traceback" in classes or "error" in classes
         self.formulas += "math" in classes
 
     def handle_endtag(self, tag: str) -> None:
@@ -220,39 +211,46 @@ def test_pictures_say_what_they_show(manual: Manual) -> None:
     assert {name: pictures for name, pictures in found.items() if pictures} == {}
 
 
-def blocks(text: str) -> list[str]:
-    """What stands behind the fences of Markdown, also of those within directives; for an indented block its text."""
-    found = []
-    for token in MarkdownIt().parse(text):
-        if token.type == "fence":
-            found.append(token.info.strip())
-            if token.info.startswith("{") and "code" not in token.info:
-                found += blocks(token.content)
-        elif token.type == "code_block":
-            found.append(token.content.strip())
-    return found
-
-
-def test_every_block_of_code_is_run(manual: Manual) -> None:
+def test_every_block_of_code_is_run() -> None:
     wrong = []
-    for page in manual.written:
-        text = page.read_text(encoding="utf-8")
-        found = blocks(text)
-        for info in found:
-            directive = re.match(r"\{([\w-]+)\}", info)
-            if (directive[1] not in DIRECTIVES) if directive else (info not in SHOWN):
-                wrong.append(f"{page.name}: {info.splitlines()[0] if info else 'a block of no language'}")
-        cells = sum(info.startswith("{code-cell}") for info in found) - text.count("remove-cell")
-        shown = read(manual.page(page)).cells
-        if cells != shown:
-            wrong.append(f"{page.name}: {cells} cells to show, {shown} in the page")
+    for page in sorted((ROOT / "docs").glob("*.md")):
+        for token in MarkdownIt().parse(page.read_text(encoding="utf-8")):
+            language, *words = token.info.split() if token.type == "fence" else ("",)
+            runs = {word.partition("=")[0] for word in words} & {"run", "write", "from", "output"}
+            if token.type == "code_block" or (token.type == "fence" and not runs and language not in SHOWN):
+                wrong.append(f"{page.name}: {token.info or token.content.strip()[:60]!r} is not run")
     assert wrong == []
 
 
-def test_no_cell_ended_in_an_error(manual: Manual) -> None:
-    pages = [manual.page(path) for path in manual.written]
-    assert [page.name for page in pages if read(page).failed] == []
-    assert [page.name for page in pages if "Traceback (most" in page.read_text(encoding="utf-8")] == []
+def test_outputs_and_pictures_are_up_to_date(once: Once, source: Path) -> None:
+    def fill(folder: Path) -> None:
+        tree = shutil.copytree(source, folder / "tree")
+        command = [sys.executable, "docs/renew.py"]
+        # The commands of the pages import the copy, not the project.
+        done = subprocess.run(
+            command,
+            cwd=tree,
+            env=os.environ | {"PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"},
+            capture_output=True,
+            text=True,
+            timeout=RENEWAL_PATIENCE_S,
+            stdin=subprocess.DEVNULL,
+        )
+        (folder / "said.json").write_text(json.dumps([done.returncode, done.stdout + done.stderr]), encoding="utf-8")
+
+    folder = once("renewal", fill)
+    code, said = json.loads((folder / "said.json").read_text(encoding="utf-8"))
+    assert code == 0, said[-8000:]
+    differences = []
+    for path in sorted(path for path in (folder / "tree" / "docs").rglob("*") if path.is_file()):
+        name = path.relative_to(folder / "tree")
+        old = source / name
+        if path.suffix == ".md":
+            texts = (file.read_text(encoding="utf-8").splitlines() for file in (old, path))
+            differences += unified_diff(*texts, f"{name} (committed)", f"{name} (renewed)", lineterm="", n=1)
+        elif path.suffix == ".webp" and (not old.is_file() or old.read_bytes() != path.read_bytes()):
+            differences.append(f"{name} looks different")
+    assert not differences, "run make docs and commit what changes:\n" + "\n".join(differences)
 
 
 #: What a page has to show once it is drawn: formulas, and pictures that did not come; and what sticks out sideways.

@@ -1,4 +1,4 @@
-"""The reference of the commands, made from the commands' own help where ``commands.md`` has ``{commands}``."""
+"""The reference of the commands in ``commands.md``, written from the commands' own help by ``renew.py``."""
 
 from __future__ import annotations
 
@@ -7,11 +7,9 @@ import re
 from collections.abc import Iterable, Iterator
 
 import rich_click as click
-from sphinx.application import Sphinx
 
 from tacbench_cad import cli
 
-PLACE = "```{commands}\n```\n"
 #: What begins a program's examples in its help.
 EXAMPLES = "\b\nExamples:\n"
 #: The context of the program itself.
@@ -94,18 +92,11 @@ def overview(title: str, names: Iterable[str]) -> str:
 
 def table(left: str, right: str, rows: list[str]) -> str:
     """A table of two columns in the style of the reference."""
-    return "\n".join(["```{rst-class} reference\n```\n", f"| {left} | {right} |", "| --- | --- |", *rows]) + "\n"
+    return "\n".join([f"| {left} | {right} |", "| --- | --- |", *rows]) + "\n"
 
 
-def write_commands(app: Sphinx, name: str, source: list[str]) -> None:
-    """Put the reference in its place."""
-    if PLACE in source[0]:
-        parts = [overview(title, (f"tacbench {word}" for word in words)) for title, words in cli.GROUPS.items()]
-        parts += [part for words, command in list(COMMANDS.items())[1:] for part in section(words, command)]
-        source[0] = source[0].replace(PLACE, "\n".join(parts))
-
-
-def setup(app: Sphinx) -> dict[str, bool]:
-    """Connect it."""
-    app.connect("source-read", write_commands)
-    return {"parallel_read_safe": True, "parallel_write_safe": True}
+def reference() -> str:
+    """The tables of all commands by group, then a section for each command."""
+    parts = [overview(title, (f"tacbench {word}" for word in words)) for title, words in cli.GROUPS.items()]
+    parts += [part for words, command in list(COMMANDS.items())[1:] for part in section(words, command)]
+    return "\n".join(parts).strip()

@@ -1,0 +1,422 @@
+"""Run the code of the manual's pages and renew the outputs and pictures that stand in them.
+
+``python docs/renew.py`` renews every page, ``python docs/renew.py start gallery`` renews two. A page is plain
+Markdown. These marks, which GitHub hides, say what is run:
+
+    ```python run              The block is run. Its output is written below it, into a block "text output".
+    ```sh run lines=8+2        The first 8 and the last 2 lines of the output are shown; 22+2 where nothing is said.
+    ```sh run quiet            The output is not shown.
+    ```sh run varies           The numbers of the output differ from run to run: it is kept if only numbers differ.
+    ```toml write=hex.toml     The block is saved as a file for the blocks below. The text above it names the file.
+    ```python from=../examples/hexagonal.py    The block is kept equal to the file, and is not run.
+    <!-- picture: out/plot.png 600 -->    The next line, ![what it shows](images/PAGE/plot.webp), shows this file of
+                               the page's folder, at most 600 pixels wide. With the word "varies"
+                               before -->, a committed picture is kept: it differs from run to run.
+    <!-- run: python           Readers do not see this code, which ends at a line -->
+
+Write the marks, run the program, and commit the page with its outputs and pictures.
+
+The blocks of a page run in order, in a folder that is empty at first. The Python blocks of a page share their
+variables. A command that fails ends the renewal of the page. Lines of progress are left out. A picture of an HTML file
+is a screenshot by Chromium; where Chromium is missing, the committed picture stays. The help of all commands is written
+between ``<!-- commands -->`` and ``<!-- end of commands -->``. A table whose first heading is "module" receives the
+first lines of the modules' docstrings.
+
+An output is rewritten only if it differs in more than durations, dates, addresses and the rounding of numbers, and a
+picture only if the difference can be seen.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import importlib
+import inspect
+import io
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from PIL import Image
+
+DOCS = Path(__file__).resolve().parent
+#: The largest committed picture, in bytes.
+MAX_PICTURE_BYTES = 150_000
+#: The longest output, in lines, where a page does not say.
+MAX_LINES = "22+2"
+#: The widest picture, in pixels, where a page does not say.
+MAX_WIDTH_PX = 1400
+#: Two pictures look alike if the colours of every tile of this side, in pixels, differ by no more than this on average.
+TILE_PX, MAX_TILE_DIFFERENCE = 8, 16.0
+#: The largest relative difference between numbers of outputs that are alike.
+MAX_DIFFERENCE = 0.01
+MAX_SECONDS = 1200
+
+_FENCE = re.compile(r"(?P<marks>`{3,})(?P<language>[\w-]+)(?P<words>(?: [^`]*)?)$")
+_PICTURE = re.compile(r"<!-- picture: (?P<source>\S+)(?: (?P<width>\d+))?(?P<varies> varies)? -->$")
+_TARGET = re.compile(r"!\[.+\]\((?P<target>images/[^)]+)\)$")
+_MODULE = re.compile(r"\| `(?P<name>(?:tacbench_cad|housing)[\w.]*)` \|.*\|$")
+#: What differs between runs or machines: durations, dates, temporary folders, ports of the virtual rig, and digests.
+_VARIES = re.compile(
+    r"\d+(?:\.\d+)? ?(?:ms|s|min|h)\b|\d{4}-\d\d-\d\d|\d\d:\d\d(?::\d\d)?(?:\.\d+)?|/tmp/\S+|/dev/\S+"
+    r"|\b[0-9a-f]{64}\b"
+)
+#: Lines of progress: how many there are depends on the speed of the machine, so a page shows none of them.
+_PROGRESS = re.compile(r"\[\d[\d,]*/\d[\d,]*\] |\S+  (?!(?P<all>\d+)/(?P=all) )\d+/\d+  .*\bleft\b")
+_NUMBER = re.compile(r"(\d+(?:\.\d+)?(?:e[-+]?\d+)?)")
+
+
+class PageError(Exception):
+    """A page that is not written as it should be, or whose code failed."""
+
+
+@dataclass(frozen=True)
+class Item:
+    """A marked place of a page."""
+
+    #: The kind: a fenced block, hidden code, a picture, the help of all commands, or a module's row.
+    kind: str
+    #: The lines it takes, the last one excluded, counted from 0. An output block belongs to the block above it.
+    start: int
+    stop: int
+    language: str = ""
+    #: The words behind the language, or of a picture's comment.
+    options: dict[str, str] | None = None
+    code: str = ""
+    #: The output that the page shows now.
+    output: str = ""
+
+
+def parse(page: str, lines: list[str]) -> Iterator[Item]:
+    """Find the marked places of a page in order."""
+    i = 0
+    while i < len(lines):
+        start, line = i, lines[i]
+        i += 1
+        if fence := _FENCE.match(line):
+            stop = closing(page, lines, i, fence["marks"])
+            options = {key: value for key, _, value in (word.partition("=") for word in fence["words"].split())}
+            code, i, output = "\n".join(lines[i:stop]) + "\n", stop + 1, ""
+            if "output" in options:
+                raise PageError(f"{page}:{start + 1}: An output has no block that is run above it.")
+            after = _FENCE.match(lines[i + 1]) if i + 1 < len(lines) and not lines[i] else None
+            if "run" in options and after and after["words"].split() == ["output"]:
+                stop = closing(page, lines, i + 2, after["marks"])
+                output, i = "\n".join(lines[i + 2 : stop]), stop + 1
+            if options.keys() & {"run", "write", "from"}:
+                yield Item("block", start, i, fence["language"], options, code, output)
+        elif line.startswith("<!-- run: "):
+            stop = closing(page, lines, i, "-->")
+            yield Item("hidden", start, stop + 1, line.split()[-1], {}, "\n".join(lines[i:stop]) + "\n")
+            i = stop + 1
+        elif picture := _PICTURE.match(line):
+            target = _TARGET.match(lines[i]) if i < len(lines) else None
+            if target is None:
+                raise PageError(f"{page}:{i + 1}: A picture's comment needs ![what it shows](images/...) below it.")
+            yield Item("picture", start, i + 1, options=picture.groupdict() | target.groupdict())
+        elif line == "<!-- commands -->":
+            i = closing(page, lines, i, "<!-- end of commands -->")
+            yield Item("commands", start + 1, i)
+        elif line.startswith("| module |"):
+            while i < len(lines) and lines[i].startswith("|"):
+                if row := _MODULE.match(lines[i]):
+                    yield Item("module", i, i + 1, options=row.groupdict())
+                i += 1
+
+
+def closing(page: str, lines: list[str], start: int, end: str) -> int:
+    """The number of the next line that is an end mark."""
+    try:
+        return lines.index(end, start)
+    except ValueError:
+        raise PageError(f"{page}:{start}: A block is not closed by {end}.") from None
+
+
+@contextmanager
+def captured() -> Iterator[io.BufferedRandom]:
+    """Send what this process and its children print into a file."""
+    with tempfile.TemporaryFile() as file:
+        kept = os.dup(1), os.dup(2)
+        try:
+            for stream in (1, 2):
+                os.dup2(file.fileno(), stream)
+            yield file
+        finally:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            for stream, copy in zip((1, 2), kept, strict=True):
+                os.dup2(copy, stream)
+                os.close(copy)
+
+
+class Session:
+    """Runs the blocks of one page in the current folder."""
+
+    def __init__(self) -> None:
+        self.main = ModuleType("__main__")
+        sys.modules["__main__"] = self.main
+        sys.path.insert(0, "")
+
+    def run(self, language: str, code: str) -> str:
+        """Run a block and return what it prints; a block that ends in an expression prints its value."""
+        with captured() as file:
+            problem = ""
+            try:
+                if language == "python":
+                    self.execute(code)
+                else:
+                    command = ["bash", "-e", "-c", f"exec 2>&1\n{code}"]
+                    subprocess.run(command, check=True, timeout=MAX_SECONDS, stdin=subprocess.DEVNULL)
+            except subprocess.SubprocessError as error:
+                problem = str(error).replace(code, "...")
+            except BaseException:  # a block may raise anything, SystemExit too
+                problem = traceback.format_exc()
+            sys.stdout.flush()
+            sys.stderr.flush()
+            file.seek(0)
+            text = file.read().decode("utf-8", errors="replace")
+        if problem:
+            raise PageError(f"This block failed:\n{code}\n{text}{problem}")
+        return text.replace(f"{Path.cwd()}/", "")
+
+    def execute(self, code: str) -> None:
+        """Execute Python."""
+        tree = ast.parse(code)
+        last = tree.body.pop() if tree.body and isinstance(tree.body[-1], ast.Expr) else None
+        exec(compile(tree, "<block>", "exec"), self.main.__dict__)
+        if isinstance(last, ast.Expr):
+            value = eval(compile(ast.Expression(last.value), "<block>", "eval"), self.main.__dict__)
+            if value is not None:
+                print(repr(value))
+
+
+def shortened(text: str, limit: str) -> str:
+    """Keep the first and the last lines of an output: ``8+2`` or ``8``."""
+    lines = [line.rstrip() for line in text.strip("\n").split("\n") if not _PROGRESS.match(line)]
+    first, last = (int(number or 0) for number in f"{limit}+".split("+")[:2])
+    if len(lines) > first + last + 1:
+        lines[first : len(lines) - last] = ["..."]
+    return "\n".join(lines)
+
+
+def alike(old: str, new: str, *, varies: bool = False) -> bool:
+    """Whether two outputs differ only in durations and the like and in the rounding of numbers, or in any numbers."""
+    words = [_NUMBER.split(re.sub(r"[\s─━-]+", " ", _VARIES.sub("?", text))) for text in (old, new)]
+    if len(words[0]) != len(words[1]):
+        return False
+    return all(
+        (varies or a == b or abs(float(a) - float(b)) <= MAX_DIFFERENCE * abs(float(b)))
+        if i % 2
+        else a.strip() == b.strip()
+        for i, (a, b) in enumerate(zip(*words, strict=True))
+    )
+
+
+def fenced(text: str) -> list[str]:
+    """An output as a block."""
+    longest = max((len(marks) for marks in re.findall(r"`{3,}", text)), default=2)
+    return ["", f"{'`' * (longest + 1)}text output", *text.split("\n"), "`" * (longest + 1)]
+
+
+def look_alike(old: Path, new: Image.Image) -> bool:
+    """Whether a committed picture looks like a new one."""
+    import numpy as np
+    from PIL import Image
+
+    with Image.open(old) as file:
+        pictures = [np.asarray(picture.convert("RGB"), dtype=float) for picture in (file, new)]
+    if pictures[0].shape != pictures[1].shape:
+        return False
+    difference = np.abs(pictures[0] - pictures[1]).max(axis=2)
+    rows, columns = (length - length % TILE_PX for length in difference.shape)
+    tiles = difference[:rows, :columns].reshape(rows // TILE_PX, TILE_PX, columns // TILE_PX, TILE_PX)
+    return bool(tiles.mean(axis=(1, 3)).max(initial=0.0) <= MAX_TILE_DIFFERENCE)
+
+
+def encoded(picture: Image.Image) -> bytes:
+    """The smallest file of a picture: lossless where that is smaller, as it is for drawings."""
+    files = []
+    for settings in ({"lossless": True, "quality": 100}, {"quality": 85}, {"quality": 60}):
+        stream = io.BytesIO()
+        picture.save(stream, "WEBP", method=6, **settings)
+        files.append(stream.getvalue())
+    return min(files[:2], key=len) if min(map(len, files[:2])) <= MAX_PICTURE_BYTES else files[2]
+
+
+def screenshot(source: Path, width: int) -> Path | None:
+    """A picture of an HTML file in Chromium, or None where Chromium is missing."""
+    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    try:
+        from playwright.sync_api import sync_playwright
+    except ModuleNotFoundError:
+        program = None
+    if program is None:
+        return None
+    target = source.with_suffix(".screenshot.png")
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=program, args=["--no-sandbox", "--enable-unsafe-swiftshader"])
+        page = browser.new_page(viewport={"width": width, "height": round(0.68 * width)})
+        page.goto(source.resolve().as_uri(), wait_until="load")
+        page.wait_for_timeout(5000)
+        page.screenshot(path=target)
+        browser.close()
+    return target
+
+
+def renew_picture(source: Path, width: int, target: Path) -> bool:
+    """Write a picture into the manual if it looks different from the committed one; return whether it was written."""
+    from PIL import Image
+
+    if not source.is_file():
+        raise PageError(f"{source}: no block of the page writes this picture.")
+    if source.suffix == ".html":
+        file = screenshot(source, width)
+        if file is None:
+            print(f"{target.relative_to(DOCS)}: no Chromium, left as it is", file=sys.stderr)
+            return False
+        source = file
+    with Image.open(source) as original:
+        picture = Image.new("RGB", original.size, "white")
+        picture.paste(original, mask=original.convert("RGBA").getchannel("A"))
+    if picture.width > width:
+        picture = picture.resize((width, round(picture.height * width / picture.width)), Image.Resampling.LANCZOS)
+    data = encoded(picture)
+    if len(data) > MAX_PICTURE_BYTES:
+        raise PageError(f"{source}: {len(data)} bytes as WebP. Say a width below {width} pixels behind its name.")
+    with Image.open(io.BytesIO(data)) as decoded:
+        if target.is_file() and look_alike(target, decoded):
+            return False
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_bytes(data)
+    return True
+
+
+def renew(page: Path) -> list[str]:
+    """Renew one page, whose blocks run in the current folder, and return the names of the files rewritten."""
+    name, text = page.relative_to(DOCS).as_posix(), page.read_text(encoding="utf-8")
+    lines = text.split("\n")
+    items = list(parse(name, lines))
+    session, result, done, renewed = Session(), [], 0, []
+    for item in items:
+        result += lines[done : item.start]
+        done = item.stop
+        options = item.options or {}
+        try:
+            result += renewed_lines(page, item, options, session, lines, renewed)
+        except PageError as error:
+            raise PageError(f"{name}:{item.start + 1}: {error}") from None
+    new = "\n".join([*result, *lines[done:]])
+    if page.read_text(encoding="utf-8") != text:
+        raise PageError(f"{name}: was edited while its code ran. Renew it again.")
+    if new != text:
+        page.write_text(new, encoding="utf-8")
+        renewed.insert(0, name)
+    return renewed
+
+
+def renewed_lines(
+    page: Path, item: Item, options: dict[str, str], session: Session, lines: list[str], renewed: list[str]
+) -> list[str]:
+    """Run one item, and return the lines of it that the page shows."""
+    shown = lines[item.start : item.stop]
+    if item.kind == "hidden":
+        session.run(item.language, item.code)
+    elif item.kind == "picture":
+        target = page.parent / options["target"]
+        kept = options["varies"] and target.is_file()
+        if not kept and renew_picture(Path(options["source"]), int(options["width"] or MAX_WIDTH_PX), target):
+            renewed.append(target.relative_to(DOCS).as_posix())
+    elif item.kind == "commands":
+        import help_pages
+
+        return ["", *help_pages.reference().split("\n"), ""]
+    elif item.kind == "module":
+        summary = inspect.cleandoc(importlib.import_module(options["name"]).__doc__ or "").partition("\n")[0]
+        return [f"| `{options['name']}` | {summary.replace('``', '`').replace('|', chr(92) + '|')} |"]
+    elif "from" in options:
+        text = (page.parent / options["from"]).read_text(encoding="utf-8").rstrip("\n")
+        shown = [shown[0], *text.split("\n"), shown[-1]]
+    if "write" in options:
+        file = Path(options["write"])
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text("\n".join([*shown[1:-1], ""]), encoding="utf-8")
+    if "run" in options:
+        block = shown[: item.code.count("\n") + 2]
+        output = shortened(session.run(item.language, item.code), options.get("lines", MAX_LINES))
+        if "quiet" in options or not output:
+            return block
+        return [*block, *fenced(item.output if alike(item.output, output, varies="varies" in options) else output)]
+    return shown
+
+
+def environment() -> dict[str, str]:
+    """The variables for the processes of the pages: this environment's commands, and outputs without colours."""
+    return os.environ | {
+        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+        "COLUMNS": "100",
+        "MPLBACKEND": "agg",
+        "PYTHONUTF8": "1",
+        # Pages are renewed side by side, so the commands of each keep to one processor.
+        "OPENBLAS_NUM_THREADS": "1",
+        "PYTHON_CPU_COUNT": "1",
+        "TTY_COMPATIBLE": "0",
+        "_TYPER_FORCE_DISABLE_TERMINAL": "1",
+        "TACBENCH_EXAMPLES": str(DOCS.parent / "examples"),
+    }
+
+
+def renew_apart(page: Path) -> tuple[list[str], str]:
+    """Renew a page in a process and a folder of its own; return the files rewritten and the error, if there is one."""
+    with tempfile.TemporaryDirectory(prefix="page-") as folder:
+        command = [sys.executable, __file__, "--in-this-folder", page]
+        done = subprocess.run(command, cwd=folder, env=environment(), capture_output=True, text=True)
+    return done.stdout.split(), done.stderr if done.returncode else ""
+
+
+def main() -> int:
+    """Renew the pages that are named, or all of them."""
+    parser = argparse.ArgumentParser(description="Renew outputs and pictures of the manual's pages.")
+    parser.add_argument("pages", nargs="*", help="names of pages, such as start; all pages without a name")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="how many pages are renewed side by side")
+    parser.add_argument("--in-this-folder", type=Path, metavar="PAGE", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.in_this_folder:
+        try:
+            print(*renew(options.in_this_folder), sep="\n")
+        except PageError as error:
+            sys.exit(str(error))
+        return 0
+    pages = [DOCS / f"{name.removesuffix('.md')}.md" for name in options.pages] or [
+        *DOCS.glob("*.md"),
+        DOCS / "api" / "index.md",
+    ]
+    # Pages with much code take longest; they begin first.
+    pages.sort(key=lambda page: page.read_text(encoding="utf-8").count(" run"), reverse=True)
+    begin, failed = time.monotonic(), False
+    with ThreadPoolExecutor(options.jobs) as executor:
+        futures = {executor.submit(renew_apart, page): page for page in pages}
+        for count, future in enumerate(as_completed(futures), 1):
+            renewed, problem = future.result()
+            failed |= bool(problem)
+            what = f"failed\n{problem}" if problem else f"rewrote {', '.join(renewed)}" if renewed else "no change"
+            page = futures[future].relative_to(DOCS)
+            print(f"[{count}/{len(pages)}] {time.monotonic() - begin:.0f} s  {page}: {what}", flush=True)
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
