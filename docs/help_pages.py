@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 import rich_click as click
 
 from tacbench_cad import cli
+from tacbench_cad.cli.options import ARGUMENTS, PANELS
 
 #: What begins a program's examples in its help.
 EXAMPLES = "\b\nExamples:\n"
@@ -31,19 +32,32 @@ NAMES = "|".join(sorted(list(COMMANDS)[1:], key=len, reverse=True))
 
 def prose(text: str, *, cell: bool = False) -> str:
     """A text of the help as Markdown: options and quoted words are code, commands links, nothing else is markup."""
+    parts = re.split(r"\"(tacbench\s[^\"]+)\"", text.replace("|", r"\|") if cell else text)
+    # Every second part was a command in quotation marks.
+    return "".join(
+        linked(part) if i % 2 and part in COMMANDS else f"`{part}`" if i % 2 else plain(part)
+        for i, part in enumerate(parts)
+    )
+
+
+def plain(text: str) -> str:
+    """A text without quoted commands as Markdown."""
     words = []
     for word in re.split(r"(\s+)", text):
-        plain = re.sub(r"([\\`*_\[\]<>$])", r"\\\1", word)
-        words.append(re.sub(r"^(.*\".*?)([.,:;]?)$", r"`\1`\2", word) if '"' in word else plain)
-    text = "".join(words).replace("|", r"\|") if cell else "".join(words)
-    text = re.sub(rf"\b({NAMES})\b", lambda found: f"[`{found[0]}`](#{found[0].replace(' ', '-')})", text)
+        escaped = re.sub(r"([\\`*_\[\]<>$])", r"\\\1", word).replace(r"\\|", r"\|")
+        words.append(re.sub(r"^(.*\".*\".*?)([.,:;]?)$", r"`\1`\2", word) if word.count('"') > 1 else escaped)
+    text = re.sub(rf"\b({NAMES})\b", lambda found: linked(found[0]), "".join(words))
     return re.sub(r"(?<![\w-])(--?[a-z][a-z-]*)", r"`\1`", text)
 
 
+def linked(name: str) -> str:
+    """A command's name as a link to its section."""
+    return f"[`{name}`](#{name.replace(' ', '-')})"
+
+
 def examples(text: str) -> str:
-    """Examples as they are typed, what is said behind one as its comment."""
-    lines = inspect.cleandoc(text).splitlines()
-    return "\n".join(re.sub(r"^(\S.*?)\s{2,}\(?(.*?)\)?$", r"\1  # \2", line) for line in lines)
+    """Examples as they are typed."""
+    return inspect.cleandoc(text)
 
 
 def row(parameter: click.Parameter) -> str:
@@ -79,9 +93,9 @@ def section(name: str, command: click.Command) -> Iterator[str]:
     yield f"Usage: `{' '.join((name, '[OPTIONS]', *usage))}`\n"
     panels: dict[str, list[str]] = {}
     for one in command.params:
-        panels.setdefault(one.panel or "Arguments and options", []).append(row(one))
-    for panel, rows in panels.items():
-        yield table(panel, "Meaning", rows)
+        panels.setdefault(one.panel or ARGUMENTS, []).append(row(one))
+    for panel in sorted(panels, key=PANELS.index):
+        yield table(panel, "Meaning", panels[panel])
 
 
 def overview(title: str, names: Iterable[str]) -> str:

@@ -13,7 +13,8 @@ from click.exceptions import ClickException, Exit, NoSuchCommand, UsageError
 
 from tacbench_cad import __version__
 from tacbench_cad.cli.common import note
-from tacbench_cad.cli.options import help_of, refuse_old_name
+from tacbench_cad.cli.completing import VARIABLE
+from tacbench_cad.cli.options import GENERAL, help_of, refuse_old_name
 from tacbench_cad.util.errors import MissingToolError, TacbenchError, one_line
 from tacbench_cad.util.packages import why_not_imported
 
@@ -22,8 +23,8 @@ GROUPS = {
     "Print": ("textures", "make", "show", "view", "check-part", "plate", "check-gcode"),
     "Press": ("rig", "acquire", "simulate", "import-frames", "check-runs", "runs"),
     "Analyse": ("variance", "grade", "classify", "split", "score", "compare", "report"),
-    "Share": ("publish", "export-runs", "export-simulator", "cite"),
-    "Help": ("doctor",),
+    "Share": ("publish", "cite", "export-runs", "export-simulator"),
+    "Help": ("doctor", "completion"),
 }
 #: Exit code of a run that was stopped safely.
 SAFELY_STOPPED = 3
@@ -52,30 +53,40 @@ class _Commands(click.RichGroup):
     panels=[click.RichCommandPanel(title, commands=list(names)) for title, names in GROUPS.items()],
     context_settings={
         "help_option_names": ["-h", "--help"],
-        "rich_help_config": {"text_paragraph_linebreaks": "\n\n", "padding_helptext_first_line": (0, 0, 1, 0)},
+        "rich_help_config": {
+            "text_paragraph_linebreaks": "\n\n",
+            "padding_helptext_first_line": (0, 0, 1, 0),
+            "max_width": 100,
+            "options_panel_title": GENERAL,
+            "commands_before_options": True,
+            "options_table_column_types": ["opt_all_metavar", "help"],
+            "options_table_help_sections": ["help", "required", "default"],
+            "append_metavars_help_string": "{}",
+            "delimiter_comma": ", ",
+            "default_string": "Default: {}.",
+            "required_long_string": "Required.",
+            "style_required_long": "default",
+        },
     },
 )
-@click.version_option(__version__, message="tacbench %(version)s", help="Print the version and stop.")
+@click.version_option(__version__, message="tacbench %(version)s", help="Print the version and exit.")
 def tacbench() -> None:
-    """Printable tactile texture blocks from formulas: made, checked, pressed and compared.
+    """Make tactile texture blocks, press them, and analyse the recorded frames.
 
-    Every command has its own --help. Exit codes: 0 done, 1 a check failed, 2 bad input or something missing,
-    3 a run stopped safely that can go on, 130 interrupted.
+    Each command explains itself: tacbench COMMAND --help.
 
     Examples:
-      tacbench make                         the six blocks, holder and jig, in stl_out/
-      tacbench make --texture 4 --scale 2   one block at twice the size, with its fixtures
-      tacbench plate --printer ender-3 --copies 6 --out plates   arranged on a printer's bed
-      tacbench check-part stl_out/*.stl          examine files, also such as were made elsewhere
-      tacbench textures                     what there is, and what a nozzle can print of it
-      tacbench show 4 --press               a picture of a texture and the press positions
-      tacbench view -o view.html            the print set in 3D, in a browser
-      tacbench export-simulator --to mjcf --out sim   the textures for simulators, with contact that keeps the relief
-      tacbench acquire --virtual --out runs press a block on a simulated rig; with a FILE.toml on yours
-      tacbench check-runs runs              examine what was recorded
-      tacbench simulate --study quick --out study  a whole simulated study
-      tacbench report study -o report.html  what the data say, on one page
-      tacbench doctor                       what is installed, and how to repair it
+      tacbench make                                # blocks, holder and jig
+      tacbench plate --printer ender-3 --copies 6  # arrange them for printing
+      tacbench acquire --virtual --out runs        # press on a simulated rig
+      tacbench simulate --out runs                 # or simulate a small study
+      tacbench check-runs runs                     # check the recorded runs
+      tacbench variance runs                       # how much do prints vary?
+      tacbench classify runs                       # distinguish the textures
+      tacbench report runs                         # everything on one page
+
+    Exit codes: 0 done, 1 a check failed, 2 wrong input or something is missing, 3 a device failed and the run was
+    stopped safely, 130 interrupted.
     """
 
 
@@ -95,6 +106,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     words = list(sys.argv[1:] if argv is None else argv)
     try:
+        if VARIABLE in os.environ:
+            return _complete(os.environ[VARIABLE])
         with tacbench.make_context("tacbench", words[:] or ["--help"]) as root:
             tacbench.invoke(root)
         return 0
@@ -125,6 +138,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         from tacbench_cad.cli.unexpected import report_unexpected
 
         return report_unexpected(error, words)
+
+
+def _complete(instruction: str) -> int:
+    """Print the completions that a shell asks for."""
+    from click.shell_completion import shell_complete
+
+    try:
+        return shell_complete(tacbench, {}, "tacbench", VARIABLE, instruction)
+    except ClickException:  # an unknown command: nothing completes it
+        return 1
 
 
 def _say_how_to_resume(words: Sequence[str]) -> None:

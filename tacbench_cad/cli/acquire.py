@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from functools import partial
 from pathlib import Path
 
 import rich_click as click
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import ask_line, note
+from tacbench_cad.cli.common import ask_line, note, print_next
 from tacbench_cad.util.errors import CheckFailedError, InputError, located
 from tacbench_cad.util.text import counted
 
@@ -18,13 +19,20 @@ _VIRTUAL = "With --virtual"
 
 
 @options.command("acquire")
-@options.argument("study", options.file("FILE.toml"), "Blocks, protocol and rig.", required=False)
-@options.option("--init", options.file("FILE.toml"), "Write such a file, every key explained, and stop.")
-@options.flag("--virtual", "One block on a rig that is simulated throughout; needs no file.")
-@options.option("--texture", options.text("T"), "The texture. Default: 1.", panel=_VIRTUAL)
-@options.option("--driver", options.text("D"), "virtual-grbl (default) or virtual-marlin.", panel=_VIRTUAL)
-@options.option("--speed", options.NUMBER, "Times faster than real time. Default: 50.", panel=_VIRTUAL)
-@options.out("DIR", "Folder of the run folders. Default: the file's own.")
+@options.argument("study", options.file("FILE.toml"), "Study file: blocks, protocol and rig.", required=False)
+@options.flag("--virtual", "Press one block on a simulated rig. Needs no file.", options.VIRTUAL_RIG)
+@options.option("--texture", options.TEXTURE, "Texture of the block. Default: 1.", options.VIRTUAL_RIG)
+@options.option(
+    "--driver",
+    options.text("NAME", "virtual-grbl", "virtual-marlin"),
+    "virtual-grbl or virtual-marlin. Default: virtual-grbl.",
+    options.VIRTUAL_RIG,
+)
+@options.option("--speed", options.NUMBER, "Factor on real time. Default: 50.", options.VIRTUAL_RIG)
+@options.out("DIR", "Folder of the runs. Default: the folder that the file names.")
+@options.option(
+    "--init", options.file("FILE.toml"), "Write a study file in which every key is explained, and stop.", options.OUTPUT
+)
 def command(
     study: Path | None,
     init: Path | None,
@@ -34,30 +42,34 @@ def command(
     speed: float | None,
     out: Path | None,
 ) -> None:
-    """Press blocks by the paper's protocol: travel, approach, press to the force, read, lift; a run folder a block.
+    """Press blocks on a rig, real or simulated.
 
-    A run may be interrupted at any instant; the same command goes on at the first missing press of any block. It
-    refuses where block, protocol, rig or sensor settings changed, and names what did. On Ctrl-C, and whenever a device
-    fails, the sensor is lifted if the stage still answers. Of a study it says which block to put in next and asks for
-    the block's label. While it runs, last.png in the output folder is the newest image.
+    For each press the sensor moves to a position, approaches the block, presses until the force is reached, records,
+    and lifts. There is one run folder for each block. If a study has several blocks, the command says which block comes
+    next and asks for its label. While it runs, last.png in the output folder is the newest frame.
 
-    Exit codes: 0 done, 1 a finished run is not sound, 2 bad input, 3 a device failed and the run was stopped safely,
+    You can interrupt a run at any time. The same command resumes it at the first missing press. If the block, the
+    protocol, the rig or the sensor settings have changed since then, the command names the change and refuses to
+    resume. When you press Ctrl-C or a device fails, the sensor is lifted if the stage still answers.
+
+    Exit codes: 0 done, 1 a complete run has faults, 2 wrong input, 3 a device failed and the run was stopped safely,
     130 interrupted.
 
     Examples:
-      tacbench acquire --init study.toml         a file to begin with
+      tacbench acquire --init study.toml     # write a study file to edit
       tacbench acquire study.toml
       tacbench acquire study.toml --out /data/runs
-      tacbench acquire --virtual --out runs      150 presses without any hardware
-      tacbench acquire --virtual --texture 4 --driver virtual-marlin --speed 20 --out runs
+      tacbench acquire --virtual --out runs  # 150 presses without any hardware
+      tacbench acquire --virtual --texture 4 --driver virtual-marlin --out runs
     """
     if init is not None:
         from tacbench_cad.lab.acquire.template import write_template
 
         if virtual or study is not None:
-            raise InputError("init", str(init), "goes with no other option; it only writes a file")
+            raise InputError("init", str(init), "cannot be combined with other options; it only writes a file")
         write_template(init)
-        note(f"wrote {init}; edit it, then: tacbench acquire {init}")
+        note(f'wrote {init}; fill in the empty keys ("tacbench rig probe" lists ports and cameras)')
+        print_next("rig", "align", init, err=True)
         return
     from tacbench_cad.lab.acquire.person import Typing
     from tacbench_cad.lab.acquire.progress import ProgressLines
@@ -68,7 +80,7 @@ def command(
 
     if virtual:
         if study is not None:
-            raise InputError("virtual", str(study), "needs no file; leave one of the two out")
+            raise InputError("virtual", str(study), "needs no file; leave out the file or --virtual")
         chosen = virtual_study(
             texture=texture or "1",
             driver=driver or "virtual-grbl",
@@ -78,13 +90,13 @@ def command(
     else:
         for name, value in (("texture", texture), ("driver", driver), ("speed", speed)):
             if value is not None:
-                raise InputError(name, value, "goes with --virtual; otherwise the file says it")
+                raise InputError(name, value, "is only for --virtual; otherwise write it into the file")
         if study is None:
-            raise InputError("file", None, "name a TOML file (--init writes one), or use --virtual")
+            raise InputError("file", None, "is missing: name a study file (--init writes one), or use --virtual")
         chosen = read_study(study)
     folder = out or chosen.out
     if folder is None:
-        raise InputError("out", None, "name the folder of the run folders")
+        raise InputError("out", None, "is missing: name the folder of the runs")
     with located("" if study is None else f"{study}: ", fields="["):
         results = acquire_study(
             chosen.study,
@@ -95,9 +107,10 @@ def command(
             opener=open_rig,
         )
     for result in results:
-        missed = f", {result.missed} of them out of their band" if result.missed else ""
+        missed = f", {result.missed} of them outside of their force band" if result.missed else ""
         note(f"{result.folder}: {counted(result.presses, 'press')}{missed}")
-    unsound = [str(result.folder) for result in results if not check_run(result.folder).ok]
-    if unsound:
-        raise CheckFailedError(f"complete but not sound: tacbench check-runs {' '.join(unsound)}")
+    faulty = [str(result.folder) for result in results if not check_run(result.folder).ok]
+    if faulty:
+        raise CheckFailedError(f"the runs are complete, but have faults: tacbench check-runs {shlex.join(faulty)}")
     click.echo(f"{counted(len(chosen.study.blocks), 'run')} complete in {folder}")
+    print_next("check-runs", folder)

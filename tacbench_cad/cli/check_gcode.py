@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note, print_json, print_table, write_picture
+from tacbench_cad.cli.common import next_block, note, print_json, print_next, print_table, write_picture
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.plotting import picture_format
 
 if TYPE_CHECKING:
     from tacbench_cad.slicing.compare import AsSliced, Extrema
@@ -26,28 +25,33 @@ def _frame_of(option: str, text: str) -> Frame:
     except InputError:
         numbers = ()
     if len(numbers) not in (2, 3):
-        raise InputError(option, text, "must be X,Y or X,Y,DEGREES, numbers with commas between them")
+        raise InputError(option, text, "must be X,Y or X,Y,DEGREES, numbers separated by commas")
     degrees = numbers[2] if len(numbers) == 3 else 0.0
     if degrees not in (0.0, 90.0, 180.0, 270.0):
-        raise InputError(option, text, "a block is turned by 0, 90, 180 or 270 degrees")
+        raise InputError(option, text, "the rotation must be 0, 90, 180 or 270 degrees")
     return Frame(x_mm=numbers[0], y_mm=numbers[1], quarters=int(degrees) // 90)
 
 
 @options.command("check-gcode")
-@options.argument("files", options.file("FILE.gcode"), "G-code of one block each.", many=True)
-@options.option("--texture", options.text("T"), "What the block is: 1 to 6 or a TOML file.", required=True)
+@options.argument("files", options.file("FILE.gcode"), "G-code files with one block each.", many=True)
+@options.option(
+    "--texture", options.TEXTURE, "Texture of the block: 1 to 6 or a TOML file.", options.PARTS, required=True
+)
 @options.preset
-@options.scale
 @options.key
+@options.scale
 @options.option(
     "--frame",
     options.Value("X,Y[,DEG]", _frame_of),
-    "Lower left corner of the block on the bed in mm, and its turn by 90, 180 or 270 degrees. "
+    "Lower left corner of the block on the bed in mm, and its rotation (90, 180 or 270 degrees). "
     "Default: from the outer walls of the low layers.",
+    options.INPUT,
 )
-@options.option("--filament", options.MM, "Diameter of the filament. Default: the file's, or 1.75.")
-@options.out("FILE", "Picture: .png, .svg or .pdf. Default: FILE_as-sliced.png in this folder.")
-@options.flag("--no-picture", "Draw nothing.", panel=options.OUTPUT)
+@options.option(
+    "--filament", options.MM, "Diameter of the filament. Default: from the file, otherwise 1.75.", options.INPUT
+)
+@options.out("FILE", "Picture: .png, .svg or .pdf. Default: NAME_as-sliced.png in this folder.")
+@options.flag("--no-picture", "Write no picture.", options.OUTPUT)
 @options.json
 def command(
     files: tuple[Path, ...],
@@ -61,20 +65,25 @@ def command(
     no_picture: bool,
     json: bool,
 ) -> None:
-    """Read a slicer's G-code and compare the top that it will print with the texture's formula.
+    """Check what a slicer's G-code will print of a texture.
 
-    Beads are as wide as their extrusion says; purge lines, skirt, brim and supports are left out. PrusaSlicer, Cura,
-    Bambu Studio and OrcaSlicer are understood. The height error (rms) counts where the slope is below 1, with that of
-    the ideal staircase of the same layers beside it; on steeper walls the error sideways counts. A peak is lost, and a
-    valley filled, where it is off by more than one layer. The outermost 0.5 mm of the block are left out.
+    The command computes the top surface that the G-code prints and compares it with the formula. It reads G-code of
+    PrusaSlicer, Cura, Bambu Studio and OrcaSlicer. It ignores purge lines, skirt, brim and supports.
 
-    Several files are shown side by side: so compare layer heights, nozzles or wall generators.
+    The table has these errors:
+    - the height error (rms) where the slope is below 1
+    - the height error of an ideal staircase with the same layers
+    - the sideways error on steeper walls
+    - peaks that are lost and valleys that are filled, by more than one layer
+
+    The outermost 0.5 mm of the block are ignored. If you name several files, they are shown next to each other, for
+    example to compare layer heights, nozzles or slicer settings.
 
     Examples:
       tacbench check-gcode texture-2.gcode --texture 2
       tacbench check-gcode fine.gcode coarse.gcode --texture 4 --no-picture
       tacbench check-gcode plate.gcode --texture 4 --frame 88.35,85
-      tacbench check-gcode turned.gcode --texture hex.toml --frame 20,30,90 --json
+      tacbench check-gcode turned.gcode --texture hex.toml --frame 20,30,90
     """
     from tacbench_cad.slicing.compare import slice_check
     from tacbench_cad.slicing.pictures import as_sliced_picture
@@ -94,6 +103,8 @@ def command(
     for result, path in zip(results, pictures, strict=False):
         if write_picture(path, partial(as_sliced_picture, result), required=out is not None):
             note(f"wrote {path}")
+    if not json:
+        print_next("plate", "--printer", "NAME", *next_block((texture,), preset, scale, key_mm))
 
 
 def _block(texture: str, preset: str, scale: float, key_mm: float | None) -> Block:
@@ -108,20 +119,26 @@ def _block(texture: str, preset: str, scale: float, key_mm: float | None) -> Blo
 
 
 def _pictures(files: Sequence[Path], out: Path | None, no_picture: bool) -> list[Path]:
-    """Where the pictures go, in the order of the files; none where none are wanted."""
+    """Where the pictures go, in the order of the files; none with ``--no-picture``."""
+    from tacbench_cad.util.plotting import picture_format
+
     if out is not None and no_picture:
-        raise InputError("out", str(out), "goes not together with --no-picture")
+        raise InputError("out", str(out), "cannot be combined with --no-picture")
     if no_picture:
         return []
     if out is not None:
         if len(files) > 1:
-            raise InputError("out", str(out), f"names one picture, and there are {len(files)} files; leave it out")
+            raise InputError(
+                "out", str(out), f"is the name of one picture, but there are {len(files)} files; leave out --out"
+            )
         picture_format(out)
         return [out]
     paths = [Path(f"{path.stem}_as-sliced.png") for path in files]
     for path in paths:
         if paths.count(path) > 1:
-            raise InputError("out", str(path), "two files have one name and would share this picture; --no-picture?")
+            raise InputError(
+                "out", str(path), "two files have the same name and would write this picture; use --no-picture"
+            )
     return paths
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import end_check, print_json, print_lines, print_table
+from tacbench_cad.cli.common import end_check, next_block, print_json, print_lines, print_next, print_table
 from tacbench_cad.util.errors import InputError, TacbenchError, one_line, require_between
 from tacbench_cad.util.text import counted, mm
 
@@ -16,18 +16,25 @@ if TYPE_CHECKING:
 
 @options.command("check-part")
 @options.argument("files", options.file("FILE"), "STL, 3MF or STEP files.", many=True)
-@options.option("--texture", options.text("T"), "What it should be: 1 to 6 or a TOML file. Default: the nearest.")
-@options.option("--preset", options.PRESET, "Compare with this preset. Default: the nearest.")
-@options.option("--scale", options.SCALE, "Its scale. Default: from the file's name or from its sides.")
+@options.option(
+    "--texture", options.TEXTURE, "Expected texture: 1 to 6 or a TOML file. Default: the nearest.", options.PARTS
+)
+@options.option("--preset", options.PRESET, "Expected preset. Default: the nearest.", options.PARTS)
+@options.option("--scale", options.SCALE, "Expected scale. Default: from the file's name or the sides.", options.SIZE)
 @options.json
 def command(files: tuple[Path, ...], texture: str | None, preset: str | None, scale: float | None, json: bool) -> None:
-    """Examine STL, 3MF or STEP files: closed, wound alike, size, and distance of the relief from its formula.
+    """Check an STL, 3MF or STEP file against the formula.
 
-    The origin may lie anywhere and the block may be turned by quarter turns; one that lies upside down is named so.
-    Without --texture and --preset the nearest ones are named, with the residual. --preset released compares with the
-    sampled surface that the authors published. Of a plate or an assembly (3MF, STEP) each body is examined by itself,
-    under its own name; --texture and --preset then hold for every body with a relief. Every fault is named, and the
-    exit code is then 1.
+    The file may come from any program. The command checks that the mesh is closed, that all triangles face outwards,
+    that the size is right, and how far the relief lies from its formula. Each fault is printed, and the exit code is
+    then 1.
+
+    The origin may be anywhere, and the block may be turned by 90, 180 or 270 degrees. A block that lies upside down is
+    reported. Without --texture and --preset, the command finds the nearest texture and preset and prints the distance
+    from them. With --preset released, it compares with the sampled surface that the authors published.
+
+    If a 3MF or STEP file has several bodies (a plate or an assembly), each body is checked under its own name.
+    --texture and --preset then apply to every body that has a relief.
 
     Examples:
       tacbench check-part stl_out/*.stl
@@ -62,11 +69,14 @@ def command(files: tuple[Path, ...], texture: str | None, preset: str | None, sc
         for report in reports:
             _print(report)
     end_check(reports, [refusal for _, refusal in refusals])
+    if not json:
+        block = next_block((texture or "T",), preset or "paper", scale or 1.0)
+        print_next("check-gcode", "FILE.gcode", *block)
 
 
 def _print(report: Report) -> None:
     checks = [(check.name, "ok" if check.ok else "FAULT", check.detail) for check in report.checks]
-    print_table(str(report.path), ("check", "", "what was found"), checks)
+    print_table(str(report.path), ("check", "", "result"), checks)
     facts = []
     if report.size_mm is not None:
         facts.append(mm(*report.size_mm))

@@ -9,7 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import end_check, note, print_json, print_lines, print_table, simulated_devices
+from tacbench_cad.cli.common import (
+    end_check,
+    next_paths,
+    note,
+    print_json,
+    print_lines,
+    print_next,
+    print_table,
+    simulated_devices,
+)
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.errors import InputError, one_line
 from tacbench_cad.util.text import counted
@@ -23,19 +32,23 @@ MAX_SHOWN = 10
 
 @options.command("check-runs")
 @options.runs
-@options.flag("--repair", "Cut off a torn last row. Nothing else is changed.")
+@options.flag("--repair", "Remove the last row of a table if it is incomplete.", options.REPAIR)
 @options.json
 def command(runs: tuple[Path, ...], repair: bool, json: bool) -> None:
-    """Examine run folders and every frame in them.
+    """Check recorded runs for damaged or missing data.
 
-    Missing, extra, doubled, unreadable, dark, blurred and stuck (identical) images, wrong checksums and gaps in the
-    protocol are named, one line a run and then one a finding; the exit code is then 1. The order of the rows of
-    targets.csv means nothing: a press is known by its force level, repeat and position. Empty fields of print.toml are
-    named and are no fault.
+    The command reads every frame. It reports:
+    - missing, extra, double, unreadable, dark, blurred and identical images
+    - wrong checksums
+    - gaps in the protocol
+
+    There is one line for each run and one line for each fault. If there is a fault, the exit code is 1.
+
+    The rows of targets.csv may be in any order. Empty fields of print.toml are listed, but they are not a fault.
 
     Examples:
       tacbench check-runs runs/
-      tacbench check-runs runs/texture-4_paper_x1_bambu-p1p_pla-minus_copy01 --repair
+      tacbench check-runs runs/texture-4_paper_x1_ender-3_petg_copy01 --repair
       tacbench check-runs runs/ --json
     """
     from tacbench_cad.lab.runs.checking import check_run
@@ -63,6 +76,8 @@ def command(runs: tuple[Path, ...], repair: bool, json: bool) -> None:
     else:
         _print(reports)
     end_check(reports, [refusal for _, refusal in refusals])
+    if not json:
+        print_next("variance", *next_paths(runs))
 
 
 def _devices(simulated: Sequence[str]) -> str:

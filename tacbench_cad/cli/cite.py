@@ -8,9 +8,18 @@ from tacbench_cad.cli import options
 
 
 @options.command("cite")
-@options.option("--format", options.choice("text", "bibtex"), "Lines of text, or BibTeX.", dest="form", default="text")
+@options.option(
+    "--format",
+    options.choice("text", "bibtex"),
+    "Lines of text, or BibTeX.",
+    options.OUTPUT,
+    dest="form",
+    default="text",
+)
 def command(form: str) -> None:
-    """What to cite: the paper whose textures these are, and this version of the program.
+    """Print what to cite.
+
+    Please cite the paper that introduced the textures, and this version of the program.
 
     Examples:
       tacbench cite

@@ -8,85 +8,111 @@ from pathlib import Path
 from typing import Any, Literal
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import print_json, print_lines, print_simulated, show_table
+from tacbench_cad.cli.common import next_paths, print_json, print_lines, print_next, print_simulated, show_table
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.errors import InputError
+
+#: What ``--sweep`` can vary; a test compares these words with those of the analysis.
+SWEPT = ("resolution", "components", "copies", "forces")
 
 
 @options.command("classify")
 @options.runs
 @options.option(
     "--protocol",
-    options.text("leak-free|paper|as-published"),
-    "Groups held out whole; what the paper's text says; or what the cells did that gave the printed accuracies.",
+    options.text("NAME", "leak-free", "paper", "as-published"),
+    "leak-free holds out whole groups. paper follows the text of the paper. as-published repeats the computation that "
+    "gave the printed accuracies.",
+    options.METHOD,
     default="leak-free",
 )
-@options.look
 @options.option(
     "--estimator",
-    options.NAMES,
-    "forest, network, or your own scikit-learn estimator or pipeline as module:name. Default: forest; of the "
-    "protocol paper forest,network. as-published takes one.",
+    options.words("LIST", "forest", "network"),
+    "forest, network, or a scikit-learn estimator of your own as module:name. Default: forest; for paper "
+    "forest,network. as-published takes one estimator.",
+    options.METHOD,
     dest="estimators",
 )
-@options.option("--trials", options.COUNT, "Trials that are averaged. Default: 5; of the paper's protocols 20.")
-@options.option("--seed", options.COUNT, "Fixes every number.", default="0")
 @options.option(
     "--hold-out",
-    options.NAMES,
-    "Of press,position,force,copy,printer-filament,session. Default: all that the data support.",
-)
-@options.option("--folds", options.COUNT, "Folds of presses and of positions.", default="5")
-@options.option(
-    "--train-on",
-    options.NAMES,
-    "Combinations that the paper's protocols train on, one at a time: bambu-p1p_pla-minus. Default: the paper's "
-    "three where they are there, else all.",
+    options.words("LIST", *options.LEVELS),
+    f"Hold-out levels of leak-free: {', '.join(options.LEVELS)}. Default: all that the data support.",
+    options.METHOD,
 )
 @options.option(
     "--force-level",
     options.LEVEL,
-    "Use the presses of one force level only. Default: all; with as-published the lowest.",
+    "Use one force level only. Default: all; for as-published the lowest.",
+    options.METHOD,
     default="all",
+    show_default=False,
 )
+@options.option(
+    "--trials",
+    options.COUNT,
+    "Number of trials to average. Default: 5; for paper and as-published 20.",
+    options.METHOD,
+)
+@options.look
+@options.out("DIR", "Folder of tables, figures and finished trials.", default="classification")
+@options.json
+@options.jobs
+@options.dask
+@options.option(
+    "--train-on",
+    options.words("LIST"),
+    "Combinations to train on, one after the other, for example bambu-p1p_pla-minus. Only for paper and as-published. "
+    "Default: the three of the paper if your data have them, otherwise all.",
+    options.ADVANCED,
+)
+@options.option(
+    "--sweep",
+    options.text("SWEEP", *(f"{name}=" for name in SWEPT)),
+    "Draw a curve of the accuracy over resolution, components, copies (in training) or forces. NAME=LOW:HIGH takes 10 "
+    "values, NAME=LOW:HIGH:N takes N values, NAME=A,B,C takes these values.",
+    options.ADVANCED,
+)
+@options.option("--folds", options.COUNT, "Folds of presses and of positions.", options.ADVANCED, default="5")
 @options.option(
     "--resolution",
     options.Value("FRACTION", options.number_of),
-    "Fraction of an image's width and height that is kept.",
+    "Factor by which images are made smaller.",
+    options.ADVANCED,
     default="0.4",
 )
 @options.option(
     "--components",
     options.or_none(options.COUNT),
-    "Principal components that the estimator gets; none: the readings themselves. Default: 25 (of fewer than 100 "
-    "readings a quarter of their number), none for an estimator of your own, 45 for the network as published.",
+    "Number of principal components, or none. Default: 25, or a quarter of the samples if there are fewer than 100; "
+    "none for your own estimator; 45 for the network of as-published.",
+    options.ADVANCED,
 )
 @options.option(
     "--noise",
     options.or_none(options.Value("SIGMA", options.number_of)),
-    "Noise of one copy of each training reading. Default: 5 for images.",
+    "Add a copy of each training sample with noise of this standard deviation. Default: 5 for images.",
+    options.ADVANCED,
 )
 @options.option(
     "--brightness",
     options.or_none(options.Value("A,B", options.numbers_of)),
-    "Added to one more copy each. Default: 10,-10 for images; as-published none.",
+    "Add a copy of each training sample for each of these changes in brightness. Default: 10,-10 for images; for "
+    "as-published none.",
+    options.ADVANCED,
 )
-@options.flag("--clip", "Clip the copies to 0 to 255 (paper's protocol; the text leaves it open).")
-@options.option("--epochs", options.COUNT, "Epochs of the network. Default: 1500; as-published 15000.")
+@options.flag("--clip", "Clip the added copies to 0 to 255. The text of the paper does not say.", options.ADVANCED)
+@options.option("--depth", options.COUNT, "Maximum depth of the trees of the forest.", options.ADVANCED, default="50")
 @options.option(
-    "--batch-size", options.COUNT, "Rows of a step of the network; the text gives none. Default: 200; as-published 64."
+    "--epochs", options.COUNT, "Epochs of the network. Default: 1500; for as-published 15000.", options.ADVANCED
 )
-@options.option("--depth", options.COUNT, "Largest depth of the forest's trees.", default="50")
 @options.option(
-    "--sweep",
-    options.text("NAME=LOW:HIGH"),
-    "A curve over resolution, components, copies (in training) or forces: resolution=0.025:0.475; a third number "
-    "says how many values (10), A,B,C names them.",
+    "--batch-size",
+    options.COUNT,
+    "Batch size of the network. Default: 200; for as-published 64.",
+    options.ADVANCED,
 )
-@options.jobs
-@options.dask
-@options.out("OUT", "Folder of tables, figures and finished trials.", default="classification")
-@options.json
+@options.option("--seed", options.COUNT, "Seed of all random numbers.", options.ADVANCED, default="0")
 def command(
     runs: tuple[Path, ...],
     protocol: Literal["leak-free", "paper", "as-published"],
@@ -107,25 +133,31 @@ def command(
     json: bool,
     **settings: Any,
 ) -> None:
-    """Classify textures from the readings, and state what was held out of the training.
+    """Measure how well the textures can be distinguished.
 
-    leak-free (default) makes copies of readings, scales and finds principal components inside each training fold. It
-    holds out whole groups: presses, positions, a force, a copy, a printer and filament, a session. A hold-out level
-    that the data cannot support is left out and named. paper does what the paper's text says, and warns of what
-    inflates its test column. as-published does what the cells of the authors' notebooks did that gave the paper's
-    table, and sets that table beside ours: trained on copy 1 of one combination at one force, on edges, tested on all
-    its copies, copy 1 included. A column without copy 1 says what is left.
+    A classifier is trained on some presses and tested on others. The protocol says how the presses are divided.
 
-    OUT holds classification.csv, confusion.csv, predictions.csv and figures as PNG and PDF; with --sweep, sweep.csv
-    and its curve. Each finished trial is kept in OUT/trials: after an interruption the same command resumes.
+    leak-free (default) holds out whole groups: presses, positions, a force, a copy, a printer and filament, a session.
+    Scaling, principal components and added copies are computed inside each training fold. A hold-out level that the
+    data cannot support is named and left out.
+
+    paper follows the text of the paper. The output says what makes its test accuracy too high.
+
+    as-published repeats the computation of the authors' notebooks and shows the table of the paper next to your result.
+    It trains on copy 1 of one combination of printer and filament at one force level, on edge images. It tests on all
+    copies, including copy 1. One more column shows the result without copy 1.
+
+    The output folder gets classification.csv, confusion.csv, predictions.csv and figures (PNG, PDF). With --sweep it
+    also gets sweep.csv and a curve. Each finished trial is stored in the folder, so the same command resumes after an
+    interruption.
 
     Examples:
       tacbench classify runs
-      tacbench classify runs --protocol as-published -o as-published
-      tacbench classify runs --protocol as-published --estimator network -o network-as-published
-      tacbench classify runs --protocol paper -o paper-classification
-      tacbench classify runs --estimator my_model:pipeline --hold-out copy,printer-filament
+      tacbench classify runs --hold-out copy,printer-filament
       tacbench classify runs --features markers
+      tacbench classify runs --estimator my_model:pipeline
+      tacbench classify runs --protocol paper -o paper-classification
+      tacbench classify runs --protocol as-published -o as-published
       tacbench classify runs --sweep resolution=0.025:0.475 --hold-out copy
     """
     from tacbench_cad.lab.analysis.classification.classify import MODULES, TRIALS, classify, write_tables
@@ -140,10 +172,10 @@ def command(
     from tacbench_cad.util.packages import require
 
     if hold_out is not None and protocol != "leak-free":
-        what = "is for --protocol leak-free; the paper's have columns of their own"
+        what = "is only for --protocol leak-free; the other protocols have their own test sets"
         raise InputError("hold-out", ",".join(hold_out), what)
     if train_on is not None and protocol == "leak-free":
-        what = "is for --protocol paper or as-published; leak-free holds out each group in turn"
+        what = "is only for --protocol paper and as-published; leak-free holds out each group in turn"
         raise InputError("train-on", ",".join(train_on), what)
     swept = None if sweep is None else Sweep.parsed(sweep)
     estimators = estimators or (("forest", "network") if protocol == "paper" else ("forest",))
@@ -175,8 +207,9 @@ def command(
         show_table(table)
     print_lines(*(f"note: {line}" for line in result.notes))
     print_lines(f"written to {out}: " + ", ".join(path.name for path in paths))
+    print_next("report", *next_paths(runs), "--classify", out)
 
 
 def _given(options: Mapping[str, Any]) -> dict[str, Any]:
-    """The options that were given; ``none`` as None."""
+    """The options that have a value; the word ``none`` becomes None."""
     return {name: None if value == "none" else value for name, value in options.items() if value is not None}

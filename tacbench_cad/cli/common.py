@@ -1,8 +1,9 @@
-"""What the commands share to show results: tables, JSON, notes."""
+"""Output that the commands share: tables, JSON, messages, the next command."""
 
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -20,7 +21,9 @@ if TYPE_CHECKING:
     from tacbench_cad.lab.analysis.tables import Table as ResultTable
     from tacbench_cad.lab.runs.checking import RunReport
 
-#: Width of a table that is not printed on a terminal.
+#: The next command names at most so many paths one by one; for more it has a word in capitals.
+MAX_PATHS = 4
+#: Width of a table that is not printed on a terminal, in characters.
 PLAIN_WIDTH = 160
 
 
@@ -30,36 +33,66 @@ def print_json(document: dict[str, Any]) -> None:
 
 
 def note(message: str) -> None:
-    """Say something beside the result, on the standard error."""
+    """Print a message on the standard error."""
     click.echo(message, err=True)
 
 
 def console() -> Console:
-    """Where tables go: the standard output, wide enough to be searched when it is not a terminal."""
+    """The standard output for tables. If it is not a terminal, it is wide, so that a table can be searched."""
     from rich.console import Console
 
     width = None if sys.stdout.isatty() else PLAIN_WIDTH
-    # What is printed comes from files and formulas: its brackets and colons are its own.
+    # Brackets and colons in files and formulas are not markup.
     return Console(width=width, highlight=False, markup=False, emoji=False)
 
 
 def print_lines(*lines: str) -> None:
-    """Print lines on the standard output that are not broken."""
+    """Print lines on the standard output without wrapping them."""
     screen = console()
     for line in lines:
         screen.print(line, soft_wrap=True)
 
 
+def print_next(*words: object, err: bool = False) -> None:
+    """Print the next command to type, as the last line of a command's output.
+
+    A word in capitals, such as NAME or FILE.gcode, is a value that only the user knows. Commands that print JSON, and
+    commands that end a chain of work, print no such line.
+
+    Args:
+        words: The words of the command, without the program's name.
+        err: Print it on the standard error, where the rest of the command's output is.
+    """
+    line = f"Next: {shlex.join(['tacbench', *map(str, words)])}"
+    if err:
+        note(line)
+    else:
+        print_lines(line)
+
+
+def next_paths(paths: Sequence[Path], metavar: str = "RUNS") -> list[str]:
+    """The user's paths as words of the next command; ``metavar`` if there are too many for one line."""
+    return [str(path) for path in paths] if len(paths) <= MAX_PATHS else [metavar]
+
+
+def next_block(textures: Sequence[str], preset: str, scale: float, key_mm: float | None = None) -> list[str]:
+    """The options that choose blocks as words of the next command, without those that have their default."""
+    words = [] if tuple(textures) == ("all",) else ["--texture", ",".join(textures)]
+    words += [] if preset == "paper" else ["--preset", preset]
+    words += [] if scale == 1.0 else ["--scale", f"{scale:g}"]
+    return words if key_mm is None else [*words, "--key", f"{key_mm:g}"]
+
+
 def simulated_devices(simulated: Sequence[str]) -> list[str]:
-    """Which of stage, gauge and sensor were simulated, each once, without what ``run.json`` says of them."""
+    """The simulated devices of stage, gauge and sensor, each once and without their descriptions."""
     return list(dict.fromkeys(device.partition(":")[0] for device in simulated))
 
 
 def print_simulated(simulated: Sequence[str]) -> None:
-    """Say in one line what of the data was simulated, if anything was.
+    """Print in one line which devices were simulated, if any were.
 
     Args:
-        simulated: What of each run was: ``("sensor: simulated TacTip, ...", ...)``.
+        simulated: The simulated devices of all runs: ``("sensor: simulated TacTip, ...", ...)``.
     """
     if simulated:
         print_lines(f"simulated: {', '.join(simulated_devices(simulated))} (see run.json)")
@@ -70,7 +103,7 @@ def print_table(title: str, heads: Sequence[str], rows: Iterable[Sequence[object
 
     Args:
         title: Its title.
-        heads: Heads of the columns; those of columns that are set flush right begin with ``>``.
+        heads: Heads of the columns. A head that begins with ``>`` aligns its column to the right.
         rows: The cells.
     """
     from rich import box
@@ -85,11 +118,11 @@ def print_table(title: str, heads: Sequence[str], rows: Iterable[Sequence[object
 
 
 def ask_line(prompt: str, *, err: bool = False) -> str:
-    """The next line of the standard input, a terminal's or a script's. A script's line is shown behind the prompt.
+    """Ask the user for a line. If the standard input is a script, its line is shown after the prompt.
 
     Args:
-        prompt: What is asked.
-        err: Show it on the standard error.
+        prompt: The question.
+        err: Show the question on the standard error.
 
     Raises:
         InputError: The input has ended.
@@ -99,7 +132,7 @@ def ask_line(prompt: str, *, err: bool = False) -> str:
         line = input()
     except EOFError:
         click.echo(err=err)
-        raise InputError("standard input", None, f"ended before the answer to: {prompt.strip()}") from None
+        raise InputError("standard input", None, f"ended before you answered: {prompt.strip()}") from None
     if not sys.stdin.isatty():
         click.echo(line, err=err)
     return line.strip()
@@ -112,15 +145,15 @@ def show_table(table: ResultTable) -> None:
 
 
 def write_picture(path: Path, draw: Callable[[Path], object], *, required: bool = False) -> bool:
-    """Write a picture, or say that it cannot be drawn here.
+    """Write a picture, or print why it cannot be drawn.
 
     Args:
-        path: Where it goes.
-        draw: Writes it.
-        required: Refuse the command where it cannot be drawn.
+        path: The file.
+        draw: Writes the picture to a path.
+        required: Raise the error if the picture cannot be drawn.
 
     Returns:
-        Whether it is written.
+        Whether the picture was written.
     """
     try:
         draw(path)
@@ -133,10 +166,10 @@ def write_picture(path: Path, draw: Callable[[Path], object], *, required: bool 
 
 
 def end_check(reports: Iterable[Report | RunReport], refusals: Sequence[TacbenchError]) -> None:
-    """End a command that examined several things: say which were refused.
+    """End a command that checked several files or runs: print which were refused.
 
     Raises:
-        Exit: One of them has a fault (exit code 1), or was refused.
+        Exit: One has a fault (exit code 1) or was refused.
     """
     for refusal in refusals:
         note(f"error: {one_line(refusal)}")

@@ -6,27 +6,30 @@ from pathlib import Path
 
 import rich_click as click
 
-from tacbench_cad.cli import options
+from tacbench_cad.cli import completing, options
 from tacbench_cad.cli.common import note, print_json, print_lines, print_simulated, show_table
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
 
 
 @options.command("compare")
-@options.argument("a", options.file("A"), "Runs of one sensor, or what classify wrote of them.")
-@options.argument("b", options.file("B"), "The same of the other sensor.")
+@options.argument(
+    "a", options.file("A", completing.of_folders), "Runs of the first sensor, or the output folder of classify."
+)
+@options.argument("b", options.file("B", completing.of_folders), "The same of the second sensor.")
 @options.option(
     "--estimator",
-    options.NAMES,
-    "The estimator of both, or A's and B's: forest,network. Default: A's first.",
+    options.words("LIST", "forest", "network"),
+    "One estimator for both, or one for A and one for B: forest,network. Default: the first estimator of A.",
+    options.METHOD,
     dest="estimators",
 )
-@options.flag("--unpaired", "Run folders of one name are different prints, as another lab's own are.")
-@options.option("--trials", options.COUNT, "Trials, where runs are given.", default="5")
+@options.flag("--unpaired", "Runs with the same name are different prints, for example of another lab.", options.METHOD)
+@options.option("--trials", options.COUNT, "Trials, if A or B has runs.", options.METHOD, default="5")
+@options.out("DIR", "Folder of the table, the figure and the classifications.", default="comparison")
+@options.json
 @options.jobs
 @options.dask
-@options.out("DIR", "Folder of table, figure, and classifications of runs.", default="comparison")
-@options.json
 def command(
     a: Path,
     b: Path,
@@ -38,14 +41,17 @@ def command(
     out: Path,
     json: bool,
 ) -> None:
-    """Two sensors' studies of the same textures side by side, and the smallest difference that the data can show.
+    """Compare the results of two sensors or two estimators.
 
-    A and B are each a folder that tacbench classify wrote (protocol leak-free), or a folder of runs, which is then
-    classified as tacbench classify does without options. For each hold-out level: accuracy, recall of each texture,
-    their differences with 95 % intervals over prints, and what difference a study of this size would find in four of
-    five repetitions. Where both sensors pressed the same prints (run folders of one name), prints are compared in
-    pairs; --unpaired, where names are the same and prints are not. With two estimators, two ways to classify one
-    sensor's presses are compared in the same manner.
+    A and B are studies of the same textures. Each is a folder that "tacbench classify" wrote with the protocol
+    leak-free, or a folder of runs. Runs are first classified with the default options.
+
+    For each hold-out level you get the accuracy, the recall of each texture, and the differences with 95 % intervals
+    over prints. You also get the smallest difference that a study of this size finds in four of five repetitions.
+
+    If both sensors pressed the same prints (run folders with the same names), the prints are compared in pairs. Use
+    --unpaired if the names are the same but the prints are not. You can also compare two estimators for the same
+    sensor: give the same folder twice and two estimators.
 
     Examples:
       tacbench compare tactip-runs other-runs -o comparison
@@ -59,9 +65,9 @@ def command(
 
     names = estimators or (None,)
     if len(names) > 2:
-        raise InputError("estimator", ",".join(map(str, names)), "must be one name, or A's and B's")
+        raise InputError("estimator", ",".join(map(str, names)), "must be one name, or one for A and one for B")
     if a.resolve() == b.resolve() and len(set(names)) < 2:
-        raise InputError("B", str(b), "is A itself; name the other sensor's study")
+        raise InputError("B", str(b), "is the same folder as A; name the study of the other sensor, or two estimators")
     require("compare", *(("matplotlib",) if _is_classified(a) and _is_classified(b) else MODULES))
     with locked(out):
         folders = [_classified(side, folder, out, trials, jobs, dask) for side, folder in (("a", a), ("b", b))]

@@ -5,18 +5,20 @@ from __future__ import annotations
 from click.exceptions import Exit
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note, print_json, print_lines, print_table
+from tacbench_cad.cli.common import note, print_json, print_lines, print_next, print_table
 
 
 @options.command("doctor")
-@options.flag("--repair", "Run the repairs that pip can do.")
+@options.flag("--repair", "Run the repairs that pip can do.", options.REPAIR)
 @options.json
 def command(repair: bool, json: bool) -> None:
-    """Say what is installed, whether it works, and the command that repairs what does not.
+    """Check what is installed, and repair it.
 
-    It knows the trap of the two kernel packages (cadquery-ocp and cadquery-ocp-novtk write the same files) and the
-    system libraries that the kernel loads. The exit code is 1 when something is broken. An extra that is not
-    installed is not broken: the commands that need it say so.
+    For each fault you get the command that repairs it, and the exit code is 1. One known fault is that the packages
+    cadquery-ocp and cadquery-ocp-novtk overwrite each other's files. Another one is that a system library of the CAD
+    kernel is missing.
+
+    An extra that is not installed is not a fault. The commands that need it tell you how to install it.
 
     Examples:
       tacbench doctor
@@ -47,5 +49,7 @@ def command(repair: bool, json: bool) -> None:
             if finding.repair:
                 print_lines(f"  repair: {finding.repair}")
         print_lines(*(f"not installed: extra {extra}: {how}" for extra, how in doctor.left_out_extras().items()))
+    if not json:
+        print_next(*(("make",) if diagnosis.ok else ("doctor", "--repair")))
     if not diagnosis.ok:
         raise Exit(1)

@@ -13,6 +13,9 @@ from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.text import counted
 
+#: The words of ``--to``; a test compares them with the formats that can be written.
+FORMATS = ("huggingface", "webdataset", "imagefolder", "zarr", "npz", "tactile-data")
+
 
 def _whole_numbers(separator: str, count: int, allowed: str) -> options.Value:
     def read(option: str, text: str) -> tuple[int, ...]:
@@ -27,18 +30,26 @@ def _whole_numbers(separator: str, count: int, allowed: str) -> options.Value:
 @options.command("export-runs")
 @options.runs
 @options.option(
-    "--to", options.text("huggingface|webdataset|imagefolder|zarr|npz|tactile-data"), "What it is for.", required=True
+    "--to",
+    options.text("NAME", *FORMATS),
+    "huggingface, webdataset, imagefolder, zarr, npz or tactile-data.",
+    options.OUTPUT,
+    required=True,
 )
+@options.out("DIR", "A new folder. tactile-data can leave it out: it then writes into the run folders.")
 @options.option(
     "--bbox",
-    _whole_numbers(",", 4, "X0,Y0,X1,Y1, whole numbers with commas between them"),
+    _whole_numbers(",", 4, "X0,Y0,X1,Y1, whole numbers separated by commas"),
     "For tactile-data: pixels to keep. Default: the largest centred square.",
+    options.FRAMES,
 )
 @options.option(
-    "--size", _whole_numbers("x", 2, "WxH, as 128x128"), "For tactile-data: size of the images. Default: 128x128."
+    "--size",
+    _whole_numbers("x", 2, "WxH, for example 128x128"),
+    "For tactile-data: size of the images. Default: 128x128.",
+    options.FRAMES,
 )
-@options.flag("--colour", "For tactile-data: keep the colours. Default: grey (BT.601).")
-@options.out("DIR", "A new folder. For tactile-data, a folder for one folder a run; without it, the run folders.")
+@options.flag("--colour", "For tactile-data: keep the colours. Default: grey (BT.601).", options.FRAMES)
 def command(
     runs: tuple[Path, ...],
     to: str,
@@ -47,33 +58,38 @@ def command(
     colour: bool,
     out: Path | None,
 ) -> None:
-    """Write run folders as other tools read them.
+    """Write runs in the formats of other tools.
 
-    huggingface is Parquet files with the images, a dataset card and Croissant metadata; webdataset tar files;
-    imagefolder one folder of images for each label, with metadata.csv; zarr and npz arrays. Each has all frames of all
-    runs, as the bytes that they are where the format takes files, and the columns of targets.csv for each of them. What
-    is unknown stays unknown, and simulated data say so in every file.
+    - huggingface: Parquet files, a dataset card and Croissant metadata
+    - webdataset: tar files
+    - imagefolder: one folder of images for each label, with metadata.csv
+    - zarr, npz: arrays
+    - tactile-data: the files that tactile_learning reads for each run
 
-    tactile-data is what tactile_learning reads: processed_images/, targets_images.csv and the JSON files for each run.
-    Its images are cut to a square, made grey and 128 x 128 pixels, as that toolchain's models take them.
+    Except for tactile-data, a format has all frames of all runs and the columns of targets.csv. If it stores image
+    files, they are copied without change. Unknown values stay unknown. Simulated data are marked in every file.
 
-    Every frame is compared with its checksum on the way. A folder is written whole or not at all.
+    The images of tactile-data are cut to a square, converted to grey, and resized to 128 x 128 pixels, because the
+    models of that toolchain take such images.
+
+    Each frame is compared with its checksum. A folder is written completely or not at all.
 
     Examples:
       tacbench export-runs --to huggingface runs/ --out dataset
       tacbench export-runs --to zarr runs/ --out arrays
-      tacbench export-runs --to tactile-data runs/ --out learning --bbox 110,0,550,440
+      tacbench export-runs --to tactile-data runs/ --out data --bbox 110,0,550,440
     """
-    from tacbench_cad.lab.runs.exporting.formats import FORMATS, TACTILE_DATA, export_runs
+    from tacbench_cad.lab.runs.exporting.formats import FORMATS as COMMON_FORMATS
+    from tacbench_cad.lab.runs.exporting.formats import TACTILE_DATA, export_runs
 
-    if one_of("to", to, (*FORMATS, TACTILE_DATA)) == TACTILE_DATA:
+    if one_of("to", to, (*COMMON_FORMATS, TACTILE_DATA)) == TACTILE_DATA:
         _export_tactile_data(runs, out, bbox, size or (128, 128), colour)
         return
     if out is None:
         raise InputError("out", None, f"is missing: --to {to} needs a folder for the result")
     for option, value in (("bbox", bbox), ("size", size), ("colour", colour)):
         if value:
-            raise InputError(option, None, f"is for --to {TACTILE_DATA}: {to} keeps the frames as they are")
+            raise InputError(option, None, f"is only for --to {TACTILE_DATA}; {to} does not change the frames")
     with ProgressLine() as progress:
         samples = export_runs(runs, to, out, partial(progress.show, "frames"))
     click.echo(f"{counted(len(samples.runs), 'run')}, {counted(len(samples), 'frame')}, in {out}")
@@ -93,7 +109,7 @@ def _export_tactile_data(
     runs = find_runs(folders)
     twice = next((name for name, count in Counter(folder.name for folder in runs).items() if count > 1), None)
     if out is not None and twice is not None:
-        raise InputError("out", str(out), f"two of the runs are named {twice}; export them to different folders")
+        raise InputError("out", str(out), f"two of the runs have the name {twice}; export them to different folders")
     images = 0
     with ProgressLine() as progress:
         for folder in runs:

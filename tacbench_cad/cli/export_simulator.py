@@ -8,27 +8,37 @@ from tacbench_cad.cli import options
 from tacbench_cad.cli.common import print_json, print_table
 from tacbench_cad.util.text import counted
 
+#: The words of ``--to``; a test compares them with the formats that can be written.
+FORMATS = ("mjcf", "urdf", "sdf", "usd", "glb", "obj", "npy", "png16", "taxim")
+
 
 @options.command("export-simulator")
 @options.option(
-    "--to", options.words("mjcf|urdf|sdf|usd|glb|obj|npy|png16|taxim"), "What for; several with commas.", required=True
+    "--to",
+    options.words("LIST", *FORMATS),
+    "Formats: mjcf, urdf, sdf, usd, glb, obj, npy, png16, taxim.",
+    options.OUTPUT,
+    required=True,
 )
 @options.textures
 @options.preset
 @options.scale
-@options.out("DIR", "Folder that takes a folder a texture.", required=True)
+@options.out("DIR", "Folder of the texture folders.", required=True)
 @options.json
 def command(to: tuple[str, ...], textures: tuple[str, ...], preset: str, scale: float, out: Path, json: bool) -> None:
-    """Write textures for simulators: a folder a texture, with collision that keeps the relief.
+    """Write textures for simulators.
 
-    The folder's README.md states frame, scale, units, the proved error against the formula, contact settings that hold,
-    and what was tested. A folder is written whole or not at all; one that holds the same texture gains the new files,
-    one that holds another is refused.
+    Each texture gets its own folder, with collision geometry that has the full relief. The README.md in the folder
+    states the coordinate frame, the scale, the units, the proved error against the formula, recommended contact
+    settings, and what was tested.
+
+    A folder is written completely or not at all. A folder that has the same texture gets the new files. A folder that
+    has another texture is refused.
 
     Examples:
       tacbench export-simulator --to mjcf --out sim
       tacbench export-simulator --to urdf,sdf --texture 2 --out sim
-      tacbench export-simulator --to npy,png16 --texture hex.toml --scale 2 --out heights
+      tacbench export-simulator --to npy,png16 --texture hex.toml --out heights
     """
     from tacbench_cad.formats.simulators.folder import export_to_simulators
     from tacbench_cad.making.choice import described
@@ -40,9 +50,9 @@ def command(to: tuple[str, ...], textures: tuple[str, ...], preset: str, scale: 
         return
     print_table(
         f"{counted(len(folders), 'folder')} in {out}",
-        ("folder", ">files", ">MB", "begin with"),
+        ("folder", ">files", ">MB", "start with"),
         [
-            (one.folder.name, len(one.files), f"{sum(one.files.values()) / 1e6:.2f}", next(iter(one.files)))
-            for one in folders
+            (each.folder.name, len(each.files), f"{sum(each.files.values()) / 1e6:.2f}", next(iter(each.files)))
+            for each in folders
         ],
     )

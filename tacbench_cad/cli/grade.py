@@ -5,21 +5,28 @@ from __future__ import annotations
 from pathlib import Path
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import print_json, print_lines, show_table
+from tacbench_cad.cli.common import next_paths, print_json, print_lines, print_next, show_table
 
 
 @options.command("grade")
 @options.runs
-@options.option("--force-level", options.COUNT, "Force level to compare. Default: the lowest, as the paper's.")
-@options.option("--jobs", options.JOBS, "Processes at once.", default="1", panel=options.WORK)
+@options.option(
+    "--force-level", options.COUNT, "Force level to compare. Default: the lowest, as in the paper.", options.METHOD
+)
 @options.json
+@options.option("--jobs", options.JOBS, "Number of processes.", options.PROCESSES, default="1")
 def command(runs: tuple[Path, ...], force_level: int | None, jobs: int, json: bool) -> None:
-    """Do my prints repeat as well as the published ones? The printer beside the paper's variance table.
+    """Compare your printer with the published printers.
 
-    The paper's table is the variance over the repeats on one print, so this is computed from the runs in the same way
-    (tacbench variance --protocol as-published). For each texture: that variance, what noise alone would give, its
-    interval with prints as the unit, and whether it is less or more than each published figure or cannot be told apart
-    from it. Then a verdict for each published printer, and the reasons that limit it.
+    The command answers whether your prints repeat as well as the published prints. The table of the paper has the
+    variance over the repeats on one print. The command computes the same variance from your runs, as "tacbench variance
+    --protocol as-published" does. For each texture it shows:
+    - this variance, and its interval with prints as the unit
+    - the variance that noise alone causes
+    - whether your variance is smaller or larger than each published figure
+
+    If the data cannot show a difference, the table says so. Then follow a verdict for each published printer and the
+    limits of this verdict.
 
     Examples:
       tacbench grade runs/
@@ -45,3 +52,4 @@ def command(runs: tuple[Path, ...], force_level: int | None, jobs: int, json: bo
         for head, lines in (("Verdicts", [verdict.text for verdict in each.verdicts]), ("Limits", each.limits)):
             print_lines(f"{head}:", *(f"  - {line}" for line in lines))
         print_lines("")
+    print_next("classify", *next_paths(runs))

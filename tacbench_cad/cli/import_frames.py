@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 from click.exceptions import Exit
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note, print_json, print_lines, print_table
+from tacbench_cad.cli import completing, options
+from tacbench_cad.cli.common import note, print_json, print_lines, print_next, print_table
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.errors import InputError, one_line
 from tacbench_cad.util.text import counted
@@ -21,6 +21,11 @@ if TYPE_CHECKING:
 MAX_SHOWN = 100
 #: The words of ``--kind``; a test compares them with what the lab can import.
 KINDS = ("images", "folders", "tactip", "arrays", "videos", "huggingface", "authors")
+#: What a column of a table can be; a test compares these words with those that the import knows.
+COLUMNS = (
+    *("label", "print", "printer", "filament", "position", "force", "repeat", "session"),
+    *("image", "time", "video", "index", "measured_force", "x", "y", "z"),
+)
 
 
 def _pairs_of(option: str, text: str) -> dict[str, str]:
@@ -28,9 +33,9 @@ def _pairs_of(option: str, text: str) -> dict[str, str]:
     for word in options.words_of(option, text):
         name, equals, value = (part.strip() for part in word.partition("="))
         if not (name and equals and value):
-            raise InputError(option, word, "must be NAME=VALUE")
+            raise InputError(option, word, "must be NAME=VALUE, for example label=material")
         if name in pairs:
-            raise InputError(option, text, f"names {name} twice")
+            raise InputError(option, text, f"has {name} twice")
         pairs[name] = value
     return pairs
 
@@ -41,33 +46,49 @@ def _levels_of(option: str, text: str) -> dict[str, int]:
 
 
 @options.command("import-frames")
-@options.argument("paths", options.file("PATHS"), "Folders and files.", many=True)
+@options.argument("paths", options.file("PATHS"), "Folders and files with frames and tables.", many=True)
 @options.option(
     "--columns",
-    options.Value("label=COLUMN,...", _pairs_of),
-    "Which column of the table is what: label, print, printer, filament, position, force (N), repeat, session; image, "
-    "time, video, index, measured_force, x, y, z. Usual names are recognised.",
+    options.Value("NAME=COLUMN,...", _pairs_of, completing.of_lists(*(f"{name}=" for name in COLUMNS))),
+    "What the columns of the table are: label, print, printer, filament, position, force (N), repeat, session, image, "
+    "time, video, index, measured_force, x, y, z. Usual column names are recognised.",
+    options.INPUT,
 )
 @options.option(
-    "--names", options.file("FILE.toml"), "Which printers, filaments and labels the words of the data mean."
+    "--names",
+    options.file("FILE.toml"),
+    "File that translates the words of your data to printers, filaments and labels.",
+    options.INPUT,
 )
-@options.option("--kind", options.choice(*KINDS), "What it is. Default: recognised by what lies there.")
+@options.option(
+    "--kind", options.choice(*KINDS), f"{', '.join(KINDS[:-1])} or {KINDS[-1]}. Default: recognised.", options.INPUT
+)
+@options.out("DIR", "Folder of the runs.", required=True)
+@options.json
 @options.option(
     "--force-levels",
     options.Value("P30=1,...", _levels_of),
-    "What the authors' file names call the paper's three forces.",
+    "Authors' arrays: force level of each name in the file names.",
+    options.ADVANCED,
     default="P30=1,P40=2,P50=3",
 )
 @options.option(
     "--first-axis",
     options.choice("x", "y"),
-    "Axis that the first index of the authors' 5 x 5 positions runs along.",
+    "Authors' arrays: axis of the first index of the 5 x 5 positions.",
+    options.ADVANCED,
     default="y",
 )
-@options.option("--preset", options.PRESET, "Geometry of the authors' blocks.", default="released")
-@options.option("--spacing", options.choice("even", "1mm"), "The authors' press grid along y.", default="even")
-@options.json
-@options.out("DIR", "The folder for the run folders.", required=True)
+@options.option(
+    "--preset", options.PRESET, "Authors' arrays: preset of the blocks.", options.ADVANCED, default="released"
+)
+@options.option(
+    "--spacing",
+    options.choice("even", "1mm"),
+    "Authors' arrays: spacing of the positions along y.",
+    options.ADVANCED,
+    default="even",
+)
 def command(
     paths: tuple[Path, ...],
     out: Path,
@@ -77,19 +98,26 @@ def command(
     json: bool,
     **authors: Any,
 ) -> None:
-    """Turn frames of any study into run folders, which every analysis reads.
+    """Make run folders from frames that you already have.
 
-    It reads a folder of images with a table (CSV), one folder of images for each class, a folder of a TacTip toolchain,
-    arrays (.npy, .npz, HDF5) with a table, videos with a table of times, a Hugging Face data set that was saved on the
-    disk, and the arrays of the paper's authors. Each print becomes a run; where prints are unknown, each label. What
-    the data do not say stays unknown, and the analyses say what they cannot do without it.
+    Afterwards every analysis can read them. The command imports:
+    - images with a table (CSV)
+    - images in one folder for each class
+    - the folder of a TacTip toolchain
+    - arrays (.npy, .npz or HDF5) with a table
+    - videos with a table of times
+    - a Hugging Face data set that was saved to disk
+    - the arrays of the paper's authors
 
-    What cannot be imported is listed at the end, each with its reason, and the exit code is then 1. Run again after an
-    interruption, it resumes.
+    Each print becomes one run. If the prints are unknown, each label becomes one run. Information that your data do not
+    have stays empty, and an analysis that needs it says so.
+
+    At the end, the command lists the frames that it could not import, with the reasons. The exit code is then 1. If you
+    interrupt the command, type it again to resume.
 
     Examples:
       tacbench import-frames frames/ labels.csv -o runs
-      tacbench import-frames frames/ labels.csv --columns label=material,print=block_id -o runs
+      tacbench import-frames frames/ labels.csv --columns label=material -o runs
       tacbench import-frames images_by_class/ -o runs
       tacbench import-frames X.npy X.csv -o runs
       tacbench import-frames press.mp4 times.csv -o runs
@@ -130,7 +158,7 @@ def _print(report: ImportReport, out: Path) -> None:
     if report.runs:
         print_table(
             "imported",
-            ("run", ">imported", ">there already", ">left out", "from"),
+            ("run", ">imported", ">imported before", ">left out", "kind"),
             [(run.folder.name, run.imported, run.present, run.left_out or "", run.kind) for run in report.runs],
         )
     for each in report.left_out[:MAX_SHOWN]:
@@ -141,4 +169,4 @@ def _print(report: ImportReport, out: Path) -> None:
     left = f"; {sum(each.count for each in report.left_out):,} left out" if report.left_out else ""
     click.echo(f"{counted(samples, 'sample')} in {counted(len(report.runs), 'run')} in {out}{left}")
     if report.runs:
-        click.echo(f"next: tacbench check-runs {out}")
+        print_next("check-runs", out)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from click.exceptions import Exit
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note, print_json, print_lines, print_table
+from tacbench_cad.cli.common import next_block, note, print_json, print_lines, print_next, print_table
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.text import by, counted
 
@@ -19,33 +20,48 @@ if TYPE_CHECKING:
 @options.textures
 @options.part
 @options.option(
-    "--parts", options.words("LIST"), "Of blocks, holder, jig, coupon. Default: blocks,holder,jig.", panel=options.WHAT
+    "--parts",
+    options.words("LIST", *options.PART_NAMES),
+    "Parts to make: blocks, holder, jig, coupon. Default: blocks,holder,jig.",
+    options.PARTS,
 )
-@options.option("--formats", options.words("LIST"), "Of stl, 3mf, step. Default: all of them.", panel=options.WHAT)
-@options.option("--copies", options.COUNT, "N files of each block, numbered in the label.", panel=options.WHAT)
-@options.flag("--assembly", "Also holder, a block in each slot and jig as one 3MF and STEP.", panel=options.WHAT)
+@options.option(
+    "--formats",
+    options.words("LIST", *options.FILE_FORMATS),
+    "File formats: stl, 3mf, step. Default: all of them.",
+    options.PARTS,
+)
+@options.option(
+    "--copies", options.COUNT, "Make N files of each block. The label has the number of the copy.", options.PARTS
+)
+@options.flag("--assembly", "Also write holder, blocks and jig together as one file.", options.PARTS)
 @options.option(
     "--step-tolerance",
     options.MM,
-    "Distance of solids from the formula. Default: 0.001.",
+    "Largest distance of a STEP solid from the formula. Default: 0.001.",
+    options.ACCURACY,
     dest="step_tolerance_mm",
-    panel=options.MESH,
 )
 @options.option(
     "--verify",
     options.choice("default", "full"),
-    "full adds pymeshlab's slow checks.",
+    "full adds slow checks by pymeshlab. Default: only the fast checks.",
+    options.ACCURACY,
     default="default",
     show_default=False,
-    panel=options.MESH,
 )
-@options.out("FOLDER", "Output folder.", default="stl_out")
+@options.out("DIR", "Folder of the files.", default="stl_out")
 @options.json
 def command(verify: str, json: bool, **request: Any) -> None:
-    """Make the print set: blocks, holder and jig as STL, 3MF and STEP, each file checked as it lies on disk.
+    """Make the print set: blocks, holder and jig.
 
-    Without --formats and --parts it makes what this install can, and names what was left out and how to get it.
-    A file that fails a check is not put in place, and the exit code is 1. Lengths are in mm.
+    The files are STL, 3MF and STEP. Each file is read back and checked. If a file fails a check, it is not put into the
+    folder, and the exit code is 1. Lengths are in mm.
+
+    Use the preset paper for new work. Use --preset released if you want to compare with the prints of the authors.
+
+    Without --formats and --parts, the command makes everything that the installed packages allow. It lists what it left
+    out and how to install what is missing.
 
     Examples:
       tacbench make
@@ -53,8 +69,8 @@ def command(verify: str, json: bool, **request: Any) -> None:
       tacbench make --texture 1,4 --scale 1.5 --key --formats stl
       tacbench make --texture hex.toml --size 40,40 --grid 189x201
       tacbench make --copies 6 --formats 3mf --parts blocks --out study
-      tacbench make --parts coupon --formats stl     (find the fit first)
-      tacbench make --key --slots 6 --assembly       (and the six blocks in a tray, with the jig on it)
+      tacbench make --parts coupon --formats stl  # find the fit first
+      tacbench make --key --slots 6 --assembly    # all six blocks in one tray
     """
     from tacbench_cad.making.printset import Request, build
 
@@ -64,10 +80,21 @@ def command(verify: str, json: bool, **request: Any) -> None:
         print_json(result.as_dict())
     else:
         _print(result)
+        if result.ok:
+            print_next(*_next(request))
     for failure in result.failures:
-        note(f"failed, not put in place: {failure.file}: {'; '.join(failure.faults)}")
+        note(f"failed, not written: {failure.file}: {'; '.join(failure.faults)}")
     if not result.ok:
         raise Exit(1)
+
+
+def _next(request: Mapping[str, Any]) -> list[str]:
+    """The words of the next command: what a user does with the parts."""
+    parts = request["parts"] or ("blocks",)
+    if "blocks" in parts and not any(request[name] for name in ("size_mm", "height_mm", "mm_per_unit")):
+        block = next_block(request["textures"], request["preset"], request["scale"], request["key_mm"])
+        return ["plate", "--printer", "NAME", *block]
+    return ["make", "--fit", "FIT"] if tuple(parts) == ("coupon",) else ["acquire", "--init", "study.toml"]
 
 
 def _print(result: PrintSet) -> None:

@@ -11,6 +11,16 @@ from typing import Any, Literal, Protocol, TypeVar
 
 import rich_click as click
 
+from tacbench_cad.cli.completing import (
+    Completer,
+    Items,
+    nothing,
+    of_files,
+    of_folders,
+    of_lists,
+    of_run_folders,
+    of_words,
+)
 from tacbench_cad.util.errors import InputError, one_of
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -24,10 +34,25 @@ class Decorator(Protocol):
         ...
 
 
-# The groups of options in the help.
-WHAT, SIZE, MESH, FIXTURES, WORK, OUTPUT = "What", "Size", "How exact", "Fixtures", "Processes", "Output"
-_PANELS = ("Arguments", "Options", WHAT, SIZE, MESH, FIXTURES, WORK, OUTPUT)
-
+# The panels of options in the help.
+ARGUMENTS, PARTS, SIZE, PRINTER, INPUT, CONTENT = "Arguments", "Parts", "Size", "Printer", "Input", "Content"
+METHOD, FRAMES, PICTURE, VIRTUAL_RIG, REPAIR = "Method", "Frames", "Picture", "Virtual rig", "Repair"
+OUTPUT, FIXTURES, ACCURACY, PROCESSES, ADVANCED, GENERAL = (
+    "Output",
+    "Fixtures",
+    "Accuracy",
+    "Processes",
+    "Advanced",
+    "General",
+)
+#: Their order: what users need first stands first.
+PANELS = (
+    *(ARGUMENTS, PARTS, SIZE, PRINTER, INPUT, CONTENT),
+    *(METHOD, FRAMES, PICTURE, VIRTUAL_RIG, REPAIR),
+    *(OUTPUT, FIXTURES, ACCURACY, PROCESSES, ADVANCED, GENERAL),
+)
+#: Choices that take more characters than this stand in the text of an option, not behind its name.
+_MAX_CHOICES = 20
 
 #: Commands that have another name now.
 RENAMED = {
@@ -61,11 +86,13 @@ class Value(click.ParamType):  # type: ignore[type-arg]
     Args:
         metavar: How the help writes such a value.
         read: Gives the value of a text. It gets the option's name as well, for the :class:`InputError` that it raises.
+        complete: Gives the completions of an incomplete value.
     """
 
-    def __init__(self, metavar: str, read: Callable[[str, str], Any]) -> None:
+    def __init__(self, metavar: str, read: Callable[[str, str], Any], complete: Completer = nothing) -> None:
         self.name = metavar
         self.read = read
+        self.complete = complete
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
         """How the help writes such a value."""
@@ -76,6 +103,10 @@ class Value(click.ParamType):  # type: ignore[type-arg]
         if not isinstance(value, str) or param is None:
             return value
         return self.read(max(param.opts, key=len).lstrip("-").replace("-", " "), value)
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> Items:
+        """The completions of an incomplete value."""
+        return self.complete(ctx, incomplete)
 
 
 def number_of(option: str, text: str) -> float:
@@ -104,29 +135,33 @@ def numbers_of(option: str, text: str) -> tuple[float, ...]:
     return tuple(number_of(option, word) for word in words_of(option, text))
 
 
-def file(metavar: str) -> Value:
-    """A path."""
-    return Value(metavar, lambda _, text: Path(text))
+def file(metavar: str, complete: Completer | None = None) -> Value:
+    """A path, of a folder where ``metavar`` begins with DIR."""
+    usual = of_folders if metavar.startswith("DIR") else of_files
+    return Value(metavar, lambda _, text: Path(text), complete or usual)
 
 
-def text(metavar: str) -> Value:
-    """Words that the command itself understands."""
-    return Value(metavar, lambda _, text: text)
+def text(metavar: str, *words: str, complete: Completer | None = None) -> Value:
+    """Words that the command itself understands; ``words`` are completed."""
+    return Value(metavar, lambda _, text: text, complete or of_words(*words))
 
 
-def words(metavar: str) -> Value:
-    """Words with commas between them."""
-    return Value(metavar, words_of)
+def words(metavar: str, *words: str, suffix: str | None = None) -> Value:
+    """Words with commas between them; ``words``, and files with ``suffix``, are completed."""
+    return Value(metavar, words_of, of_lists(*words, suffix=suffix))
 
 
-def choice(*words: str) -> Value:
+def choice(*words: str, metavar: str | None = None) -> Value:
     """One of some words."""
-    return Value("|".join(words), lambda option, text: one_of(option, text, words))
+    shown = "|".join(words)
+    if metavar is None:
+        metavar = shown if len(shown) <= _MAX_CHOICES else "NAME"
+    return Value(metavar, lambda option, text: one_of(option, text, words), of_words(*words))
 
 
 def or_word(word: str, kind: Value, metavar: str) -> Value:
     """A word that stays as it is, or a value of another type."""
-    return Value(metavar, lambda option, text: word if text == word else kind.read(option, text))
+    return Value(metavar, lambda option, text: word if text == word else kind.read(option, text), of_words(word))
 
 
 def or_none(kind: Value) -> Value:
@@ -143,7 +178,7 @@ def coordinates(names: str) -> Value:
         except ValueError:
             numbers = ()
         if len(numbers) != names.count(",") + 1:
-            raise InputError(option, text, f"must be {names}, numbers with commas between them")
+            raise InputError(option, text, f"must be {names}, numbers separated by commas")
         return numbers
 
     return Value(names, read)
@@ -156,7 +191,7 @@ def _grid_of(option: str, text: str) -> Any:
         return "grid"
     counts = re.fullmatch(r"(\d{1,9})x(\d{1,9})", text)
     if counts is None:
-        raise InputError(option, text, "must be NXxNY, as 189x201, or nothing for the preset's own grid")
+        raise InputError(option, text, "must be NXxNY, for example 189x201, or nothing for the grid of the preset")
     return SampleGrid(nx=int(counts[1]), ny=int(counts[2]))
 
 
@@ -186,7 +221,6 @@ def _every_processor() -> int:
 
 
 COUNT = Value("N", whole_of)
-NAMES = words("NAME,...")
 NUMBER = Value("N", number_of)
 MM = Value("MM", number_of)
 SCALE = Value("S", number_of)
@@ -199,6 +233,7 @@ def option(
     name: str,
     kind: Value,
     help: str,
+    panel: str,
     *,
     dest: str | None = None,
     short: str | None = None,
@@ -212,19 +247,20 @@ def option(
         name: How it is typed.
         kind: Type of the value.
         help: What it does.
+        panel: The panel of the help that shows it.
         dest: The argument of the command that takes the value; None for the name's own.
         short: Another name, of one letter.
-        alone: The text that it stands for where no value follows; None if one must.
+        alone: The text that the option stands for if no value follows; None if a value must follow.
         show_default: See :func:`click.option`.
         attributes: Likewise.
     """
     names = (name, *(word for word in (short, dest) if word is not None))
     if alone is not None:
         attributes |= {"is_flag": False, "flag_value": alone}
-    return click.option(*names, type=kind, help=help, show_default=show_default, **attributes)
+    return click.option(*names, type=kind, help=help, panel=panel, show_default=show_default, **attributes)
 
 
-def flag(name: str, help: str, panel: str | None = None) -> Decorator:
+def flag(name: str, help: str, panel: str) -> Decorator:
     """An option without a value."""
     return click.option(name, is_flag=True, help=help, panel=panel)
 
@@ -247,7 +283,9 @@ def command(name: str, group: click.RichGroup | None = None) -> Callable[[Callab
     """Make a command of a function, with the function's docstring as its help."""
 
     def decorate(function: Callable[..., None]) -> click.RichCommand:
-        panels = [click.RichOptionPanel(title) for title in _PANELS]
+        # An argument's name is its metavar: the help shows it once.
+        panels = [click.RichOptionPanel(ARGUMENTS, column_types=["metavar", "help"])]
+        panels += [click.RichOptionPanel(title) for title in PANELS[1:]]
         built = click.command(name, help=help_of(function.__doc__), panels=panels)(function)
         if group is not None:
             group.add_command(built)
@@ -279,75 +317,106 @@ def help_of(docstring: str | None) -> str:
     return inspect.cleandoc(docstring or "").replace("\n\nExamples:\n", "\n\n\b\nExamples:\n")
 
 
-json = flag("--json", "Print one JSON document.", panel=OUTPUT)
-preset = option("--preset", PRESET, "Geometry to begin from.", default="paper", panel=WHAT)
-scale = option("--scale", SCALE, "Multiply sides, height, mm per unit, press grid.", default="1", panel=SIZE)
+#: The textures of the paper, and all of them, by the words that name them on the command line.
+TEXTURES = ("1", "2", "3", "4", "5", "6", "all")
+#: The parts and file formats of ``make``; a test compares these words with those of the request.
+PART_NAMES = ("blocks", "holder", "jig", "coupon")
+FILE_FORMATS = ("stl", "3mf", "step")
+#: Hold-out levels, in the words of ``--hold-out``; a test compares them with those of the analysis.
+LEVELS = ("press", "position", "force", "copy", "printer-filament", "session")
+TEXTURE = text("T", complete=of_lists(*TEXTURES[:-1], suffix=".toml"))
+
+json = flag("--json", "Print the result as one JSON document.", OUTPUT)
+preset = option("--preset", PRESET, "Preset of the geometry.", PARTS, default="paper")
+scale = option("--scale", SCALE, "Factor for the sides, height, relief and press grid.", SIZE, default="1")
 textures = option(
     "--texture",
-    words("1,4|FILE.toml|all"),
-    "Textures, with commas between them.",
+    words("LIST", *TEXTURES, suffix=".toml"),
+    "Textures, for example 1,4: 1 to 6, all, or TOML files.",
+    PARTS,
     dest="textures",
     default="all",
-    panel=WHAT,
 )
 key = option(
     "--key",
     Value("[MM]", _key_of),
-    "Cut the corner at (X, 0), 3 mm if no number follows.",
+    "Chamfer the corner at (X, 0). Without a value: by 3 mm.",
+    PARTS,
     dest="key_mm",
     alone="default",
-    panel=WHAT,
 )
-jobs = option("--jobs", JOBS, "Processes.", default=_every_processor, show_default="one for each processor", panel=WORK)
-dask = option("--dask", text("ADDRESS"), "Use a Dask cluster that is there: tcp://10.0.0.5:8786.", panel=WORK)
+jobs = option(
+    "--jobs",
+    JOBS,
+    "Number of processes. Default: one for each processor.",
+    PROCESSES,
+    default=_every_processor,
+    show_default=False,
+)
+dask = option("--dask", text("ADDRESS"), "Use a running Dask cluster, for example tcp://10.0.0.5:8786.", PROCESSES)
 roi = option(
     "--roi",
-    text("REGION"),
-    "Region of interest: auto, circle:X,Y,R, rect:X0,Y0,X1,Y1 (pixels), a PNG file, white where the sensor is, "
-    "or none. Default: what `tacbench runs roi` kept with the runs.",
+    text("REGION", "auto", "none", "circle:", "rect:"),
+    "Region of interest: auto, none, circle:X,Y,R or rect:X0,Y0,X1,Y1 in pixels, or a PNG file that is white inside "
+    "the region. Default: the region stored with the runs.",
+    FRAMES,
 )
 marker_settings = together(
-    option("--marker-sigma", NUMBER, "Width of a marker divided by 2.8, in pixels. Default: from the frames."),
-    option("--marker-threshold", NUMBER, "The least contrast of a marker, in counts. Default: from the frames."),
+    option("--marker-sigma", NUMBER, "Width of a marker divided by 2.8, in pixels. Default: estimated.", ADVANCED),
+    option("--marker-threshold", NUMBER, "Minimum contrast of a marker, in counts. Default: estimated.", ADVANCED),
 )
 #: What is taken of each frame.
 look = together(
-    option("--features", choice("pixels", "markers"), "The pixels, or how far the markers moved.", default="pixels"),
+    option(
+        "--features",
+        choice("pixels", "markers"),
+        "Analyse the pixels, or the displacements of the markers.",
+        FRAMES,
+        default="pixels",
+    ),
     roi,
     marker_settings,
 )
-runs = argument("runs", file("RUNS"), "Run folders, or folders that hold some.", many=True)
+runs = argument("runs", file("RUNS", of_run_folders), "Run folders, or folders that contain run folders.", many=True)
 
 #: The options that describe a block and its fixtures, by the names of the fields of a ``Request``.
 part = together(
     preset,
-    flag("--label", "Engrave texture, preset and scale in the underside.", panel=WHAT),
     key,
+    flag("--label", "Engrave texture, preset and scale in the underside.", PARTS),
     scale,
-    option("--size", coordinates("X,Y"), "Sides in mm: more or fewer periods.", dest="size_mm", panel=SIZE),
-    option("--height", MM, "Height of the highest point: another base.", dest="height_mm", panel=SIZE),
-    option("--mm-per-unit", coordinates("X,Y,Z"), "Mapping of the formula to mm.", panel=SIZE),
+    option("--size", coordinates("X,Y"), "Sides in mm. Changes the number of periods.", SIZE, dest="size_mm"),
+    option("--height", MM, "Height of the highest point in mm. Changes the base.", SIZE, dest="height_mm"),
+    option("--mm-per-unit", coordinates("X,Y,Z"), "Millimetres for each unit of the formula.", SIZE),
     option(
-        "--tolerance", Value("MM", _tolerance_of), "Distance of meshes from the formula. Default: 0.01.", panel=MESH
+        "--tolerance",
+        Value("MM", _tolerance_of),
+        "Largest distance of a mesh from the formula. Default: 0.01.",
+        ACCURACY,
     ),
     option(
         "--grid",
         Value("[NXxNY]", _grid_of),
-        "Join samples instead, the preset's if no size follows.",
+        "Build the mesh from a grid of samples. Without a value: from the grid of the preset.",
+        ACCURACY,
         alone="default",
-        panel=MESH,
     ),
-    option("--fit", text("press|slip|loose|MM"), "Clearance of pockets, per side.", panel=FIXTURES),
-    option("--rim", MM, "Holder's rim below the block's top.", dest="rim_mm", panel=FIXTURES),
-    option("--slots", COUNT, "Pockets of the holder.", panel=FIXTURES),
-    option("--nozzle", MM, "Nozzle that fixtures are for. Default: 0.4.", dest="nozzle_mm", panel=FIXTURES),
-    option("--jig", choice("default", "all"), "all: 25 holes, for a resin printer.", panel=FIXTURES),
+    option(
+        "--fit",
+        text("FIT", "press", "slip", "loose"),
+        "Clearance of the pockets on each side: press, slip, loose, or a number in mm.",
+        FIXTURES,
+    ),
+    option("--rim", MM, "Height of the block's top above the holder's rim.", FIXTURES, dest="rim_mm"),
+    option("--slots", COUNT, "Number of pockets of the holder.", FIXTURES),
+    option("--nozzle", MM, "Nozzle that will print the fixtures. Default: 0.4.", FIXTURES, dest="nozzle_mm"),
+    option("--jig", choice("default", "all"), "Holes of the jig. all makes all 25, for a resin printer.", FIXTURES),
 )
 
 
 def out(metavar: str, help: str, **attributes: Any) -> Decorator:
     """Where the result goes."""
-    return option("--out", file(metavar), help, short="-o", panel=OUTPUT, **attributes)
+    return option("--out", file(metavar), help, OUTPUT, short="-o", **attributes)
 
 
 def request_fields(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -360,6 +429,6 @@ def request_fields(values: Mapping[str, Any]) -> dict[str, Any]:
     tolerance, grid = given.pop("tolerance", None), given.pop("grid", None)
     if tolerance is not None and grid is not None:
         shown = grid if grid == "grid" else f"{grid.nx}x{grid.ny}"
-        raise InputError("grid", shown, "a mesh follows either --grid or --tolerance, not both")
+        raise InputError("grid", shown, "cannot be combined with --tolerance; leave out one of them")
     sampling: Literal["grid"] | Any = tolerance or grid
     return given if sampling is None else {**given, "sampling": sampling}

@@ -6,8 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note, print_json, print_table, write_picture
+from tacbench_cad.cli import completing, options
+from tacbench_cad.cli.common import note, print_json, print_next, print_table, write_picture
 
 if TYPE_CHECKING:
     from tacbench_cad.slicing.plates import Plate
@@ -16,17 +16,26 @@ if TYPE_CHECKING:
 
 @options.command("plate")
 @options.option(
-    "--printer", options.text("NAME"), "ender-3, ender-3-v3-se, bambu-p1p, form-3 or your own.", required=True
+    "--printer",
+    options.text("NAME", complete=completing.of_printers),
+    "ender-3, ender-3-v3-se, bambu-p1p, form-3 or a printer from your own file.",
+    options.PRINTER,
+    required=True,
+)
+@options.option(
+    "--filament",
+    options.text("NAME", complete=completing.of_filaments),
+    "Filament or resin. Default: the printer's first one.",
+    options.PRINTER,
 )
 @options.textures
-@options.option("--copies", options.COUNT, "Copies of each.", default="1")
+@options.option("--copies", options.COUNT, "Copies of each block.", options.PARTS, default="1")
 @options.preset
-@options.scale
 @options.key
-@options.option("--filament", options.text("NAME"), "What it is printed of. Default: the printer's first.")
-@options.option("--spacing", options.MM, "What stays free between two blocks.", default="5")
-@options.option("--printers", options.file("FILE.toml"), "Printers of your own, beside the known ones.")
-@options.out("DIR", "Where the files go.", default="plates")
+@options.scale
+@options.option("--spacing", options.MM, "Space between two blocks.", options.PRINTER, default="5")
+@options.option("--printers", options.file("FILE.toml"), "File with printers of your own.", options.PRINTER)
+@options.out("DIR", "Folder of the files.", default="plates")
 @options.json
 def command(
     printer: str,
@@ -41,23 +50,29 @@ def command(
     out: Path,
     json: bool,
 ) -> None:
-    """Arrange blocks, with their labels engraved, on a printer's bed, on as many plates as it takes.
+    """Arrange copies of blocks on the bed of a printer.
 
-    Each plate becomes a 3MF with every block in its place, a layout as CSV and as PNG, and a print record to fill in.
-    Copies of a texture are spread over the bed, so that where a block lay is not confounded with its texture. In the
-    file of acquire, the table study takes the layouts in place of textures and prints: layouts = ["plate01.csv"].
+    The blocks fill as many plates as they need, and each block has its label engraved. For each plate, the command
+    writes:
+    - a 3MF file with every block in its place
+    - the layout as CSV and as PNG
+    - a print record that you fill in when you print
 
-    Plates of the same printer and filament are written again; a print record that is there already stays. A folder with
-    more of them than these is refused: nobody should print what an earlier request left there.
+    The copies of a texture are spread over the bed, so that an effect of the place is not mistaken for an effect of the
+    texture. The study file of "tacbench acquire" can refer to the layouts: layouts = ["plate01.csv"] replaces its keys
+    textures and prints.
 
-    Printers of your own stand in a file with a table printer.NAME for each: bed_mm (two sides), height_mm, filaments,
-    and where they are needed margin_mm and keep_out_mm.
+    If you run the command again, it replaces the plates but keeps the print records that exist. If the folder contains
+    more plates than the new request has, the command refuses: otherwise you could print an old plate by mistake.
+
+    A file with printers of your own has a table printer.NAME for each printer, with bed_mm (two sides), height_mm and
+    filaments, and optionally margin_mm and keep_out_mm.
 
     Examples:
       tacbench plate --printer bambu-p1p --copies 6
       tacbench plate --printer form-3 --copies 6 --key --out resin
-      tacbench plate --printer ender-3 --texture 2,4 --copies 3 --filament petg --spacing 10
-      tacbench plate --printer lab-delta --printers ours.toml --texture hex.toml --copies 9
+      tacbench plate --printer ender-3 --texture 2,4 --copies 3 --filament petg
+      tacbench plate --printer my-printer --printers my.toml --texture hex.toml
     """
     from tacbench_cad.lab.study.names import own_name
     from tacbench_cad.making.choice import textures_of
@@ -77,7 +92,7 @@ def command(
     ]
     plates = arrange_plates(blocks, copies, machine, spacing)
     if not all(placed.block.label for plate in plates for placed in plate.blocks):
-        note("warning: some blocks are too small for an engraved label; mark them by hand when they come off the bed")
+        note("warning: some blocks are too small for an engraved label; mark them by hand after printing")
     files = [Path(word) for word in textures if word.lower().endswith(".toml")]
     written = write_plates(plates, material, out, files)
     pictures = [
@@ -93,6 +108,7 @@ def command(
     else:
         heads = (">plate", ">blocks", ">copies off the middle (mm)", "labels")
         print_table(f"{machine.name}, {material}", heads, map(_cells, plates))
+        print_next("acquire", "--init", "study.toml")
 
 
 def _row(plate: Plate, files: PlateFiles, drawn: bool) -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""Progress of long work on the standard error: a bar on a terminal, else a line now and then, as a log takes it."""
+"""Progress of long work on the standard error: a bar on a terminal, otherwise a line every few seconds."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from tacbench_cad.cli.common import note
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-#: Where the standard error is no terminal, a line is written so often, in seconds.
+#: Seconds between two lines if the standard error is not a terminal.
 PLAIN_EVERY_S = 10.0
 
 
 class ProgressLine:
-    """A line that is wiped out when the work ends. Use it in a ``with`` statement.
+    """A progress bar that disappears when the work ends. Use it in a ``with`` statement.
 
     Args:
-        every_s: Seconds between two lines where there is no terminal.
+        every_s: Seconds between two lines if there is no terminal.
     """
 
     def __init__(self, every_s: float = PLAIN_EVERY_S) -> None:
@@ -46,7 +46,7 @@ class ProgressLine:
             self._bar.stop()
 
     def show(self, what: str, done: int = 0, total: int = 0) -> None:
-        """So much of it is done; a total of 0 if nobody knows how much there is."""
+        """Show the progress: ``done`` of ``total``. A total of 0 means that the total is unknown."""
         now = time.monotonic()
         if self._first is None or done < self._first[1]:
             self._first = (now, done)
@@ -58,7 +58,7 @@ class ProgressLine:
             note(f"[{done:,}/{total:,}] {what}{left}" if total else what)
 
     def _left(self, now: float, done: int, total: int) -> str:
-        """The time that is left at the pace so far, once there is a pace."""
+        """The remaining time at the speed so far; empty until the speed is known."""
         began, before = self._first or (now, done)
         if done <= before or now - began < PLAIN_EVERY_S:
             return ""

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import rich_click as click
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note, print_json
+from tacbench_cad.cli import completing, options
+from tacbench_cad.cli.common import next_paths, note, print_json, print_next
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.text import counted
@@ -21,17 +21,32 @@ if TYPE_CHECKING:
 
 
 @options.command("publish")
-@options.argument("runs", options.file("RUNS"), "Run folders, or folders that hold some.", many=True, required=False)
-@options.option("--about", options.file("FILE.toml"), "What only you know: authors, title, licence. See --init.")
-@options.option("--init", options.file("FILE.toml"), "Write the empty form of that file, and stop.")
-@options.option("--parts", options.file("DIR"), "Take the blocks' files from here. Default: they are made.")
-@options.option("--report", options.file("FILE.html"), "Take this report. Default: it is made.")
-@options.flag("--no-parts", "Leave the blocks' files out.")
-@options.flag("--no-report", "Leave the report out.")
-@options.flag("--no-classify", "Leave classification out of the report; it takes most of the time.")
-@options.jobs
-@options.out("DIR|FILE.zip", "The data set: a new folder, or a ZIP file, which is one file to upload.")
+@options.argument(
+    "runs",
+    options.file("RUNS", completing.of_run_folders),
+    "Run folders, or folders that contain run folders.",
+    many=True,
+    required=False,
+)
+@options.option("--about", options.file("FILE.toml"), "Authors, title and licence. See --init.", options.INPUT)
+@options.option(
+    "--report", options.file("FILE.html"), "Use this report. Default: a new report is printed.", options.CONTENT
+)
+@options.option(
+    "--parts",
+    options.file("DIR"),
+    "Use the files of the blocks in this folder. Default: they are printed.",
+    options.CONTENT,
+)
+@options.flag("--no-report", "Leave out the report.", options.CONTENT)
+@options.flag("--no-parts", "Leave out the files of the blocks.", options.CONTENT)
+@options.flag(
+    "--no-classify", "Leave out classification from a new report. It takes most of the time.", options.CONTENT
+)
+@options.out("DIR", "The data set: a new folder, or a ZIP file.")
+@options.option("--init", options.file("FILE.toml"), "Write an empty form for --about, and stop.", options.OUTPUT)
 @options.json
+@options.jobs
 def command(
     runs: tuple[Path, ...],
     about: Path | None,
@@ -45,11 +60,19 @@ def command(
     out: Path | None,
     json: bool,
 ) -> None:
-    """Write runs as a data set that is ready for Zenodo or another repository. Nothing is uploaded.
+    """Write a data set that is ready to upload.
 
-    The folder is an RO-Crate: the runs, each frame compared with its checksum; the blocks' files where a run knows its
-    block; the report; metadata for DataCite and Zenodo; the licence; SHA256SUMS. Authors, title, licence and
-    affiliation come from a file that you fill in; what is empty there is refused, never invented.
+    You can upload the data set to Zenodo or another repository. The command itself uploads nothing. The data set is an
+    RO-Crate with:
+    - the runs, with each frame compared with its checksum
+    - the files of the blocks, if the runs say which blocks were pressed
+    - the report
+    - metadata for DataCite and Zenodo
+    - the licence
+    - the checksums of all files (SHA256SUMS)
+
+    You write the authors, the title, the licence and the affiliations into a form. If a required field is empty, the
+    command refuses and names the field.
 
     Examples:
       tacbench publish --init about.toml
@@ -61,12 +84,14 @@ def command(
 
     if init is not None:
         write_form(init)
-        click.echo(f"{init}: fill in what is empty, then give it to --about")
+        note(f"wrote {init}; fill in the empty fields")
+        given = ["--report", report] if report is not None else []
+        print_next("publish", *(next_paths(runs) or ["RUNS"]), "--about", init, *given, "-o", "data-set", err=True)
         return
     if not runs:
-        raise InputError("runs", None, "is missing: name run folders, or folders that hold some")
+        raise InputError("runs", None, "is missing: name run folders, or folders that contain run folders")
     if about is None:
-        raise InputError("about", None, "is missing: write its form with tacbench publish --init FILE.toml")
+        raise InputError("about", None, "is missing: write the form with tacbench publish --init FILE.toml")
     if out is None:
         raise InputError("out", None, "is missing: name a new folder or a ZIP file")
     publication = read_publication(about)
@@ -86,6 +111,7 @@ def command(
         print_json({"out": str(out), "files": [path.as_posix() for path in files]})
     else:
         click.echo(f"{counted(len(files), 'file')} in {out}; nothing was uploaded")
+        print_next("cite")
 
 
 def _make_report(runs: tuple[Path, ...], classify: bool, jobs: int, progress: ProgressLine, path: Path) -> None:
@@ -96,7 +122,7 @@ def _make_report(runs: tuple[Path, ...], classify: bool, jobs: int, progress: Pr
 
 def _copy_report(report: Path, path: Path) -> None:
     if not report.is_file():
-        raise InputError("report", str(report), "there is no such file")
+        raise InputError("report", str(report), "this file does not exist")
     shutil.copyfile(report, path)
     beside = report.with_name(f"{report.stem}_files")
     if beside.is_dir():
@@ -106,15 +132,15 @@ def _copy_report(report: Path, path: Path) -> None:
 def _make_parts(progress: ProgressLine, blocks: Sequence[Block], folder: Path) -> None:
     from tacbench_cad.making.printset import Request, build
 
-    made = build(Request(parts=tuple(blocks), out=folder), progress.show)
-    for left in made.left_out:
+    printed = build(Request(parts=tuple(blocks), out=folder), progress.show)
+    for left in printed.left_out:
         note(f"left out: {left.what}: {left.reason}")
-    if not made.ok:
-        failure = made.failures[0]
+    if not printed.ok:
+        failure = printed.failures[0]
         raise CheckFailedError(f"{failure.file}: {'; '.join(failure.faults)}")
 
 
 def _copy_parts(parts: Path, blocks: Sequence[Block], folder: Path) -> None:
     if not parts.is_dir():
-        raise InputError("parts", str(parts), "there is no such folder")
+        raise InputError("parts", str(parts), "this folder does not exist")
     shutil.copytree(parts, folder, dirs_exist_ok=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 import rich_click as click
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import print_json
+from tacbench_cad.cli.common import next_paths, print_json, print_next
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.door import read_document
 from tacbench_cad.util.errors import InputError
@@ -16,18 +16,21 @@ from tacbench_cad.util.text import counted
 
 @options.command("report")
 @options.runs
-@options.option("--variance", options.file("DIR"), "What tacbench variance wrote. Default: computed.")
+@options.option(
+    "--variance", options.file("DIR"), "Output folder of tacbench variance. Default: computed.", options.CONTENT
+)
 @options.option(
     "--classify",
     options.file("DIR"),
-    "What tacbench classify wrote; may be given twice. Default: computed, leak-free.",
+    "Output folder of tacbench classify. Can be repeated. Default: computed with the protocol leak-free.",
+    options.CONTENT,
     multiple=True,
 )
-@options.flag("--no-classify", "Leave classification out; it takes most of the time.")
-@options.jobs
-@options.dask
+@options.flag("--no-classify", "Leave out classification, which takes most of the time.", options.CONTENT)
 @options.out("FILE.html", "The page.", default="report.html")
 @options.json
+@options.jobs
+@options.dask
 def command(
     runs: tuple[Path, ...],
     variance: Path | None,
@@ -38,26 +41,29 @@ def command(
     out: Path,
     json: bool,
 ) -> None:
-    """One self-contained page on a study, fit to be sent, printed and quoted.
+    """Write a report of a study as one web page.
 
-    Its first screen has five sentences (what was pressed, how good the data are, how well it printed, what can be told
-    apart on prints that training has not seen, what to do next) and a figure. Then come a frame of each texture and the
-    table to quote. Everything else is folded on a screen and open on paper: the design, data quality, variance, the
-    classification at each hold-out level, a methods paragraph with every parameter, citations and the print records.
+    The first screen has five sentences and a figure. They say what was pressed, how good the data are, how well the
+    blocks were printed, which textures can be distinguished on prints that were not in training, and what you can do
+    next. Below are a frame of each texture and a table that you can quote.
 
-    report.html needs nothing else. report_files/ beside it has each figure as PNG and PDF, each table as CSV, and all
-    that the page shows as report.json, which --json prints. Finished trials of a classification are kept there too:
-    after an interruption the same command goes on. Simulated data are marked at the top and in each file.
+    Further sections open when you click on them, and are open in print: design, data quality, variance, classification
+    at each hold-out level, a methods paragraph with every parameter, citations, and the print records. Simulated data
+    are marked.
+
+    The page needs no other file. The folder next to it (report_files) has each figure as PNG and PDF, each table as
+    CSV, and all numbers as report.json. Finished trials of a classification are stored there too, so the same command
+    resumes after an interruption.
 
     Examples:
       tacbench report runs -o report.html
       tacbench report runs -o report.html --no-classify
-      tacbench report runs --variance results --classify classification --classify paper-classification
+      tacbench report runs --variance results --classify classification
     """
     from tacbench_cad.lab.analysis.report.page import Options, write_report
 
     if no_classify and classify:
-        raise InputError("no-classify", str(classify[0]), "leaves out what --classify gives; give one of the two")
+        raise InputError("no-classify", str(classify[0]), "cannot be combined with --classify; leave out one of them")
     how = Options(variance=variance, classifications=classify, classify=not no_classify, jobs=jobs, dask=dask)
     with ProgressLine() as progress:
         files = write_report(runs, out, how, progress.show)
@@ -67,3 +73,4 @@ def command(
         return
     size = files[0].stat().st_size / 1e6
     click.echo(f"{files[0]} ({size:.1f} MB), {counted(len(files) - 1, 'file')} in {files[0].stem}_files")
+    print_next("publish", *next_paths(runs), "--report", out, "--init", "about.toml")

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import rich_click as click
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import ask_line, note, print_json, print_lines, print_table
+from tacbench_cad.cli import completing, options
+from tacbench_cad.cli.common import ask_line, note, print_json, print_lines, print_next, print_table
 from tacbench_cad.util.errors import InputError, located
 from tacbench_cad.util.text import counted
 
@@ -19,30 +19,34 @@ if TYPE_CHECKING:
 
 @options.group("rig")
 def command() -> None:
-    """Look at a rig, teach it where the block lies, calibrate its load cell.
+    """Find devices, align the block, calibrate the load cell.
 
-    Only align moves the stage, and only as far as you type.
+    Only align moves the stage, and only by the steps that you type.
 
     Examples:
-      tacbench rig probe                       ports and cameras by the names to write into a file
-      tacbench rig align study.toml            teach the origin with the printed jig
-      tacbench rig calibrate-force --port P --masses 0,50,100,200 -o gauge.json
+      tacbench rig probe             # names of ports and cameras
+      tacbench rig align study.toml  # find the block's origin with the jig
+      tacbench rig calibrate-force --masses 0,50,100,200 -o gauge.json
     """
 
 
 @options.command("probe", command)
 @options.option(
     "--ask",
-    options.text("PORT"),
-    "Ask what is at this port; may be given more than once. Restarts boards.",
+    options.text("PORT", complete=completing.of_files),
+    "Ask which device is at this port. Can be repeated. Opening the port restarts many boards.",
+    options.INPUT,
     multiple=True,
 )
 @options.json
 def probe(ask: tuple[str, ...], json: bool) -> None:
-    """List serial ports and cameras by names that stay the same.
+    """List serial ports and cameras.
 
-    Nothing is sent to a port that is not named by --ask: opening a port restarts many boards, and a stage then forgets
-    where it is. Nothing that moves is ever sent. Cameras are opened for a moment for their size.
+    The list has the names that stay the same when you plug a device in again. Write these names into the study file.
+
+    A port is only opened if you name it with --ask. Many boards restart when their port is opened, and the stage then
+    loses its position. The command never sends anything that moves the stage. It opens each camera for a moment to read
+    its image size.
 
     Examples:
       tacbench rig probe
@@ -56,7 +60,7 @@ def probe(ask: tuple[str, ...], json: bool) -> None:
     ports = candidates()
     answers = {}
     for port in ask:
-        note(f"asking {port}; a silent one takes half a minute")
+        note(f"asking {port}; if no device answers, this takes half a minute")
         answers[port] = identify(port)
     cameras = plugged_cameras()
     if json:
@@ -65,7 +69,7 @@ def probe(ask: tuple[str, ...], json: bool) -> None:
         return
     if ports:
         rows = [(port.name, port.device, port.description) for port in ports]
-        print_table("Serial ports", ("name", "now", "device"), rows)
+        print_table("Serial ports", ("name", "device now", "description"), rows)
     else:
         print_lines("No serial device is plugged in.")
     if cameras:
@@ -75,16 +79,26 @@ def probe(ask: tuple[str, ...], json: bool) -> None:
     else:
         print_lines("No camera with a stable name is plugged in.")
     print_lines(*(f"{port}: {answer}" for port, answer in answers.items()))
+    print_next("acquire", "--init", "study.toml")
 
 
 @options.command("align", command)
-@options.argument("file", options.file("FILE.toml"), "The study, with its rig.")
-@options.option("--tolerance-mm", options.MM, "How far a marker may lie from the fitted frame. Default: 0.3.")
-def align(file: Path, tolerance_mm: float | None) -> None:
-    """Teach the stage where the block lies, with the printed jig; the file's origin and quarter turns are replaced.
+@options.argument("study_file", options.file("FILE.toml"), "Study file with its rig.")
+@options.option(
+    "--tolerance-mm",
+    options.MM,
+    "Largest distance of a marker from its place in the fit. Default: 0.3.",
+    options.ACCURACY,
+)
+def align(study_file: Path, tolerance_mm: float | None) -> None:
+    """Find the origin of the block with the printed jig.
 
-    You drive a pointer to four markers of the jig by typed steps (x 1.5, y -0.2, z -1), then the sensor down to the
-    block's highest point. The fit is shown, and refused if a marker is off. All else in the file stays as it is.
+    You move a pointer to four markers of the jig by typing steps (x 1.5, y -0.2, z -1). Then you move the sensor down
+    to the highest point of the block. The command fits the position and the rotation of the block, and prints the fit.
+    If a marker is too far from its place, the fit is refused.
+
+    The command writes the origin and the number of quarter turns into the study file. It changes nothing else in the
+    file.
 
     Examples:
       tacbench rig align study.toml
@@ -102,12 +116,12 @@ def align(file: Path, tolerance_mm: float | None) -> None:
 
     if tolerance_mm is not None and not 0.0 < tolerance_mm <= 5.0:
         raise InputError("tolerance mm", tolerance_mm, "must be above 0 and at most 5 mm")
-    study = read_study(file, teaching=True)
+    study = read_study(study_file, teaching=True)
     # The sensor is not needed: its camera or port stays free, and may not even be plugged in yet.
     settings = replace(study.required_rig, sensor=SensorSettings(driver="simulated"))
     stage, protocol = settings.stage, study.study.protocol
     printed = block_order(study.study)[0].printed
-    with located(f"{file}: ", fields="["), open_rig(settings, printed, stage.frame) as opened:
+    with located(f"{study_file}: ", fields="["), open_rig(settings, printed, stage.frame) as opened:
         gauge = opened.gauge
         if gauge is not None:
             gauge.tare()
@@ -120,25 +134,27 @@ def align(file: Path, tolerance_mm: float | None) -> None:
             approach_mm_s=stage.approach_mm_s,
             force_n=None if gauge is None else lambda: gauge.read(protocol.force_window_s).mean_n,
         )
-        taught = teaching.frame(protocol, printed.block, TOLERANCE_MM if tolerance_mm is None else tolerance_mm)
-    origin, turns = taught.frame.origin_mm, taught.frame.quarter_turns
+        fit = teaching.frame(protocol, printed.block, TOLERANCE_MM if tolerance_mm is None else tolerance_mm)
+    origin, turns = fit.frame.origin_mm, fit.frame.quarter_turns
     aligned = replace(stage, origin_mm=origin, quarter_turns=turns)
     try:
         require_reach(protocol, settings.holder, aligned.frames, stage.limits_mm)
     except InputError as error:
         raise OutOfRangeError(f"{error}; nothing is stored") from None
-    store_frame(file, taught.frame)
-    x, y, z = taught.frame.origin_mm
+    store_frame(study_file, fit.frame)
+    x, y, z = fit.frame.origin_mm
     click.echo(
-        f"stored in {file}: origin {x:z.4f}, {y:z.4f}, {z:z.4f} mm, {taught.frame.quarter_turns} quarter turns; worst "
-        f"marker {taught.worst_mm:.3f} mm off, {taught.turn_deg:+z.2f} degrees left over, stretch {taught.stretch:.4f}"
+        f"stored in {study_file}: origin {x:z.4f}, {y:z.4f}, {z:z.4f} mm, {fit.frame.quarter_turns} quarter turns\n"
+        f"largest error of a marker {fit.worst_mm:.3f} mm, remaining rotation {fit.turn_deg:+z.2f} degrees, "
+        f"stretch {fit.stretch:.4f}"
     )
+    print_next("acquire", study_file)
 
 
 def _column_of(option: str, text: str) -> tuple[int, int]:
     parts = text.split("/")
     if len(parts) != 2:
-        raise InputError(option, text, "must be I/N, as in 2/3 for the second of three numbers on a line")
+        raise InputError(option, text, "must be I/N; for example 2/3 is the second of three numbers in a line")
     number, count = (options.whole_of(option, part) for part in parts)
     if not 1 <= number <= count <= 1000:
         raise InputError(option, text, "must be I/N with I from 1 to N")
@@ -149,25 +165,39 @@ def _column_of(option: str, text: str) -> tuple[int, int]:
 @options.option(
     "--masses",
     options.Value("G,G,...", options.numbers_of),
-    "Known masses in grams, 0 for none; three or more.",
+    "Known masses in grams, at least three. 0 means no mass.",
+    options.INPUT,
     required=True,
 )
-@options.option("--port", options.text("P"), "The load cell's port. Default: the only one there is.")
-@options.option("--baud", options.COUNT, "Symbols per second. Default: 115200.")
-@options.option("--column", options.Value("I/N", _column_of), "Which of the N numbers on a line.", default="1/1")
-@options.flag("--falling", "The counts are meant to fall under load.")
-@options.out("FILE.json", "Where the calibration goes.", required=True)
+@options.option(
+    "--port",
+    options.text("PORT", complete=completing.of_files),
+    "Port of the load cell. Default: the only port that is plugged in.",
+    options.INPUT,
+)
+@options.option("--baud", options.COUNT, "Baud rate. Default: 115200.", options.ADVANCED)
+@options.option(
+    "--column",
+    options.Value("I/N", _column_of),
+    "Use the I-th of the N numbers in a line.",
+    options.ADVANCED,
+    default="1/1",
+)
+@options.flag("--falling", "The counts of this load cell fall under load.", options.ADVANCED)
+@options.out("FILE.json", "File of the calibration.", required=True)
 def calibrate_force(
     masses: tuple[float, ...], port: str | None, baud: int | None, column: tuple[int, int], falling: bool, out: Path
 ) -> None:
-    """Find what a load cell's raw counts mean, with known masses.
+    """Convert the counts of a load cell into newtons.
 
-    The file is named at calibration in the study's table gauge.
+    For each mass, you put the mass on the load cell, wait until it rests, and press Enter. The command fits a straight
+    line and prints the residuals.
 
-    For each mass you put it on, let it come to rest, and press Enter. A straight line is fitted and its residual shown.
+    To use the calibration, write the name of its file into the study file: the key calibration in the table gauge.
 
     Examples:
-      tacbench rig calibrate-force --port /dev/ttyUSB1 --masses 0,50,100,200 -o gauge.json
+      tacbench rig calibrate-force --masses 0,50,100,200 -o gauge.json
+      tacbench rig calibrate-force --port /dev/ttyUSB1 --masses 0,50,100 -o g.json
     """
     from datetime import UTC, datetime
 
@@ -178,11 +208,11 @@ def calibrate_force(
 
     if len(set(masses)) < MIN_MASSES or not all(0.0 <= mass <= 10_000.0 for mass in masses):
         shown = ",".join(f"{mass:g}" for mass in masses)
-        raise InputError("masses", shown, f"at least {MIN_MASSES} different ones from 0 to 10000 g are needed")
+        raise InputError("masses", shown, f"name at least {MIN_MASSES} different masses from 0 to 10000 g")
     if out.exists():
-        raise InputError("out", str(out), "is there already; name another file, or remove it")
+        raise InputError("out", str(out), "exists already; name another file, or remove it")
     if not out.resolve().parent.is_dir():
-        raise InputError("out", str(out), "its folder does not exist")
+        raise InputError("out", str(out), "the folder does not exist; make it first")
     where = resolve(port, "gauge")
     how = LoadCellOptions(columns=column[1], column=column[0])
     with open_load_cell(where, baud, clock=Clock(), options=how) as cell:
@@ -193,6 +223,7 @@ def calibrate_force(
     _print(calibration, out)
     if garbled:
         note(f"note: {garbled} garbled lines were skipped")
+    print_next("rig", "align", "FILE.toml")
 
 
 def _weighed(cell: LoadCell, mass_g: float) -> CalibrationPoint:
@@ -200,9 +231,11 @@ def _weighed(cell: LoadCell, mass_g: float) -> CalibrationPoint:
     from tacbench_cad.lab.rig.calibration import CalibrationPoint
     from tacbench_cad.lab.rig.loadcell import STILL_S
 
-    ask_line(f"{f'put {mass_g:g} g on' if mass_g else 'take everything off'}, wait for it to rest, press Enter: ")
+    ask_line(f"{f'put {mass_g:g} g on' if mass_g else 'take everything off'}, wait until it rests, press Enter: ")
     raw = cell.mean(STILL_S)
-    click.echo(f"{mass_g:g} g: {raw.mean:z.1f} counts, spread {raw.spread:.1f}, {counted(raw.samples, 'sample')}")
+    click.echo(
+        f"{mass_g:g} g: {raw.mean:z.1f} counts, standard deviation {raw.spread:.1f}, {counted(raw.samples, 'sample')}"
+    )
     return CalibrationPoint(mass_g=mass_g, counts=raw.mean, spread_counts=raw.spread, samples=raw.samples)
 
 
@@ -212,7 +245,7 @@ def _print(calibration: Calibration, path: Path) -> None:
     forces = [(point, calibration.newtons(point.counts)) for point in calibration.points]
     print_table(
         str(path),
-        (">mass (g)", ">counts", ">force (N)", ">off the line (N)"),
+        (">mass (g)", ">counts", ">force (N)", ">residual (N)"),
         [
             (f"{point.mass_g:g}", f"{point.counts:z.1f}", f"{force:z.4f}", f"{force - weight_n(point.mass_g):+z.4f}")
             for point, force in forces
@@ -220,7 +253,7 @@ def _print(calibration: Calibration, path: Path) -> None:
     )
     print_lines(
         f"{1.0 / calibration.newtons_per_count:.6g} counts per newton; residual {calibration.residual_n:.3g} N (rms), "
-        f"worst {calibration.worst_n:.3g} N, noise of a sample {calibration.noise_n:.3g} N"
+        f"largest residual {calibration.worst_n:.3g} N, noise of a sample {calibration.noise_n:.3g} N"
     )
     for warning in calibration.warnings:
         note(f"warning: {warning}")

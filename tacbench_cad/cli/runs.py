@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import print_json, print_lines, print_table
+from tacbench_cad.cli.common import next_paths, print_json, print_lines, print_next, print_table
 from tacbench_cad.util.files import refusing
 from tacbench_cad.util.text import counted
 
@@ -16,20 +16,23 @@ if TYPE_CHECKING:
 
 @options.group("runs")
 def command() -> None:
-    """Find the sensor's region of interest and its markers in recorded frames."""
+    """Find the region of interest and the markers in frames."""
 
 
 @options.command("roi", command)
 @options.runs
 @options.roi
-@options.out("DIR", "Folder for a picture of the region in a frame of each run.")
+@options.out("DIR", "Folder for pictures of the region, one for each run.")
 @options.json
 def roi(runs: tuple[Path, ...], roi: str | None, out: Path | None, json: bool) -> None:
-    """Find, show and keep the region of interest: the part of each frame that shows the sensor.
+    """Find the region of interest and store it with the runs.
 
-    With --roi, the region is kept in each run folder (roi.json), and variance, classify and the check of the runs use
-    it from then on; --roi none removes it. auto looks for a dome or a gel in the frames without contact, and keeps what
-    it is sure of. Without --roi, what auto would find is shown and nothing is kept.
+    The region of interest is the part of each frame that shows the sensor. With --roi, it is stored in each run folder
+    (roi.json). After that, variance, classify, report and check-runs use only the pixels inside the region. --roi none
+    removes the stored region.
+
+    --roi auto finds a dome or a gel in frames without contact. It stores the region only if the result is certain.
+    Without --roi, the command shows the result of auto and stores nothing.
 
     Examples:
       tacbench runs roi runs/ -o pictures
@@ -56,19 +59,23 @@ def roi(runs: tuple[Path, ...], roi: str | None, out: Path | None, json: bool) -
         known = None if region is None else {"roi": region.text, "sureness": region.sureness, "outside": region.outside}
         print_json({"region": known, "kept": kept, "files": [str(path) for path in files]})
     elif region is None:
-        print_lines(f"no region is kept with {counted(len(opened), 'run')}")
+        print_lines(f"no region is stored with {counted(len(opened), 'run')}")
     else:
-        sure = f"{100 * region.sureness:.0f} % sure, {100 * region.outside:.0f} % of the pixels lie outside"
-        end = f"kept with {counted(kept, 'run')}" if kept else f"nothing is kept; --roi {region.text} keeps it"
+        sure = f"{100 * region.sureness:.0f} % certain, {100 * region.outside:.0f} % of the pixels are outside"
+        end = f"stored with {counted(kept, 'run')}" if kept else "not stored"
         pictures = [f"{counted(len(files), 'picture')} in {out}"] if files else []
         print_lines(f"{region.text}: {sure}; {end}", *pictures)
+        if kept:
+            print_next("variance", *next_paths(runs))
+        else:
+            print_next("runs", "roi", *next_paths(runs), "--roi", region.text)
 
 
 @options.command("markers", command)
 @options.runs
 @options.roi
 @options.marker_settings
-@options.out("DIR", "Folder for pictures of the markers that were found.", required=True)
+@options.out("DIR", "Folder for the pictures.", required=True)
 @options.json
 def markers(
     runs: tuple[Path, ...],
@@ -78,15 +85,20 @@ def markers(
     out: Path,
     json: bool,
 ) -> None:
-    """Find the markers of the sensor, and draw them over frames: what --features markers would use.
+    """Find the markers of the sensor and draw them over frames.
 
-    For each run a picture of the press with the largest force. Green are the markers that were followed, red those that
-    were not found (where their neighbours predict them), blue what is no marker of the sensor; yellow is the way from
-    the place without contact. Nothing has to be tuned; --marker-sigma and --marker-threshold replace what is estimated.
+    The command shows the markers that --features markers uses. For each run it draws the press with the largest force:
+    - green: markers that were followed
+    - red: markers that were not found, where their neighbours predict them
+    - blue: spots that are not markers of the sensor
+    - yellow: lines from the place without contact to the place in this frame
+
+    The width and the contrast of the markers are estimated from the frames. You can replace the estimates with
+    --marker-sigma and --marker-threshold.
 
     Examples:
       tacbench runs markers runs/ -o pictures
-      tacbench runs markers runs/ -o pictures --marker-sigma 3.5 --marker-threshold 20
+      tacbench runs markers runs/ -o pictures --marker-sigma 3.5
     """
     from tacbench_cad.lab.runs.reading import Run, find_runs
     from tacbench_cad.lab.vision.displacements import MarkerFeatures
@@ -103,9 +115,9 @@ def markers(
         if row is None:
             continue
         frame = run.frame(row)
-        reference, found = features.references_px[run.info.printed.name], features.finder.find(frame)
+        reference, spots = features.references_px[run.info.printed.name], features.finder.find(frame)
         track = features.track(run, frame)
-        path = _picture(out / f"{run.folder.name}_markers.png", markers_drawn(frame, reference, found, track))
+        path = _picture(out / f"{run.folder.name}_markers.png", markers_drawn(frame, reference, spots, track))
         largest = float((track.displacement_px**2).sum(axis=1).max()) ** 0.5
         rows.append((run.folder.name, row.number, int(track.found.sum()), round(largest, 2), str(path)))
     finder = features.finder
@@ -118,6 +130,7 @@ def markers(
     sizes = f"--marker-sigma {finder.sigma_px:.3g} --marker-threshold {finder.threshold:.3g}"
     print_lines(f"{features.count} {kind} markers ({sizes})")
     print_table("a press of each run", ("run", ">press", ">found", ">largest displacement (px)", "picture"), rows)
+    print_next("variance", *next_paths(runs), "--features", "markers")
 
 
 def _picture(path: Path, image: Frame) -> Path:

@@ -9,16 +9,18 @@ from tacbench_cad.cli.common import note, print_json, print_lines, print_simulat
 
 
 @options.command("score")
-@options.argument("predictions", options.file("PREDICTIONS.csv"), "The predictions.")
-@options.argument("split", options.file("SPLIT"), "A file of tacbench split.")
+@options.argument("predictions", options.file("PREDICTIONS"), "Table of your predictions (CSV).")
+@options.argument("split", options.file("SPLIT"), "Split file that tacbench split wrote.")
 @options.json
 def command(predictions: Path, split: Path, json: bool) -> None:
-    """Score predictions, made by anything, against a split file.
+    """Score your own predictions for the test data.
 
-    PREDICTIONS.csv has a head and a row for each press that a fold tests, with the columns fold, run, force_level,
-    repeat, position (as in the split file) and predicted (a texture's name, as texture-4); other columns are
-    ignored. Every prediction that is missing, doubled or of something unknown is named, and the exit code is then 1.
-    Intervals have prints as their unit.
+    The table has a header and one row for each press that a fold tests. It has these columns: fold, run, force_level,
+    repeat and position with the values of the split file, and predicted with the name of a texture, for example
+    texture-4. Other columns are ignored.
+
+    A prediction that is missing, that appears twice, or that belongs to no test press is reported, and the exit code is
+    then 1. The intervals have prints as the unit.
 
     Examples:
       tacbench score predictions.csv splits/split_copy.json

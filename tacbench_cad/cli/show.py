@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note
+from tacbench_cad.cli.common import next_block, note, print_next
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import short_name
 
@@ -19,21 +19,27 @@ _DRAWN = {"block": "blocks", "holder": "holder", "jig": "jig", "coupon": "coupon
 
 
 @options.command("show")
-@options.argument("textures", options.words("1,4|FILE.toml|all"), "Textures, with commas between them.")
-@options.flag("--press", "Show the block's outline, the 25 press positions and the contact circles.")
+@options.argument(
+    "textures",
+    options.words("TEXTURES", *options.TEXTURES, suffix=".toml"),
+    "1 to 6, all, or TOML files; for example 1,4.",
+)
+@options.flag("--press", "Add the block's outline, the press positions and the contact circles.", options.PICTURE)
 @options.option(
     "--drawing",
-    options.choice(*_DRAWN),
-    "A dimension drawing on A4 instead, of the block if no part follows. The options of the part belong to it.",
-    metavar=f"[{'|'.join(_DRAWN)}]",
+    options.choice(*_DRAWN, metavar="[PART]"),
+    "Make an A4 drawing of the block, holder, jig or coupon. Without a value: of the block.",
+    options.PICTURE,
     alone="block",
 )
 @options.part
-@options.out("FILE", "A .png, .svg or .pdf. Default: the part's name in this folder.")
+@options.out("FILE", "A .png, .svg or .pdf file. Default: named after the part.")
 def command(textures: tuple[str, ...], press: bool, drawing: str | None, out: Path | None, **request: Any) -> None:
-    """Draw a texture: its surface, or the press protocol on it. Or draw a part with its dimensions.
+    """Draw a picture of a texture or a drawing of a part.
 
-    A drawing takes the options that make the part and shows the numbers of the file that tacbench make writes.
+    A picture shows the surface of the texture in colour. With --drawing, you get a drawing with dimensions. It accepts
+    the options that "tacbench make" accepts, and it shows the dimensions of the file that "tacbench make" writes with
+    them.
 
     Examples:
       tacbench show 4
@@ -50,14 +56,16 @@ def command(textures: tuple[str, ...], press: bool, drawing: str | None, out: Pa
     if drawing is None:
         preset, scale = fields.pop("preset"), fields.pop("scale")
         for name, value in fields.items():
-            raise InputError(name.removesuffix("_mm").replace("_", " "), value, "belongs to --drawing")
+            raise InputError(name.removesuffix("_mm").replace("_", " "), value, "is only for --drawing")
         _write_pictures(textures, preset, scale, press, out)
+        print_next("make", *next_block(textures, preset, scale), err=True)
         return
     from tacbench_cad.making.request import Request
 
     if press and drawing != "block":
-        raise InputError("press", None, "belongs to the drawing of a block")
+        raise InputError("press", None, "is only for the drawing of a block")
     _write_drawings(Request(textures=textures, parts=(_DRAWN[drawing],), formats=("stl",), **fields), press, out)
+    print_next("make", *next_block(textures, fields["preset"], fields["scale"], fields.get("key_mm")), err=True)
 
 
 def _write_pictures(textures: tuple[str, ...], preset: str, scale: float, press: bool, out: Path | None) -> None:
@@ -87,7 +95,7 @@ def _write_drawings(request: Request, press: bool, out: Path | None) -> None:
 
 def _require_single(out: Path | None, count: int) -> None:
     if out is not None and count > 1:
-        raise InputError("out", str(out), f"names one picture, and there are {count}; leave it out")
+        raise InputError("out", str(out), f"is the name of one picture, but there are {count}; leave out --out")
 
 
 def _drawing(thing: Any, press: bool) -> Drawing:

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note, print_json, print_lines, print_table
+from tacbench_cad.cli import completing, options
+from tacbench_cad.cli.common import note, print_json, print_lines, print_next, print_table
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
@@ -28,43 +28,54 @@ TIME_SPENT = {
     "print": "virtual prints",
     "write": "writing files",
 }
+#: The words of ``--look``; a test compares them with the simulated looks.
+LOOK_NAMES = ("clean", "tactip-bristol", "tactip-sussex")
 
 
 @options.command("simulate")
 @options.option(
-    "--study", options.text("paper|quick|FILE.toml"), "The study; a file as tacbench acquire takes it.", default="quick"
+    "--study",
+    options.text("STUDY", "quick", "paper", complete=completing.of_words_or_files("quick", "paper")),
+    "quick, paper, or a study file of tacbench acquire.",
+    options.INPUT,
+    default="quick",
 )
-@options.flag("--colour", "Images in colour; they take three times the room.")
 @options.option(
     "--look",
-    options.text("NAME"),
-    "What the frames look like: clean (bright pins on black), tactip-bristol (331 pins) or tactip-sussex (133 pins), "
-    "both as measured on public frames.",
+    options.text("NAME", *LOOK_NAMES),
+    "Appearance of the frames: clean (bright pins on black), tactip-bristol (331 pins) or tactip-sussex (133 pins). "
+    "The last two follow public frames of these sensors.",
+    options.FRAMES,
     default="clean",
 )
-@options.option("--seed", options.COUNT, "Another number gives other prints and other noise.", default="0")
+@options.flag("--colour", "Make colour frames. They take three times the space.", options.FRAMES)
+@options.out("DIR", "Folder of the runs. Default: the folder that the file names.")
+@options.json
 @options.jobs
 @options.dask
-@options.out("DIR", "Folder of the runs. Default: what FILE.toml says.")
-@options.json
+@options.option("--seed", options.COUNT, "Seed of the prints and of the noise.", options.ADVANCED, default="0")
 def command(
     study: str, colour: bool, look: str, seed: int, jobs: int, dask: str | None, out: Path | None, json: bool
 ) -> None:
-    """Simulate a study: virtual prints, pressed by a simulated TacTip, in run folders like those of a real rig.
+    """Simulate a whole study, without a rig.
 
-    It says first how many images it makes and how many bytes they take, and refuses where the disk has no room. Blocks
-    are made side by side. An interruption loses nothing: the same command goes on at the first missing press of any
-    block. Runs, images and the records of the prints all say that they are simulated.
+    A simulated TacTip presses virtual prints. The run folders are like those of a real rig. The runs, the frames and
+    the print records say that they are simulated.
 
-    paper is the paper's 8,100 images (nine combinations of printer and filament, six textures, three forces) and 4,500
-    more of the three selected combinations (copies 2 to 6, middle force). quick has two combinations, two copies, six
-    textures, three forces and nine positions: the least that every analysis accepts.
+    Before it starts, the command prints the number of frames and the space that they need. It refuses to start if the
+    disk does not have enough space. You can interrupt it at any time. The same command resumes at the first missing
+    press.
+
+    The study quick has 2 combinations of printer and filament, 2 copies, 6 textures, 3 forces and 9 positions. This is
+    the smallest study that every analysis accepts. The study paper has the 8,100 frames of the paper (9 combinations of
+    printer and filament, 6 textures, 3 forces). It has 4,500 more frames of the 3 combinations that the paper selected
+    (copies 2 to 6, middle force).
 
     Examples:
-      tacbench simulate --study quick --out runs
+      tacbench simulate --out runs
       tacbench simulate --study paper --out paper-runs --jobs 2
       tacbench simulate --study mine.toml --look tactip-bristol --colour
-      tacbench simulate --study paper --out /shared/runs --dask tcp://10.0.0.5:8786
+      tacbench simulate --study paper --out runs --dask tcp://10.0.0.5:8786
     """
     from tacbench_cad.lab.simulate.blockrun import SimulationOptions
     from tacbench_cad.lab.simulate.study import (
@@ -80,7 +91,7 @@ def command(
     chosen = study_of(study)
     folder = out or chosen.out
     if folder is None:
-        raise InputError("out", None, "name a folder for the runs")
+        raise InputError("out", None, "is missing: name a folder for the runs")
     infos = run_infos(chosen.study, how)
     with contextlib.ExitStack() as stack:
         cluster = None
@@ -110,6 +121,7 @@ def command(
         print_json(_document(folder, infos, blocks, needed, seconds))
     else:
         _print(folder, infos, blocks, seconds)
+        print_next("check-runs", folder)
 
 
 def _plan(study: Study, infos: Sequence[RunInfo], needed: SimulationEstimate, how: SimulationOptions) -> list[str]:

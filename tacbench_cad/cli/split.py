@@ -5,33 +5,38 @@ from __future__ import annotations
 from pathlib import Path
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note, print_json, print_table
+from tacbench_cad.cli.common import note, print_json, print_next, print_table
 from tacbench_cad.util.text import counted
 
 
 @options.command("split")
 @options.runs
 @options.option(
-    "--hold-out", options.words("A,B"), "Of press,position,force,copy,printer-filament,session. Default: all."
+    "--hold-out",
+    options.words("LIST", *options.LEVELS),
+    f"Hold-out levels: {', '.join(options.LEVELS)}. Default: all.",
+    options.METHOD,
 )
-@options.option("--folds", options.COUNT, "Folds of the levels press and position.", default="5")
-@options.option("--seed", options.COUNT, "Draws presses and positions into folds.", default="0")
+@options.option("--folds", options.COUNT, "Folds of the levels press and position.", options.METHOD, default="5")
 @options.out("DIR", "Folder of the split files.", default="splits")
 @options.json
+@options.option("--seed", options.COUNT, "Seed of the folds of presses and positions.", options.ADVANCED, default="0")
 def command(
     runs: tuple[Path, ...], hold_out: tuple[str, ...] | None, folds: int, seed: int, out: Path, json: bool
 ) -> None:
-    """Write split files: which presses may be learnt from and which are to be predicted, with a protocol id and hashes.
+    """Divide the presses into training and test data.
 
-    One JSON file for each hold-out level: split_press.json, split_position.json, split_force.json, split_copy.json,
-    split_printer-filament.json, and where sessions are known split_session.json. Anything may make the predictions;
-    tacbench score judges them. Two sensors that pressed the same prints in the same way have the same protocol id, so
-    they can be compared without sharing code or images.
+    Use this command if you classify with your own program. It writes one split file (JSON) for each hold-out level:
+    split_press.json, split_position.json, split_force.json, split_copy.json, split_printer-filament.json, and
+    split_session.json if the sessions are known. A split file says which presses train and which presses test.
+    "tacbench score" then scores your predictions.
+
+    Each split file has a protocol id and checksums. Two sensors that pressed the same prints in the same way get the
+    same protocol id, so you can compare them without exchanging code or images.
 
     Examples:
       tacbench split runs/
       tacbench split runs/ --hold-out copy,printer-filament -o splits
-      tacbench score predictions.csv splits/split_copy.json
     """
     from tacbench_cad.lab.analysis.classification.split_files import make_splits, write_split
     from tacbench_cad.lab.analysis.collection import Collection
@@ -72,3 +77,4 @@ def command(
     )
     for text in notes:
         note(f"note: {text}")
+    print_next("score", "PREDICTIONS", next(iter(files)))

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import print_json, print_table
+from tacbench_cad.cli.common import next_block, print_json, print_next, print_table
 from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,13 +17,17 @@ if TYPE_CHECKING:
 @options.textures
 @options.preset
 @options.scale
-@options.option("--nozzle", options.MM, "Nozzle width to compare the finest detail with.", default="0.4")
+@options.option(
+    "--nozzle", options.MM, "Nozzle width that is compared with the finest detail.", options.PRINTER, default="0.4"
+)
 @options.json
 def command(textures: tuple[str, ...], preset: str, scale: float, nozzle: float, json: bool) -> None:
-    """List the textures: equation, extremes, relief, base, and what a nozzle can print of their detail.
+    """List the textures and what a nozzle can print of them.
 
-    The finest detail is half the shortest wavelength: the width of its ridge. A wave whose ridge is narrower than the
-    nozzle comes out smoothed; the column waves printable counts those that are not.
+    For each texture the table has the equation, its lowest and highest value, the height of the relief, the thickness
+    of the base, and the width of the finest ridge. The finest ridge is half of the shortest wavelength. A nozzle that
+    is wider than a ridge prints this ridge smoothed. The column "waves printable" counts the waves whose ridges are at
+    least as wide as the nozzle.
 
     Examples:
       tacbench textures
@@ -57,6 +61,7 @@ def command(textures: tuple[str, ...], preset: str, scale: float, nozzle: float,
             for row in rows
         ],
     )
+    print_next("make", *next_block(textures, preset, scale))
 
 
 def _row(block: Block, nozzle_mm: float) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The last line of defence: what a command says of an exception that nobody expected."""
+"""The message of a command about an unexpected exception."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ LOG_VARIABLE = "TACBENCH_LOG"
 
 
 def report_unexpected(error: Exception, words: Sequence[str]) -> int:
-    """Say in one line what happened, and write the traceback to a log file that the line names.
+    """Print one line about the exception, and write the traceback to a log file that the line names.
 
     Args:
         error: The exception.
         words: The arguments of the command line.
 
     Returns:
-        The exit code: that of bad input if one of the input files was being read, else 1.
+        The exit code: 2 if one of the input files was being read, otherwise 1.
     """
     path = _file_being_read(error, words)
     blamed = "" if path is None else f"{path}: "
@@ -53,7 +53,7 @@ def _logged(text: str) -> str:
 
 
 def _file_being_read(error: Exception, words: Sequence[str]) -> Path | None:
-    """The file that the innermost function was told of, if it is one of the inputs or lies below one."""
+    """The file that the innermost function worked on, if it is one of the inputs or is in an input folder."""
     inputs = [path.absolute() for path in _inputs(words)]
     for path in _paths(error):
         place = path.absolute()
@@ -63,7 +63,7 @@ def _file_being_read(error: Exception, words: Sequence[str]) -> Path | None:
 
 
 def _paths(error: Exception) -> Iterator[Path]:
-    """The paths that an exception and the functions that it left know, the innermost first."""
+    """The paths in an exception and in the local variables of the functions that it left, the innermost first."""
     if isinstance(error, OSError) and isinstance(error.filename, str):
         yield Path(error.filename)
     for frame, _ in reversed(list(traceback.walk_tb(error.__traceback__))):
@@ -71,7 +71,7 @@ def _paths(error: Exception) -> Iterator[Path]:
 
 
 def _inputs(words: Sequence[str]) -> Iterator[Path]:
-    """The words of the command line that are existing files or folders, but for the place of the output."""
+    """The words of the command line that are existing files or folders, except the output."""
     for before, word in pairwise(("", *words)):
         if before not in ("-o", "--out") and not word.startswith(("-o", "--out")):
             paths = [Path(part) for part in word.rpartition("=")[2].split(",") if part]

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Literal
 import rich_click as click
 from click.exceptions import Exit
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note, print_json, print_lines, print_simulated, show_table
+from tacbench_cad.cli import completing, options
+from tacbench_cad.cli.common import next_paths, note, print_json, print_lines, print_next, print_simulated, show_table
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
@@ -23,30 +23,39 @@ if TYPE_CHECKING:
 @options.runs
 @options.option(
     "--protocol",
-    options.text("paper|as-published"),
-    "The variance over prints and repeats, as the paper's text says, or that over the repeats on one print, which the "
-    "paper's printed figures are.",
+    options.text("NAME", "paper", "as-published"),
+    "paper: variance over prints and repeats, as the text of the paper says. as-published: variance over the repeats "
+    "on one print, which the figures in the paper show.",
+    options.METHOD,
     default="paper",
 )
 @options.option(
     "--force-level",
     options.LEVEL,
-    "Use the presses of one force level only. Default: all; with as-published the lowest.",
+    "Use one force level only. Default: all; for as-published the lowest.",
+    options.METHOD,
     default="all",
-)
-@options.look
-@options.flag("--colour", "Keep the colours; else BT.601 grey.")
-@options.option(
-    "--ddof", options.Value("0|1", options.whole_of), "Divide by n (0, as the paper's NumPy) or n - 1.", default="0"
+    show_default=False,
 )
 @options.flag(
-    "--register", "Separate differences in placement from differences in printing; reads every image three times."
+    "--register",
+    "Separate differences in placement from differences in printing. Reads every image three times.",
+    options.METHOD,
 )
-@options.option("--seed", options.COUNT, "Seed of intervals and permutation tests.", default="0")
-@options.jobs
-@options.dask
+@options.look
+@options.flag("--colour", "Use the colours. Default: grey (BT.601).", options.FRAMES)
 @options.out("DIR", "Folder for tables (CSV) and figures (PNG, PDF).")
 @options.json
+@options.jobs
+@options.dask
+@options.option(
+    "--ddof",
+    options.Value("0|1", options.whole_of, completing.of_words("0", "1")),
+    "0 divides by n, as NumPy and the paper do. 1 divides by n - 1.",
+    options.ADVANCED,
+    default="0",
+)
+@options.option("--seed", options.COUNT, "Seed of the intervals and permutation tests.", options.ADVANCED, default="0")
 def command(
     runs: tuple[Path, ...],
     protocol: Literal["paper", "as-published"],
@@ -64,17 +73,25 @@ def command(
     out: Path | None,
     json: bool,
 ) -> None:
-    """The paper's variance table: each pixel's variance over prints and repeats, mean over pixels and positions.
+    """Compute the variance over prints and repeats.
 
-    For each printer-filament and texture, at each force and as the mean of the forces. Under each row: what the
-    sensor's noise alone gives in this table (from the stationary frames in contact; without any, from repeats on one
-    print, which is only an upper bound), the 95 % interval with prints as its unit, the estimate with the noise floor
-    removed (ddof 1). Then variance components with ISO 5725 limits, and permutation tests between printers. A reading
-    that cannot be used is named and left out; the exit code is then 1.
+    This is the variance table of the paper: the variance of each pixel over prints and repeats, averaged over pixels
+    and positions. There is one row for each texture and each combination of printer and filament, at each force level
+    and for the mean of the force levels. Below each row you find:
+    - the variance that is expected from sensor noise alone
+    - the 95 % interval, with prints as the unit
+    - the variance without the noise floor (with ddof 1)
 
-    --protocol as-published computes what the paper's printed figures are, by the saved outputs of its authors'
-    notebooks, and sets them beside ours: the variance over the repeats on one print (divisor n), mean over prints,
-    positions and pixels, of images at 40 % of their size, grey without rounding, at one force.
+    The noise is measured on the stationary frames in contact. If there are none, it comes from the repeats on one print
+    and is only an upper bound.
+
+    Then follow the variance components with ISO 5725 limits, and permutation tests between printers. A frame that
+    cannot be used is named and left out, and the exit code is then 1.
+
+    The printed figures of the paper are something else, as the saved outputs of the authors' notebooks show. Use
+    --protocol as-published to compute them from your runs: the variance over the repeats on one print (divided by n),
+    averaged over prints, positions and pixels, of grey images at 40 % of their size, at one force level. The published
+    figures are shown next to yours.
 
     Examples:
       tacbench variance runs -o results
@@ -93,10 +110,12 @@ def command(
     from tacbench_cad.util.files import locked
 
     if ddof not in (0, 1):
-        raise InputError("ddof", ddof, "allowed: 0, 1")
+        raise InputError("ddof", ddof, "must be 0 or 1")
     others = {"colour": colour, "ddof": ddof, "register": register, "roi": roi, "features": features != "pixels"}
     for name in (name for name, value in others.items() if value and protocol == "as-published"):
-        raise InputError(name, others[name], "is for --protocol paper; as-published has its own grey, size and divisor")
+        raise InputError(
+            name, others[name], "is only for --protocol paper; as-published has its own grey, size and divisor"
+        )
     if seed < 0:
         raise InputError("seed", seed, "must be 0 or more")
     collection = Collection.open(runs)
@@ -137,6 +156,7 @@ def command(
         _print(view)
         if out is not None:
             click.echo(f"{counted(len(files), 'file')} in {out}")
+        print_next("classify", *next_paths(runs))
     for line in result.left_out:
         note(f"error: left out: {line}")
     if result.left_out:
@@ -150,4 +170,4 @@ def _print(view: VarianceView) -> None:
     print_lines(*view.notes, *(f"warning: {text}" for text in view.warnings))
     tests = view.tables.get("permutation")
     if tests and not tests.rows and len(view.collection.combinations) > 1:
-        note("no permutation test between printers: it needs two printers with two prints of one texture each")
+        note("no permutation test between printers: it needs two printers with two prints each of the same texture")

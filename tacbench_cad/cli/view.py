@@ -6,24 +6,28 @@ from pathlib import Path
 from typing import Any
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note
+from tacbench_cad.cli.common import next_block, note, print_next
 
 
 @options.command("view")
 @options.argument(
     "parts",
-    options.words("PARTS"),
-    "1 to 6, a texture's name, a TOML file, blocks, holder, jig, coupon. Default: the whole set.",
+    options.words("PARTS", *options.TEXTURES, *options.PART_NAMES, suffix=".toml"),
+    "1 to 6, a TOML file, blocks, holder, jig, coupon. Default: the whole print set.",
     many=True,
     required=False,
 )
 @options.part
 @options.out("FILE.html", "The page.", default="view.html")
 def command(parts: tuple[tuple[str, ...], ...], out: Path, **request: Any) -> None:
-    """Write one HTML page with the parts in 3D: to turn, cut and measure. It loads nothing, so it can be sent on.
+    """Write a web page that shows the parts in 3D.
 
-    The page shows texture, block, holder, jig and how they go together, the press positions and contact circles, and
-    how far each point of a block's mesh lies from the formula, in colour with its scale.
+    On the page you can rotate, cut and measure the parts. It shows:
+    - texture, block, holder and jig, and how they fit together
+    - the press positions and the contact circles
+    - the distance of a block's mesh from the formula, as a colour
+
+    The page is one file and loads nothing from the internet, so you can send it to a colleague.
 
     Examples:
       tacbench view
@@ -36,9 +40,11 @@ def command(parts: tuple[tuple[str, ...], ...], out: Path, **request: Any) -> No
     from tacbench_cad.render.viewing.page import require_page
 
     words = [word for words in parts for word in words]
-    meant = request_of(words, Request(**options.request_fields(request)))
+    print_set = request_of(words, Request(**options.request_fields(request)))
     require_page(out)
-    scene = write_view(meant, out, note)
+    scene = write_view(print_set, out, note)
     for what, reason in scene.left_out:
         note(f"left out: {what}: {reason}")
     note(f"wrote {out} ({out.stat().st_size / 1e6:.1f} MB)")
+    textures = [word for word in words if word not in options.PART_NAMES]
+    print_next("make", *next_block(textures or ["all"], print_set.preset, print_set.scale, print_set.key_mm), err=True)

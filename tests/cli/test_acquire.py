@@ -122,13 +122,13 @@ def test_ctrl_c_ends_with_130_and_a_run_that_goes_on(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "name a TOML file"),
+        ([], "name a study file"),
         (["missing.toml"], "cannot be read"),
         (["x.toml", "--virtual"], "needs no file"),
-        (["x.toml", "--texture", "3"], "goes with --virtual"),
-        (["x.toml", "--driver", "virtual-grbl"], "goes with --virtual"),
-        (["x.toml", "--speed", "3"], "goes with --virtual"),
-        (["--virtual", "--init", "x.toml"], "goes with no other option"),
+        (["x.toml", "--texture", "3"], "is only for --virtual"),
+        (["x.toml", "--driver", "virtual-grbl"], "is only for --virtual"),
+        (["x.toml", "--speed", "3"], "is only for --virtual"),
+        (["--virtual", "--init", "x.toml"], "cannot be combined with other options"),
         (["--virtual"], "name the folder"),
         (["--virtual", "--out", "o", "--speed", "fast"], "must be a number"),
         (["--virtual", "--out", "o", "--speed", "0"], "must be from 0.1 to 1000"),
@@ -178,7 +178,7 @@ def test_a_missing_device_is_named(tmp_path: Path, capsys: Capture) -> None:
 @pytest.mark.parametrize("driver", ["virtual-grbl", "virtual-marlin"])
 def test_virtual_gives_150_presses(driver: str, tmp_path: Path, capsys: Capture) -> None:
     assert main(["acquire", "--virtual", "--texture", "4", "--driver", driver, "--out", str(tmp_path)]) == 0
-    (folder,) = (one for one in tmp_path.iterdir() if one.is_dir())
+    (folder,) = (path for path in tmp_path.iterdir() if path.is_dir())
     rows = Run.open(folder).rows
     assert len(rows) == 150
     assert all(row.in_band for row in rows)

@@ -28,7 +28,7 @@ def out(tmp_path: Path) -> Iterator[Path]:
     precious.write_bytes(b"made before")
     yield folder
     assert precious.read_bytes() == b"made before"
-    assert [one.name for one in folder.iterdir()] == [precious.name]
+    assert [path.name for path in folder.iterdir()] == [precious.name]
 
 
 def refusal(capsys: Capture, *argv: str) -> str:
@@ -69,7 +69,7 @@ def refusal(capsys: Capture, *argv: str) -> str:
         (["--grid", "1x5"], ["grid nx", "1", "from 2"]),
         (["--grid", "189"], ["grid", "189", "NXxNY"]),
         (["--grid", "-1x4"], ["No such option '-1'", "make --help"]),
-        (["--grid", "--tolerance", "0.1"], ["grid", "not both"]),
+        (["--grid", "--tolerance", "0.1"], ["grid", "--tolerance", "leave out one"]),
         (["--key", "0"], ["key", "0.0"]),
         (["--key", "-3"], ["No such option '-3'", "make --help"]),
         (["--key", "nan"], ["key", "nan"]),
@@ -146,7 +146,7 @@ SERIES = '[texture]\nname = "mine"\nfamily = "series"\nlaw = "square"\nN = 5\n'
         (SERIES + '[block]\nheight_mm = "7"\n', ["height_mm", "'7'", "number"]),
         (SERIES + "[block]\nsize_mm = 20.0\n", ["size_mm", "20.0", "list of 2"]),
         ("[texture\n", ["not valid TOML"]),
-        ("", ["[texture]", "needed"]),
+        ("", ["[texture]", "missing"]),
     ],
 )
 def test_a_texture_file_with_a_mistake(
@@ -246,7 +246,7 @@ def test_a_manifest_that_is_not_ours(tmp_path: Path, capsys: Capture) -> None:
     line = refusal(capsys, "make", *LIGHT, "--texture", "1", "--out", str(tmp_path))
     assert "manifest" in line and "move it away" in line
     assert (tmp_path / "manifest.json").read_text() == '{"name": "a web page"}'
-    assert [one.name for one in tmp_path.iterdir()] == ["manifest.json"]
+    assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]
 
 
 def test_a_second_process_in_one_folder_is_refused(tmp_path: Path) -> None:

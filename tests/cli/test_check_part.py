@@ -44,7 +44,7 @@ def test_json_holds_a_report_for_each_file(block: Path, capsys: Capture) -> None
     out, err = capsys.readouterr()
     document = json.loads(out)
     assert err == "" and document["ok"] is True and document["refused"] == []
-    assert [one["file"] for one in document["files"]] == [block.name] * 2
+    assert [row["file"] for row in document["files"]] == [block.name] * 2
     assert document["files"][0]["size_mm"] == pytest.approx([23.3, 30.0, 7.0], abs=1e-5)
 
 
@@ -67,7 +67,7 @@ def test_one_bad_file_among_good_ones(block: Path, tmp_path: Path, capsys: Captu
     cut.write_bytes(block.read_bytes()[:5000])
     assert main(["check-part", str(block), str(cut), "--json"]) == 1
     reports = json.loads(capsys.readouterr().out)["files"]
-    assert [one["ok"] for one in reports] == [True, False]
+    assert [report["ok"] for report in reports] == [True, False]
 
 
 def spoilt(kind: str, good: bytes) -> bytes:

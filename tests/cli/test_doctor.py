@@ -147,6 +147,6 @@ def test_json_and_exit_code_when_something_is_broken(monkeypatch: pytest.MonkeyP
 @pytest.mark.long
 def test_this_install_is_reported_with_its_versions(capsys: Capture) -> None:
     main(["doctor", "--json"])
-    packages = {one["name"]: one["version"] for one in json.loads(capsys.readouterr().out)["packages"]}
+    packages = {package["name"]: package["version"] for package in json.loads(capsys.readouterr().out)["packages"]}
     for name in ("numpy", "scipy", "manifold3d", "rich-click", "rich"):
         assert packages[name] == importlib.metadata.version(name)

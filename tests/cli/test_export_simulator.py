@@ -16,8 +16,8 @@ def test_a_table_names_the_folders(tmp_path: Path, capsys: Capture) -> None:
     assert main(["export-simulator", "--to", "obj,npy", "--texture", "1,5", "--out", str(tmp_path / "sim")]) == 0
     out, _ = capsys.readouterr()
     assert "texture-1" in out and "texture-5" in out
-    found = sorted(path.name for path in (tmp_path / "sim" / "texture-5").iterdir())
-    assert found == ["README.md", "texture-5.npy", "texture-5.obj", "texture.json"]
+    names = sorted(path.name for path in (tmp_path / "sim" / "texture-5").iterdir())
+    assert names == ["README.md", "texture-5.npy", "texture-5.obj", "texture.json"]
 
 
 def test_json_and_a_texture_file_at_a_scale(tmp_path: Path, capsys: Capture) -> None:

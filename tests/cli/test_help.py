@@ -1,4 +1,4 @@
-"""The help of the package and of every command: it shows what there is, and its code gives what it says."""
+"""The help of the package and of every command: it fits the terminal, is complete, and its examples are right."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import rich_click as click
 
 import tacbench_cad
 from tacbench_cad import cli
+from tacbench_cad.cli import options
 from tacbench_cad.cli.options import RENAMED
 
 
@@ -48,17 +49,70 @@ def command_lines(words: list[str], group: click.Group) -> Iterator[tuple[list[s
 
 
 COMMANDS = list(command_lines([], cli.tacbench))
+each_command = pytest.mark.parametrize(
+    ("words", "command"), COMMANDS, ids=lambda value: " ".join(value) if isinstance(value, list) else ""
+)
 
 
-@pytest.mark.parametrize("words", [words for words, _ in COMMANDS], ids=" ".join)
-def test_the_help_of_a_command_doubles_nothing(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+#: The line that ends a panel's frame, and the characters of the frames.
+FRAME = "╭╮╰╯─│"
+
+
+def shown_help(words: list[str], columns: int, capsys: pytest.CaptureFixture[str], patch: pytest.MonkeyPatch) -> str:
+    patch.setenv("COLUMNS", str(columns))
     assert cli.main([*words, "--help"]) == 0
-    text = capsys.readouterr().out
+    return capsys.readouterr().out
+
+
+@each_command
+def test_a_help_fits_its_terminal(
+    words: list[str], command: click.Command, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for columns in (80, 120, 200):
+        text = shown_help(words, columns, capsys, monkeypatch)
+        lines = [line.strip().strip(FRAME).strip() for line in text.splitlines()]
+        assert max(map(len, text.splitlines())) <= min(columns, 100)
+        # Examples, and items of lists, have a line each, as they are written.
+        for line in re.findall(r"^(?:  |- ).+$", command.help or "", re.MULTILINE):
+            assert line.strip() in lines, line
     assert " ".join(["Usage: tacbench", *words]) in text
-    assert not re.search(r"\[\[|\]\]|\.{4}|\.\.\.\}|default: default", text)
+    assert not re.search(r"\[\[|\]\]|\.{4}|\.\.\.\}|[Dd]efault: default|\[(default|required)", text)
     assert not re.search(r"<(bool|str|int|float|list|Path)|\b(BOOLEAN|TEXT|INTEGER|PATH)\b", text), (
         "a type of the code stands in the help"
     )
+
+
+@each_command
+def test_a_summary_is_one_line_of_the_list(
+    words: list[str], command: click.Command, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if words:
+        summary = (command.help or "").split("\n")[0]
+        listed = shown_help(words[:-1], 80, capsys, monkeypatch)
+        assert summary.endswith(".") and summary[0].isupper()
+        assert re.search(rf"│ {words[-1]} +{re.escape(summary)} +│", listed)
+
+
+@each_command
+def test_every_option_is_described_in_a_panel_and_help_stands_last(
+    words: list[str], command: click.Command, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for parameter in command.params:
+        text = getattr(parameter, "help", None)
+        assert text and text.endswith("."), parameter.name
+        assert isinstance(parameter, click.Argument) or parameter.name == "version" or parameter.panel in options.PANELS
+        assert text.count("Default:") <= 1 and "default:" not in text
+    lines = shown_help(words, 80, capsys, monkeypatch).rstrip().splitlines()
+    assert "--help  Show this message" in lines[-2]
+    assert sum("--help  Show" in line for line in lines) == 1
+
+
+def test_the_commands_stand_under_headings_in_the_order_of_use() -> None:
+    assert list(cli.GROUPS) == ["Print", "Press", "Analyse", "Share", "Help"]
+    names = [name for names in cli.GROUPS.values() for name in names]
+    assert len(names) == len(set(names))
+    files = {path.stem for path in Path(cli.__file__).parent.glob("*.py")}
+    assert {name.replace("-", "_") for name in names} <= files
 
 
 def test_the_same_thing_has_the_same_short_option_everywhere() -> None:
@@ -73,18 +127,16 @@ def test_the_same_thing_has_the_same_short_option_everywhere() -> None:
     assert long_names == {"-o": {"--out"}}
 
 
-@pytest.mark.parametrize(
-    ("words", "command"), COMMANDS, ids=lambda value: " ".join(value) if isinstance(value, list) else ""
-)
-def test_a_help_names_only_options_that_there_are(words: list[str], command: click.Command) -> None:
+@each_command
+def test_a_help_names_only_existing_options(words: list[str], command: click.Command) -> None:
     """In prose and examples: an option that is shown is one of this command, or of the command of the example."""
-    options = {" ".join(words): {name for one in command.params for name in one.opts} for words, command in COMMANDS}
-    everything = {name for names in options.values() for name in names} | {"--help", "--version"}
+    known = {" ".join(words): {name for each in command.params for name in each.opts} for words, command in COMMANDS}
+    everything = {name for names in known.values() for name in names} | {"--help", "--version"}
     text = command.help or ""
     assert set(re.findall(r"(?<![\w-])--[a-z-]+", text)) <= everything
-    for line in re.findall(r"^  tacbench (.+)$", text, re.MULTILINE):
-        called = next(name for name in sorted(options, key=len, reverse=True) if f"{line} ".startswith(f"{name} "))
-        assert set(re.findall(r"(?<![\w-])--?[a-z][a-z-]*", line)) <= options[called], line
+    for line in re.findall(r"^  tacbench (.+?)(?: +# .*)?$", text, re.MULTILINE):
+        called = next(name for name in sorted(known, key=len, reverse=True) if f"{line} ".startswith(f"{name} "))
+        assert set(re.findall(r"(?<![\w-])--?[a-z][a-z-]*", line)) <= known[called], line
 
 
 @pytest.mark.parametrize(("old", "new"), RENAMED.items())

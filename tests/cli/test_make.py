@@ -34,7 +34,7 @@ class Run(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def result(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """Texture 1 with its holder in every format."""
     for module in ("build123d", "lib3mf", "matplotlib"):
         pytest.importorskip(module)
@@ -45,22 +45,22 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return Run(folder, json.loads(out.getvalue()), err.getvalue())
 
 
-def test_every_part_is_there_in_every_format(made: Run) -> None:
+def test_every_part_is_there_in_every_format(result: Run) -> None:
     parts = ("texture-1_paper_x1", "holder_paper_x1")
     files = {f"{part}{suffix}" for part in parts for suffix in (".stl", ".3mf", ".step")}
-    assert {path.name for path in made.folder.iterdir()} == files | {"manifest.json", "preview.png"}
-    assert {row["file"] for row in made.document["files"]} == files
+    assert {path.name for path in result.folder.iterdir()} == files | {"manifest.json", "preview.png"}
+    assert {row["file"] for row in result.document["files"]} == files
 
 
-def test_the_document_is_the_manifest(made: Run) -> None:
-    written = json.loads((made.folder / "manifest.json").read_text())
-    assert written["files"] == made.document["files"]
-    assert made.document["ok"] is True and made.document["failed"] == [] and made.document["left_out"] == []
-    assert made.document["preview"] == "preview.png" and made.document["version"] == __version__
+def test_the_document_is_the_manifest(result: Run) -> None:
+    written = json.loads((result.folder / "manifest.json").read_text())
+    assert written["files"] == result.document["files"]
+    assert result.document["ok"] is True and result.document["failed"] == [] and result.document["left_out"] == []
+    assert result.document["preview"] == "preview.png" and result.document["version"] == __version__
 
 
-def test_every_row_has_passed_its_checks(made: Run) -> None:
-    for row in made.document["files"]:
+def test_every_row_has_passed_its_checks(result: Run) -> None:
+    for row in result.document["files"]:
         assert row["checks"] and all(check["ok"] for check in row["checks"]), row["file"]
         assert row["volume_mm3"] == pytest.approx(row["closed_form_volume_mm3"], rel=1e-4), row["file"]
         assert row["version"] == __version__
@@ -70,29 +70,29 @@ def test_every_row_has_passed_its_checks(made: Run) -> None:
             assert row["least_wall_mm"] >= 0.4
 
 
-def test_solids_are_within_a_micrometre_and_meshes_within_ten(made: Run) -> None:
-    for row in made.document["files"]:
+def test_solids_are_within_a_micrometre_and_meshes_within_ten(result: Run) -> None:
+    for row in result.document["files"]:
         if row["kind"] == "block":
             limit = 0.001 if row["format"] == "step" else 0.01
             assert 0.0 < row["deviation_mm"] <= row["certificate"]["distance_mm"] <= limit * (1 + 1e-9)
 
 
-def test_the_manifest_names_no_place_and_no_time(made: Run) -> None:
-    text = (made.folder / "manifest.json").read_text()
-    for word in (str(made.folder.parent), "/tmp", os.uname().nodename, time.strftime("%Y-%m")):
+def test_the_manifest_names_no_place_and_no_time(result: Run) -> None:
+    text = (result.folder / "manifest.json").read_text()
+    for word in (str(result.folder.parent), "/tmp", os.uname().nodename, time.strftime("%Y-%m")):
         assert word not in text
     assert "unfinished" not in text
 
 
-def test_progress_goes_to_the_standard_error(made: Run) -> None:
-    assert made.messages.count("[6/6]") == 1
-    assert "Traceback" not in made.messages
+def test_progress_goes_to_the_standard_error(result: Run) -> None:
+    assert result.messages.count("[6/6]") == 1
+    assert "Traceback" not in result.messages
 
 
-def test_the_picture_sheet_is_a_picture(made: Run) -> None:
+def test_the_picture_sheet_is_a_picture(result: Run) -> None:
     from PIL import Image
 
-    with Image.open(made.folder / "preview.png") as picture:
+    with Image.open(result.folder / "preview.png") as picture:
         assert picture.format == "PNG" and min(picture.size) > 300
         assert len(set(picture.convert("L").resize((64, 64)).get_flattened_data())) > 20
 
@@ -143,7 +143,7 @@ def test_a_failed_check_ends_with_1_and_names_it(
     document = json.loads(out)
     assert document["ok"] is False and document["files"] == []
     assert document["failed"] == [{"file": "texture-1_paper_x1.stl", "faults": ["closed: 3 open edges"]}]
-    assert "not put in place: texture-1_paper_x1.stl: closed: 3 open edges" in err
+    assert "not written: texture-1_paper_x1.stl: closed: 3 open edges" in err
     assert list(tmp_path.iterdir()) == []
 
 

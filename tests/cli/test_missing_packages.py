@@ -20,8 +20,8 @@ class Blocker:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, Blocker())
 import importlib.util
-found = importlib.util.find_spec
-importlib.util.find_spec = lambda name, *rest: None if name in blocked else found(name, *rest)
+find_spec = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *rest: None if name in blocked else find_spec(name, *rest)
 from pathlib import Path
 from tacbench_cad.cli import main
 folder = Path(sys.argv[2])

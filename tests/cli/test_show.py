@@ -83,8 +83,8 @@ def test_a_drawing_is_of_the_part_that_is_made(tmp_path: Path, monkeypatch: pyte
         )
         == 0
     )
-    made = next((tmp_path / "stl_out").glob("*.stl")).stem
-    assert (tmp_path / f"{made}_drawing.pdf").read_bytes().startswith(b"%PDF")
+    part = next((tmp_path / "stl_out").glob("*.stl")).stem
+    assert (tmp_path / f"{part}_drawing.pdf").read_bytes().startswith(b"%PDF")
     assert main(["show", "1", "--drawing", "--press", "-o", "block.svg"]) == 0
     assert main(["show", "1", "--drawing", "-o", "plain.svg"]) == 0
     assert (tmp_path / "block.svg").read_bytes() != (tmp_path / "plain.svg").read_bytes()
@@ -107,17 +107,17 @@ def test_fixtures_are_drawn_by_the_same_option(tmp_path: Path, monkeypatch: pyte
     ("argv", "needle"),
     [
         (["show", "7"], "texture = '7'"),
-        (["show", "all", "-o", "all.png"], "names one picture, and there are 6"),
+        (["show", "all", "-o", "all.png"], "is the name of one picture, but there are 6"),
         (["show", "1", "-o", "picture.stl"], "must end in .png, .pdf or .svg"),
         (["show", "1", "-o", "nowhere/picture.png"], "nowhere"),
         (["show", "1", "--preset", "papers"], 'did you mean "paper"'),
-        (["show", "1", "--key"], "key = 3.0: belongs to --drawing"),
+        (["show", "1", "--key"], "key = 3.0: is only for --drawing"),
         (["show", "1", "--drawing", "--fit", "slip"], "fit = 'slip': belongs to holder, jig"),
         (["show", "1", "--drawing", "jigg"], 'did you mean "jig"'),
         (["show", "1", "--drawing", "-o", "block.stl"], "must end in .png, .pdf or .svg"),
         (["show", "1", "--drawing", "-o", "nowhere/block.pdf"], "nowhere"),
-        (["show", "1,2", "--drawing", "-o", "both.pdf"], "names one picture, and there are 2"),
-        (["show", "1", "--drawing", "jig", "--press"], "belongs to the drawing of a block"),
+        (["show", "1,2", "--drawing", "-o", "both.pdf"], "is the name of one picture, but there are 2"),
+        (["show", "1", "--drawing", "jig", "--press"], "is only for the drawing of a block"),
         (["show", "1", "--drawing", "--scale", "0"], "scale"),
         (["show", "1", "--drawing", "--key", "0.2", "--size", "9,"], "size = '9,'"),
     ],

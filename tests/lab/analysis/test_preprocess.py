@@ -137,7 +137,7 @@ def test_regions_and_markers_are_drawn_and_regions_kept(
     assert "49 bright markers" in capsys.readouterr().out
     assert len(list((tmp_path / "pictures").glob("*_markers.png"))) == 8
     assert main(["runs", "roi", str(pressed), "--roi", "circle:100,90,80", "-o", str(tmp_path / "pictures")]) == 0
-    assert "kept with 8 runs" in capsys.readouterr().out
+    assert "stored with 8 runs" in capsys.readouterr().out
     assert main(["runs", "roi", str(pressed), "--roi", "none", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["region"] is None
     assert not list(pressed.glob("*/roi.json"))

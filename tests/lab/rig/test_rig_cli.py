@@ -113,7 +113,7 @@ def test_masses_in_the_wrong_order_store_nothing(scale: Scale, tmp_path: Path, m
 
 def test_an_input_that_ends_stores_nothing(scale: Scale, tmp_path: Path, monkeypatch: Patch) -> None:
     typed(monkeypatch, "")
-    with pytest.raises(InputError, match="ended before the answer"):
+    with pytest.raises(InputError, match="ended before you answered"):
         run("calibrate-force", "--port", "P", "--masses", "0,50,100", "-o", str(tmp_path / "gauge.json"))
     assert list(tmp_path.iterdir()) == [] and scale.left == 1
 
@@ -130,7 +130,7 @@ def test_one_column_of_several_is_told_to_the_cell(scale: Scale, tmp_path: Path,
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--masses", "0,100"), "at least 3 different ones"),
+        (("--masses", "0,100"), "at least 3 different masses"),
         (("--masses", "0,1,x"), "masses = 'x': must be a number"),
         (("--masses", "0,1,-5"), "from 0 to 10000 g"),
         (("--masses", "0,1,nan"), "from 0 to 10000 g"),
@@ -150,7 +150,7 @@ def test_wrong_options_are_refused_before_anything_is_weighed(
 def test_a_calibration_is_not_overwritten(scale: Scale, tmp_path: Path) -> None:
     path = tmp_path / "gauge.json"
     path.write_text("old")
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="exists already"):
         run("calibrate-force", "--port", "P", "--masses", "0,1,2", "-o", str(path))
     with pytest.raises(InputError, match="folder does not exist"):
         run("calibrate-force", "--port", "P", "--masses", "0,1,2", "-o", str(tmp_path / "no" / "gauge.json"))
@@ -328,14 +328,14 @@ def test_align_stores_the_frame(
     table = tomllib.loads(text)["stage"]
     assert table["origin_mm"] == pytest.approx([80.5, 79.25, -61.0], abs=1e-3) and table["quarter_turns"] == 1
     out = capsys.readouterr().out
-    assert "marker 25" in out and "0.012 N" in out and "worst marker 0.000 mm off" in out
+    assert "marker 25" in out and "0.012 N" in out and "largest error of a marker 0.000 mm" in out
     assert "0.012 N] z -2\n" in out, "lines of a script are shown where a person's would stand"
 
 
 @pytest.mark.parametrize(
     ("lines", "error", "message"),
     [
-        (answers()[:3], InputError, "ended before the answer"),
+        (answers()[:3], InputError, "ended before you answered"),
         (["quit"], InputError, "stopped"),
         (answers(off_mm=3.0), CheckFailedError, "nothing is stored"),
     ],

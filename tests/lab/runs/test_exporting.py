@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 import shutil
 import tarfile
 import tracemalloc
@@ -276,7 +277,7 @@ def test_memory_does_not_grow_with_the_frames(
 def test_the_help_names_every_format(capsys: Capture) -> None:
     assert main(["export-runs", "--help"]) == 0
     (to,) = (parameter for parameter in command.params if parameter.name == "to")
-    assert to.type.name == "|".join([*FORMATS, TACTILE_DATA])
+    assert re.findall(r"[a-z-]+", to.help.removesuffix(".").replace(" or ", ", ")) == [*FORMATS, TACTILE_DATA]
 
 
 @pytest.mark.parametrize(
@@ -284,8 +285,8 @@ def test_the_help_names_every_format(capsys: Capture) -> None:
     [
         (["--to", "hugging-face"], 'did you mean "huggingface"?'),
         (["--to", "npz"], "out: is missing: --to npz needs a folder"),
-        (["--to", "npz", "-o", "x", "--size", "64x64"], "size: is for --to tactile-data"),
-        (["--to", "npz", "-o", "x", "--colour"], "colour: is for --to tactile-data"),
+        (["--to", "npz", "-o", "x", "--size", "64x64"], "size: is only for --to tactile-data"),
+        (["--to", "npz", "-o", "x", "--colour"], "colour: is only for --to tactile-data"),
     ],
 )
 def test_wrong_options_are_refused(words: list[str], message: str, run_folder: Path, capsys: Capture) -> None:

@@ -337,7 +337,7 @@ def test_the_command_says_what_became_of_it(images: Any, table: Any, tmp_path: P
     words = ["import-frames", str(folder), str(labels), "--columns", columns, "-o", str(tmp_path / "out")]
     assert main(words) == 0
     said = capsys.readouterr()
-    assert "24 samples in 4 runs" in said.out and "next: tacbench check-runs" in said.out
+    assert "24 samples in 4 runs" in said.out and "Next: tacbench check-runs" in said.out
     (folder / "7.png").unlink()
     shutil.rmtree(tmp_path / "out")
     assert main([*words, "--json"]) == 1

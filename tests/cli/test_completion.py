@@ -1,0 +1,185 @@
+"""Tab completion: what is offered for commands, options and values, how fast, and the scripts for the shells."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from click.shell_completion import ShellComplete, get_completion_class
+
+from tacbench_cad import cli
+from tacbench_cad.cli import classify, export_runs, export_simulator, import_frames, main, options, simulate
+from tacbench_cad.cli.completing import VARIABLE
+from tacbench_cad.cli.completion import INSTALL
+
+Capture = pytest.CaptureFixture[str]
+
+
+def offered(*words: str) -> list[str]:
+    """The values that are offered for the last word."""
+    shell = ShellComplete(cli.tacbench, {}, "tacbench", VARIABLE)
+    return [item.value for item in shell.get_completions(list(words[:-1]), words[-1])]
+
+
+def kinds(*words: str) -> set[str]:
+    """What the shell is asked to list itself: files, folders, or nothing."""
+    shell = ShellComplete(cli.tacbench, {}, "tacbench", VARIABLE)
+    return {item.type for item in shell.get_completions(list(words[:-1]), words[-1])} - {"plain"}
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["check-"], ["check-part", "check-gcode", "check-runs"]),
+        (["rig", ""], ["probe", "align", "calibrate-force"]),
+        (["make", "--tex"], ["--texture"]),
+        (["make", "--texture", ""], ["1", "2", "3", "4", "5", "6", "all"]),
+        (["make", "--texture", "1,4,"], ["1,4,2", "1,4,3", "1,4,5", "1,4,6", "1,4,all"]),
+        (["make", "--preset", "r"], ["released"]),
+        (["make", "--preset=r"], ["released"]),
+        (["make", "--formats", "stl,"], ["stl,3mf", "stl,step"]),
+        (["make", "--parts", "h"], ["holder"]),
+        (["make", "--fit", ""], ["press", "slip", "loose"]),
+        (["make", "--copies", ""], []),
+        (["show", "4", "--drawing", ""], ["block", "holder", "jig", "coupon"]),
+        (["view", "1,2", "ho"], ["holder"]),
+        (["plate", "--printer", "ender"], ["ender-3", "ender-3-v3-se"]),
+        (["plate", "--printer", "form-3", "--filament", ""], ["grey-v4"]),
+        (["acquire", "--virtual", "--driver", ""], ["virtual-grbl", "virtual-marlin"]),
+        (["simulate", "--look", "tactip-"], ["tactip-bristol", "tactip-sussex"]),
+        (["import-frames", "x", "--columns", "label=a,pr"], ["label=a,print=", "label=a,printer="]),
+        (["classify", "r", "--protocol", ""], ["leak-free", "paper", "as-published"]),
+        (["classify", "r", "--hold-out", "copy,p"], ["copy,press", "copy,position", "copy,printer-filament"]),
+        (["export-runs", "r", "--to", "z"], ["zarr"]),
+        (["export-simulator", "--to", "mjcf,u"], ["mjcf,urdf", "mjcf,usd"]),
+        (["completion", ""], ["bash", "zsh", "fish"]),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_words(words: list[str], expected: list[str], here: Path) -> None:
+    assert offered(*words) == expected
+
+
+def test_texture_files_stand_beside_the_paper_textures(here: Path) -> None:
+    for name in ("hex.toml", "hexagon.stl", ".hidden.toml"):
+        (here / name).touch()
+    (here / "mine").mkdir()
+    (here / "mine" / "waves.toml").touch()
+    assert offered("make", "--texture", "1,h") == ["1,hex.toml"]
+    assert offered("show", "") == ["1", "2", "3", "4", "5", "6", "all", "hex.toml"]
+    assert offered("show", "mine/") == ["mine/waves.toml"]
+    assert kinds("show", "other/") == {"file"}
+
+
+def test_own_printers_are_offered_and_a_broken_file_is_no_trouble(here: Path) -> None:
+    (here / "own.toml").write_text('[printer.lab-delta]\nbed_mm = [200, 200]\nheight_mm = 200\nfilaments = ["petg"]\n')
+    assert "lab-delta" in offered("plate", "--printers", "own.toml", "--printer", "")
+    assert offered("plate", "--printers", "own.toml", "--printer", "lab-delta", "--filament", "") == ["petg"]
+    (here / "own.toml").write_text("[printer")
+    assert "ender-3" in offered("plate", "--printers", "own.toml", "--printer", "")
+
+
+def test_run_folders_are_offered_before_other_folders(here: Path) -> None:
+    for name in ("runs/texture-1", "runs/texture-2", "results", "other/deep/run"):
+        (here / name).mkdir(parents=True)
+    for name in ("runs/texture-1/run.json", "runs/texture-2/targets.csv", "other/deep/run/run.json"):
+        (here / name).touch()
+    assert offered("variance", "") == ["runs"]
+    assert offered("check-runs", "runs/") == ["runs/texture-1", "runs/texture-2"]
+    assert offered("publish", "runs/texture-2") == ["runs/texture-2"]
+    assert kinds("variance", "resu") == {"dir"}
+
+
+def test_files_and_folders_are_listed_by_the_shell() -> None:
+    assert kinds("check-part", "") == {"file"}
+    assert kinds("acquire", "stu") == {"file"}
+    assert kinds("make", "--out", "") == {"dir"}
+    assert kinds("make", "-o", "") == {"dir"}
+
+
+def test_an_unknown_or_old_command_completes_to_nothing(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, "bash_complete")
+    monkeypatch.setenv("COMP_CWORD", "2")
+    for words in ("tacbench mkae ", "tacbench check "):
+        monkeypatch.setenv("COMP_WORDS", words)
+        assert main([]) == 1
+        assert capsys.readouterr() == ("", "")
+
+
+def test_the_words_are_those_of_the_program() -> None:
+    from tacbench_cad.formats import FORMATS
+    from tacbench_cad.formats.simulators import SIMULATOR_TARGETS
+    from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS
+    from tacbench_cad.lab.analysis.classification.sweep import PARAMETERS
+    from tacbench_cad.lab.runs.exporting.formats import FORMATS as EXPORTS
+    from tacbench_cad.lab.runs.exporting.formats import TACTILE_DATA
+    from tacbench_cad.lab.runs.importing.samples import FIELDS
+    from tacbench_cad.lab.simulate.looks import LOOKS
+    from tacbench_cad.making.request import PARTS
+
+    assert set(options.FILE_FORMATS) == set(FORMATS)
+    assert tuple(PARTS) == options.PART_NAMES
+    assert (*HOLD_OUT_LEVELS, "session") == options.LEVELS
+    assert set(export_simulator.FORMATS) == set(SIMULATOR_TARGETS)
+    assert set(export_runs.FORMATS) == {*EXPORTS, TACTILE_DATA}
+    assert tuple(LOOKS) == simulate.LOOK_NAMES
+    assert tuple(PARAMETERS) == classify.SWEPT
+    assert set(import_frames.COLUMNS) == set(FIELDS) - {"array"}
+
+
+@pytest.mark.parametrize("shell", INSTALL)
+def test_the_script_asks_this_program_and_how_to_install_it_is_said(shell: str, capsys: Capture) -> None:
+    assert main(["completion", shell]) == 0
+    out, err = capsys.readouterr()
+    assert f"{VARIABLE}={shell}_complete" in out
+    assert err == f"Next: {INSTALL[shell]}\n"
+    assert get_completion_class(shell) is not None
+
+
+def test_completion_is_quick_and_loads_nothing_heavy(here: Path) -> None:
+    code = (
+        "import sys\n"
+        "from tacbench_cad.cli import main\n"
+        "code = main([])\n"
+        "print(code, *({name.split('.')[0] for name in sys.modules}"
+        " & {'numpy', 'scipy', 'OCP', 'cv2', 'matplotlib', 'rich.console'}), file=sys.stderr)\n"
+    )
+    for line in ("tacbench ", "tacbench make --texture ", "tacbench plate --printer ", "tacbench variance "):
+        words = {"COMP_WORDS": line, "COMP_CWORD": str(len(line.split())), VARIABLE: "bash_complete"}
+        started = time.process_time(), time.monotonic()
+        done = subprocess.run([sys.executable, "-c", code], env=os.environ | words, capture_output=True, text=True)
+        assert done.stderr == "0\n", line
+        assert done.stdout or line == "tacbench variance "
+        assert time.monotonic() - started[1] < 5.0
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
+def test_bash_completes_a_line(here: Path) -> None:
+    """The script in bash itself, with the command as a function of the shell's path."""
+    (here / "bin").mkdir()
+    command = here / "bin" / "tacbench"
+    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m tacbench_cad "$@"\n')
+    command.chmod(0o755)
+    script = (
+        'eval "$(tacbench completion bash 2>/dev/null)"\n'
+        "complete -p tacbench >/dev/null || exit 9\n"
+        "COMP_WORDS=(tacbench make --texture 1,4,); COMP_CWORD=3; COMP_LINE=x; _tacbench_completion tacbench\n"
+        'printf "%s " "${COMPREPLY[@]}"\n'
+    )
+    path = f"{here / 'bin'}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        ["bash", "--norc", "-c", script], env=os.environ | {"PATH": path}, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["1,4,2", "1,4,3", "1,4,5", "1,4,6", "1,4,all"]
