@@ -114,6 +114,37 @@ def test_nothing_is_loaded_and_nothing_complained_of(shown: Opened, whole: tuple
     assert shown.said == []
 
 
+@pytest.mark.parametrize("width", list(WIDTHS))
+def test_the_page_opens_on_the_texture(browser: Any, whole: tuple[Scene, Path], width: int) -> None:
+    """The block is seen from above in the middle of the view; the jig that would hide it has a switch."""
+    thing = whole[0].things[0]
+    one = opened(browser, whole[1], width)
+    one.act("tacbench.change({sizes: false})")
+    x, y = np.meshgrid(np.linspace(4.0, 19.0, 8), np.linspace(4.0, 26.0, 8))
+    points = np.column_stack([x.ravel(), y.ravel(), np.full(64, 6.0), np.ones(64)]) @ thing.to_world.T
+    stage = one.stage()
+
+    def seen() -> tuple[Floats, float]:
+        pixels = np.floor(one.where(points[:, :3])).astype(int)
+        colours = one.picture()[pixels[:, 1], pixels[:, 0]].astype(float)
+        return pixels, float(np.mean(colours[:, 0] > 1.2 * colours[:, 2]))
+
+    pixels, block = seen()
+    assert block > 0.9, "the block's colour"
+    middle = np.array([stage["x"] + stage["width"] / 2, stage["y"] + stage["height"] / 2])
+    assert np.all(np.abs(pixels.mean(axis=0) - middle) < 0.15 * np.array([stage["width"], stage["height"]]))
+    if why_missing("build123d") is None:
+        assert "jig_paper_x1" not in one.page.locator("#facts").inner_text()
+        one.page.check("#jig")
+        one.act("tacbench.change({apart: 0})")
+        assert seen()[1] < 0.1, "the jig lies on the block"
+        assert "jig_paper_x1" in one.page.locator("#facts").inner_text()
+        one.page.uncheck("#jig")
+        one.settle()
+        assert seen()[1] > 0.9
+    one.page.close()
+
+
 def test_the_page_is_small(whole: tuple[Scene, Path]) -> None:
     assert whole[1].stat().st_size < 5_000_000
 

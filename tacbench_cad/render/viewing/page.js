@@ -5,7 +5,7 @@
   const scene = JSON.parse(byId("description").textContent);
   const things = scene.things;
   const blocks = things.filter((thing) => thing.kind === "block");
-  const state = { view: "", block: 0, colour: "part", cut: "", at: 0.5, flip: false, apart: 0.55, sizes: true, press: false, spin: false, look: "corner" };
+  const state = { view: "", block: 0, colour: "part", cut: "", at: 0.5, flip: false, apart: 0, jig: false, sizes: true, press: false, spin: false, look: "corner" };
   const DOWN = ["#0b4f8a", "#4f93c4", "#a9cce3"], UP = ["#f6c9a0", "#e2894a", "#a8430b"], ZERO = "#f4f4f2";
   const DEVIATIONS = [...DOWN, ZERO, ...UP];
   const HEIGHTS = ["#2b1d5b", "#2f5d8c", "#2f8f86", "#7cc04f", "#f6e65a"];
@@ -87,8 +87,10 @@
     const slots = new Map(block ? [[block.slot, block]] : []);
     for (const thing of blocks) if (thing.set === set && !slots.has(thing.slot)) slots.set(thing.slot, thing);
     const laid = new Set(slots.values());
-    return things.filter((thing) => laid.has(thing) || (thing.kind !== "block" && thing.set === set));
+    return things.filter((thing) => laid.has(thing) || (thing.kind !== "block" && thing.set === set && !hidden(thing)));
   }
+  // On the blocks the jig would hide their textures: it is shown where somebody asks for it, or where no block is.
+  const hidden = (thing) => thing.kind === "jig" && blocks.length > 0 && !state.jig;
   function lift(thing) {
     if (state.view !== "assembly" || thing.kind === "holder") return 0;
     const block = theBlock(), tall = block ? block.high[2] : 8;
@@ -204,13 +206,20 @@
   const LOOKS = { corner: [-0.62, -1.1, 0.85], front: [0, -1, 0.001], right: [1, 0, 0.001], top: [0, -0.001, 1], below: [0, -0.001, -1] };
   function look(name) {
     state.look = name;
-    const box = boxOf(shown().flatMap(pointsOf)), middle = [0, 1, 2].map((i) => (box.low[i] + box.high[i]) / 2);
-    const radius = Math.hypot(...[0, 1, 2].map((i) => box.high[i] - box.low[i])) / 2;
-    const size = byId("canvas").getBoundingClientRect(), half = (world.camera.fov * Math.PI) / 360;
-    const narrow = Math.min(half, Math.atan(Math.tan(half) * (size.width / size.height)));
-    const far = (radius * 1.1) / Math.sin(narrow), long = Math.hypot(...LOOKS[name]);
-    const eye = LOOKS[name].map((part, i) => middle[i] + (part / long) * far);
-    K3D.setCamera([...eye, ...middle, 0, 0, 1]);
+    const points = shown().flatMap(pointsOf), box = boxOf(points);
+    const size = byId("canvas").getBoundingClientRect(), steep = Math.tan((world.camera.fov * Math.PI) / 360);
+    const [dx, dy, dz] = LOOKS[name].map((part) => part / Math.hypot(...LOOKS[name])), flat = Math.hypot(dx, dy);
+    const right = [-dy / flat, dx / flat, 0], up = [(-dx * dz) / flat, (-dy * dz) / flat, flat];
+    let middle = [0, 1, 2].map((i) => (box.low[i] + box.high[i]) / 2), far = 0;
+    for (let round = 0; round < 4; round += 1) {
+      const seen = points.map((point) => [right, up, [dx, dy, dz]].map((way) => way.reduce((sum, part, i) => sum + part * (point[i] - middle[i]), 0)));
+      // As near as every corner of the parts stays in the picture, with room for the sizes around them.
+      far = Math.max(...seen.map(([x, y, z]) => z + (1.2 / steep) * Math.max(Math.abs(y), (Math.abs(x) * size.height) / size.width)));
+      // What is near looks larger: the middle of the picture is not quite the middle of the box.
+      const { low, high } = boxOf(seen.map(([x, y, z]) => [x / (far - z), y / (far - z), 0]));
+      middle = middle.map((value, i) => value + (far / 2) * (right[i] * (low[0] + high[0]) + up[i] * (low[1] + high[1])));
+    }
+    K3D.setCamera([middle[0] + dx * far, middle[1] + dy * far, middle[2] + dz * far, ...middle, 0, 0, 1]);
     paint();
   }
   function spin() {
@@ -310,9 +319,10 @@
     for (const button of byId("views").children) button.setAttribute("aria-pressed", button.value === state.view);
     byId("apart-row").hidden = state.view !== "assembly";
     byId("texture-row").hidden = blocks.length < 2 || !["texture", "block", "assembly"].includes(state.view);
+    byId("jig-label").hidden = state.view !== "assembly" || !block || !things.some((thing) => thing.kind === "jig" && thing.set === block.set);
     byId("press-label").hidden = !(block && block.press);
     for (const id of ["colour", "cut", "apart"]) byId(id).value = state[id];
-    for (const id of ["sizes", "press", "spin"]) byId(id).checked = state[id];
+    for (const id of ["sizes", "jig", "press", "spin"]) byId(id).checked = state[id];
     byId("texture").value = state.block;
     byId("cut-at").value = state.at;
     byId("flip").hidden = !state.cut;
@@ -376,6 +386,10 @@
       byId(id).oninput = (event) => change({ [name]: Number(event.target.value) });
     }
     for (const id of ["sizes", "press"]) byId(id).onchange = (event) => change({ [id]: event.target.checked });
+    byId("jig").onchange = (event) => {
+      const jig = event.target.checked;
+      change({ jig, apart: jig ? Math.max(state.apart, 0.55) : 0 }, state.look);
+    };
     byId("flip").onclick = () => change({ flip: !state.flip });
     byId("spin").onchange = (event) => { state.spin = event.target.checked; spin(); };
     byId("version").textContent = scene.version;
