@@ -1,1 +1,1 @@
-"""What a thing is, in numbers: textures, blocks, press grids, labels. NumPy only, no geometry."""
+"""Definitions of textures, blocks, press grids and labels as numbers. They need NumPy only, and no geometry."""

@@ -1,4 +1,4 @@
-"""A texture at a size in millimetres: the one mapping between the formula's units and the printed part.
+"""A block: a texture at a size in mm. Only this module converts between the formula's units and mm.
 
 Block frame: origin at the lower corner of the underside, x and y along the sides, z up, underside at 0, highest point
 at ``height_mm``.
@@ -24,36 +24,36 @@ from tacbench_cad.util.errors import InputError, one_of, require_between
 from tacbench_cad.util.text import decimal, mm, report
 from tacbench_cad.util.types import Floats
 
-#: Thickness that must be left below the lowest valley (and above the label's pockets), in mm.
+#: The smallest allowed thickness below the lowest valley, and above the pockets of the label, in mm.
 MIN_BASE_MM = 0.8
-#: Sides and heights outside of this range are taken for mistakes, in mm.
+#: The allowed range of sides and heights, in mm. Values outside of it are probably mistakes.
 SIZE_RANGE_MM = (0.5, 2000.0)
-#: The most copies of a block.
+#: The largest number of copies of a block.
 MAX_COPIES = 999
-#: The key's default leg, in mm.
+#: The default leg of the key, in mm.
 KEY_MM = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Block:
-    """A texture block. Build one with :meth:`of`, which knows the presets and the order of the options.
+    """A texture block. Use :meth:`of` to make one from a preset and options.
 
     Args:
-        texture: The surface.
-        preset: Name of the preset that it began from.
-        nominal_size_mm: Sides x, y before the scale.
-        nominal_height_mm: Height of the highest point before the scale.
-        nominal_mm_per_unit: Millimetres per unit of u, v and height before the scale.
-        sampling: How the mesh follows the formula.
-        origin_uv: The point (u, v) at the block's corner.
-        scale: Multiplies sides, height and mm per unit.
-        key_mm: Leg of the chamfered corner at (x, 0), or None.
+        texture: The texture.
+        preset: The name of the preset that the block was made from.
+        nominal_size_mm: The sides x, y before scaling, in mm.
+        nominal_height_mm: The height of the highest point before scaling, in mm.
+        nominal_mm_per_unit: The millimetres per unit of u, v and height before scaling.
+        sampling: How the mesh approximates the formula.
+        origin_uv: The point (u, v) at the corner of the block.
+        scale: The factor that multiplies the sides, the height and the millimetres per unit.
+        key_mm: The leg of the chamfered corner at (x, 0), in mm; None for no key.
         label: Whether texture, preset, scale and copy are engraved in the underside.
-        copy: Number of this copy, or None.
-        step_tolerance_mm: Greatest vertical distance of the solid, and so of a STEP file, from the formula.
+        copy: The number of this copy, or None.
+        step_tolerance_mm: The largest vertical distance of the solid (and of a STEP file) from the formula, in mm.
 
     Raises:
-        InputError: A field is not allowed; the message has the field, its value and what is.
+        InputError: A field has a value that is not allowed.
     """
 
     texture: Texture
@@ -86,22 +86,22 @@ class Block:
         step_tolerance_mm: float = STEP_TOLERANCE_MM,
         table: BlockTable | None = None,
     ) -> Block:
-        """A block from a preset and changes to it, taken in the order preset, mm per unit, size, height, scale.
+        """Make a block from a preset. The options are applied in this order: mm per unit, size, height, scale.
 
         Args:
             texture: A texture, or the number or name of one of the six.
             preset: ``paper`` or ``released``.
-            mm_per_unit: New mapping: the sides stay, the domain follows.
-            size_mm: New sides: the mapping stays, the domain follows.
-            height_mm: New height: only the base changes.
-            scale: Multiplies sides, height and mm per unit; the domain stays.
-            sampling: Tolerance or sample grid of the mesh; ``"grid"`` for the preset's own grid (at other sides the
-                grid with the same step); None for the preset's default.
-            key_mm: Leg of the key, or None for no key.
-            label: Engrave the underside.
-            copy: Copy number, which implies the label.
-            step_tolerance_mm: Greatest vertical distance of the solid, and so of a STEP file, from the formula.
-            table: What the texture's own file says of its block: it comes in place of the preset's values.
+            mm_per_unit: A new mapping from units to mm. The sides stay the same, and the domain changes.
+            size_mm: New sides, in mm. The mapping stays the same, and the domain changes.
+            height_mm: A new height, in mm. Only the base becomes thicker or thinner.
+            scale: The factor that multiplies the sides, the height and the mm per unit. The domain stays the same.
+            sampling: The tolerance or the sample grid of the mesh. ``"grid"`` selects the preset's own grid, or a grid
+                with the same step if the sides differ. None selects the preset's default.
+            key_mm: The leg of the key, in mm; None for no key.
+            label: Whether to engrave the underside.
+            copy: The number of the copy. It is engraved, so it implies ``label``.
+            step_tolerance_mm: The largest vertical distance of the solid (and of a STEP file) from the formula, in mm.
+            table: The block settings of a texture file, which replace the values of the preset.
 
         Raises:
             InputError: A value is not allowed.
@@ -174,17 +174,17 @@ class Block:
 
     @property
     def size_mm(self) -> tuple[float, float]:
-        """Sides x, y in mm, as printed."""
+        """The sides x, y of the printed block, in mm."""
         return (self.nominal_size_mm[0] * self.scale, self.nominal_size_mm[1] * self.scale)
 
     @property
     def height_mm(self) -> float:
-        """Height of the highest point in mm, as printed."""
+        """The height of the highest point of the printed block, in mm."""
         return self.nominal_height_mm * self.scale
 
     @property
     def mm_per_unit(self) -> tuple[float, float, float]:
-        """Millimetres per unit of u, v and height, as printed."""
+        """The millimetres per unit of u, v and height of the printed block."""
         x, y, z = self.nominal_mm_per_unit
         return (x * self.scale, y * self.scale, z * self.scale)
 
@@ -196,18 +196,18 @@ class Block:
 
     @cached_property
     def surface(self) -> WaveSum:
-        """The formula in millimetres of the block frame, up to :attr:`datum_mm`: a wave sum over (x, y)."""
+        """The formula in mm as a wave sum over (x, y) of the block frame, without the offset :attr:`datum_mm`."""
         x, y, z = self.mm_per_unit
         return self.texture.waves.mapped((x, y), z, self.origin_uv)
 
     @property
     def keep(self) -> HalfPlane | None:
-        """The half-plane that the key leaves, ``x - y <= size x - key``; None without a key."""
+        """The half-plane ``x - y <= size x - key``, which the key leaves; None if the block has no key."""
         return None if self.key_mm is None else HalfPlane(1.0, -1.0, self.size_mm[0] - self.key_mm)
 
     @cached_property
     def extremes(self) -> Extremes:
-        """Lowest and highest value of :attr:`surface` over the block's own top, in mm; the key's corner left out."""
+        """The lowest and the highest value of :attr:`surface` over the top of the block, without the key, in mm."""
         x, y = self.size_mm
         whole = self.surface.extremes((0.0, x), (0.0, y))
         keep = self.keep
@@ -225,20 +225,23 @@ class Block:
 
     @property
     def formula_datum_mm(self) -> float:
-        """Height z of the formula's zero when the formula's highest point lies at :attr:`height_mm`, in mm."""
+        """The height z of the formula's zero if the formula's highest point lies at :attr:`height_mm`, in mm."""
         return self.height_mm - self.extremes.high
 
     @cached_property
     def datum_mm(self) -> float:
-        """Height z of the formula's zero in the mesh, in mm: on a sample grid its highest vertex is at the height."""
+        """The height z of the formula's zero in the mesh, in mm.
+
+        If the mesh has a sample grid, its highest vertex lies at :attr:`height_mm`.
+        """
         return self.formula_datum_mm if isinstance(self.sampling, Tolerance) else self._grid_datum_mm(self.sampling)
 
     @cached_property
     def solid_datum_mm(self) -> float:
-        """Height z of the formula's zero in the solid, in mm: the grid's for ``released``, else the formula's.
+        """The height z of the formula's zero in the solid, in mm.
 
-        The tolerance of the mesh does not change the solid: with one, ``released`` keeps the preset's own grid here,
-        where that grid draws the formula's shape.
+        For ``released`` it follows from the preset's sample grid (if that grid resolves the finest wave), otherwise
+        from the formula. It does not depend on the tolerance of the mesh.
         """
         if self.preset != "released":
             return self.formula_datum_mm
@@ -252,28 +255,28 @@ class Block:
 
     @property
     def samples_mm(self) -> tuple[Floats, Floats]:
-        """The sample grid's lines x (nx,) and y (ny,), in mm.
+        """Return the coordinates x (nx,) and y (ny,) of the sample grid, in mm.
 
         Raises:
-            InputError: The block has a tolerance and no grid.
+            InputError: The mesh has a tolerance and no sample grid.
         """
         if not isinstance(self.sampling, SampleGrid):
-            raise InputError("sampling", None, "this block follows the formula within a tolerance, it has no grid")
+            raise InputError("sampling", None, "the mesh of this block has a tolerance and no sample grid")
         return self.sampling.lines(self.size_mm)
 
     @property
     def relief_mm(self) -> float:
-        """Peak-to-peak height of the formula over the block's top, in mm."""
+        """The peak-to-peak height of the formula over the top of the block, in mm."""
         return self.extremes.high - self.extremes.low
 
     @property
     def base_mm(self) -> float:
-        """What is left below the formula's lowest valley, in mm."""
+        """The thickness below the lowest valley of the formula, in mm."""
         return self.height_mm - self.relief_mm
 
     @property
     def grid_aliases(self) -> bool:
-        """Whether the sample grid has fewer than two samples for the finest wave: it then draws another shape."""
+        """Whether the sample grid has too few samples for the finest wave (fewer than two per period)."""
         return isinstance(self.sampling, SampleGrid) and self._aliases(self.sampling)
 
     def _aliases(self, grid: SampleGrid) -> bool:
@@ -281,47 +284,47 @@ class Block:
         return f * x / (grid.nx - 1) > math.pi or g * y / (grid.ny - 1) > math.pi
 
     def height_at(self, x: ArrayLike, y: ArrayLike) -> Floats:
-        """The formula's height above the underside, with the mesh's datum.
+        """Return the height of the formula above the underside, with the offset of the mesh.
 
         Args:
-            x: Places along x in mm, from 0 at the block's corner.
-            y: Places along y in mm; must broadcast with ``x``.
+            x: The coordinates along x, in mm, from 0 at the corner of the block.
+            y: The coordinates along y, in mm. They must broadcast with ``x``.
 
         Returns:
-            z in mm, of the broadcast shape.
+            The heights z in mm, with the broadcast shape.
         """
         return self.datum_mm + self.surface(x, y)
 
     @cached_property
     def engraving(self) -> Engraving | None:
-        """The label in the underside, or None."""
+        """The label in the underside; None if the block has none."""
         if not self.label:
             return None
         return engrave(self.label_words, self.size_mm, self.key_mm or 0.0)
 
     @property
     def label_words(self) -> tuple[str, ...]:
-        """What the label says: texture, preset, scale and copy."""
+        """The words of the label: texture, preset, scale and copy."""
         first = f"T{self.texture.number}" if self.texture.number else self.texture.name.upper()
         copy = () if self.copy is None else (f"{self.copy:02d}",)
         return (first, self.preset.upper(), f"X{decimal(self.scale)}", *copy)
 
     @property
     def outline(self) -> tuple[tuple[float, float], float, float | None]:
-        """Sides, height and key in mm: what a holder knows of a block. Blocks of one outline fit the same holder."""
+        """The sides, height and key in mm, from which a holder is made. Blocks with the same outline fit one holder."""
         return (self.size_mm, self.height_mm, self.key_mm)
 
     @property
     def footprint_mm2(self) -> float:
-        """Area of the underside's outline, in mm^2."""
+        """The area inside the outline of the underside, in mm^2."""
         x, y = self.size_mm
         return x * y - (self.key_mm or 0.0) ** 2 / 2.0
 
     def volume_mm3(self, datum_mm: float) -> float:
-        """Volume below the formula in closed form, key and label taken into account, in mm^3.
+        """Return the volume below the formula in closed form, without the key and the label, in mm^3.
 
         Args:
-            datum_mm: z of the formula's zero: :attr:`datum_mm` or :attr:`solid_datum_mm`.
+            datum_mm: The height z of the formula's zero: :attr:`datum_mm` or :attr:`solid_datum_mm`.
         """
         x, y = self.size_mm
         relief = self.surface.integral((0.0, x), (0.0, y))
@@ -332,13 +335,13 @@ class Block:
 
     @property
     def name(self) -> str:
-        """Texture, preset, scale, then only what is not the preset's default; the file names of STL and 3MF."""
+        """The name of the STL and 3MF files: texture, preset and scale, then all values that are not the default."""
         own = self.sampling
         return self._name(own.mm if isinstance(own, Tolerance) and own != VALUES[self.preset].sampling else None)
 
     @property
     def solid_name(self) -> str:
-        """The same for the STEP file, which has a tolerance of its own."""
+        """The name of the STEP file, which differs from :attr:`name` because a solid has its own tolerance."""
         own = self.step_tolerance_mm
         return self._name(own if own != STEP_TOLERANCE_MM else None)
 
@@ -365,7 +368,7 @@ class Block:
 
     @property
     def title(self) -> str:
-        """One line for people: texture, preset and sides."""
+        """The texture, preset and size in one line."""
         x, y = self.size_mm
         return f"{self.texture.name}, preset {self.preset}, {x:g} x {y:g} x {self.height_mm:g} mm"
 

@@ -1,8 +1,8 @@
-"""Lowest and highest values with a proved error, by branch and bound.
+"""Lowest and highest values of a function with a proved error, by branch and bound.
 
-Both searches bound a smooth function on a cell by its second-order Taylor polynomial about the centre, whose
-remainder follows from bounds of the second derivatives over the whole domain. Cells that cannot hold a better value
-are dropped, the rest are halved, until the proved gap is below the error asked for.
+Both searches divide the domain into cells. In each cell they bound the function by its Taylor polynomial about the
+centre; the remainder follows from bounds of the second derivatives over the whole domain. Cells that cannot contain a
+better value are dropped and the others are halved, until the proved error is below the requested one.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from numpy.typing import ArrayLike
 
 from tacbench_cad.util.types import Floats
 
-#: Cells alive at one time: past this the search stops and reports the gap that it has proved so far.
+#: The largest number of cells at a time. Beyond it the search stops and reports the error proved so far.
 MAX_CELLS = 2_000_000
-#: Halvings after which rounding would decide.
+#: The largest number of halvings. After more of them, rounding errors would exceed the differences.
 MAX_ROUNDS = 60
 
 
 @dataclass(frozen=True)
 class Extremes:
-    """The lowest and the highest value over a domain.
+    """The lowest and the highest value of a function over a domain.
 
     Attributes:
-        low: Lowest value found; the true one is not below ``low - error``.
-        high: Highest value found; the true one is not above ``high + error``.
-        at_low: A point where ``low`` is taken.
-        at_high: A point where ``high`` is taken.
+        low: The lowest computed value. The true minimum is not below ``low - error``.
+        high: The highest computed value. The true maximum is not above ``high + error``.
+        at_low: A point at which the function has the value ``low``.
+        at_high: A point at which the function has the value ``high``.
         error: The proved error.
     """
 
@@ -42,11 +42,11 @@ class Extremes:
 
 @dataclass(frozen=True)
 class HalfPlane:
-    """The points with ``a u + b v <= c``.
+    """The half-plane of all points with ``a u + b v <= c``.
 
     Args:
-        a: Coefficient of u.
-        b: Coefficient of v.
+        a: The coefficient of u.
+        b: The coefficient of v.
         c: The bound.
     """
 
@@ -55,14 +55,14 @@ class HalfPlane:
     c: float
 
     def excess(self, u: ArrayLike, v: ArrayLike) -> Floats:
-        """How far ``a u + b v`` passes ``c``: zero or negative inside."""
+        """Return ``a u + b v - c``, which is zero or negative inside."""
         return np.asarray(self.a * np.asarray(u) + self.b * np.asarray(v) - self.c, dtype=np.float64)
 
 
 def clipped_rectangle(
     u: tuple[float, float], v: tuple[float, float], keep: HalfPlane | None
 ) -> list[tuple[float, float]]:
-    """Corners of a rectangle's part in a half-plane, in order; all four corners where there is no half-plane."""
+    """Return the corners of the part of a rectangle that lies in a half-plane, in order (all four without one)."""
     corners = [(u[0], v[0]), (u[1], v[0]), (u[1], v[1]), (u[0], v[1])]
     if keep is None:
         return corners
@@ -81,7 +81,7 @@ class Function1D(Protocol):
     """A function of one variable with derivatives."""
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Floats:
-        """Values of the derivative of an order at some places; the shape is that of ``t``."""
+        """Return the derivative of the given order at ``t``, with the same shape."""
         ...
 
 
@@ -89,19 +89,19 @@ class Function2D(Protocol):
     """A function of two variables with partial derivatives."""
 
     def __call__(self, u: ArrayLike, v: ArrayLike, order: tuple[int, int] = (0, 0)) -> Floats:
-        """Values of a partial derivative at some places; the shape is that of ``u`` and ``v`` together."""
+        """Return the partial derivative of the given orders at ``(u, v)``, with the broadcast shape."""
         ...
 
 
 def search_interval(function: Function1D, second: float, low: float, high: float, error: float) -> Extremes:
-    """Extremes over ``[low, high]``.
+    """Find the extremes of a function of one variable over ``[low, high]``.
 
     Args:
-        function: The function; called with arrays.
+        function: The function. It is called with arrays.
         second: A bound of ``|f''|``.
-        low: Lower end.
-        high: Upper end.
-        error: The gap to prove.
+        low: The lower end.
+        high: The upper end.
+        error: The error to prove.
     """
     top, at_top, gap_top = _highest_1d(function, 1.0, second, low, high, error)
     bottom, at_bottom, gap_bottom = _highest_1d(function, -1.0, second, low, high, error)
@@ -116,15 +116,15 @@ def search_rectangle(
     error: float,
     keep: HalfPlane | None = None,
 ) -> Extremes:
-    """Extremes over a rectangle, or over the part of it in a half-plane.
+    """Find the extremes of a function of two variables over a rectangle, or over its part in a half-plane.
 
     Args:
-        function: The function; called with arrays.
+        function: The function. It is called with arrays.
         second: Bounds of ``|f_uu|``, ``|f_uv|``, ``|f_vv|``.
-        u: Ends along u.
-        v: Ends along v.
-        error: The gap to prove.
-        keep: The half-plane that counts.
+        u: The lower and upper end along u.
+        v: The lower and upper end along v.
+        error: The error to prove.
+        keep: The half-plane to which the search is limited; None for the whole rectangle.
     """
     top, at_top, gap_top = _highest_2d(function, 1.0, second, u, v, error, keep)
     bottom, at_bottom, gap_bottom = _highest_2d(function, -1.0, second, u, v, error, keep)
@@ -170,7 +170,7 @@ def _better(best: float, place: float, value: Floats, centre: Floats) -> tuple[f
 def _polish_1d(
     function: Function1D, sign: float, best: float, place: float, low: float, high: float
 ) -> tuple[float, float]:
-    """Newton steps to the top of the hill that ``place`` stands on; never returns a worse point."""
+    """Move uphill from ``place`` by Newton steps; the result is never worse than ``place``."""
     t = np.array(place)
     for _ in range(3):
         curve = float(function(t, 2))
@@ -227,7 +227,7 @@ def _highest_2d(
 
 
 def _corner_inside(keep: HalfPlane, cu: Floats, cv: Floats, half_u: float, half_v: float) -> tuple[Floats, Floats]:
-    """Of each cell, the corner that lies deepest in the half-plane."""
+    """Return the corner of each cell that lies deepest in the half-plane."""
     return cu - np.sign(keep.a) * half_u, cv - np.sign(keep.b) * half_v
 
 
@@ -248,7 +248,7 @@ def _best_point(
     half_v: float,
     keep: HalfPlane | None,
 ) -> tuple[float, tuple[float, float]]:
-    """The better of ``best`` and the cells' own points that count."""
+    """Return the best of ``best`` and those points of the cells that lie in the half-plane."""
     if keep is not None:
         corner_u, corner_v = _corner_inside(keep, cu, cv, half_u, half_v)
         outside = keep.excess(cu, cv) > 0.0
@@ -267,7 +267,7 @@ def _polish_2d(
     v: tuple[float, float],
     keep: HalfPlane | None,
 ) -> tuple[float, tuple[float, float]]:
-    """Newton steps, clipped to the rectangle; never returns a worse point or one that does not count."""
+    """Move uphill by Newton steps inside the rectangle and the half-plane; the result is never worse."""
     a, b = place
     for _ in range(3):
         slope = np.array([float(function(a, b, (1, 0))), float(function(a, b, (0, 1)))])

@@ -1,4 +1,4 @@
-"""Named fits between a block and the pocket of its holder, for the holder's shape and for the pressing alike."""
+"""The fits between a block and the pocket of its holder. The holder's shape and the press protocol both use them."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import math
 
 from tacbench_cad.util.errors import InputError, nearest
 
-#: Clearance on each side between a block and its pocket, in mm.
+#: The clearance between a block and its pocket on each side, in mm.
 FITS: dict[str, float] = {"press": 0.05, "slip": 0.15, "loose": 0.30}
-#: Clearances outside of this range are taken for mistakes, in mm per side.
+#: The allowed range of clearances, in mm per side. Values outside of it are probably mistakes.
 CLEARANCE_RANGE_MM = (0.0, 1.0)
 
 
 def clearance_mm(fit: str | float) -> float:
-    """Clearance per side of a fit.
+    """Return the clearance per side of a fit, in mm.
 
     Args:
-        fit: ``press``, ``slip``, ``loose``, or a number of mm per side (also as text).
+        fit: ``press``, ``slip``, ``loose``, or a number of mm per side (also as a string).
 
     Raises:
         InputError: The fit is unknown, or the number is not from 0 to 1 mm.

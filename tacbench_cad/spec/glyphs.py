@@ -1,9 +1,9 @@
-"""Our own glyphs: straight strokes on a small square grid, so that labels need no font of the system.
+"""The characters of labels, as straight strokes on a small square grid. Labels therefore need no system font.
 
-A glyph is six units high; its strokes are polylines between grid points, drawn with a pen of 0.8 mm. One
-unit is ``(height - pen) / 6``, so the pen keeps its width at every height. Strokes run along an axis or at 45
-degrees only; bars that lie above each other are three units apart, which leaves ``height / 2 - 1.2`` mm between them:
-0.4 mm, a nozzle's width, from a height of 3.2 mm up, and 0.3 mm at the least height of 3 mm.
+A glyph is six units high. Its strokes are polylines between grid points, drawn with a pen of 0.8 mm. One unit is
+``(height - pen) / 6``, so the pen has the same width at every height. All strokes run along an axis or at 45 degrees.
+Horizontal bars are three units apart, which leaves a gap of ``height / 2 - 1.2`` mm between them. The gap is 0.4 mm,
+the width of a nozzle, at a height of 3.2 mm, and 0.3 mm at the smallest height of 3 mm.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 Point = tuple[float, float]
 
-#: Height of every glyph, in units between the centre lines of the strokes.
+#: The height of every glyph between the centre lines of its strokes, in units.
 UNITS_HIGH = 6.0
 
 
@@ -21,8 +21,8 @@ class Glyph:
     """One character.
 
     Args:
-        width: Distance between the centre lines of the outermost strokes, in units.
-        lines: Polylines of grid points (x to the right, y up), in units.
+        width: The distance between the centre lines of the outermost strokes, in units.
+        lines: The polylines as grid points (x to the right, y up), in units.
     """
 
     width: float
@@ -30,7 +30,7 @@ class Glyph:
 
 
 def _glyph(text: str) -> Glyph:
-    """Read ``"0,0 0,6 4,6 | 0,3 3,3"``: points, and a bar between polylines."""
+    """Parse polylines from text such as ``"0,0 0,6 4,6 | 0,3 3,3"``; a bar separates polylines."""
     lines = tuple(
         tuple((float(x), float(y)) for x, y in (point.split(",") for point in line.split())) for line in text.split("|")
     )
@@ -78,5 +78,5 @@ _STROKES = {
     ".": "0,0",
 }
 
-#: Every character that a label may have.
+#: The characters that a label may contain.
 GLYPHS: dict[str, Glyph] = {character: _glyph(text) for character, text in _STROKES.items()}

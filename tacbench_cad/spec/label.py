@@ -1,4 +1,4 @@
-"""The label engraved in a block's underside: glyphs as strokes of our own, the same in mesh and solid."""
+"""The label engraved in the underside of a block. Its outlines are the same in the mesh and in the solid."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from tacbench_cad.spec.outlines import area_mm2
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
-#: Depth of the engraving, in mm.
+#: The depth of the engraving, in mm.
 LABEL_DEPTH_MM = 0.4
-#: Width of a stroke, in mm.
+#: The width of a stroke, in mm.
 STROKE_MM = 0.8
-#: Least height of a glyph, in mm.
+#: The smallest height of a glyph, in mm.
 MIN_GLYPH_MM = 3.0
-#: Height that no glyph passes, however much room there is, in mm.
+#: The largest height of a glyph, in mm.
 MAX_GLYPH_MM = 5.0
-#: Room between the strokes and the block's outline, in mm: the least wall of the fixtures.
+#: The distance between the strokes and the outline of the block, in mm. It equals the thinnest wall of the fixtures.
 MARGIN_MM = 1.6
-#: Heights are tried in such steps, in mm.
+#: The step between the heights that are tried, in mm.
 _STEP_MM = 0.05
-#: Gaps between glyphs, words and lines as fractions of the glyph's height (0.6, 2.7 and 0.9 mm at the least height).
+#: The gaps between glyphs, words and lines, as fractions of the glyph's height.
 _GLYPH_GAP, _WORD_GAP, _LINE_GAP = 0.2, 0.9, 0.3
-#: Coordinates are rounded to this, in mm, and the outline is simplified to twenty times as much, so that no edge is
+#: Coordinates are rounded to _ROUND_MM, and outlines are simplified within _SIMPLIFY_MM, in mm. No edge is therefore
 #: shorter than 0.01 mm.
 _ROUND_MM = 0.001
 _SIMPLIFY_MM = 0.02
@@ -35,12 +35,12 @@ _SIMPLIFY_MM = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Engraving:
-    """Flat-bottomed pockets in the underside.
+    """Pockets with a flat bottom in the underside.
 
     Args:
-        contours: Closed outlines in the block frame, each (n, 2) in mm without a repeated end: outer ones
-            counter-clockwise, islands clockwise (both seen from above).
-        glyph_mm: Height of the glyphs in mm.
+        contours: The closed outlines in the block frame, each (n, 2) in mm; the first point is not repeated at the
+            end. Seen from above, outer outlines run counter-clockwise and islands clockwise.
+        glyph_mm: The height of the glyphs, in mm.
     """
 
     contours: tuple[Floats, ...]
@@ -48,22 +48,22 @@ class Engraving:
 
     @property
     def area_mm2(self) -> float:
-        """Area of the pockets in mm^2 (islands taken off)."""
+        """The area of the pockets without their islands, in mm^2."""
         return area_mm2(*self.contours)
 
     @property
     def volume_mm3(self) -> float:
-        """Volume of the pockets in mm^3."""
+        """The volume of the pockets, in mm^3."""
         return self.area_mm2 * LABEL_DEPTH_MM
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """Lines of text at one height, set in a frame (a, b): a to the right, b up, as the reader sees them.
+    """Lines of text with one glyph height, in the reader's frame (a, b): a points to the right and b up.
 
     Args:
-        lines: The lines, top one first; words are separated by spaces.
-        height: Height of the glyphs in mm.
+        lines: The lines from top to bottom. Words are separated by spaces.
+        height: The height of the glyphs, in mm.
     """
 
     lines: tuple[str, ...]
@@ -80,12 +80,12 @@ class _Layout:
 
 @dataclass(frozen=True)
 class _Page:
-    """The underside as its reader sees it: turned over about the block's x axis, then turned so that lines run along a.
+    """The underside as the reader sees it, after turning the block over about its x axis so that lines run along a.
 
     Args:
-        size_mm: Sides x, y of the block.
-        key_mm: Leg of the key, 0 without one.
-        along_y: Whether lines run along the block's y, else along x.
+        size_mm: The sides x, y of the block.
+        key_mm: The leg of the key; 0 for no key.
+        along_y: Whether lines run along the block's y axis (otherwise along x).
     """
 
     size_mm: tuple[float, float]
@@ -101,14 +101,14 @@ class _Page:
         return self.size_mm[0] if self.along_y else self.size_mm[1]
 
     def to_block(self, a: float, b: float) -> tuple[float, float]:
-        """Block frame x, y of a point of the page: mirrored, because the page is seen from below."""
+        """Convert a point of the page to the block frame. It is mirrored, because the page is seen from below."""
         x, y = self.size_mm
         return (x - b, y - a) if self.along_y else (a, y - b)
 
     def place(self, layout: _Layout) -> list[tuple[float, float]] | None:
-        """Lower left corner of each line on the page, or None where the layout does not fit.
+        """Return the lower left corner of each line on the page, or None if the layout does not fit.
 
-        Lines are centred; where the key is in the way they move to the corner opposite to it.
+        Lines are centred. If they would cut the key, they move to the opposite corner.
         """
         if layout.width > self.width - 2 * MARGIN_MM + 1e-9 or layout.depth > self.depth - 2 * MARGIN_MM + 1e-9:
             return None
@@ -119,7 +119,7 @@ class _Page:
         return None
 
     def _corners(self, layout: _Layout, centred: bool) -> list[tuple[float, float]]:
-        # The key is at x high, y low: on the page that is a high, and b high (lines along x) or b low (along y).
+        # The key is at large x and small y. On the page, a is large there; b is large if lines run along x, else small.
         bottom = self.depth - MARGIN_MM - layout.depth if self.along_y else MARGIN_MM
         top = (self.depth - layout.depth) / 2.0 + layout.depth if centred else bottom + layout.depth
         step = layout.height * (1.0 + _LINE_GAP)
@@ -135,25 +135,25 @@ class _Page:
             return True
         (a, b), width = at, _width(line, layout.height)
         ends = (self.to_block(p, q) for p in (a, a + width) for q in (b, b + layout.height))
-        most = self.size_mm[0] - self.key_mm - MARGIN_MM * math.sqrt(2.0)
-        return all(x - y <= most + 1e-9 for x, y in ends)
+        limit = self.size_mm[0] - self.key_mm - MARGIN_MM * math.sqrt(2.0)
+        return all(x - y <= limit + 1e-9 for x, y in ends)
 
 
 def engrave(words: tuple[str, ...], size_mm: tuple[float, float], key_mm: float) -> Engraving:
-    """Set words on the underside, as large as they fit (3 to 5 mm), to be read from below.
+    """Engrave words in the underside with the largest glyphs that fit (3 to 5 mm), to be read from below.
 
-    Words keep their order, one or more on a line; lines run along the side that allows the larger glyphs. A word may
-    be broken after a hyphen. The text is mirrored: turn the block over about its x axis (front to back) and it reads
-    upright, along x; where it runs along y, give the block a quarter turn clockwise as well.
+    Words keep their order, and each line has one or more words. Lines run along the side that allows larger glyphs. A
+    word may be broken after a hyphen. The text is mirrored: after turning the block over about its x axis (front to
+    back), it reads upright if it runs along x. If it runs along y, turn the block clockwise by a quarter as well.
 
     Args:
-        words: The words: A to Z, 0 to 9, hyphen and full stop; small letters are written as capitals.
-        size_mm: Sides x, y of the underside in mm.
-        key_mm: Leg of the chamfered corner at (x, 0) in mm; 0 for none.
+        words: The words, with A to Z, 0 to 9, hyphens and full stops. Small letters become capitals.
+        size_mm: The sides x, y of the underside, in mm.
+        key_mm: The leg of the chamfered corner at (x, 0), in mm; 0 for no key.
 
     Returns:
-        The pockets in the block frame, equal on every run; coordinates are float32 values and no edge is shorter than
-        0.01 mm.
+        The pockets in the block frame. They are the same on every run, their coordinates are float32 values, and no
+        edge is shorter than 0.01 mm.
 
     Raises:
         InputError: A character has no glyph, or the words do not fit at 3 mm.
@@ -179,7 +179,7 @@ def engrave(words: tuple[str, ...], size_mm: tuple[float, float], key_mm: float)
 
 
 def _refusal(breaks: list[tuple[str, ...]], pages: tuple[_Page, _Page]) -> str:
-    """What the least room at the least height is, against what is there."""
+    """Say which size the smallest glyphs need, and which size the underside has."""
     needs = []
     for lines in breaks:
         layout = _Layout(lines, MIN_GLYPH_MM)
@@ -191,13 +191,13 @@ def _refusal(breaks: list[tuple[str, ...]], pages: tuple[_Page, _Page]) -> str:
     key = pages[0].key_mm
     return (
         f"needs an underside of {math.ceil(10 * x) / 10:g} x {math.ceil(10 * y) / 10:g} mm for glyphs of "
-        f"{MIN_GLYPH_MM:g} mm, clear of the outline by {MARGIN_MM:g} mm; this one has {have}"
+        f"{MIN_GLYPH_MM:g} mm at a distance of {MARGIN_MM:g} mm from the outline; this one has {have}"
         + (f" and a key of {key:g} mm" if key else "")
     )
 
 
 def _width(line: str, height: float) -> float:
-    """Width of a line in mm, from the outside of its first stroke to that of its last."""
+    """Return the width of a line between the outer edges of its strokes, in mm."""
     unit = (height - STROKE_MM) / UNITS_HIGH
     total, gap = 0.0, 0.0
     for character in line:
@@ -210,17 +210,17 @@ def _width(line: str, height: float) -> float:
 
 
 def _breaks(text: str) -> list[tuple[str, ...]]:
-    """Every way to fill lines up to some width, those with the most lines first."""
+    """Return all ways to break a text into lines of some width, starting with those that have the most lines."""
     pieces = [piece for word in text.split() for piece in _at_hyphens(word)]
     widths = {
         _width("".join(pieces[i : j + 1]), MIN_GLYPH_MM) for i in range(len(pieces)) for j in range(i, len(pieces))
     }
-    found = dict.fromkeys(_fill(pieces, width) for width in sorted(widths))
-    return sorted(found, key=len, reverse=True)
+    breaks = dict.fromkeys(_fill(pieces, width) for width in sorted(widths))
+    return sorted(breaks, key=len, reverse=True)
 
 
 def _at_hyphens(word: str) -> Iterator[str]:
-    """The parts of a word that may stand on lines of their own: of ``HEX-WIDE`` they are ``HEX-`` and ``WIDE``."""
+    """Yield the parts of a word that may be on separate lines: ``HEX-`` and ``WIDE`` for ``HEX-WIDE``."""
     start = 0
     for i, character in enumerate(word):
         if character == "-" and 0 < i < len(word) - 1:
@@ -230,7 +230,7 @@ def _at_hyphens(word: str) -> Iterator[str]:
 
 
 def _fill(pieces: list[str], width: float) -> tuple[str, ...]:
-    """Lines filled one after the other up to a width in mm at the least height; a longer piece has its own line."""
+    """Fill lines one after another up to a width in mm, at the smallest height. A longer piece gets its own line."""
     lines = [pieces[0]]
     for piece in pieces[1:]:
         if _width(lines[-1] + piece, MIN_GLYPH_MM) <= width + 1e-9:
@@ -241,7 +241,7 @@ def _fill(pieces: list[str], width: float) -> tuple[str, ...]:
 
 
 def _outlines(layout: _Layout, page: _Page, corners: list[tuple[float, float]]) -> tuple[Floats, ...]:
-    """Union of all strokes in the block frame, in an order of its own."""
+    """Return the union of all strokes in the block frame, sorted by coordinates."""
     from manifold3d import CrossSection, FillRule
 
     strokes = [
@@ -254,14 +254,14 @@ def _outlines(layout: _Layout, page: _Page, corners: list[tuple[float, float]]) 
 
 
 def _settled(contour: Floats) -> Floats:
-    """The contour with rounded float32 coordinates, beginning at its lowest x (and y)."""
+    """Return the contour with rounded float32 coordinates, starting at its smallest x (and y)."""
     steps = np.rint(contour / _ROUND_MM)
     first = int(np.lexsort((steps[:, 1], steps[:, 0]))[0])
     return (np.roll(steps, -first, axis=0) * _ROUND_MM).astype(np.float32).astype(np.float64)
 
 
 def _segments(line: str, height: float, at: tuple[float, float]) -> Iterator[tuple[tuple[float, float], ...]]:
-    """Ends of the centre lines of a line's strokes on the page, in mm."""
+    """Yield the two ends of each stroke's centre line on the page, in mm."""
     unit, half = (height - STROKE_MM) / UNITS_HIGH, STROKE_MM / 2.0
     for i, character in enumerate(line):
         if character == " ":
@@ -274,12 +274,13 @@ def _segments(line: str, height: float, at: tuple[float, float]) -> Iterator[tup
 
 
 def _stroke(start: tuple[float, float], end: tuple[float, float]) -> Floats:
-    """A stroke's outline, counter-clockwise: the hull of two octagons.
+    """Return the outline of a stroke, counter-clockwise: the convex hull of two octagons.
 
-    Octagons with sides along the axes and at 45 degrees, as all strokes run: the stroke is exactly a pen wide.
+    The sides of the octagons run along the axes and at 45 degrees, as all strokes do. The stroke is therefore exactly
+    as wide as the pen.
 
     Returns:
-        Shape (8, 2) in mm.
+        The points in mm, shape (8, 2).
     """
     along = math.atan2(end[1] - start[1], end[0] - start[0])
     radius = STROKE_MM / 2.0 / math.cos(math.pi / 8.0)

@@ -1,4 +1,4 @@
-"""Closed outlines in the plane: their area, and what lies inside of them."""
+"""The area of closed outlines in the plane, and whether a point lies inside them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tacbench_cad.util.types import Floats
 
 
 def area_mm2(*outlines: Floats) -> float:
-    """Area of closed outlines (n, 2), in mm^2: those that run counter-clockwise count, the others are taken off."""
+    """Return the area of closed outlines (n, 2), in mm^2. The area of a clockwise outline is subtracted."""
     total = 0.0
     for outline in outlines:
         x, y = outline.T
@@ -19,7 +19,7 @@ def area_mm2(*outlines: Floats) -> float:
 
 
 def is_inside(point: Floats, outlines: Iterable[Floats]) -> bool:
-    """Whether a point (2,) lies inside of some closed outlines (even-odd rule)."""
+    """Whether a point (2,) lies inside closed outlines, by the even-odd rule."""
     crossings = 0
     for outline in outlines:
         a, b = outline, np.roll(outline, -1, axis=0)

@@ -1,4 +1,4 @@
-"""The presets ``paper`` and ``released``: the two sound readings of the paper's contradictory numbers."""
+"""The presets ``paper`` and ``released``: the geometry of the paper's text, and that of the authors' files."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from tacbench_cad.spec.textures import BlockTable
 from tacbench_cad.util.errors import InputError
 
 Preset = Literal["paper", "released"]
-#: Names of the presets.
+#: The names of the presets.
 PRESETS: tuple[str, ...] = ("paper", "released")
 
 
 @dataclass(frozen=True, kw_only=True)
 class PresetValues:
-    """What a preset says of its blocks, before any option.
+    """The values of a preset.
 
     Args:
-        size_mm: Sides x, y in mm.
-        height_mm: Height of the highest point in mm.
-        mm_per_unit: Millimetres per unit of u, v and height.
-        grid: The sample grid of ``--grid``.
-        sampling: How meshes follow the formula.
+        size_mm: The sides x, y, in mm.
+        height_mm: The height of the highest point, in mm.
+        mm_per_unit: The millimetres per unit of u, v and height.
+        grid: The sample grid that ``--grid`` selects.
+        sampling: How meshes approximate the formula.
     """
 
     size_mm: tuple[float, float]
@@ -36,7 +36,7 @@ class PresetValues:
 
 _PAPER_GRID = SampleGrid(nx=189, ny=201)
 _RELEASED_GRID = SampleGrid(nx=294, ny=301)
-#: What each preset is made of.
+#: The values of each preset.
 VALUES = {
     "paper": PresetValues(
         size_mm=(23.3, 30.0),
@@ -58,14 +58,14 @@ VALUES = {
 def with_table(
     values: PresetValues, table: BlockTable
 ) -> tuple[tuple[float, float], tuple[float, float, float], tuple[float, float], bool]:
-    """Sides, mm per unit and origin from a preset and a texture file's block, and whether the file changed any."""
-    changed = any(one is not None for one in (table.size_mm, table.mm_per_unit, table.domain, table.height_mm))
+    """Return sides, mm per unit and origin of a preset with a texture file's settings, and whether any is changed."""
+    changed = any(value is not None for value in (table.size_mm, table.mm_per_unit, table.domain, table.height_mm))
     size, unit = table.size_mm or values.size_mm, table.mm_per_unit or values.mm_per_unit
     if table.domain is None:
         return size, unit, (0.0, 0.0), changed
     (u0, u1), (v0, v1) = table.domain
     if not (u1 > u0 and v1 > v0):
-        raise InputError("[block] domain", table.domain, "each low end must be below its high end")
+        raise InputError("[block] domain", table.domain, "each lower end must be below its upper end")
     spans = (u1 - u0, v1 - v0)
     if table.mm_per_unit is None:
         unit = (size[0] / spans[0], size[1] / spans[1], values.mm_per_unit[2])
@@ -73,12 +73,13 @@ def with_table(
         size = (spans[0] * unit[0], spans[1] * unit[1])
     elif any(abs(spans[i] * unit[i] - size[i]) > 1e-9 * size[i] for i in (0, 1)):
         product = f"{spans[0] * unit[0]:g} x {spans[1] * unit[1]:g} mm"
-        raise InputError("[block] size_mm", table.size_mm, f"domain times mm_per_unit is {product}; leave one out")
+        allowed = f"domain times mm_per_unit is {product}; leave one of the three out"
+        raise InputError("[block] size_mm", table.size_mm, allowed)
     return size, unit, (u0, v0), changed
 
 
 def grid_of_same_step(values: PresetValues, size: tuple[float, float], unit: tuple[float, float, float]) -> SampleGrid:
-    """The preset's grid, or at another domain the grid with the nearest step in units."""
+    """Return the preset's sample grid, or for another domain the grid with the nearest step in units."""
 
     def count(axis: int, samples: int) -> int:
         step = values.size_mm[axis] / values.mm_per_unit[axis] / (samples - 1)

@@ -1,4 +1,4 @@
-"""A print's record: what only the person at the printer knows. Written once as a form, read and never changed again."""
+"""The print record: a form that the person at the printer fills in. The program writes it once and never changes it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from tacbench_cad.util import door
 from tacbench_cad.util.convert import Bounds, Word, from_plain
 
-#: Every field with what to write there. An empty text is a field that nobody has filled in.
+#: The fields of the form, each with its explanation. An empty string means that a field is not filled in.
 FIELDS: Mapping[str, str] = {
     "printer": "the printer",
     "printer_serial": "its serial number",
@@ -24,25 +24,25 @@ FIELDS: Mapping[str, str] = {
     "nozzle_temperature_c": "temperature of the nozzle in degrees Celsius",
     "bed_temperature_c": "temperature of the bed in degrees Celsius",
     "infill_percent": "infill in percent",
-    "orientation": "how the block lay: relief up, turned by ... degrees",
-    "bed_position": "where on the bed: centre, or x, y in mm",
-    "date": "day of the print, as 2026-01-31",
+    "orientation": "orientation of the block: relief up, turned by ... degrees",
+    "bed_position": "position on the bed: centre, or x, y in mm",
+    "date": "day of the print, for example 2026-01-31",
     "humidity_percent": "relative humidity at the printer in percent",
-    "stringing_score": "0 to 3, by the steps above",
-    "peaks_score": "0 to 3, by the steps above",
+    "stringing_score": "0 to 3, see above",
+    "peaks_score": "0 to 3, see above",
     "photos": 'a list of files in this folder: ["top.jpg"]',
 }
-#: The steps of the two visual scores.
+#: The meaning of the values of the two visual scores.
 SCORES: Mapping[str, tuple[str, ...]] = {
     "stringing_score": (
-        "0: no strings, at arm's length or close up",
-        "1: single hairs that a finger wipes off",
-        "2: strings across some valleys that a finger does not wipe off",
+        "0: no strings, also when seen from near",
+        "1: single hairs that you can wipe off with a finger",
+        "2: strings across some valleys that you cannot wipe off with a finger",
         "3: strings or blobs over most of the relief",
     ),
     "peaks_score": (
         "0: every peak is there and looks like its neighbours",
-        "1: tips slightly rounded or of uneven gloss",
+        "1: tips are slightly rounded or unevenly glossy",
         "2: some peaks visibly lower, split or missing",
         "3: most peaks lower, split or missing",
     ),
@@ -54,8 +54,8 @@ class PrintRecord:
     """A print's record.
 
     Args:
-        values: What was filled in, by the names of :data:`FIELDS`.
-        empty: The fields that were left empty, in the order of :data:`FIELDS`.
+        values: The values of the fields that are filled in, by the names of :data:`FIELDS`.
+        empty: The names of the empty fields, in the order of :data:`FIELDS`.
     """
 
     values: Mapping[str, Any]
@@ -63,12 +63,12 @@ class PrintRecord:
 
 
 def form(about: str, printer: str, filament: str) -> str:
-    """The form: printer and filament are known, everything else is empty.
+    """Return an empty form, in which only printer and filament are filled in.
 
     Args:
-        about: What it is a record of, as one line or several of comment at its head.
-        printer: The printer.
-        filament: What it is printed of.
+        about: The object that is printed, for the comment at the top (one or several lines).
+        printer: The name of the printer.
+        filament: The name of the filament.
 
     Returns:
         The text of a TOML file.
@@ -76,8 +76,8 @@ def form(about: str, printer: str, filament: str) -> str:
     known = {"printer": printer, "filament": filament}
     lines = [
         *(f"# {line}" for line in about.splitlines()),
-        '# Fill in what you know and leave "" where you do not: empty fields stay empty and are named in reports.',
-        "# Numbers stand without quotes. tacbench never changes this file.",
+        '# Fill in what you know, and leave "" for the rest. Reports name the empty fields.',
+        "# Write numbers without quotes. tacbench never changes this file.",
         "",
     ]
     for name, meaning in FIELDS.items():
@@ -90,14 +90,14 @@ def form(about: str, printer: str, filament: str) -> str:
 
 
 def read_record(path: Path, *, within: Path | None = None) -> PrintRecord:
-    """Read a record.
+    """Read a print record.
 
     Args:
         path: The file.
-        within: A folder out of which no link may lead.
+        within: A folder that the file must lie in, also if ``path`` is a link.
 
     Raises:
-        InputError: It is missing or not TOML, or a field is unknown or not of its kind.
+        InputError: The file is missing or not TOML, or a field is unknown or has a wrong type.
     """
     document = door.read_document(path, "print record", "toml", within=within)
     values = {name: value for name, value in document.items() if name not in FIELDS or value not in ("", [])}
@@ -114,5 +114,5 @@ def _kind(name: str) -> Any:
     return float if name.endswith(("_mm", "_c", "_percent")) else str | float | bool | datetime.date
 
 
-#: The document: each field is of its kind, or left out.
+#: The document as a dataclass, in which every field may be left out.
 _Fields = make_dataclass("_Fields", [(name, _kind(name) | None, None) for name in FIELDS], kw_only=True)

@@ -1,4 +1,4 @@
-"""How a mesh follows the formula: within a tolerance, or through the samples of a grid."""
+"""The two ways in which a mesh approximates the formula: within a tolerance, or through the samples of a grid."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
-#: Default tolerance of a mesh, in mm.
+#: The default tolerance of a mesh, in mm.
 TOLERANCE_MM = 0.01
-#: Default tolerance of a solid, in mm.
+#: The default tolerance of a solid, in mm.
 STEP_TOLERANCE_MM = 0.001
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tolerance:
-    """The mesh stays within a distance of the formula everywhere.
+    """A largest distance between the mesh and the formula, which holds everywhere.
 
     Args:
-        mm: The distance in mm.
+        mm: The distance, in mm.
     """
 
     mm: float = TOLERANCE_MM
@@ -36,11 +36,11 @@ class Tolerance:
 
 @dataclass(frozen=True, kw_only=True)
 class SampleGrid:
-    """The mesh joins samples of the formula by straight lines, as the paper's files do.
+    """A grid of samples of the formula that the mesh connects by straight lines, as in the authors' files.
 
     Args:
-        nx: Samples along x, at equal steps from side to side.
-        ny: Samples along y.
+        nx: The number of samples along x. They are equally spaced, and include both ends.
+        ny: The number of samples along y.
     """
 
     nx: int
@@ -53,13 +53,13 @@ class SampleGrid:
                 raise InputError(f"grid {name}", value, "must be a whole number from 2 to 100000")
 
     def lines(self, size_mm: tuple[float, float]) -> tuple[Floats, Floats]:
-        """The lines x (nx,) and y (ny,) over a block's sides, in mm."""
+        """Return the coordinates x (nx,) and y (ny,) of the samples for the given sides, in mm."""
         x, y = size_mm
         return x * np.arange(self.nx) / (self.nx - 1), y * np.arange(self.ny) / (self.ny - 1)
 
 
 def highest_sample(surface: WaveSum, samples: tuple[Floats, Floats], keep: HalfPlane | None) -> float:
-    """Highest point of the faceted sample surface; with a key also along the cut, where facets are crossed."""
+    """Return the highest point of the triangulated samples. If there is a key, the points on its cut count as well."""
     x, y = samples
     if keep is None and surface.is_separable:
         return float(surface.along_u(x).max() + surface.along_v(y).max())

@@ -1,4 +1,4 @@
-"""The six textures of the paper, the families they belong to, and textures that a user writes in a TOML file."""
+"""The six textures of the paper, the families they belong to, and texture files written by users."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ Law = Literal["triangle", "square"]
 Terms = Literal["highest", "count"]
 Axes = Literal["x", "y", "xy"]
 
-#: The highest odd multiple that is taken before a series is refused.
+#: The largest allowed odd multiple of a series.
 MAX_TERMS = 5_001
-#: The most waves of a texture file.
+#: The largest number of waves in a texture file.
 MAX_WAVES = 1_000
-#: What the numbers of a wave may be. Beyond these phases the sine of a 64-bit number has few digits left.
+#: The allowed numbers of a wave. For larger phases, the sine of a 64-bit number has few correct digits.
 _BOUNDS = {"amplitude": Bounds(-1e6, 1e6), "f": Bounds(-1e4, 1e4), "g": Bounds(-1e4, 1e4), "phase": Bounds(-1e6, 1e6)}
-#: Names that a user's texture may not take, because other parts of a print set bear them.
+#: The names that a user's texture must not have, because they are names of other parts of a print set.
 RESERVED = ("holder", "jig", "coupon", "preview", "manifest", "all")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Texture:
-    """A named surface.
+    """A surface with a name.
 
     Args:
-        name: Lower-case name, used in file names: ``texture-4``, ``hex``.
+        name: The name in lower case, which file names contain: ``texture-4``, ``hex``.
         waves: The formula.
-        equation: The same for people to read; left out, it is written from the waves.
-        number: 1 to 6 for the paper's own, else None.
+        equation: The formula as text. If it is empty, it is written from the waves.
+        number: The number 1 to 6 of a texture of the paper, otherwise None.
 
     Raises:
-        InputError: The name is not allowed or is taken, the surface is flat, or a number of a wave is out of bounds.
+        InputError: The name is not allowed or is already used, the surface is flat, or a number is out of bounds.
     """
 
     name: str
@@ -47,9 +47,9 @@ class Texture:
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,30}[a-z0-9])?", self.name):
-            raise InputError("texture name", self.name, "use 1 to 32 of a-z, 0-9 and inner hyphens")
+            raise InputError("texture name", self.name, "use 1 to 32 of the characters a-z, 0-9 and inner hyphens")
         if self.number is None and (self.name in RESERVED or re.fullmatch(r"(texture-?)?\d+", self.name)):
-            raise InputError("texture name", self.name, "this name is taken by a part of the print set")
+            raise InputError("texture name", self.name, "is the name of a part of the print set; choose another")
         if not isinstance(self.waves, WaveSum):
             raise InputError(
                 f"texture {self.name} waves",
@@ -67,14 +67,14 @@ class Texture:
 
 
 def equation1(A1: float, A2: float, f1: float, f2: float, phase: float = 0.0) -> WaveSum:  # noqa: N803 (the paper's)
-    """The paper's first equation, ``A1 sin(f1 u) + A2 sin(f2 v + phase)``.
+    """Make the waves of the paper's first equation, ``A1 sin(f1 u) + A2 sin(f2 v + phase)``.
 
     Args:
-        A1: Amplitude along u, in the unit of height.
-        A2: Amplitude along v.
-        f1: Frequency along u, in radians a unit of u.
-        f2: Frequency along v.
-        phase: Phase of the wave along v, in radians.
+        A1: The amplitude along u, in units of height.
+        A2: The amplitude along v, in units of height.
+        f1: The frequency along u, in radians per unit of u.
+        f2: The frequency along v, in radians per unit of v.
+        phase: The phase of the wave along v, in radians.
     """
     return WaveSum(
         (Wave(amplitude=A1, f=f1, g=0.0, phase=0.0), Wave(amplitude=A2, f=0.0, g=f2, phase=phase)),
@@ -82,16 +82,16 @@ def equation1(A1: float, A2: float, f1: float, f2: float, phase: float = 0.0) ->
 
 
 def series(law: Law, N: int, terms: Terms = "highest", axes: Axes = "xy") -> WaveSum:  # noqa: N803
-    """A Fourier series over odd multiples, the paper's second equation.
+    """Make the waves of the paper's second equation, a Fourier series over odd multiples i.
 
     Args:
-        law: ``triangle``: ``8/pi^2 (-1)^((i-1)/2) / i^2``; ``square``: ``4/(pi i)``.
+        law: The amplitudes: ``triangle`` for ``8/pi^2 (-1)^((i-1)/2) / i^2``, ``square`` for ``4/(pi i)``.
         N: The highest odd multiple, or the number of terms.
-        terms: What ``N`` is: the ``highest`` multiple (as in the released files) or the ``count`` of terms.
+        terms: The meaning of ``N``: the ``highest`` multiple (as in the authors' files) or the ``count`` of terms.
         axes: The axes along which the series runs.
 
     Raises:
-        InputError: ``N`` is not a positive whole number, or is even where it is the highest multiple.
+        InputError: ``N`` is not a positive whole number, or it is the highest multiple and even.
     """
     if isinstance(N, bool) or not isinstance(N, int) or N < 1:
         raise InputError("N", N, "must be a whole number of at least 1")
@@ -114,13 +114,13 @@ def series(law: Law, N: int, terms: Terms = "highest", axes: Axes = "xy") -> Wav
 
 
 def plane_waves(*waves: tuple[float, float, float] | tuple[float, float, float, float]) -> WaveSum:
-    """Any waves, oblique ones too, each as ``(amplitude, f, g)`` or ``(amplitude, f, g, phase)``.
+    """Make a sum of any waves, each given as ``(amplitude, f, g)`` or ``(amplitude, f, g, phase)``.
 
     >>> print(plane_waves((0.6, 2.0, 1.0), (0.6, 2.0, -1.0)))
     0.6 sin(2u + v) + 0.6 sin(2u - v)
 
     Raises:
-        InputError: A wave has another count of numbers, or one that is not finite.
+        InputError: A wave has too few or too many numbers, or a number that is not finite.
     """
     table = []
     for one in waves:
@@ -139,7 +139,7 @@ def _series_texture(number: int, law: Law, highest: int, axes: Axes) -> Texture:
 
 
 def catalogue(preset: str = "paper") -> tuple[Texture, ...]:
-    """The paper's six textures; ``released`` has N = 101 in textures 4 and 6, as the published files."""
+    """Return the paper's six textures. For ``released``, textures 4 and 6 have N = 101, as in the authors' files."""
     square = 101 if preset == "released" else 25
     return (
         Texture(name="texture-1", number=1, equation="sin u", waves=equation1(1.0, 0.0, 1.0, 1.0, math.pi / 2)),
@@ -157,7 +157,7 @@ def catalogue(preset: str = "paper") -> tuple[Texture, ...]:
 
 
 def texture(name: str | int, preset: str = "paper") -> Texture:
-    """One of the six by its number or name.
+    """Return one of the six textures by its number or name.
 
     Args:
         name: ``4``, ``"4"`` or ``"texture-4"``.
@@ -167,22 +167,21 @@ def texture(name: str | int, preset: str = "paper") -> Texture:
         InputError: There is no such texture.
     """
     word = str(name).strip().lower()
-    known = catalogue(preset)
-    for one in known:
-        if word in (str(one.number), one.name):
-            return one
+    for texture in catalogue(preset):
+        if word in (str(texture.number), texture.name):
+            return texture
     raise InputError("texture", str(name), "allowed: 1 to 6, texture-1 to texture-6, a TOML file or all")
 
 
 @dataclass(frozen=True, kw_only=True)
 class BlockTable:
-    """What a texture file may say of its block; None where it says nothing.
+    """The block settings of a texture file. A setting that the file leaves out is None.
 
     Args:
-        size_mm: Sides x, y in mm.
-        height_mm: Height of the highest point in mm.
-        mm_per_unit: Millimetres per unit of u, v and height.
-        domain: ``((u low, u high), (v low, v high))``.
+        size_mm: The sides x, y, in mm.
+        height_mm: The height of the highest point, in mm.
+        mm_per_unit: The millimetres per unit of u, v and height.
+        domain: The part of the plane to use, ``((u low, u high), (v low, v high))``.
     """
 
     size_mm: tuple[float, float] | None = None
@@ -193,11 +192,11 @@ class BlockTable:
 
 @dataclass(frozen=True, kw_only=True)
 class TextureFile:
-    """A texture read from a TOML file, with the block it asks for.
+    """The content of a texture file.
 
     Args:
         texture: The texture.
-        block: What the file says of its block.
+        block: The block settings.
     """
 
     texture: Texture
@@ -205,19 +204,19 @@ class TextureFile:
 
 
 def read_texture(path: Path) -> TextureFile:
-    """Read a texture and its block from a TOML file.
+    """Read a texture and its block settings from a TOML file.
 
     Args:
         path: The file. ``docs/textures.md`` lists the keys.
 
     Raises:
-        InputError: The file cannot be read, or a key or a value in it is not allowed; the message names all three.
+        InputError: The file cannot be read, or a key or a value is not allowed.
     """
     document = read_toml(path, _Document, "texture")
     family = document.texture
     with located(f"{path}: "):
         if not isinstance(family, _PlaneWaves) and document.wave:
-            raise InputError("[[wave]]", None, f'belongs to family = "plane-waves", this is "{family.family}"')
+            raise InputError("[[wave]]", None, f'only allowed with family = "plane-waves", not "{family.family}"')
         waves = family.waves(document.wave)
         texture = Texture(name=family.name, equation=family.equation(waves), waves=waves)
     return TextureFile(texture=texture, block=document.block)
@@ -285,7 +284,7 @@ class _PlaneWaves:
 
 @dataclass(frozen=True, kw_only=True)
 class _Document:
-    """The whole of a texture file."""
+    """The document of a texture file."""
 
     texture: _Equation1 | _Series | _PlaneWaves
     block: BlockTable = field(default_factory=BlockTable)

@@ -1,8 +1,8 @@
-"""Finite sums of plane waves: the formula from which everything else is derived.
+"""Finite sums of plane waves, from which everything else is computed.
 
-A surface of the benchmark is ``z(u, v) = sum A sin(f u + g v + phase)``. This module knows such sums exactly:
-values, derivatives, bounds on any derivative, integrals in closed form and extremes with a proved error. It is
-plain NumPy and has no units; :class:`tacbench_cad.spec.block.Block` uses the same class in millimetres.
+A texture is a surface ``z(u, v) = sum A sin(f u + g v + phase)``. For such sums this module computes values,
+derivatives, bounds of any derivative, integrals in closed form, and extremes with a proved error. The numbers have no
+units; :class:`tacbench_cad.spec.block.Block` uses the same class for lengths in mm.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from tacbench_cad.spec.extremes import Extremes, HalfPlane, clipped_rectangle, s
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
-#: Extremes of separable sums and of parallel waves are proved to this absolute error.
+#: The largest absolute error of the extremes of separable sums and of parallel waves.
 EXTREMES_ERROR = 1e-9
-#: Extremes of any other sum are proved to this fraction of the sum of the amplitudes.
+#: The largest error of the extremes of all other sums, as a fraction of the sum of the amplitudes.
 EXTREMES_FRACTION = 1e-7
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wave:
-    """One plane wave ``amplitude * sin(f u + g v + phase)``.
+    """A plane wave ``amplitude * sin(f u + g v + phase)``.
 
     Args:
-        amplitude: Half the peak-to-peak height.
-        f: Angular frequency along u, in radians per unit.
-        g: Angular frequency along v, in radians per unit.
-        phase: Phase in radians.
+        amplitude: Half of the peak-to-peak height.
+        f: The angular frequency along u, in radians per unit.
+        g: The angular frequency along v, in radians per unit.
+        phase: The phase, in radians.
 
     Raises:
         InputError: A number is not finite.
@@ -56,9 +56,9 @@ class Sines:
     """A sum of sines of one variable, ``s(t) = sum A sin(k t + phase)``.
 
     Args:
-        amplitude: Amplitudes, shape (n,).
-        frequency: Angular frequencies k, shape (n,).
-        phase: Phases in radians, shape (n,).
+        amplitude: The amplitudes, shape (n,).
+        frequency: The angular frequencies k, shape (n,).
+        phase: The phases in radians, shape (n,).
     """
 
     amplitude: Floats
@@ -67,7 +67,7 @@ class Sines:
 
     @classmethod
     def of(cls, terms: Iterable[tuple[float, float, float]]) -> Sines:
-        """Build from ``(amplitude, frequency, phase)`` triples; no triple gives the zero function."""
+        """Make a sum from ``(amplitude, frequency, phase)`` triples. Without any triple it is zero."""
         table = np.array(list(terms), dtype=np.float64).reshape(-1, 3)
         return cls(table[:, 0].copy(), table[:, 1].copy(), table[:, 2].copy())
 
@@ -77,7 +77,7 @@ class Sines:
         return not np.any((self.amplitude != 0.0) & (self.frequency != 0.0))
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Floats:
-        """Value (or derivative of the given order) at ``t``; same shape as ``t``."""
+        """Return the value or the derivative of the given order at ``t``, with the shape of ``t``."""
         points = np.asarray(t, dtype=np.float64)
         total = np.zeros(points.shape)
         turn = order * (math.pi / 2.0)
@@ -88,48 +88,49 @@ class Sines:
         return total
 
     def bound(self, order: int) -> float:
-        """An upper bound of ``|s^(order)|`` over the whole line: ``sum |A| |k|^order``."""
+        """Return an upper bound of ``|s^(order)|`` on the whole line: ``sum |A| |k|^order``."""
         return float(np.sum(np.abs(self.amplitude) * np.abs(self.frequency) ** order))
 
     def integral(self, low: float, high: float) -> float:
-        """The integral from ``low`` to ``high``, in closed form.
+        """Return the integral from ``low`` to ``high`` in closed form.
 
-        ``integral of sin(k t + c) = (high - low) sin(k mid + c) sinc(k half)``, which stays exact as k goes to 0.
+        The integral of ``sin(k t + c)`` is ``(high - low) sin(k mid + c) sinc(k half)``, where ``mid`` and ``half``
+        are the centre and half the length of the interval. This form is exact also for k close to 0.
 
         Args:
-            low: Where it begins, in the units of ``t``.
-            high: Where it ends.
+            low: The lower limit.
+            high: The upper limit.
         """
         mid, half = (low + high) / 2.0, (high - low) / 2.0
         means = np.sin(self.frequency * mid + self.phase) * np.sinc(self.frequency * half / math.pi)
         return float((high - low) * np.sum(self.amplitude * means))
 
     def extremes(self, low: float, high: float, error: float = EXTREMES_ERROR) -> Extremes:
-        """Lowest and highest value over ``[low, high]``, each proved to within ``error``.
+        """Find the lowest and the highest value over ``[low, high]``.
 
         Args:
-            low: Where the interval begins, in the units of ``t``.
-            high: Where it ends.
-            error: How far a value may lie from the true one.
+            low: The lower end of the interval.
+            high: The upper end of the interval.
+            error: The largest allowed error of the two values, which is proved.
 
         Returns:
-            The values and the points ``(t,)`` at which they are reached.
+            The values, and the points ``(t,)`` at which the sum has them.
         """
         return search_interval(self, self.bound(2), low, high, error)
 
 
 @dataclass(frozen=True)
 class WaveSum:
-    """A finite sum of plane waves over the plane.
+    """A finite sum of plane waves.
 
     Args:
-        waves: The waves; an empty sum is the zero function.
+        waves: The waves. A sum without waves is zero.
     """
 
     waves: tuple[Wave, ...]
 
     def __str__(self) -> str:
-        """The formula for people, cut short after three waves: ``0.6 sin(2u + v) + sin(2u - v)``."""
+        """Return the formula as text with at most three waves: ``0.6 sin(2u + v) + sin(2u - v)``."""
         shown = [w for w in self.waves if w.amplitude != 0.0]
         text = _joined([(w.amplitude, _sine(w)) for w in shown[:3]]) or "0"
         return text + (f" + {len(shown) - 3} more waves" if len(shown) > 3 else "")
@@ -142,12 +143,12 @@ class WaveSum:
 
     @cached_property
     def amplitude_sum(self) -> float:
-        """Sum of the absolute amplitudes: no value ever passes it."""
+        """The sum of the absolute amplitudes, which is an upper bound of ``|z|``."""
         return float(np.sum(np.abs(self.table[:, 0])))
 
     @cached_property
     def highest_frequency(self) -> tuple[float, float]:
-        """The largest ``|f|`` and the largest ``|g|`` among waves that count."""
+        """The largest ``|f|`` and the largest ``|g|`` of the waves whose amplitude is not zero."""
         used = self.table[self.table[:, 0] != 0.0]
         if len(used) == 0:
             return (0.0, 0.0)
@@ -155,24 +156,24 @@ class WaveSum:
 
     @cached_property
     def is_separable(self) -> bool:
-        """Whether ``z = p(u) + q(v)``: every wave runs along one of the axes."""
+        """Whether ``z = p(u) + q(v)``, that is, every wave runs along one of the axes."""
         return all(w.f == 0.0 or w.g == 0.0 or w.amplitude == 0.0 for w in self.waves)
 
     @cached_property
     def along_u(self) -> Sines:
-        """``p(u)`` of a separable sum, the constant terms included."""
+        """The part ``p(u)`` of a separable sum, including the constant terms."""
         return Sines.of((w.amplitude, w.f, w.phase) for w in self.waves if w.g == 0.0 and w.amplitude != 0.0)
 
     @cached_property
     def along_v(self) -> Sines:
-        """``q(v)`` of a separable sum."""
+        """The part ``q(v)`` of a separable sum."""
         return Sines.of(
             (w.amplitude, w.g, w.phase) for w in self.waves if w.f == 0.0 and w.g != 0.0 and w.amplitude != 0.0
         )
 
     @cached_property
     def _common_direction(self) -> tuple[float, float] | None:
-        """Unit direction shared by all oblique waves and every other wave, or None."""
+        """The unit direction along which all waves run; None if their directions differ."""
         moving = [w for w in self.waves if w.amplitude != 0.0 and (w.f, w.g) != (0.0, 0.0)]
         if not moving:
             return None
@@ -184,15 +185,15 @@ class WaveSum:
         return direction
 
     def __call__(self, u: ArrayLike, v: ArrayLike, order: tuple[int, int] = (0, 0)) -> Floats:
-        """Value, or the partial derivative of the given order, at the points ``(u, v)``.
+        """Return the value or a partial derivative at the points ``(u, v)``.
 
         Args:
-            u: Coordinates, any shape that broadcasts with ``v``.
-            v: Coordinates.
-            order: Order of the derivative along u and along v.
+            u: The coordinates u, with any shape that broadcasts with ``v``.
+            v: The coordinates v.
+            order: The orders of the derivative along u and along v.
 
         Returns:
-            Values of the broadcast shape.
+            The values, with the broadcast shape.
         """
         uu, vv = np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64)
         total = np.zeros(np.broadcast_shapes(uu.shape, vv.shape))
@@ -204,14 +205,14 @@ class WaveSum:
         return total
 
     def grid(self, u: Floats, v: Floats) -> Floats:
-        """Values on a grid, much faster than calling with a mesh grid.
+        """Return the values on a grid. This is much faster than a call with a mesh grid.
 
         Args:
-            u: Shape (n,).
-            v: Shape (m,).
+            u: The coordinates along u, shape (n,).
+            v: The coordinates along v, shape (m,).
 
         Returns:
-            Shape (n, m).
+            The values, shape (n, m).
         """
         if self.is_separable:
             return self.along_u(u)[:, None] + self.along_v(v)[None, :]
@@ -222,19 +223,19 @@ class WaveSum:
         return np.asarray(first + (amplitude * np.cos(along_u)) @ np.sin(along_v).T, dtype=np.float64)
 
     def gradient(self, u: ArrayLike, v: ArrayLike) -> tuple[Floats, Floats]:
-        """Both partial derivatives at some points.
+        """Return both first partial derivatives at the points ``(u, v)``.
 
         Args:
-            u: Places along u.
-            v: Places along v; must broadcast with ``u``.
+            u: The coordinates u.
+            v: The coordinates v. They must broadcast with ``u``.
 
         Returns:
-            Along u and along v, each of the broadcast shape.
+            The derivatives along u and along v, each with the broadcast shape.
         """
         return self(u, v, (1, 0)), self(u, v, (0, 1))
 
     def bound(self, order_u: int, order_v: int) -> float:
-        """An upper bound of ``|d^(i+j) z / du^i dv^j|`` over the plane: ``sum |A| |f|^i |g|^j``.
+        """Return an upper bound of ``|d^(i+j) z / du^i dv^j|`` over the whole plane: ``sum |A| |f|^i |g|^j``.
 
         Args:
             order_u: The order i along u.
@@ -244,11 +245,11 @@ class WaveSum:
         return float(np.sum(a * f**order_u * g**order_v))
 
     def integral(self, u: tuple[float, float], v: tuple[float, float]) -> float:
-        """The integral over a rectangle, in closed form.
+        """Return the integral over a rectangle in closed form.
 
         Args:
-            u: Its low and high end along u.
-            v: Likewise along v.
+            u: The lower and upper end along u.
+            v: The lower and upper end along v.
         """
         a, f, g, phase = self.table.T
         mid_u, half_u = (u[0] + u[1]) / 2.0, (u[1] - u[0]) / 2.0
@@ -257,13 +258,13 @@ class WaveSum:
         return float(4.0 * half_u * half_v * np.sum(a * np.sin(f * mid_u + g * mid_v + phase) * shrink))
 
     def integral_triangle(self, corners: Sequence[tuple[float, float]]) -> float:
-        """The integral over a triangle, in closed form.
+        """Return the integral over a triangle in closed form.
 
-        By the Hermite-Genocchi formula the mean of ``exp(i s)`` over a triangle with phases ``s0, s1, s2`` at its
+        By the Hermite-Genocchi formula, the mean of ``exp(i s)`` over a triangle with the phases ``s0, s1, s2`` at its
         corners is twice the divided difference ``exp[i s0, i s1, i s2]``.
 
         Args:
-            corners: Three points ``(u, v)``; their order does not matter.
+            corners: The three corners ``(u, v)``, in any order.
         """
         (u0, v0), (u1, v1), (u2, v2) = corners
         area = abs((u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0)) / 2.0
@@ -273,20 +274,20 @@ class WaveSum:
         return area * total
 
     def extremes(self, u: tuple[float, float], v: tuple[float, float], keep: HalfPlane | None = None) -> Extremes:
-        """Lowest and highest value over a rectangle, with a proved error.
+        """Find the lowest and the highest value over a rectangle, with a proved error.
 
-        The error is at most :data:`EXTREMES_ERROR` where the sum is separable or all waves are parallel, else
-        :data:`EXTREMES_FRACTION` of the sum of the amplitudes. Points are ``(u, v)``.
+        The error is at most :data:`EXTREMES_ERROR` if the sum is separable or all waves are parallel. Otherwise it is
+        at most :data:`EXTREMES_FRACTION` times the sum of the amplitudes. Points are ``(u, v)``.
 
         Args:
-            u: Lower and upper end along u.
-            v: Lower and upper end along v.
-            keep: Only the part of the rectangle in this half-plane counts.
+            u: The lower and upper end along u.
+            v: The lower and upper end along v.
+            keep: A half-plane to which the rectangle is cut; None for the whole rectangle.
         """
         return _extremes(self, (u[0], u[1]), (v[0], v[1]), keep)
 
     def _extremes_parallel(self, region: list[tuple[float, float]], direction: tuple[float, float]) -> Extremes:
-        """Extremes over a convex region when all waves run one way: only the distance along that way matters."""
+        """Find the extremes over a convex region if all waves are parallel; the search runs along their direction."""
         c, s = direction
         along = Sines.of((w.amplitude, w.f * c + w.g * s, w.phase) for w in self.waves)
         start = min(region, key=lambda point: c * point[0] + s * point[1])
@@ -303,11 +304,11 @@ class WaveSum:
     def mapped(
         self, per_unit: tuple[float, float], height_per_unit: float, origin: tuple[float, float] = (0.0, 0.0)
     ) -> WaveSum:
-        """The same surface over other coordinates: ``x = (u - origin_u) * per_unit_x`` and so on.
+        """Return the same surface in other coordinates: ``x = (u - origin_u) * per_unit_x``, and y likewise.
 
         Args:
-            per_unit: New length units per unit along u and v.
-            height_per_unit: New length units per unit of height.
+            per_unit: The new length units per unit along u and v.
+            height_per_unit: The new length units per unit of height.
             origin: The point (u, v) that becomes (0, 0).
         """
         return WaveSum(
@@ -349,7 +350,7 @@ def _sum_of(first: Extremes, second: Extremes) -> Extremes:
 
 
 def _mean_sine(s0: float, s1: float, s2: float) -> float:
-    """Mean of ``sin`` over a triangle on which the phase is linear with these values at the corners."""
+    """Return the mean of ``sin`` over a triangle, for a linear phase with these values at the corners."""
     low, mid, high = sorted((s0, s1, s2))
     if high - low < 0.05:  # the divided difference would cancel: expand about the mean phase instead
         centre = (low + mid + high) / 3.0
@@ -368,13 +369,13 @@ def _mean_sine(s0: float, s1: float, s2: float) -> float:
 
 
 def _sine(wave: Wave) -> str:
-    """A wave without its amplitude: ``sin u``, ``sin(2u - v + 0.5)``."""
+    """Write a wave without its amplitude: ``sin u``, ``sin(2u - v + 0.5)``."""
     inner = _joined([(wave.f, "u"), (wave.g, "v"), (wave.phase, "")]) or "0"
     return f"sin {inner}" if inner in ("u", "v") else f"sin({inner})"
 
 
 def _joined(terms: Sequence[tuple[float, str]]) -> str:
-    """A sum of multiples, those by 0 left out: ``2u - v + 0.5``."""
+    """Write a sum of multiples without those that are zero: ``2u - v + 0.5``."""
     text = ""
     for factor, what in terms:
         if factor == 0.0:

@@ -49,11 +49,11 @@ def own_name(field: str, word: str) -> str:
     """A name for a printer or a filament in a user's own study: a known one, or any word fit for file names.
 
     Raises:
-        InputError: It has other signs than a-z, 0-9 and inner hyphens.
+        InputError: It has characters other than a-z, 0-9 and inner hyphens.
     """
     name = _of_spelling(field, word) or word.strip().lower()
     if not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,30}[a-z0-9])?", name):
-        raise InputError(field, word, "use 1 to 32 of a-z, 0-9 and inner hyphens")
+        raise InputError(field, word, "use 1 to 32 of the characters a-z, 0-9 and inner hyphens")
     return name
 
 
