@@ -43,7 +43,7 @@ def _frame_of(option: str, text: str) -> Frame:
 @options.option(
     "--frame",
     options.Value("X,Y[,DEG]", _frame_of),
-    "Lower left corner of the block on the bed in mm, and its rotation (90, 180 or 270 degrees). "
+    "Lower left corner of the block on the bed in mm, and optionally its rotation (90, 180 or 270 degrees). "
     "Default: from the outer walls of the low layers.",
     options.INPUT,
 )

@@ -38,7 +38,7 @@ def command(runs: tuple[Path, ...], repair: bool, json: bool) -> None:
     """Check recorded runs for damaged or missing data.
 
     The command reads every frame. It reports:
-    - missing, extra, double, unreadable, dark, blurred and identical images
+    - missing, extra, duplicate, unreadable, dark, blurred and identical images
     - wrong checksums
     - gaps in the protocol
 

@@ -25,7 +25,7 @@ def command(runs: tuple[Path, ...], force_level: int | None, jobs: int, json: bo
     - the variance that noise alone causes
     - whether your variance is smaller or larger than each published figure
 
-    If the data cannot show a difference, the table says so. Then follow a verdict for each published printer and the
+    If the data cannot show a difference, the table says so. A verdict for each published printer follows, with the
     limits of this verdict.
 
     Examples:

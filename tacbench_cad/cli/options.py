@@ -354,9 +354,10 @@ jobs = option(
     show_default=False,
 )
 dask = option("--dask", text("ADDRESS"), "Use a running Dask cluster, for example tcp://10.0.0.5:8786.", PROCESSES)
+REGION = text("REGION", "auto", "none", "circle:", "rect:")
 roi = option(
     "--roi",
-    text("REGION", "auto", "none", "circle:", "rect:"),
+    REGION,
     "Region of interest: auto, none, circle:X,Y,R or rect:X0,Y0,X1,Y1 in pixels, or a PNG file that is white inside "
     "the region. Default: the region stored with the runs.",
     FRAMES,

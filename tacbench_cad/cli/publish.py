@@ -29,13 +29,11 @@ if TYPE_CHECKING:
     required=False,
 )
 @options.option("--about", options.file("FILE.toml"), "Authors, title and licence. See --init.", options.INPUT)
-@options.option(
-    "--report", options.file("FILE.html"), "Use this report. Default: a new report is printed.", options.CONTENT
-)
+@options.option("--report", options.file("FILE.html"), "Use this report. Default: a new report.", options.CONTENT)
 @options.option(
     "--parts",
     options.file("DIR"),
-    "Use the files of the blocks in this folder. Default: they are printed.",
+    "Use the files of the blocks in this folder. Default: new files.",
     options.CONTENT,
 )
 @options.flag("--no-report", "Leave out the report.", options.CONTENT)
@@ -132,11 +130,11 @@ def _copy_report(report: Path, path: Path) -> None:
 def _make_parts(progress: ProgressLine, blocks: Sequence[Block], folder: Path) -> None:
     from tacbench_cad.making.printset import Request, build
 
-    printed = build(Request(parts=tuple(blocks), out=folder), progress.show)
-    for left in printed.left_out:
+    print_set = build(Request(parts=tuple(blocks), out=folder), progress.show)
+    for left in print_set.left_out:
         note(f"left out: {left.what}: {left.reason}")
-    if not printed.ok:
-        failure = printed.failures[0]
+    if not print_set.ok:
+        failure = print_set.failures[0]
         raise CheckFailedError(f"{failure.file}: {'; '.join(failure.faults)}")
 
 

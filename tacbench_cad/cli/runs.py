@@ -21,7 +21,13 @@ def command() -> None:
 
 @options.command("roi", command)
 @options.runs
-@options.roi
+@options.option(
+    "--roi",
+    options.REGION,
+    "Region to store: auto, circle:X,Y,R or rect:X0,Y0,X1,Y1 in pixels, or a PNG file that is white inside the region. "
+    "none removes the stored region.",
+    options.FRAMES,
+)
 @options.out("DIR", "Folder for pictures of the region, one for each run.")
 @options.json
 def roi(runs: tuple[Path, ...], roi: str | None, out: Path | None, json: bool) -> None:

@@ -85,13 +85,13 @@ def command(
     The noise is measured on the stationary frames in contact. If there are none, it comes from the repeats on one print
     and is only an upper bound.
 
-    Then follow the variance components with ISO 5725 limits, and permutation tests between printers. A frame that
-    cannot be used is named and left out, and the exit code is then 1.
+    After this table, the variance components with ISO 5725 limits are shown, and permutation tests between printers. A
+    frame that cannot be used is named and left out, and the exit code is then 1.
 
-    The printed figures of the paper are something else, as the saved outputs of the authors' notebooks show. Use
-    --protocol as-published to compute them from your runs: the variance over the repeats on one print (divided by n),
-    averaged over prints, positions and pixels, of grey images at 40 % of their size, at one force level. The published
-    figures are shown next to yours.
+    The paper computed its printed figures in another way, as the saved outputs of the authors' notebooks show. Use
+    --protocol as-published to compute your figures in the same way: the variance over the repeats on one print (divided
+    by n), averaged over prints, positions and pixels. The images are grey, at 40 % of their size, and from one force
+    level. The published figures are shown next to yours.
 
     Examples:
       tacbench variance runs -o results
