@@ -78,7 +78,7 @@ def test_a_virtual_rig_gives_a_run_and_goes_on_with_it(tmp_path: Path, capsys: C
     path = virtual_file(tmp_path)
     assert main(["acquire", str(path)]) == 0
     shown = capsys.readouterr()
-    assert "1 run complete in" in shown.out
+    assert shown.out == f"1 run complete in {tmp_path / 'runs'}\nNext: tacbench check-runs {tmp_path / 'runs'}\n"
     assert f"{NAME}  2/2" in shown.err
     folder = tmp_path / "runs" / NAME
     run = Run.open(folder)

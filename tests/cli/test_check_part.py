@@ -37,6 +37,7 @@ def test_a_sound_file_passes_and_is_recognised(block: Path, capsys: Capture) -> 
     assert main(["check-part", str(block)]) == 0
     out = capsys.readouterr().out
     assert "texture-3" in out and "all checks passed" in out and "FAULT" not in out
+    assert out.endswith("\nNext: tacbench check-gcode FILE.gcode --texture T\n")
 
 
 def test_json_holds_a_report_for_each_file(block: Path, capsys: Capture) -> None:

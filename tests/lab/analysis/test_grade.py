@@ -257,6 +257,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_command_prints_table_verdicts_and_reasons(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["grade", str(study)]) == 0
     out = capsys.readouterr().out
+    assert out.endswith(f"\nNext: tacbench classify {study}\n")
     assert "ender-3, pla-plus: force level 1" in out
     assert "bambu-p1p, pla-minus: force level 1" in out
     for sentence in (

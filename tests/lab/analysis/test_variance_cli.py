@@ -126,6 +126,7 @@ def test_any_sensor_is_taken_in_its_unit(tmp_path: Path, capsys: pytest.CaptureF
     assert main(["variance", str(tmp_path / "runs"), "-o", str(out), "--jobs", "1"]) == 0
     shown = capsys.readouterr().out
     assert "variance, 0.08 N (kPa^2, ddof 0)" in shown
+    assert shown.endswith(f"\nNext: tacbench classify {tmp_path / 'runs'}\n")
     assert "paper's printed" not in shown  # the paper's counts are of another unit
     assert len(list(out.glob("*.png"))) == len(FIGURES)
 

@@ -237,7 +237,7 @@ def test_the_command_passes_a_sound_folder(run_folder: Path, capsys: Capture) ->
     assert main(["check-runs", str(run_folder.parent)]) == 0
     out = capsys.readouterr().out
     assert next(line for line in out.splitlines() if "16 of 16" in line).split()[-2:] == ["stage", "ok"]
-    assert "1 run, 16 presses: nothing wrong" in out
+    assert f"1 run, 16 presses: nothing wrong\nNext: tacbench variance {run_folder.parent}\n" in out
     assert "empty in print.toml (runs): printer_serial (1)" in out
 
 

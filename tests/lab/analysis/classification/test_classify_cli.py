@@ -40,6 +40,7 @@ def test_leak_free_writes_tables_and_figures_that_agree(runs: Path, tmp_path: Pa
     out = tmp_path / "out"
     assert main(["classify", str(runs), "-o", str(out), *QUICK]) == 0
     said = capsys.readouterr().out
+    assert said.endswith(f"\nNext: tacbench report {runs} --classify {out}\n")
     assert "simulated: sensor (see run.json)\n" in said and "printer-filament" in said and "chance is 50.0" in said
     table, confusion, predictions = (rows(out / f"{one}.csv") for one in ("classification", "confusion", "predictions"))
     assert list(table[0]) == [*(one.name for one in COLUMNS), "simulated"]
