@@ -1,1 +1,1 @@
-"""Everything that makes an image: shaded pictures, plots, dimension drawings, the 3D page."""
+"""Modules that make images: shaded pictures, plots, dimension drawings and the 3D page."""

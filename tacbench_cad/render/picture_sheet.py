@@ -156,7 +156,7 @@ def draw_sheet(items: Sequence[Item], path: Path) -> None:
 
 
 def _draw_cell(cell: _Cell, scale: float, image: Bytes, corner: tuple[int, int]) -> None:
-    """Put an item's pictures onto the sheet; the corner is the lower left one, in pixels from the top left."""
+    """Put an item's pictures onto the sheet. ``corner`` is their lower left corner, in pixels from the top left."""
     left, bottom = corner
     left += (cell.width - cell.item.sides_px(scale)[0]) // 2
     for camera, extent in zip(cell.item.cameras, cell.item.extents_mm, strict=True):
@@ -176,7 +176,7 @@ def _write_caption(figure: Figure, cell: _Cell, middle: float, top: float) -> No
 
 
 def _draw_bar(figure: Figure, layout: _Layout) -> None:
-    """A bar of a round length in the lower left corner. It is true for lengths across the picture."""
+    """Draw a bar of a round length in the lower left corner. It is true for lengths across the picture."""
     from matplotlib.lines import Line2D
 
     most = _BAR_FRACTION * layout.width / layout.scale
@@ -271,7 +271,7 @@ def _text_px(text: str) -> int:
 
 
 def _broken(text: str, width: int) -> tuple[str, ...]:
-    """A line in several, none wider than a number of pixels where spaces and underscores allow it."""
+    """Break a line at spaces and underscores into lines that are no wider than a number of pixels, where possible."""
     lines, line = [], ""
     for piece in text.replace("_", "_\0").replace(" ", " \0").split("\0"):
         if line and _text_px((line + piece).strip()) > width:

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from OCP.TopLoc import TopLoc_Location
     from OCP.TopoDS import TopoDS_Shape
 
-#: Largest angle between neighbouring chords of what is drawn, in radians for each mm of the tolerance.
+#: Largest angle between neighbouring triangles, in radians for each mm of the tolerance.
 ANGLE_RAD_PER_MM = 10.0
-#: Colour where the object has none: the renderer's usual material, as sRGB from 0 to 1.
+#: Colour of objects that have none: the renderer's usual material, as sRGB from 0 to 1.
 GREY: Colour = (0.775, 0.816, 0.856)
 _DPI = 100
 

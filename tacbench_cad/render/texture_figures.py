@@ -1,6 +1,7 @@
 """Figures of one texture: its height map with cuts through it, or with the press protocol on it.
 
-They are drawn inside of :func:`tacbench_cad.util.plotting.styled`; :mod:`tacbench_cad.render.pictures` writes them.
+Call these functions inside of :func:`tacbench_cad.util.plotting.styled`. :mod:`tacbench_cad.render.pictures` writes the
+figures to files.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ _FORCE_COLOURS = (GREEN, ORANGE, BLUE)
 
 
 def heading(block: Block) -> str:
-    """``Texture 4``, and the preset where it is not the paper's."""
+    """``Texture 4``, with the preset if it is not ``paper``."""
     name = f"Texture {block.texture.number}" if block.texture.number else f"Texture {block.texture.name}"
     return name if block.preset == "paper" else f"{name} ({block.preset})"
 
@@ -48,7 +49,7 @@ def formula(block: Block, width: int) -> str:
 
 
 def _heights(block: Block) -> tuple[Floats, Floats, Floats]:
-    """Sample positions x (n,), y (m,) in mm and the formula's height there (n, m), NaN in the key's corner."""
+    """Positions x (n,) and y (m,) in mm, and the formula's heights there (n, m); NaN where the key cuts the block."""
     x, y = (np.linspace(0.0, side, int(np.clip(24 * side, 400, 1600))) for side in block.size_mm)
     z = block.datum_mm + block.surface.grid(x, y)
     if block.keep is not None:
@@ -57,7 +58,7 @@ def _heights(block: Block) -> tuple[Floats, Floats, Floats]:
 
 
 def _outline(block: Block) -> Floats:
-    """The underside's outline, closed; shape (n, 2) in mm."""
+    """The closed outline of the underside, in mm; shape (n, 2)."""
     (x, y), key = block.size_mm, block.key_mm
     corner = [(x, 0.0)] if key is None else [(x - key, 0.0), (x, key)]
     return np.array([(0.0, 0.0), *corner, (x, y), (0.0, y), (0.0, 0.0)])
@@ -67,12 +68,12 @@ def _map(axes: Axes, block: Block, lightness: float) -> Any:
     """Draw the height map with relief shading, its outline and a scale bar.
 
     Args:
-        axes: Where to draw.
+        axes: The axes to draw in.
         block: The block.
         lightness: 0 for full colour, up to 1 for white.
 
     Returns:
-        What a colour bar can be made from.
+        The mapping of heights to colours, for a colour bar.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -94,7 +95,7 @@ def _map(axes: Axes, block: Block, lightness: float) -> Any:
 
 
 def _scale_bar(axes: Axes, size_mm: tuple[float, float]) -> None:
-    """A bar of a round length in the lower left corner of the block, about a quarter of its side, on a white card."""
+    """Draw a scale bar of a round length, about a quarter of the block's side, on white in its lower left corner."""
     from matplotlib.patches import Rectangle
 
     (x_side, y_side), step = size_mm, size_mm[0] / 40.0
@@ -109,7 +110,7 @@ def _scale_bar(axes: Axes, size_mm: tuple[float, float]) -> None:
 
 
 def cuts_figure(block: Block) -> Figure:
-    """Map on the left; on the right the block itself and the cuts along x and along y through a crest."""
+    """The height map on the left; on the right the block, and two cuts through a crest, along x and along y."""
     cut_x, cut_y = _crest(block)
     figure = new_figure((9.6, 6.3))
     title = f"{heading(block)}:  z = {formula(block, 100)}"
@@ -127,7 +128,7 @@ def cuts_figure(block: Block) -> Figure:
 
 
 def _portrait(figure: Figure, block: Block, place: tuple[float, float, float, float]) -> None:
-    """The block itself, rendered at the figure's own resolution."""
+    """Draw the shaded block at the resolution of the figure."""
     width, height = (round(part * side * DPI) for part, side in zip(place[2:], figure.get_size_inches(), strict=True))
     axes = figure.add_axes(place)
     axes.imshow(render([fine_body(as_part(block))], width, height), interpolation="none", aspect="auto")
@@ -144,7 +145,7 @@ def _cut_panel(
     colour: str,
     drawn: str,
 ) -> None:
-    """The formula's height along one axis; both panels of a figure share their scale, the block's longer side."""
+    """Draw the formula's height along an axis. Both panels of a figure have the same scale."""
     points = (along, np.full_like(along, at)) if axis == "x" else (np.full_like(along, at), along)
     heights = block.height_at(*points)
     if block.keep is not None:
@@ -161,7 +162,7 @@ def _cut_panel(
 
 
 def _crest(block: Block) -> tuple[float, float]:
-    """Place (x, y) of the crest nearest to the block's middle, of those within 0.1 % of the relief of the highest."""
+    """Place (x, y) of a highest point: of all within 0.1 % of the relief, the nearest to the block's middle."""
     x, y, z = _heights(block)
     i, j = np.nonzero(z >= np.nanmax(z) - 0.001 * block.relief_mm)
     nearest = int(np.argmin(np.hypot(x[i] - block.size_mm[0] / 2.0, y[j] - block.size_mm[1] / 2.0)))
@@ -169,7 +170,7 @@ def _crest(block: Block) -> tuple[float, float]:
 
 
 def press_figure(block: Block) -> Figure:
-    """The block's outline, the 25 positions and where the sensor touches at each force."""
+    """The block's outline, the 25 press positions, and the contact circle of each force."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Circle
 
@@ -195,7 +196,7 @@ def press_figure(block: Block) -> Figure:
     handles.append(Line2D([], [], label=f"{FORCES_N[-1]:.2f} N at the corners", **dashes))
     marks: dict[str, Any] = {"linestyle": "", "marker": "+", "markersize": 5.5, "markeredgewidth": 1.1, "color": INK}
     axes.plot(*positions.T, **marks)
-    handles.append(Line2D([], [], label="position", **marks))
+    handles.append(Line2D([], [], label="press position", **marks))
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     x, y = press.x_mm, press.y_mm
     title = f"{heading(block)}: 5 x 5 positions, x {x[0]:g} to {x[-1]:g} mm, y {y[0]:g} to {y[-1]:g} mm"

@@ -1,4 +1,4 @@
-"""Pictures: what they show is what is there; they are quick to make, equal on every run, whole or not there."""
+"""Pictures show the parts as they are. They are the same on every run, and are written whole or not at all."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_a_box_covers_its_silhouette(azimuth: float, elevation: float) -> None:
 
 
 def test_nearer_parts_hide_farther_ones() -> None:
-    """Whatever the order of the triangles: a small box before a large one is seen, behind it is not."""
+    """A small box is visible in front of a large box and hidden behind it, whatever the order of the triangles."""
     small, large = box(4.0, 1.0, 4.0), box(20.0, 1.0, 20.0)
     front = Camera(azimuth_deg=-90.0, elevation_deg=0.0)
 
@@ -215,7 +215,7 @@ def test_a_sheet_can_be_a_vector_file_with_its_picture_inside(suffix: str, head:
 
 @pytest.mark.parametrize("count", [1, 2, 4, 17, *(pytest.param(count, marks=pytest.mark.long) for count in (8, 40))])
 def test_sheets_of_any_length(tmp_path: Path, count: int) -> None:
-    """Every part is drawn, none over the other: the ink is that of one part, times their number."""
+    """Every part is drawn and no part covers another: the ink grows with the number of parts."""
     pictures.preview_sheet([("", box(3.0, 4.0, 2.0))] * count, tmp_path / "bare.png")
     bare = ink(pixels(tmp_path / "bare.png"))[:-BAR_PX]
     body = body_of(box(3.0, 4.0, 2.0))
@@ -298,7 +298,7 @@ def test_an_assembly_has_its_parts_in_their_colours(tmp_path: Path) -> None:
 
     assembly = Assembly(holder=HOLDER, blocks=(HOLDER.block,), jig=JIG)
 
-    def shares(apart_mm: float) -> list[float]:
+    def fractions(apart_mm: float) -> list[float]:
         pictures.assembly_picture(assembly, tmp_path / "set.png", apart_mm)
         image = pixels(tmp_path / "set.png")[:-80].astype(float)
         drawn = image[ink(image.astype(np.uint8))]
@@ -308,9 +308,9 @@ def test_an_assembly_has_its_parts_in_their_colours(tmp_path: Path) -> None:
         nearest = np.linalg.norm(hue[:, None] - own, axis=2)
         return [float((nearest.argmin(axis=1) == i)[nearest.min(axis=1) < 0.15].mean()) for i in range(3)]
 
-    holder_share, block_share, jig_share = shares(0.0)
-    assert block_share < 0.01 and jig_share > holder_share > 0.03
-    assert min(shares(30.0)) > 0.05
+    holder, block, jig = fractions(0.0)
+    assert block < 0.01 and jig > holder > 0.03
+    assert min(fractions(30.0)) > 0.05
 
 
 @pytest.mark.parametrize("press", [False, True])
@@ -326,7 +326,7 @@ def test_texture_picture(tmp_path: Path, block: Block, press: bool) -> None:
     assert min(image.shape[:2]) > 500
     edge = np.concatenate([image[:4].reshape(-1, 3), image[-4:].reshape(-1, 3), image[:, -4:].reshape(-1, 3)])
     assert (edge == 255).all(), "something runs off the picture"
-    assert [one.name for one in tmp_path.iterdir()] == ["texture.png"]
+    assert [file.name for file in tmp_path.iterdir()] == ["texture.png"]
 
 
 def test_texture_pictures_are_equal_on_every_run(tmp_path: Path) -> None:

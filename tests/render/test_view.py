@@ -33,10 +33,10 @@ def seen(*words: str, options: Request = COARSE) -> Scene:
     return scene_of(request_of(words, options))
 
 
-def told(text: str) -> dict[str, object]:
-    found = re.search(r'<script id="description" type="application/json">(.*?)</script>', text, re.DOTALL)
-    assert found is not None
-    document: dict[str, object] = json.loads(found[1])
+def description(text: str) -> dict[str, object]:
+    match = re.search(r'<script id="description" type="application/json">(.*?)</script>', text, re.DOTALL)
+    assert match is not None
+    document: dict[str, object] = json.loads(match[1])
     return document
 
 
@@ -71,7 +71,7 @@ def test_a_formula_on_the_page_is_the_blocks_own() -> None:
     a, f, g, phase = thing.formula.waves.T[:, :, None]
     heights = thing.formula.datum_mm + (a * np.sin(f * x + g * y + phase)).sum(axis=0)
     assert np.abs(heights - block.height_at(x, y)).max() < 1e-12
-    slope = np.hypot(*(np.asarray(one) for one in block.surface.gradient(x, y)))
+    slope = np.hypot(*(np.asarray(slopes) for slopes in block.surface.gradient(x, y)))
     assert thing.formula.bound_mm <= 0.05 and slope.max() > 1.0
 
 
@@ -107,14 +107,14 @@ def test_a_block_that_the_press_grid_leaves_shows_none(tmp_path: Path) -> None:
 
 def test_fixtures_fit_together_in_the_world() -> None:
     pytest.importorskip("build123d", reason="fixtures need the extra cad")
-    shown = {one.kind: one for one in seen("2", "holder", "jig").things}
+    shown = {thing.kind: thing for thing in seen("2", "holder", "jig").things}
     block, holder, jig = (world(shown[kind]) for kind in ("block", "holder", "jig"))
     # Holder's plate 45.6 x 52.3 x 7.47; the block stands 1.18 over it and in its middle; the jig's roof 0.3 above.
     assert np.allclose((block.min(axis=0) + block.max(axis=0))[:2], holder.max(axis=0)[:2], atol=1e-5)
     assert block.max(axis=0)[2] - holder.max(axis=0)[2] == pytest.approx(1.18, abs=1e-5)
     inside = jig[(np.abs(jig[:, 0] - 22.8) < 11.0) & (np.abs(jig[:, 1] - 26.15) < 14.0)]
     assert inside[:, 2].min() - block.max(axis=0)[2] == pytest.approx(0.3, abs=1e-5)
-    assert {one.set_number for one in shown.values()} == {0}
+    assert {thing.set_number for thing in shown.values()} == {0}
     assert shown["jig"].mesh.volume_mm3 > 0.0, "seated, the jig must not be turned inside out"
     assert ("pocket", "23.6 x 30.3 x 5.82 mm") in shown["holder"].facts
 
@@ -130,11 +130,11 @@ def test_the_authors_holder_takes_the_block_by_a_quarter_turn() -> None:
 
 def test_slots_are_filled_one_after_the_other() -> None:
     pytest.importorskip("build123d", reason="fixtures need the extra cad")
-    blocks = [one for one in seen("1", "2", "holder", options=Request(slots=2)).things if one.kind == "block"]
-    (a, b) = (world(one) for one in blocks)
+    blocks = [thing for thing in seen("1", "2", "holder", options=Request(slots=2)).things if thing.kind == "block"]
+    (a, b) = (world(thing) for thing in blocks)
     apart = np.maximum(b.min(axis=0) - a.max(axis=0), a.min(axis=0) - b.max(axis=0))
     assert apart[:2].max() > 5.0, "two blocks in one slot"
-    assert [one.slot for one in blocks] == [0, 1]
+    assert [thing.slot for thing in blocks] == [0, 1]
 
 
 def test_the_page_has_everything_in_it_and_repeats() -> None:
@@ -145,8 +145,8 @@ def test_the_page_has_everything_in_it_and_repeats() -> None:
     assert "[[" not in re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
     assert "default-src 'none'" in text and "Three.js Authors" in text
     assert not re.search(r"<(link|img|iframe|script[^>]* src)\b", text)
-    document = told(text)
-    assert [one["name"] for one in document["things"]] == [one.name for one in shown.things]  # type: ignore[index]
+    document = description(text)
+    assert [thing["name"] for thing in document["things"]] == [thing.name for thing in shown.things]  # type: ignore[index]
     packed = re.search(r'<script id="library" type="text/plain">(.*?)</script>', text, re.DOTALL)
     assert packed is not None
     library = zlib.decompress(base64.b64decode(packed[1])).decode()
@@ -184,7 +184,7 @@ def test_without_cad_packages_the_blocks_remain(monkeypatch: pytest.MonkeyPatch)
         showing, "why_not_importable", lambda modules: "OCP: libGL.so.1: cannot open shared object file"
     )
     shown = seen(options=Request(textures=("all",), sampling=Tolerance(mm=0.1)))
-    assert {one.kind for one in shown.things} == {"block"} and len(shown.things) == 6
+    assert {thing.kind for thing in shown.things} == {"block"} and len(shown.things) == 6
     assert any("libGL" in reason for _, reason in shown.left_out)
     with pytest.raises(MissingToolError, match="libGL"):
         seen("holder")
@@ -198,10 +198,10 @@ def test_without_k3d_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tm
 
 
 def test_the_command_writes_the_page(tmp_path: Path, capsys: Capture) -> None:
-    path = tmp_path / "one.html"
+    path = tmp_path / "page.html"
     assert main(["view", "1", "--scale", "2", "--key", "-o", str(path)]) == 0
-    assert "one.html" in capsys.readouterr().err
-    (thing,) = told(path.read_text(encoding="utf-8"))["things"]  # type: ignore[misc]
+    assert "page.html" in capsys.readouterr().err
+    (thing,) = description(path.read_text(encoding="utf-8"))["things"]  # type: ignore[misc]
     assert thing["name"] == "texture-1_paper_x2_key3"
 
 
@@ -209,7 +209,7 @@ def test_the_page_takes_every_option_of_a_part(tmp_path: Path) -> None:
     pytest.importorskip("build123d", reason="fixtures need the extra cad")
     path = tmp_path / "holder.html"
     assert main(["view", "holder", "--fit", "loose", "--rim", "2.5", "-o", str(path)]) == 0
-    (thing,) = told(path.read_text(encoding="utf-8"))["things"]  # type: ignore[misc]
+    (thing,) = description(path.read_text(encoding="utf-8"))["things"]  # type: ignore[misc]
     assert thing["name"] == "holder_paper_x1_fit0.3_rim2.5"
 
 

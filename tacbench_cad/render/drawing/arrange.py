@@ -1,4 +1,4 @@
-"""Where dimension lines lie so that none meets another, and at which scale it all goes onto the sheet. In paper mm."""
+"""The layout of a drawing, in mm of the paper: dimension lines that do not meet, and a scale at which all fits."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from tacbench_cad.render.drawing.sheet import Callout, Dimension, Drawing, Side,
 from tacbench_cad.util.plotting import text_width_mm
 from tacbench_cad.util.types import Floats
 
-#: The sheet, A4 across, its margin and the height of the title strip, in mm.
+#: Size of the sheet (A4, landscape), its margin, and the height of the title strip, in mm.
 SHEET_MM, MARGIN_MM, STRIP_MM = (297.0, 210.0), 5.0, 24.5
 #: Scales that are tried, the largest first.
 SCALES = (10.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.0, 0.75, 0.5, 0.4, 0.25, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
 SIDES: tuple[Side, ...] = ("left", "right", "bottom", "top")
 #: Size of dimensions, callouts and labels, in points, and height of a line of them.
 TEXT_PT, LINE_MM = 9.0, 4.3
-#: How far a line goes on beyond its ends where its arrows stand outside, and below which span they do.
+#: Length of a line beyond its ends if its arrows are outside, and the span below which they are.
 TAIL_MM, NARROW_MM = 4.5, 7.5
-#: From the view to the first dimension line, from line to line, and from the last line to its text's far edge.
+#: Distances from the view to the first dimension line, from line to line, and from the last line past its text.
 _FIRST_MM, _PITCH_MM, _TEXT_MM = 7.2, 6.2, 4.2
-#: Length of a section's mark with its letter, and of a caption with what keeps it from the view.
+#: Length of a section's mark with its letter, and height of a caption with its distance from the view.
 _LETTER_MM, _CAPTION_MM = 6.5, 7.0
-#: Between the columns; least width and height of the notes.
+#: Gap between the columns; smallest width and height of the notes.
 _GAP_MM, _NOTES_MM = 7.0, (84.0, 38.0)
 
 
@@ -38,8 +38,8 @@ class Placed:
     Args:
         dimension: The dimension.
         level: How far out it lies, from 0.
-        low: Where it begins.
-        high: Where it ends.
+        low: The line's lower end.
+        high: The line's upper end.
         text_at: Middle of its text along the line.
         inside: Whether its arrows lie between its ends.
     """
@@ -53,28 +53,28 @@ class Placed:
 
     @cached_property
     def text(self) -> tuple[float, float]:
-        """Where its text begins and ends."""
+        """The ends of its text along the line."""
         half = text_width_mm(self.dimension.text, TEXT_PT) / 2.0 + 0.5
         return self.text_at - half, self.text_at + half
 
     @cached_property
     def line(self) -> tuple[float, float]:
-        """Where what is drawn begins and ends: below a text beside it, the line goes on."""
+        """The ends of the drawn line. Where the text is beside the arrows, the line continues below the text."""
         low, high = (self.low, self.high) if self.inside else (self.low - TAIL_MM, self.high + TAIL_MM)
         return min(low, self.text[0]), max(high, self.text[1])
 
     def overlaps(self, other: Placed) -> bool:
-        """Whether two lines of one level meet."""
+        """Whether both lines are in the same level and overlap."""
         return self.level == other.level and self.line[0] < other.line[1] and other.line[0] < self.line[1]
 
     def crosses(self, other: Placed) -> bool:
-        """Whether an extension line of the outer one runs through the text of the inner one."""
+        """Whether an extension line of the outer line runs through the text of the inner line."""
         inner, outer = sorted((self, other), key=lambda line: line.level)
         return inner.level < outer.level and any(inner.text[0] < x < inner.text[1] for x in (outer.low, outer.high))
 
 
 def _places(dimension: Dimension, level: int, origin: float, scale: float) -> Iterator[Placed]:
-    """The places of a dimension on a level: its text between its ends if there is room, or beside them."""
+    """Possible places of a dimension on a level: its text between its ends if there is room, or beside them."""
     ends = dimension.start[dimension.axis], dimension.end[dimension.axis]
     low, high = ((end - origin) * scale for end in sorted(ends))
     width = text_width_mm(dimension.text, TEXT_PT)
@@ -85,7 +85,7 @@ def _places(dimension: Dimension, level: int, origin: float, scale: float) -> It
 
 
 def _stacked(dimensions: Sequence[Dimension], origin: float, scale: float) -> list[Placed]:
-    """Lay lines in levels, one after the other."""
+    """Place the lines in levels, one line after the other."""
     stack: list[Placed] = []
     for dimension in dimensions:
         levels = range(len(stack) + 1)
@@ -104,39 +104,39 @@ def _cost(stack: Sequence[Placed]) -> tuple[int, int]:
 
 
 class Frame:
-    """A view at a scale with its lines laid out.
+    """A view at a scale, with places for its dimension lines.
 
     Args:
         view: The view.
-        scale: Millimetres on the paper for one of the part.
+        scale: Millimetres on the paper for each millimetre of the part.
     """
 
     def __init__(self, view: View, scale: float) -> None:
         self.view, self.scale = view, scale
-        #: The paper point of the box's lower left corner, in mm.
+        #: Place of the box's lower left corner on the paper, in mm.
         self.at = (0.0, 0.0)
         self.low = view.box[0]
         self.width, self.height = (float(side) * scale for side in view.box[1] - view.box[0])
         self.sides = {side: self._stack(side) for side in SIDES}
-        #: What the view takes up beyond its box on each side, in mm.
+        #: Space that the view needs beyond its box on each side, in mm.
         self.room = {side: self._depth(side) for side in SIDES}
         for place in (place for stack in self.sides.values() for place in stack):
             (low, high), size = ((SIDES[:2], self.width), (SIDES[2:], self.height))[place.dimension.axis]
             self.room[low] = max(self.room[low], 1.0 - place.line[0])
             self.room[high] = max(self.room[high], 1.0 + place.line[1] - size)
-        #: From the box to the callouts' texts.
+        #: Distance from the box to the callouts' texts, in mm.
         self.column_mm = self.room["right"] + 5.0
         if view.callouts:
             lines = [line for callout in view.callouts for line in callout.text.split("\n")]
             self.room["right"] = self.column_mm + 3.0 + max(text_width_mm(line, TEXT_PT) for line in lines)
 
     def paper(self, points: Any) -> Floats:
-        """Paper mm of points of the view."""
+        """Places of points of the view on the paper, in mm."""
         place: Floats = (np.asarray(points, dtype=np.float64) - self.low) * self.scale + self.at
         return place
 
     def _stack(self, side: Side) -> list[Placed]:
-        """The lines of a side, the shorter ones nearer to the view, in the order in which the fewest cross."""
+        """The lines of a side in the order with the fewest crossings; shorter lines are nearer to the view."""
         dimensions = [dimension for dimension in self.view.dimensions if dimension.side == side]
         dimensions.sort(key=lambda dimension: dimension.value_mm)
         orders = itertools.permutations(dimensions) if len(dimensions) <= 5 else [dimensions]
@@ -147,7 +147,7 @@ class Frame:
         return self.view.cuts[side in ("top", "bottom")] is not None
 
     def offset_mm(self, side: Side, level: int) -> float:
-        """From the box to a dimension line; where its text would lie on a section's letter, beyond the letter."""
+        """Distance of a dimension line from the box. Lines beside a section's letter lie beyond the letter."""
         letter = side in ("right", "bottom") and self._has_letter(side)
         return _FIRST_MM + (3.2 if letter else 0.0) + _PITCH_MM * level
 
@@ -157,7 +157,7 @@ class Frame:
         return max(lines, _LETTER_MM if self._has_letter(side) else 2.0)
 
     def callouts(self) -> Iterator[tuple[Callout, float]]:
-        """Callouts with the heights of their texts: as high as the places, clear of each other and of A–A's letter."""
+        """Callouts and the heights of their texts: level with the places, clear of each other and of A–A's letter."""
         cut = -1e9 if self.view.cuts[0] is None else (self.view.cuts[0] - self.low[1]) * self.scale
         limit = float("inf")
         for callout in sorted(self.view.callouts, key=lambda callout: -callout.at[1]):
@@ -170,12 +170,12 @@ class Frame:
 
 
 class Sheet(NamedTuple):
-    """Where everything lies on the paper, in mm.
+    """The places of all parts of a drawing on the paper, in mm.
 
     Args:
         frames: Each view.
-        notes_at: The notes' upper left corner.
-        notes_width: Their width.
+        notes_at: Upper left corner of the notes.
+        notes_width: Width of the notes.
     """
 
     frames: Sequence[Frame]
@@ -184,7 +184,7 @@ class Sheet(NamedTuple):
 
 
 def arrange(drawing: Drawing) -> Sheet:
-    """Find the largest scale at which everything has its place; the smallest takes 2 m, more than any part has."""
+    """Find the largest scale at which everything fits. The smallest scale fits 2 m, more than any part needs."""
     return next(sheet for scale in SCALES if (sheet := _arranged(drawing, scale)) is not None)
 
 

@@ -18,21 +18,21 @@ from tacbench_cad.util.types import Bytes, Floats
 
 _Point = tuple[float, float, float]
 
-#: Accepted deviation of a printed block's sides, height and key, in mm: with two thirds of the clearance of the fit
-#: ``slip`` on block and pocket each, the last third is left.
+#: Accepted deviation of a printed block's sides, height and key, in mm. If the block and its pocket both deviate by
+#: this much, a third of the clearance of the fit ``slip`` is left.
 BLOCK_ACCEPTED_MM = 0.1
-#: A section keeps this far from the walls, in mm.
+#: Smallest distance of a section from the walls, in mm.
 _INSIDE_MM = 1e-5
 #: Pixels of the shaded plan along its longer side.
 _SHADE_PIXELS = 700
 
 
 def block_drawing(block: Block, press: bool = False) -> Drawing:
-    """Draw a block: the plan, a section through its highest point and one through its lowest.
+    """Draw a block: the plan, a section through its highest point, and a section through its lowest point.
 
     Args:
         block: The block.
-        press: Show the press positions with the first one's place and their pitch.
+        press: Show the press positions, the place of the first position, and their spacing.
 
     Raises:
         InputError: The block cannot be meshed, or the press grid leaves it.
@@ -70,10 +70,10 @@ def block_drawing(block: Block, press: bool = False) -> Drawing:
 
 
 def _extremes(block: Block, mesh: Mesh) -> list[_Point]:
-    """The highest and the lowest vertex of the top, of equal ones that nearest to the middle."""
+    """The highest and the lowest vertex of the top. Of several equal vertices it takes the nearest to the middle."""
     top = mesh.vertices[mesh.vertices[:, 2] > (LABEL_DEPTH_MM + 1e-3 if block.label else 1e-6)]
     middle = np.array(block.size_mm) / 2.0
-    # Where nothing changes along an axis, vertices lie at its ends only.
+    # If the texture does not change along an axis, vertices are only at the ends of that axis.
     flat = np.array(block.surface.highest_frequency) == 0.0
     extremes = []
     for z in (top[:, 2].max(), top[:, 2].min()):
@@ -87,7 +87,7 @@ def _extremes(block: Block, mesh: Mesh) -> list[_Point]:
 def _plan(block: Block, mesh: Mesh, cuts: Cuts, high: _Point, low: _Point, press: bool) -> View:
     (x, y), key, accept = block.size_mm, block.key_mm, BLOCK_ACCEPTED_MM
     depth = LABEL_DEPTH_MM if block.label else 0.0
-    # The deepest valley of the top is above this level, the label below it.
+    # The deepest valley of the top lies above this level, and the label lies below it.
     outline = cuts.level((low[2] + depth) / 2.0)
     hidden = [loop for loop in cuts.level(depth / 2.0) if np.ptp(loop[:, 0]) < x - 1e-3] if block.label else []
     dimensions = sides("side", (0.0, 0.0), (x, y), ("top", "left"), accept, accept)
@@ -126,7 +126,7 @@ def _shade(block: Block, mesh: Mesh) -> tuple[Bytes, tuple[float, ...]]:
     body = Body(mesh=mesh, relief=relief_of(block))
     image = render([body], int(pixels[0]), int(pixels[1]), Camera(azimuth_deg=-90.0, elevation_deg=90.0))
     pale = np.rint(255.0 - 0.32 * (255.0 - image.astype(np.float64))).astype(np.uint8)
-    # The renderer leaves a pixel free on every side.
+    # The renderer leaves one pixel free on every side.
     half = pixels * max((high - low) / (pixels - 2.0)) / 2.0
     (a, b), (c, d) = (low + high) / 2.0 - half, (low + high) / 2.0 + half
     return pale, (float(a), float(c), float(b), float(d))

@@ -1,6 +1,6 @@
-"""Outlines of a mesh as drawings need them: level cuts seen from above, sections seen from the front and the right.
+"""Outlines of a mesh for drawings: level cuts seen from above, and sections seen from the front and from the right.
 
-They are cut out of the part's own mesh by manifold3d, so a drawing cannot show another part.
+manifold3d cuts them from the mesh of the part itself, so a drawing always shows the part that is printed.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.render.drawing.sheet import Outlines
 from tacbench_cad.util.types import Floats
 
-# Rows give the view's a and b and what points to the eye, in the part's x, y, z.
+# Rows: the directions to the right, up and towards the viewer, in the part's x, y, z.
 _FRONT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 _RIGHT = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
 
 
 class Cuts:
-    """A mesh to be cut.
+    """Cuts a mesh into outlines.
 
     Args:
         mesh: A closed mesh.
@@ -29,20 +29,21 @@ class Cuts:
         self._body = mesh.as_manifold()
 
     def level(self, z_mm: float) -> Outlines:
-        """The cut at a height, seen from above: a is x, b is y."""
+        """The cut at a height, seen from above: x runs to the right, y up."""
         return _loops(self._body.slice(z_mm))
 
     def front(self, y_mm: float, beyond: bool = True) -> dict[str, Outlines]:
-        """The section at a y, seen from low y: a is x, b is z.
+        """The section at a y, seen from low y: x runs to the right, z up.
 
         Args:
-            y_mm: Where it is taken.
-            beyond: Give what lies behind it too, as ``seen``; only for parts of few triangles.
+            y_mm: Place of the section.
+            beyond: Also return the outline of the part behind the section, as ``seen``; only for parts with few
+                triangles.
         """
         return self._section(_FRONT, -y_mm, beyond)
 
     def right(self, x_mm: float, beyond: bool = True) -> dict[str, Outlines]:
-        """The section at an x, seen from high x, its top to the left: a is -z, b is y."""
+        """The section at an x, seen from high x, with the top to the left: -z runs to the right, y up."""
         return self._section(_RIGHT, x_mm, beyond)
 
     def _section(self, axes: Floats, at_mm: float, beyond: bool) -> dict[str, Outlines]:

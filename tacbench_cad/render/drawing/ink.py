@@ -1,4 +1,4 @@
-"""The sheet itself, drawn with matplotlib: true to scale on A4, as PNG, SVG or PDF."""
+"""Drawing the sheet with matplotlib: A4, true to scale, as PNG, SVG or PDF."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ DPI = 200
 #: Sizes of letters in points: captions, notes, the title strip.
 _CAPTION_PT, _NOTES_PT, _SMALL_PT = 10.5, 8.7, 8.0
 _ARROW_MM, _ARROW_HALF_MM = 2.4, 0.42
-#: From the lowest dimension line of a view to its caption's base, in mm.
+#: Distance from the lowest dimension line of a view to the base of its caption, in mm.
 _CAPTION_MM = 4.8
-#: Lines are broken by their number of characters: mean width of one of the notes in mm, and characters of a title.
+#: Mean width of a character of the notes in mm, and the largest number of characters in a line of a title.
 _CHARACTER_MM, _TITLE_WIDTH = 1.55, 42
 _CHAIN = (0, (12.0, 2.0, 1.5, 2.0))
 _WHITE = {"facecolor": "white", "edgecolor": "none"}
-#: How each kind of outline is drawn: colour, width in points, dashes and order.
+#: Style of each kind of outline: colour, width in points, dashes and order.
 _LINES: dict[str, tuple[str, float, Any, float]] = {
     "cut": (INK, 0.9, "solid", 2.2),
     "seen": (INK, 0.9, "solid", 2.0),
@@ -78,7 +78,7 @@ def save_drawing(drawing: Drawing, path: Path) -> None:
 
 
 def drawn(drawing: Drawing) -> Figure:
-    """The sheet as a figure; call it inside of :func:`tacbench_cad.util.plotting.only_style`."""
+    """Draw the sheet as a figure. Call it inside of :func:`tacbench_cad.util.plotting.only_style`."""
     figure = new_figure((SHEET_MM[0] / 25.4, SHEET_MM[1] / 25.4), DPI)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_axis_off()
@@ -95,23 +95,23 @@ def drawn(drawing: Drawing) -> Figure:
 
 
 class _Pen:
-    """What is drawn on the paper, in paper mm.
+    """Draws lines, shapes and text on the paper, in mm of the paper.
 
     Args:
         axes: The paper.
-        axis: 1 where points are given with y before x, so that what runs up is drawn as what runs across.
+        axis: 1 if points are given with y before x, so that the same code draws across and up.
     """
 
     def __init__(self, axes: Axes, axis: int = 0) -> None:
         self.axes, self.order = axes, (1, -1)[axis]
 
     def line(self, points: Iterable[Point], width: float = 0.45, **style: Any) -> None:
-        """A line through points; ``width`` in points."""
+        """Draw a line through some points; ``width`` in points."""
         x, y = tuple(zip(*points, strict=True))[:: self.order]
         self.axes.plot(x, y, linewidth=width, **{"color": THIN, "solid_capstyle": "butt", "zorder": 3.0, **style})
 
     def shape(self, loops: Outlines, clip: Any = None, **style: Any) -> Any:
-        """Outlines as one shape with holes, closed unless they have two points only."""
+        """Outlines as a single shape with holes. An outline of two points stays open."""
         from matplotlib.patches import PathPatch
         from matplotlib.path import Path as Outline
 
@@ -125,7 +125,7 @@ class _Pen:
         return patch
 
     def circle(self, centre: Point, radius: float, **style: Any) -> Any:
-        """A circle, as a shape that something can be clipped by."""
+        """A circle as a shape, by which other shapes can be clipped."""
         turn = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)
         return self.shape([centre + radius * np.column_stack([np.cos(turn), np.sin(turn)])], **style)
 
@@ -135,20 +135,20 @@ class _Pen:
         self.axes.text(x, y, words, fontsize=size, **style)
 
     def arrow(self, tip: Point, along: Point) -> None:
-        """A filled arrow head that points along a unit vector."""
+        """Draw a filled arrow head that points along a unit vector."""
         (u, v), back = along, np.subtract(tip, np.multiply(_ARROW_MM, along))
         wings = [back + side * _ARROW_HALF_MM * np.array([-v, u]) for side in (1.0, -1.0)]
         self.shape([np.array([tip, *wings])[:, :: self.order]], facecolor=THIN, edgecolor="none", zorder=4.0)
 
 
 class _View:
-    """One view on the paper."""
+    """Draws a view on the paper."""
 
     def __init__(self, pen: _Pen, frame: Frame) -> None:
         self.pen, self.frame, self.at, self.view, self.paper = pen, frame, frame.at, frame.view, frame.paper
 
     def draw(self, caption: str) -> None:
-        """Everything of it."""
+        """Draw the view with its lines, texts and caption."""
         self._outlines()
         for axis, (letter, place) in enumerate(zip("AB", self.view.cuts, strict=True)):
             if place is not None:
@@ -171,7 +171,7 @@ class _View:
             image, (a0, a1, b0, b1) = view.shade
             (x0, y0), (x1, y1) = self.paper([(a0, b0), (a1, b1)])
             pen.axes.imshow(image, extent=(x0, x1, y0, y1), aspect="auto", interpolation="antialiased", zorder=0.5)
-        # A cut face has holes; other outlines may lie in each other.
+        # A cut face is one shape with holes. Other outlines are drawn separately, because some lie inside of others.
         faces = [self.paper(loop) for loop in view.outlines.get("cut", ())]
         pen.shape(faces, clip, facecolor=FILL, edgecolor=PALE, hatch="/////", linewidth=0.0, zorder=1.0)
         for name, (colour, width, dashes, order) in _LINES.items():
@@ -187,10 +187,10 @@ class _View:
             pen.text((x - 0.72 * r - 0.6, y + 0.72 * r + 0.3), _DETAIL, _CAPTION_PT, weight="bold", ha="right")
 
     def _cut(self, letter: str, line: float, axis: int) -> None:
-        """The line of a section with an arrow and a letter at each end."""
+        """Draw the line of a section with an arrow and a letter at each end."""
         pen, low = _Pen(self.pen.axes, axis), self.at[axis]
         high = low + (self.frame.width, self.frame.height)[axis]
-        # Seen from the front one looks towards high y; from the right, towards low x.
+        # The front view looks towards high y, the view from the right towards low x.
         view = (1.0, -1.0)[axis]
         pen.line([(low - 1.0, line), (high + 1.0, line)], linestyle=_CHAIN, color=PALE)
         for end, out in ((low, -1.0), (high, 1.0)):
@@ -219,7 +219,7 @@ class _View:
         column = self.at[0] + self.frame.width + self.frame.column_mm
         for callout, height in self.frame.callouts():
             tip, y = self.paper(callout.at), self.at[1] + height
-            # As far level as it can be: only near the place the line is oblique.
+            # The line is level for as long as possible, and oblique only near the place.
             bend = np.array([min(tip[0] + 6.0, column - 2.0), y])
             if callout.diameter_mm is None:
                 self.pen.circle(tuple(tip), 0.45, facecolor=THIN, edgecolor="none", zorder=4.0)
@@ -240,7 +240,7 @@ def _notes(pen: _Pen, drawing: Drawing, sheet: Sheet) -> None:
 
 
 def _strip(pen: _Pen, drawing: Drawing, scale: float) -> None:
-    """Frame and title strip."""
+    """Draw the border of the sheet and its title strip."""
     x0, y0, x1, y1 = MARGIN_MM, MARGIN_MM, SHEET_MM[0] - MARGIN_MM, SHEET_MM[1] - MARGIN_MM
     top = y0 + STRIP_MM
     pen.line([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)], 0.9, color=INK)
@@ -271,12 +271,12 @@ def _strip(pen: _Pen, drawing: Drawing, scale: float) -> None:
 
 
 def _fitting(text: str, points: float, width_mm: float) -> float:
-    """The size at which a line of text is no wider than its place."""
+    """The size of letters, at most ``points``, at which a line of text is no wider than its place."""
     return points * min(1.0, width_mm / text_width_mm(text, points))
 
 
 def _third_angle(pen: _Pen, at: Point) -> None:
-    """The symbol of third-angle projection: a cone's end beside its side, the end on the side that it is seen from."""
+    """Draw the symbol of third-angle projection: the end of a cone to the left of its side view."""
     x, y = at
     for radius in (1.1, 2.2):
         pen.circle((x - 4.0, y), radius, linewidth=0.7)

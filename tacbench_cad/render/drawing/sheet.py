@@ -1,7 +1,7 @@
-"""What a dimension drawing says: views with their outlines, the lengths that are drawn on them, and the words beside.
+"""The content of a dimension drawing: its views with their outlines, the lengths on them, and the notes.
 
-Nothing is drawn here and no mesh is read: a drawing is plain data, so that its numbers can be tested and listed.
-Views are in mm of the part, a to the right and b up on the paper.
+This module draws nothing and reads no mesh. A drawing is plain data, so that its numbers can be tested and listed. The
+points of a view are in mm of the part: the first coordinate runs to the right on the paper, the second one up.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ Outlines = Sequence[Floats]
 Side = Literal["top", "bottom", "left", "right"]
 #: Accepted deviation of any length of a print that has no accepted deviation of its own, in mm.
 ACCEPTED_MM = 0.3
-#: Paper mm that the radius of a detail takes at most, and the scales that are tried.
+#: Largest radius of a detail on the paper in mm, and the scales that are tried.
 _DETAIL_MM = 31.0
 _DETAIL_SCALES = (10.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.0, 0.5, 0.2, 0.1)
 
 
 def length(value_mm: float) -> str:
-    """A length as it stands in a drawing: to 0.01 mm, without zeros at the end."""
+    """A length as drawings show it: rounded to 0.01 mm, without zeros at the end."""
     return f"{round(value_mm, 2) + 0.0:g}"
 
 
@@ -36,10 +36,10 @@ class Dimension:
     """A length between two points of a view, measured across or up.
 
     Args:
-        name: What is measured, for lists.
+        name: The name of the length, for lists.
         start: One end, in mm of the view.
         end: The other end.
-        side: On which side of the view its line lies: ``top`` and ``bottom`` measure across, the others up.
+        side: The side of the view where its line lies. Lines at ``top`` and ``bottom`` measure across, others up.
         accept_mm: Accepted deviation of a print; None for 0.3 mm.
         form: Text with ``{}`` for the number.
     """
@@ -68,7 +68,7 @@ class Dimension:
 
     @cached_property
     def text(self) -> str:
-        """What is written on the drawing."""
+        """The text on the drawing."""
         return self.form.format(self.number)
 
 
@@ -79,7 +79,7 @@ def sides(name: str, low: Point, high: Point, at: tuple[Side, Side], *accept_mm:
         name: The rectangle.
         low: Its lower corner.
         high: Its upper corner.
-        at: Where the lines lie that measure across and up.
+        at: The sides where the two lines lie: first the line that measures across, then the line that measures up.
         accept_mm: Accepted deviations along both axes; none for 0.3 mm.
     """
     a, b = (low[0] + high[0]) / 2.0, (low[1] + high[1]) / 2.0
@@ -92,10 +92,10 @@ def sides(name: str, low: Point, high: Point, at: tuple[Side, Side], *accept_mm:
 
 @dataclass(frozen=True)
 class Callout:
-    """Words with a line to a place, or with an arrow to a circle.
+    """A text with a line to a place, or with an arrow to a circle.
 
     Args:
-        text: The words; lines are separated by newlines.
+        text: The text; its lines are separated by newlines.
         at: The place, or the centre of the circle.
         diameter_mm: The circle's diameter; None for no circle.
     """
@@ -107,7 +107,7 @@ class Callout:
 
 @dataclass(frozen=True)
 class Circle:
-    """What a detail shows.
+    """The region that a detail shows.
 
     Args:
         centre: Its centre in mm.
@@ -129,16 +129,17 @@ class View:
     """One view of a part.
 
     Args:
-        outlines: Closed outlines by how they are drawn, each (n, 2) in mm, or (2, 2) for a line that is open: ``seen``
-            and ``hidden`` edges, ``fine`` engravings, ``cut`` faces (counter-clockwise, holes in them clockwise),
-            the thin outlines of an ``other`` part, the ``axis`` of a hole, the ``cross`` on a marked point.
-        dimensions: Lengths.
-        callouts: Words with lines, in a column to the right.
-        labels: Words on the view itself, each with its middle.
-        cuts: In the plan, where sections are taken: y of A–A, x of B–B; None for no section.
-        circle: Round what a detail of this view shows.
-        within: Outside of this circle nothing is shown: the view is a detail.
-        shade: A picture to lay below, (h, w, 3), and its extent left, right, bottom, top in mm.
+        outlines: Outlines by the kind of line. Each is closed and has shape (n, 2), in mm; an open line has shape
+            (2, 2). The kinds are ``seen`` and ``hidden`` edges, ``fine`` engravings, ``cut`` faces
+            (counter-clockwise; holes in them are clockwise), the thin outlines of an ``other`` part, the ``axis`` of
+            a hole, and the ``cross`` on a marked point.
+        dimensions: The lengths.
+        callouts: Texts with lines, in a column to the right of the view.
+        labels: Texts on the view itself, each with the point in its middle.
+        cuts: In the plan, the places of the sections: y of A–A and x of B–B; None for no section.
+        circle: The region of this view that a detail shows.
+        within: The region that is shown, if the view is a detail.
+        shade: A picture below the lines, (h, w, 3), and the ends of its rectangle in mm: left, right, bottom, top.
     """
 
     outlines: Mapping[str, Outlines]
@@ -152,7 +153,7 @@ class View:
 
     @property
     def box(self) -> Floats:
-        """Lower left and upper right corner of what is shown, in mm, shape (2, 2)."""
+        """Lower left and upper right corner of the view, in mm, shape (2, 2)."""
         if self.within is not None:
             return np.add(self.within.centre, [[-self.within.radius], [self.within.radius]])
         points = np.concatenate([loop for line, loops in self.outlines.items() if line != "axis" for loop in loops])
@@ -161,15 +162,15 @@ class View:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drawing:
-    """A part's drawing in third-angle projection: the plan, a section seen from the front below it, one view beside it.
+    """A part's drawing in third-angle projection: the plan, a section from the front below it, and a view beside it.
 
     Args:
         report: The part's dimension report, ``str(part)``.
-        facts: What the title strip shows of it, five names at most.
+        facts: Names of the report's rows that the title strip shows, five at most.
         plan: The part from above.
         front: The section seen from the front, as wide as the plan.
-        side: A section seen from the right, its z to the left, as high as the plan; or a detail.
-        notes: What else must be known, a paragraph each.
+        side: A section seen from the right, with z to the left, as high as the plan; or a detail.
+        notes: Further remarks, one paragraph each.
     """
 
     report: str
@@ -201,7 +202,7 @@ class Drawing:
 
     @property
     def to_measure(self) -> tuple[Dimension, ...]:
-        """The lengths that say whether a print is good, which have an accepted deviation of their own."""
+        """The lengths with an accepted deviation of their own. They decide whether a print is good."""
         return tuple(dimension for dimension in self.dimensions if dimension.accept_mm is not None)
 
     def __str__(self) -> str:

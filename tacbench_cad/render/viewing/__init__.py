@@ -1,1 +1,1 @@
-"""The 3D page: what it shows (scene) and how it is written (page)."""
+"""The 3D page: its content (scene) and its file (page)."""

@@ -1,5 +1,5 @@
 "use strict";
-// Draws the parts through k3d, and adds what it has not: the formula's deviation by pixel, filled cuts, sizes.
+// Draws the parts with k3d, and adds the deviation from the formula at each pixel, filled cuts, and sizes.
 (() => {
   const byId = (id) => document.getElementById(id);
   const scene = JSON.parse(byId("description").textContent);
@@ -10,7 +10,7 @@
   const DEVIATIONS = [...DOWN, ZERO, ...UP];
   const HEIGHTS = ["#2b1d5b", "#2f5d8c", "#2f8f86", "#7cc04f", "#f6e65a"];
   const FORCES = ["#007a5a", "#c04f00", "#0b5a8a"];
-  const COMPLAINT = "This browser cannot draw the parts (it needs WebGL 2). The sizes stand beside.";
+  const COMPLAINT = "This browser cannot draw the parts (it needs WebGL 2). The panel lists the sizes.";
   let K3D = null, world = null, spinning = 0;
 
   function bytes(id) {
@@ -21,7 +21,7 @@
 
   const inflated = (id) => new Response(new Blob([bytes(id)]).stream().pipeThrough(new DecompressionStream("deflate")));
 
-  // Undoes what the writer did to a mesh: bytes by rank, and differences down each column, as 32-bit integers.
+  // Restores a mesh from its packed form: the differences down each column, as 32-bit integers, sorted by byte.
   function restored(packed, start, [vertices, triangles]) {
     const count = 3 * (vertices + triangles), numbers = new Int32Array(3 * vertices), corners = new Uint32Array(3 * triangles);
     let at = start;
@@ -51,7 +51,7 @@
 
   async function library() {
     const source = await inflated("library").text();
-    // The library asks for an AMD loader; one module needs no more of it than this.
+    // The library expects an AMD loader. For a single module this is enough.
     return await new Promise((resolve) => {
       const define = (name, needs, make) => resolve(make());
       define.amd = true;
@@ -83,13 +83,13 @@
     if (state.view === "texture" || state.view === "block") return [block];
     const set = block && block.set !== null ? block.set : 0;
     if (state.view !== "assembly") return things.filter((thing) => thing.kind === state.view && (thing.set === null || thing.set === set)).slice(0, 1);
-    // The other pockets of a tray are filled too, each with the first block that has its place there.
+    // The other pockets of a tray are filled too, each with the first block whose place it is.
     const slots = new Map(block ? [[block.slot, block]] : []);
     for (const thing of blocks) if (thing.set === set && !slots.has(thing.slot)) slots.set(thing.slot, thing);
     const laid = new Set(slots.values());
     return things.filter((thing) => laid.has(thing) || (thing.kind !== "block" && thing.set === set && !hidden(thing)));
   }
-  // On the blocks the jig would hide their textures: it is shown where somebody asks for it, or where no block is.
+  // The jig would cover the textures of the blocks: it is visible if the user asks for it, or if there is no block.
   const hidden = (thing) => thing.kind === "jig" && blocks.length > 0 && !state.jig;
   function lift(thing) {
     if (state.view !== "assembly" || thing.kind === "holder") return 0;
@@ -97,7 +97,7 @@
     return state.apart * (thing.kind === "block" ? tall + 4 : 2.2 * tall + 8);
   }
   const matrixOf = (thing) => lifted(thing.matrix, lift(thing));
-  // The frame that sizes and cuts are told in: the block's where a block is seen, else the holder's.
+  // Sizes and cuts are in the frame of the block if it is visible, else in the frame of the holder.
   function frame() {
     const block = shown().includes(theBlock()) ? theBlock() : null;
     return block ? matrixOf(block) : ONE;
@@ -132,7 +132,7 @@
       void wave(float a, float f, float g, float p, vec2 q, inout float z, inout vec2 slope) {
         float t = f * q.x + g * q.y + p; t = 6.283185307179586 * (t - floor(t + 0.5));
         z += a * sin(t); slope += 6.283185307179586 * a * cos(t) * vec2(f, g); }
-      // The corner of the screen's triangle decides on which side "up" lies: a block's top is a height field.
+      // Whether the triangle under the pixel faces upwards: the top of a block is a height field.
       bool facesUp() { vec3 n = normalize(cross(dFdx(vViewPosition), dFdy(vViewPosition)));
         vec3 u = normalize((viewMatrix * vec4(0.0, 0.0, 1.0, 0.0)).xyz); if (dot(n, vViewPosition) < 0.0) n = -n; return dot(n, u) > 1e-4; }`;
     const cut = rgb(thing.colour).map((c) => real(0.78 * c));
@@ -140,11 +140,11 @@
       float light = clamp(0.45 + 0.75 * dot(gl_FragColor.rgb, vec3(0.3333)), 0.6, 1.06);
       if (tbMode > 0) gl_FragColor.rgb = vec3(0.80, 0.81, 0.82) * light;
       ${top}
-      // The inside of a closed part is seen only through a cut: painted flat, it is the cut's own face.
+      // The inside of a closed part is visible only through a cut. Painted flat, it looks like the face of the cut.
       if (!gl_FrontFacing) { float stripe = mod(gl_FragCoord.x + gl_FragCoord.y, 9.0);
         gl_FragColor.rgb = vec3(${cut}) * (stripe < 1.6 ? 0.62 : 1.0);
         #ifdef USE_LOGARITHMIC_DEPTH_BUFFER
-        gl_FragDepth = max(0.0, gl_FragDepth - 2e-4);  // a part that lies on another does not flicker with it
+        gl_FragDepth = max(0.0, gl_FragDepth - 2e-4);  // parts that touch do not flicker
         #endif
       }`;
     K3D.getObjectById(thing.id).traverse((part) => {
@@ -179,7 +179,7 @@
     paint();
     drawPanel();
   }
-  // k3d finishes a picture after it has returned, so two begun at once mix: one a frame.
+  // k3d finishes a picture after it has returned, and two pictures at once would mix: start at most one in each frame.
   let painting = 0;
   function paint() {
     cancelAnimationFrame(painting);
@@ -193,7 +193,7 @@
     if (!state.cut) return;
     const m = frame(), box = boxIn(m), at = box.low[axis] + state.at * (box.high[axis] - box.low[axis]);
     const way = [0, 0, 0];
-    // The cut's face looks towards the corner that the picture begins from.
+    // The face of the cut is turned towards the corner from which the page is first seen.
     way[axis] = (axis < 2) === state.flip ? -1 : 1;
     const normal = turn(m, way), through = [0, 0, 0];
     through[axis] = at;
@@ -213,9 +213,9 @@
     let middle = [0, 1, 2].map((i) => (box.low[i] + box.high[i]) / 2), far = 0;
     for (let round = 0; round < 4; round += 1) {
       const seen = points.map((point) => [right, up, [dx, dy, dz]].map((way) => way.reduce((sum, part, i) => sum + part * (point[i] - middle[i]), 0)));
-      // As near as every corner of the parts stays in the picture, with room for the sizes around them.
+      // The smallest distance at which all corners of the parts are visible, with room for the sizes around them.
       far = Math.max(...seen.map(([x, y, z]) => z + (1.2 / steep) * Math.max(Math.abs(y), (Math.abs(x) * size.height) / size.width)));
-      // What is near looks larger: the middle of the picture is not quite the middle of the box.
+      // Near parts look larger, so the middle of the picture is not quite the middle of the box.
       const { low, high } = boxOf(seen.map(([x, y, z]) => [x / (far - z), y / (far - z), 0]));
       middle = middle.map((value, i) => value + (far / 2) * (right[i] * (low[0] + high[0]) + up[i] * (low[1] + high[1])));
     }
@@ -265,7 +265,7 @@
       [[...upright, box.low[2]], [...upright, box.high[2]]],
     ];
     lines.forEach(([from, to], axis) => {
-      if (axis === 2 && state.view === "assembly" && state.apart > 0) return;  // how far apart is no size of anything
+      if (axis === 2 && state.view === "assembly" && state.apart > 0) return;  // the distance between parts is not a size of any part
       const [a, b] = [from, to].map((p) => project(place(m, p)));
       const long = Math.hypot(b[0] - a[0], b[1] - a[1]);
       if (long < 14) return;
@@ -331,7 +331,7 @@
     legend.replaceChildren();
     const pressed = block && block.press ? block : null;
     if (state.press && pressed) {
-      element("p", `${pressed.press.positions.length} positions, numbered row by row from low y; contact on a flat plate at the middle one:`, legend);
+      element("p", `${pressed.press.positions.length} positions, numbered row by row from low y. The circles show the contact on a flat plate at the middle position:`, legend);
       pressed.press.contacts.forEach(([force, radius], i) => {
         const line = element("p", undefined, legend), mark = element("i", undefined, line);
         mark.style.borderColor = FORCES[i];

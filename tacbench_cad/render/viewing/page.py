@@ -1,7 +1,7 @@
 """The 3D page: one HTML file that loads nothing.
 
-k3d (extra ``view``) brings the drawing code in its wheel and packs the meshes; the page around them is ours. A
-content policy in the page's head forbids every request, so that "loads nothing" holds by the browser's own rule.
+The drawing code comes from the package k3d (extra ``view``), which also packs the meshes; the page around them is
+ours. A content security policy in the page forbids the browser every request.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from tacbench_cad.util.packages import require
 
 #: Colour and radius (mm) of the balls on the press positions.
 _PRESS_COLOUR, _PRESS_MM = 0x1B1B1B, 0.22
-#: Fonts for formulas in k3d's own labels, which the page has none of: the browser would look for their files.
+#: Font declarations of k3d's labels. The page has no such labels, and the browser would look for the font files.
 _FONTS = re.compile(r"@font-face\{(?:\$\{\w+\}|[^{}])*\}")
-#: Strongest compression: a page is written once and kept.
+#: Level of compression: the strongest.
 _LEVEL = 9
 
 
@@ -38,7 +38,7 @@ def write_page(scene: Scene, path: Path) -> None:
     """Write a scene as one HTML file.
 
     Args:
-        scene: What it shows.
+        scene: The content of the page.
         path: The file; its name ends in ``.html``.
 
     Raises:
@@ -51,10 +51,10 @@ def write_page(scene: Scene, path: Path) -> None:
 
 
 def require_page(path: Path) -> None:
-    """Refuse, before anything is built, a page that cannot be written.
+    """Refuse a page that cannot be written, before anything is built.
 
     Args:
-        path: Where it shall be.
+        path: The file of the page.
 
     Raises:
         MissingToolError: k3d is not installed.
@@ -72,7 +72,7 @@ def require_page(path: Path) -> None:
 
 
 def page_of(scene: Scene) -> str:
-    """The text of the page. Needs k3d; :func:`require_page` says so where it is missing."""
+    """The text of the page. It needs k3d; :func:`require_page` reports if k3d is missing."""
     ours = resources.files("tacbench_cad.render.viewing")
     library = resources.files("k3d") / "static"
     pieces = {
@@ -96,7 +96,7 @@ def _title(scene: Scene) -> str:
 
 
 def _script_safe(text: str) -> str:
-    """JSON that no HTML parser takes for markup: a texture's name is a user's own."""
+    """Escape JSON so that no HTML parser reads markup in it: users choose the names of textures."""
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
 
@@ -105,11 +105,11 @@ def _packed(data: bytes) -> str:
 
 
 def _differences(mesh: Mesh) -> bytes:
-    """A mesh as differences between neighbours in its tables, lowest bytes first: what zlib can shrink.
+    """A mesh in a form that zlib compresses well: differences between neighbours in its tables.
 
     Each column of the vertices (the bits of float32) and of the triangles is replaced by its differences, as 32-bit
-    integers that wrap round; then come all first bytes, all second bytes, and so on. Exact, and on a regular grid a
-    thirtieth of what the plain tables take once compressed.
+    integers that wrap around. The first bytes of all numbers come first, then all second bytes, and so on. Nothing is
+    lost. On a regular grid the compressed result is a thirtieth of the size of the compressed plain tables.
     """
     bits = mesh.vertices.astype("<f4").view("<i4")
     columns = [*bits.T, *mesh.faces.astype("<i4").T]
@@ -118,7 +118,7 @@ def _differences(mesh: Mesh) -> bytes:
 
 
 def _licences() -> str:
-    """The terms of the code that the page carries: its authors ask for them in every copy."""
+    """The licences of the code in the page. Its authors ask for them in every copy."""
     from importlib.metadata import distribution
 
     named = (resources.files("k3d") / "static" / "standalone.js.LICENSE.txt").read_text(encoding="utf-8")
@@ -127,7 +127,7 @@ def _licences() -> str:
 
 
 def _description(scene: Scene) -> dict[str, Any]:
-    """Everything but the meshes, as plain values; matrices by columns, as WebGL reads them."""
+    """The scene without its meshes, as plain values. Matrices are listed by columns, as WebGL reads them."""
     return {
         "version": __version__,
         "things": [_plain(number, thing) for number, thing in enumerate(scene.things)],
@@ -163,7 +163,7 @@ def _plain(number: int, thing: Thing) -> dict[str, Any]:
 
 
 def _plain_formula(formula: Formula) -> dict[str, Any]:
-    # Frequencies and phases in turns: a shader takes whole turns off exactly, and its sine is good near zero only.
+    # Frequencies and phases are in turns: a shader subtracts whole turns exactly; its sine is accurate near zero only.
     waves = formula.waves / np.array([1.0, *[2.0 * np.pi] * 3])
     return {
         "equation": formula.equation,
@@ -185,7 +185,7 @@ def _press_id(number: int) -> int:
 def _objects(scene: Scene) -> bytes:
     """The k3d objects of meshes and press positions, without the meshes' tables, which the page fills in.
 
-    Objects are numbered here, and not by k3d from their places in memory, so that the page's bytes repeat.
+    Objects get their numbers here. k3d would number them by their places in memory, which differ from run to run.
     """
     import k3d
 

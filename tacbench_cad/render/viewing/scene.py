@@ -1,7 +1,7 @@
-"""What the 3D page shows: parts with their meshes, where they lie in the assembly, and what is said of each.
+"""The content of the 3D page: parts with their meshes, their places in the assembly, and facts about each part.
 
-The world of the page is the holder's frame. A block keeps its own frame and is brought there by a placement, so that
-its formula can be drawn on it without a second mapping.
+The coordinates of the page are those of the holder. The mesh of a block stays in the block's own frame and has a matrix
+that places it, so that the formula can be drawn on it without another conversion.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Press:
 
     Args:
         positions_mm: The 25 positions on the formula's surface, row by row, in the block frame; shape (25, 3).
-        contacts: Force in N and radius in mm of the contact on a flat plate, one pair a force.
+        contacts: Force in N and radius in mm of the contact on a flat plate, one pair for each force.
     """
 
     positions_mm: Floats
@@ -38,16 +38,16 @@ class Press:
 
 @dataclass(frozen=True, kw_only=True)
 class Formula:
-    """A block's surface ``z = datum + sum A sin(f x + g y + phase)``, and what is proved of the mesh against it.
+    """A block's surface ``z = datum + sum A sin(f x + g y + phase)``, and a bound of the mesh's distance from it.
 
     Args:
-        equation: The texture's formula, for people.
+        equation: The texture's formula in a readable form.
         datum_mm: z of the formula's zero in the mesh.
         waves: Rows ``amplitude mm, f rad/mm, g rad/mm, phase rad``; shape (n, 4).
         range_mm: Lowest and highest z.
-        bound_mm: No point of the mesh's top lies farther from the formula.
-        scale_mm: Where the colours end: the bound of a mesh within a tolerance; of joined samples, whose bound is far
-            above what there is, the largest distance found at the triangles' centres and sides.
+        bound_mm: Proved bound of the distance between the mesh's top and the formula.
+        scale_mm: Distance at the end of the colour scale. For a mesh within a tolerance this is the bound. The bound of
+            joined samples is far too large, so for them it is the largest distance at the triangles' centres and sides.
     """
 
     equation: str
@@ -64,13 +64,13 @@ class Thing:
 
     Args:
         name: Stem of its file names.
-        kind: What it is.
-        title: One line for people.
+        kind: Kind of part, such as ``block`` or ``holder``.
+        title: The part in one line.
         mesh: A block in its own frame; a fixture in the holder's frame, as it is used.
         to_world: Homogeneous matrix from the mesh's frame to the world, shape (4, 4).
-        set_number: Which assembly it belongs to; None for a part of no assembly.
+        set_number: Number of its assembly; None for a part of no assembly.
         slot: A block's pocket in its holder, from 0.
-        facts: What is said of it: pairs of a name and a value.
+        facts: Facts about it: pairs of a name and a value.
         formula: A block's formula.
         press: A block's press positions; None where they leave the block.
     """
@@ -89,11 +89,11 @@ class Thing:
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """Everything on a page, and what had to be left out.
+    """The content of a page, and the parts that were left out.
 
     Args:
         things: The parts.
-        left_out: What could not be built here, and why.
+        left_out: Parts that could not be built, each with the reason.
     """
 
     things: tuple[Thing, ...]
@@ -106,7 +106,7 @@ def block_thing(part: Part, to_world: Floats, set_number: int | None, slot: int)
     Args:
         part: The block's part.
         to_world: Homogeneous matrix from the block frame to the world, shape (4, 4).
-        set_number: Which assembly it belongs to; None for none.
+        set_number: Number of its assembly; None if it belongs to none.
         slot: Its pocket in its holder, from 0.
     """
     block, (mesh, expected) = part.block, part.mesh
@@ -125,10 +125,10 @@ def block_thing(part: Part, to_world: Floats, set_number: int | None, slot: int)
     facts: Facts = (
         *((name, rows[name]) for name in ("z", "size", "relief", "base", "mm per unit", "mesh")),
         ("triangles", f"{len(mesh.faces):,}"),
-        ("proved", f"nowhere farther than {1000.0 * bound:.4g} µm from the formula"),
+        ("proved", f"at most {1000.0 * bound:.4g} µm from the formula everywhere"),
     )
     if formula.scale_mm < bound:
-        facts += (("found", f"{1000.0 * formula.scale_mm:.4g} µm at most, at the triangles' centres and sides"),)
+        facts += (("measured", f"at most {1000.0 * formula.scale_mm:.4g} µm at the triangles' centres and sides"),)
     return Thing(
         name=part.name,
         kind="block",
@@ -144,13 +144,13 @@ def block_thing(part: Part, to_world: Floats, set_number: int | None, slot: int)
 
 
 def _farthest_mm(block: Block, mesh: Mesh) -> float:
-    """Largest distance from the formula at the centres and the sides' middles of the top's triangles, in mm."""
+    """Largest distance from the formula in mm, at the centres and at the sides' middles of the top's triangles."""
     points = relief.points_on(mesh, relief.upward(mesh, mesh.doubled_normals), points=0)
     return relief.distance(points, block.surface, block.datum_mm).largest_mm
 
 
 def _press(block: Block) -> Press | None:
-    """The paper's positions on a block; None where the grid leaves it."""
+    """The paper's press positions on a block; None if the press grid leaves the block."""
     grid = PressGrid.paper(block.scale)
     try:
         grid.require_on(block)
