@@ -1,4 +1,4 @@
-"""The ``tacbench`` command. Nothing that takes long to import is imported before a command needs it."""
+"""The ``tacbench`` command. Large packages are imported only when a command needs them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ RESUMABLE = ("acquire", "simulate", "import-frames", "classify", "report")
 
 
 class _Commands(click.RichGroup):
-    """The commands. Each is imported when it is asked for."""
+    """The commands. Each is imported when it is used."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return [name for names in GROUPS.values() for name in names]

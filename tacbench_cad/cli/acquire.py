@@ -1,4 +1,4 @@
-"""``tacbench acquire``: press blocks on a rig, real, simulated or mixed."""
+"""``tacbench acquire``: press blocks on a rig, real or simulated."""
 
 from __future__ import annotations
 

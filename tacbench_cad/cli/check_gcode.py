@@ -1,4 +1,4 @@
-"""``tacbench check-gcode``: what a slicer's G-code will make of a texture, before it is printed."""
+"""``tacbench check-gcode``: check what a slicer's G-code will print of a texture."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def _block(texture: str, preset: str, scale: float, key_mm: float | None) -> Blo
 
 
 def _pictures(files: Sequence[Path], out: Path | None, no_picture: bool) -> list[Path]:
-    """Where the pictures go, in the order of the files; none with ``--no-picture``."""
+    """The paths of the pictures, in the order of the files; empty with ``--no-picture``."""
     from tacbench_cad.util.plotting import picture_format
 
     if out is not None and no_picture:
@@ -157,7 +157,7 @@ def _signed(mm: float) -> str:
 
 
 def _extrema(extrema: Extrema, above: float) -> str:
-    """How many are missed, and the errors of all in the mean and of the worst: above 0 where too much is printed."""
+    """The number of missed extrema, and their mean and largest errors: above 0 if too much is printed."""
     if extrema.count == 0:
         return "none"
     mean, worst = (_signed(above * error) for error in (extrema.mean_mm, extrema.worst_mm))

@@ -1,4 +1,4 @@
-"""``tacbench check-part``: examine files, whoever made them."""
+"""``tacbench check-part``: check STL, 3MF and STEP files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tacbench check-runs``: examine run folders."""
+"""``tacbench check-runs``: check run folders."""
 
 from __future__ import annotations
 

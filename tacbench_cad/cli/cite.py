@@ -1,4 +1,4 @@
-"""``tacbench cite``: what to cite."""
+"""``tacbench cite``: print what to cite."""
 
 from __future__ import annotations
 

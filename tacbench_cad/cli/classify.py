@@ -1,4 +1,4 @@
-"""``tacbench classify``: which textures the sensor distinguishes."""
+"""``tacbench classify``: measure how well a sensor distinguishes the textures."""
 
 from __future__ import annotations
 

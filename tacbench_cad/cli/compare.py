@@ -1,4 +1,4 @@
-"""``tacbench compare``: two sensors side by side."""
+"""``tacbench compare``: compare two sensors."""
 
 from __future__ import annotations
 
@@ -85,14 +85,14 @@ def command(
 
 
 def _is_classified(folder: Path) -> bool:
-    """Whether a folder is one that tacbench classify wrote."""
+    """Whether ``tacbench classify`` wrote this folder."""
     from tacbench_cad.lab.analysis.classification.settings import SETTINGS_FILE
 
     return (folder / SETTINGS_FILE).is_file()
 
 
 def _classified(side: str, folder: Path, out: Path, trials: int, jobs: int, dask: str | None) -> Path:
-    """The folder of a classification: the folder itself, or one within ``out`` in which its runs are classified."""
+    """The folder of a classification. The runs of another folder are classified into a folder in ``out``."""
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.lab.analysis.report.classification import classify_into
 

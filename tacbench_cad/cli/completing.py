@@ -10,19 +10,19 @@ import rich_click as click
 from click.shell_completion import CompletionItem, FishComplete, add_completion_class
 
 Items = list[CompletionItem[str]]
-#: Gives the completions of an incomplete value. The context has the values that were typed before it.
+#: A function that returns the completions of an incomplete value. The context has the values that are already typed.
 Completer = Callable[[click.Context, str], Items]
 
 #: The environment variable by which a shell asks for completions.
 VARIABLE = "_TACBENCH_COMPLETE"
-#: Files by which a run folder is recognised: that of a finished import or run, and the table of targets.
+#: A folder with one of these files is a run folder.
 RUN_FILES = ("run.json", "targets.csv")
-#: Folders that are looked into for runs before the search gives up.
-MAX_FOLDERS = 500
+#: At most so many entries of a folder are considered.
+MAX_ENTRIES = 500
 
 
 class _Fish(FishComplete):
-    """Fish, whose script in click cuts a value off at its first comma."""
+    """Completion for fish. The script in click cuts a value off at its first comma; this script keeps it whole."""
 
     source_template = FishComplete.source_template.replace('string split "," ', 'string split --max 1 "," ')
 
@@ -31,27 +31,27 @@ add_completion_class(_Fish)
 
 
 def nothing(ctx: click.Context, incomplete: str) -> Items:
-    """No completion: a value that only the user knows, for example a number."""
+    """Offer nothing, for a value that only the user knows, for example a number."""
     return []
 
 
 def of_files(ctx: click.Context, incomplete: str) -> Items:
-    """Files and folders, which the shell lists itself."""
+    """Let the shell list files and folders."""
     return [CompletionItem(incomplete, type="file")]
 
 
 def of_folders(ctx: click.Context, incomplete: str) -> Items:
-    """Folders, which the shell lists itself."""
+    """Let the shell list folders."""
     return [CompletionItem(incomplete, type="dir")]
 
 
 def of_words(*words: str) -> Completer:
-    """One of some words."""
+    """Offer these words."""
     return lambda ctx, incomplete: [CompletionItem(word) for word in words if word.startswith(incomplete)]
 
 
 def of_words_or_files(*words: str) -> Completer:
-    """One of some words, or a file if no word fits."""
+    """Offer these words. If none fits, let the shell list files."""
 
     def complete(ctx: click.Context, incomplete: str) -> Items:
         return of_words(*words)(ctx, incomplete) or of_files(ctx, incomplete)
@@ -60,7 +60,7 @@ def of_words_or_files(*words: str) -> Completer:
 
 
 def of_lists(*words: str, suffix: str | None = None) -> Completer:
-    """Words with commas between them. A word that is already in the list is not offered again.
+    """Offer words for a list that is separated by commas. A word that is already in the list is not offered again.
 
     Args:
         words: The words.
@@ -82,25 +82,25 @@ def of_lists(*words: str, suffix: str | None = None) -> Completer:
 
 
 def of_run_folders(ctx: click.Context, incomplete: str) -> Items:
-    """Run folders and folders that hold some; every folder where there are none."""
+    """Offer run folders and folders that contain run folders. If there are none, let the shell list folders."""
     items = [CompletionItem(path) for path in _paths(incomplete, _holds_runs)]
     return items or of_folders(ctx, incomplete)
 
 
 def of_printers(ctx: click.Context, incomplete: str) -> Items:
-    """The printers that are known, and those of the file that ``--printers`` names."""
+    """Offer the known printers and the printers in the file of ``--printers``."""
     return of_words(*_printers(ctx))(ctx, incomplete)
 
 
 def of_filaments(ctx: click.Context, incomplete: str) -> Items:
-    """The filaments of the printer that ``--printer`` names, or those of all printers."""
+    """Offer the filaments of the printer in ``--printer``, or of all printers."""
     printers = _printers(ctx)
     tables = [printers[name] for name in printers if ctx.params.get("printer") in (None, name)]
     return of_words(*dict.fromkeys(name for table in tables for name in table))(ctx, incomplete)
 
 
 def _printers(ctx: click.Context) -> dict[str, list[str]]:
-    """The filaments of each printer. The files are not checked here: the command itself does that."""
+    """The filaments of each printer. A file with a mistake is ignored: the command itself reports the mistake."""
     from tacbench_cad.slicing import printers
 
     names: dict[str, list[str]] = {}
@@ -115,7 +115,7 @@ def _printers(ctx: click.Context) -> dict[str, list[str]]:
 
 
 def _paths(start: str, fits: Callable[[Path], bool]) -> Iterator[str]:
-    """The paths that begin with ``start`` and fit, written as they were begun."""
+    """The paths that begin with ``start`` and fit."""
     folder, slash, name = start.rpartition("/")
     for path in _entries(Path(folder + slash) if slash else Path()):
         if path.name.startswith(name) and (name or not path.name.startswith(".")) and fits(path):
@@ -124,13 +124,13 @@ def _paths(start: str, fits: Callable[[Path], bool]) -> Iterator[str]:
 
 def _entries(folder: Path) -> Iterable[Path]:
     try:
-        return sorted(folder.iterdir())[:MAX_FOLDERS]
+        return sorted(folder.iterdir())[:MAX_ENTRIES]
     except OSError:
         return ()
 
 
 def _holds_runs(folder: Path) -> bool:
-    """Whether a folder is a run folder, or has one directly in it."""
+    """Whether a folder is a run folder or directly contains one."""
     return folder.is_dir() and any(
         (inner / name).is_file() for inner in (folder, *_entries(folder)) for name in RUN_FILES
     )

@@ -1,4 +1,4 @@
-"""``tacbench completion``: the script for tab completion."""
+"""``tacbench completion``: print the script for tab completion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tacbench doctor``: what is installed, what is broken, and the repair."""
+"""``tacbench doctor``: check what is installed, and repair it."""
 
 from __future__ import annotations
 

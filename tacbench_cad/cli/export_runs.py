@@ -1,4 +1,4 @@
-"""``tacbench export-runs``: run folders as other tools read them."""
+"""``tacbench export-runs``: write runs in the formats of other tools."""
 
 from __future__ import annotations
 

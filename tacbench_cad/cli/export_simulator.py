@@ -1,4 +1,4 @@
-"""``tacbench export-simulator``: textures for simulators."""
+"""``tacbench export-simulator``: write textures for simulators."""
 
 from __future__ import annotations
 

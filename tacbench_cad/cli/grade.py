@@ -1,4 +1,4 @@
-"""``tacbench grade``: a printer beside the published ones."""
+"""``tacbench grade``: compare a printer with the published printers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tacbench import-frames``: anybody's frames as run folders."""
+"""``tacbench import-frames``: make run folders from existing frames."""
 
 from __future__ import annotations
 

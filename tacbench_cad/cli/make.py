@@ -1,4 +1,4 @@
-"""``tacbench make``: the print set."""
+"""``tacbench make``: make the print set."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def command(verify: str, json: bool, **request: Any) -> None:
 
 
 def _next(request: Mapping[str, Any]) -> list[str]:
-    """The words of the next command: what a user does with the parts."""
+    """The words of the next command."""
     parts = request["parts"] or ("blocks",)
     if "blocks" in parts and not any(request[name] for name in ("size_mm", "height_mm", "mm_per_unit")):
         block = next_block(request["textures"], request["preset"], request["scale"], request["key_mm"])

@@ -1,4 +1,4 @@
-"""What is typed on the command line: types of values, and the options that several commands have in common."""
+"""Types of values on the command line, and the options that several commands share."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 class Decorator(Protocol):
-    """What adds an option to the function behind a command."""
+    """A decorator that adds an option to the function of a command."""
 
     def __call__(self, function: F, /) -> F:
-        """The function, with the option."""
+        """Return the function with the option."""
         ...
 
 
@@ -45,16 +45,16 @@ OUTPUT, FIXTURES, ACCURACY, PROCESSES, ADVANCED, GENERAL = (
     "Advanced",
     "General",
 )
-#: Their order: what users need first stands first.
+#: The order of the panels: the options that users need first come first.
 PANELS = (
     *(ARGUMENTS, PARTS, SIZE, PRINTER, INPUT, CONTENT),
     *(METHOD, FRAMES, PICTURE, VIRTUAL_RIG, REPAIR),
     *(OUTPUT, FIXTURES, ACCURACY, PROCESSES, ADVANCED, GENERAL),
 )
-#: Choices that take more characters than this stand in the text of an option, not behind its name.
+#: If the choices take more characters than this, they are listed in the text of the option, not after its name.
 _MAX_CHOICES = 20
 
-#: Commands that have another name now.
+#: The new names of commands that were renamed.
 RENAMED = {
     "check": "check-part",
     "slice-check": "check-gcode",
@@ -66,14 +66,14 @@ RENAMED = {
 
 
 def refuse_old_name(ctx: click.Context, name: str) -> None:
-    """Name the new name of a command to whoever types its old name.
+    """Refuse the old name of a command with a message that has the new name.
 
     Args:
         ctx: The context of the group in which the command is looked up.
-        name: What was typed.
+        name: The name that was typed.
 
     Raises:
-        ClickException: The command has another name now.
+        ClickException: The command was renamed.
     """
     typed = " ".join([*ctx.command_path.split()[1:], name])
     if typed in RENAMED:
@@ -84,9 +84,9 @@ class Value(click.ParamType):  # type: ignore[type-arg]
     """A type of values.
 
     Args:
-        metavar: How the help writes such a value.
-        read: Gives the value of a text. It gets the option's name as well, for the :class:`InputError` that it raises.
-        complete: Gives the completions of an incomplete value.
+        metavar: The word for such a value in the help.
+        read: Converts a text to the value. Its first argument is the name of the option, for error messages.
+        complete: Returns the completions of an incomplete value.
     """
 
     def __init__(self, metavar: str, read: Callable[[str, str], Any], complete: Completer = nothing) -> None:
@@ -95,11 +95,11 @@ class Value(click.ParamType):  # type: ignore[type-arg]
         self.complete = complete
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
-        """How the help writes such a value."""
+        """The word for such a value in the help."""
         return self.name
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The value of a text; defaults that are values stay as they are."""
+        """Convert a text to the value. A default that is already a value is returned unchanged."""
         if not isinstance(value, str) or param is None:
             return value
         return self.read(max(param.opts, key=len).lstrip("-").replace("-", " "), value)
@@ -126,33 +126,33 @@ def whole_of(option: str, text: str) -> int:
 
 
 def words_of(_: str, text: str) -> tuple[str, ...]:
-    """Words with commas between them."""
+    """Words that are separated by commas."""
     return tuple(word.strip() for word in text.split(",") if word.strip())
 
 
 def numbers_of(option: str, text: str) -> tuple[float, ...]:
-    """Numbers with commas between them."""
+    """Numbers that are separated by commas."""
     return tuple(number_of(option, word) for word in words_of(option, text))
 
 
 def file(metavar: str, complete: Completer | None = None) -> Value:
-    """A path, of a folder where ``metavar`` begins with DIR."""
+    """A path. If ``metavar`` begins with DIR, it is the path of a folder."""
     usual = of_folders if metavar.startswith("DIR") else of_files
     return Value(metavar, lambda _, text: Path(text), complete or usual)
 
 
 def text(metavar: str, *words: str, complete: Completer | None = None) -> Value:
-    """Words that the command itself understands; ``words`` are completed."""
+    """A text that the command itself interprets. The tab key completes ``words``."""
     return Value(metavar, lambda _, text: text, complete or of_words(*words))
 
 
 def words(metavar: str, *words: str, suffix: str | None = None) -> Value:
-    """Words with commas between them; ``words``, and files with ``suffix``, are completed."""
+    """Words that are separated by commas. The tab key completes ``words`` and files with ``suffix``."""
     return Value(metavar, words_of, of_lists(*words, suffix=suffix))
 
 
 def choice(*words: str, metavar: str | None = None) -> Value:
-    """One of some words."""
+    """One of these words."""
     shown = "|".join(words)
     if metavar is None:
         metavar = shown if len(shown) <= _MAX_CHOICES else "NAME"
@@ -160,7 +160,7 @@ def choice(*words: str, metavar: str | None = None) -> Value:
 
 
 def or_word(word: str, kind: Value, metavar: str) -> Value:
-    """A word that stays as it is, or a value of another type."""
+    """A certain word, or a value of another type."""
     return Value(metavar, lambda option, text: word if text == word else kind.read(option, text), of_words(word))
 
 
@@ -170,7 +170,7 @@ def or_none(kind: Value) -> Value:
 
 
 def coordinates(names: str) -> Value:
-    """As many numbers as there are names, with commas between them."""
+    """Numbers that are separated by commas, one for each name."""
 
     def read(option: str, text: str) -> tuple[float, ...]:
         try:
@@ -244,9 +244,9 @@ def option(
     """An option with a value.
 
     Args:
-        name: How it is typed.
-        kind: Type of the value.
-        help: What it does.
+        name: The name, with its hyphens.
+        kind: The type of the value.
+        help: The text in the help.
         panel: The panel of the help that shows it.
         dest: The argument of the command that takes the value; None for the name's own.
         short: Another name, of one letter.
@@ -266,12 +266,12 @@ def flag(name: str, help: str, panel: str) -> Decorator:
 
 
 def argument(name: str, kind: Value, help: str, *, many: bool = False, required: bool = True) -> Decorator:
-    """A word that is no option, or as many of them as there are."""
+    """An argument: one word that is not an option, or any number of words."""
     return click.argument(name, type=kind, help=help, nargs=-1 if many else 1, required=required)
 
 
 def together(*decorators: Decorator) -> Decorator:
-    """Several decorators as one."""
+    """Combine several decorators into one."""
 
     def decorate(function: F, /) -> F:
         return reduce(lambda inner, decorator: decorator(inner), reversed(decorators), function)
@@ -280,7 +280,7 @@ def together(*decorators: Decorator) -> Decorator:
 
 
 def command(name: str, group: click.RichGroup | None = None) -> Callable[[Callable[..., None]], click.RichCommand]:
-    """Make a command of a function, with the function's docstring as its help."""
+    """Make a command from a function. The docstring of the function becomes the help."""
 
     def decorate(function: Callable[..., None]) -> click.RichCommand:
         # An argument's name is its metavar: the help shows it once.
@@ -295,7 +295,7 @@ def command(name: str, group: click.RichGroup | None = None) -> Callable[[Callab
 
 
 class _Group(click.RichGroup):
-    """Commands in the order in which they are written."""
+    """A group that lists its commands in the order of the source."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
@@ -306,18 +306,18 @@ class _Group(click.RichGroup):
 
 
 def group(name: str) -> Callable[[Callable[..., None]], click.RichGroup]:
-    """Make a group of commands of a function, likewise."""
+    """Make a group of commands from a function, in the same way."""
     return lambda function: click.group(name, cls=_Group, no_args_is_help=False, help=help_of(function.__doc__))(
         function
     )
 
 
 def help_of(docstring: str | None) -> str:
-    """A docstring as a help text, in which the lines of the examples stay as they are."""
+    """Make a help text from a docstring. The lines of the examples are not wrapped."""
     return inspect.cleandoc(docstring or "").replace("\n\nExamples:\n", "\n\n\b\nExamples:\n")
 
 
-#: The textures of the paper, and all of them, by the words that name them on the command line.
+#: The words for the paper's textures on the command line.
 TEXTURES = ("1", "2", "3", "4", "5", "6", "all")
 #: The parts and file formats of ``make``; a test compares these words with those of the request.
 PART_NAMES = ("blocks", "holder", "jig", "coupon")
@@ -366,7 +366,7 @@ marker_settings = together(
     option("--marker-sigma", NUMBER, "Width of a marker divided by 2.8, in pixels. Default: estimated.", ADVANCED),
     option("--marker-threshold", NUMBER, "Minimum contrast of a marker, in counts. Default: estimated.", ADVANCED),
 )
-#: What is taken of each frame.
+#: The options for what is used of each frame.
 look = together(
     option(
         "--features",
@@ -416,12 +416,12 @@ part = together(
 
 
 def out(metavar: str, help: str, **attributes: Any) -> Decorator:
-    """Where the result goes."""
+    """The option ``--out``, for the path of the result."""
     return option("--out", file(metavar), help, OUTPUT, short="-o", **attributes)
 
 
 def request_fields(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The keywords of a ``Request``: what was given of the options that are named by its fields.
+    """The arguments of a ``Request`` from the options of the command line. Options without a value are left out.
 
     Raises:
         InputError: Both ``--grid`` and ``--tolerance`` are given.

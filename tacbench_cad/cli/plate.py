@@ -1,4 +1,4 @@
-"""``tacbench plate``: blocks arranged on a printer's bed, ready to slice."""
+"""``tacbench plate``: arrange blocks on a printer's bed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tacbench publish``: runs as a data set for a repository."""
+"""``tacbench publish``: write runs as a data set for a repository."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tacbench report``: one page on a study."""
+"""``tacbench report``: write a report of a study as one web page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tacbench rig``: what is plugged in, where the block lies, what the load cell's counts mean."""
+"""``tacbench rig``: find devices, align the block, calibrate the load cell."""
 
 from __future__ import annotations
 
@@ -227,7 +227,7 @@ def calibrate_force(
 
 
 def _weighed(cell: LoadCell, mass_g: float) -> CalibrationPoint:
-    """One point of a calibration."""
+    """Measure one point of a calibration."""
     from tacbench_cad.lab.rig.calibration import CalibrationPoint
     from tacbench_cad.lab.rig.loadcell import STILL_S
 

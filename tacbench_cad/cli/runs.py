@@ -1,4 +1,4 @@
-"""``tacbench runs``: the region of interest and the markers of recorded frames."""
+"""``tacbench runs``: find the region of interest and the markers in frames."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def markers(
 
 
 def _picture(path: Path, image: Frame) -> Path:
-    """Write a picture, whole or not at all."""
+    """Write a picture, completely or not at all."""
     from tacbench_cad.lab.runs.pictures import write_png
 
     with refusing(path.parent):

@@ -1,4 +1,4 @@
-"""``tacbench score``: predictions against a split file."""
+"""``tacbench score``: score predictions for a split file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tacbench show``: a picture of a texture, or a dimension drawing of a part."""
+"""``tacbench show``: draw a picture of a texture or a drawing of a part."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tacbench simulate``: whole studies of a simulated sensor on the blocks of virtual printers."""
+"""``tacbench simulate``: simulate whole studies."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from tacbench_cad.lab.simulate.study import SimulationEstimate
     from tacbench_cad.lab.study.spec import Study
 
-#: What the time went to, in the words of the result.
+#: The kinds of work in the result, with their names.
 TIME_SPENT = {
     "encode": "PNG encoding",
     "draw": "drawing and noise",
@@ -125,7 +125,7 @@ def command(
 
 
 def _plan(study: Study, infos: Sequence[RunInfo], needed: SimulationEstimate, how: SimulationOptions) -> list[str]:
-    """What will be made, in words."""
+    """The lines that describe the study before it starts."""
     protocol = study.protocol
     cells: dict[tuple[int, ...], int] = {}
     for info in infos:
@@ -139,11 +139,11 @@ def _plan(study: Study, infos: Sequence[RunInfo], needed: SimulationEstimate, ho
         forces = "force level" if len(levels) == 1 else "force levels"
         lines.append(f"  {counted(blocks, 'block')} at {forces} {shown}: {counted(presses, 'image')}")
     lines.append(
-        f"  {needed.others:,} images without a press of their own: references and 4 x {protocol.stationary_frames} "
-        "stationary frames a block"
+        f"  {needed.others:,} other images: references, and 4 x {protocol.stationary_frames} stationary frames for "
+        "each block"
     )
     kind = f"{how.look}, {'colour' if how.colour else 'grey'}"
-    there = f"{needed.there:,} are there; " if needed.there else ""
+    there = f"{needed.there:,} images exist; " if needed.there else ""
     lines.append(
         f"{there}{needed.missing:,} images to make, {kind}, {needed.bytes_each / 1e3:.0f} kB each: {needed.gb:.2f} GB, "
         f"in {counted(needed.jobs, 'process')}"
@@ -152,7 +152,7 @@ def _plan(study: Study, infos: Sequence[RunInfo], needed: SimulationEstimate, ho
 
 
 def _time_spent(blocks: Sequence[SimulatedBlock]) -> dict[str, float]:
-    """Seconds of all processes by what they went to."""
+    """Seconds of all processes, by the kind of work."""
     return {name: sum(block.seconds[name] for block in blocks) for name in TIME_SPENT}
 
 

@@ -1,4 +1,4 @@
-"""``tacbench split``: split files of a study."""
+"""``tacbench split``: write the split files of a study."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tacbench textures``: the catalogue."""
+"""``tacbench textures``: list the textures."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def command(textures: tuple[str, ...], preset: str, scale: float, nozzle: float,
 
 
 def _row(block: Block, nozzle_mm: float) -> dict[str, Any]:
-    """One texture's facts; ``lowest`` and ``highest`` are values of the formula over the block, without unit."""
+    """The row of a texture. ``lowest`` and ``highest`` are values of the formula over the block, without a unit."""
     table = block.surface.table
     ridges = [math.pi / math.hypot(f, g) for a, f, g, _ in table if a != 0.0 and (f, g) != (0.0, 0.0)]
     unit = block.mm_per_unit[2]

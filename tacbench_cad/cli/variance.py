@@ -1,4 +1,4 @@
-"""``tacbench variance``: how well it printed, the paper's table with what a reviewer would ask for beside it."""
+"""``tacbench variance``: compute the variance over prints and repeats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tacbench view``: the 3D page."""
+"""``tacbench view``: write a web page that shows the parts in 3D."""
 
 from __future__ import annotations
 

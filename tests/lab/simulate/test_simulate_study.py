@@ -269,7 +269,7 @@ def test_the_command_makes_a_study_from_a_file(tmp_path: Path, capsys: pytest.Ca
     assert not re.search(r"\d s\b|minutes", err), "a time that was not measured"
     assert main(["simulate", "--study", str(tmp_path / "study.toml")]) == 0
     out, err = capsys.readouterr()
-    assert "44 are there; 0 images to make" in err
+    assert "44 images exist; 0 images to make" in err
     assert "form-3" in out and "0 images" in out
     assert out.endswith(f"\nNext: tacbench check-runs {tmp_path / 'runs'}\n")
 
