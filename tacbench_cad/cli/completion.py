@@ -12,7 +12,8 @@ from tacbench_cad.cli.completing import VARIABLE
 INSTALL = {
     "bash": "tacbench completion bash > ~/.tacbench.bash && echo '. ~/.tacbench.bash' >> ~/.bashrc",
     "zsh": "tacbench completion zsh > ~/.tacbench.zsh && echo '. ~/.tacbench.zsh' >> ~/.zshrc",
-    "fish": "tacbench completion fish > ~/.config/fish/completions/tacbench.fish",
+    "fish": "mkdir -p ~/.config/fish/completions && "
+    "tacbench completion fish > ~/.config/fish/completions/tacbench.fish",
 }
 
 
