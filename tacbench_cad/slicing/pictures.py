@@ -50,7 +50,7 @@ def _figure(comparison: AsSliced) -> Figure:
     error = 1000.0 * (comparison.printed_mm - comparison.formula_mm)
     error[~comparison.inside] = np.nan
     reach = 1000.0 * _LAYERS_SHOWN * sliced.layer_mm
-    _map(figure, comparison, (0.55, 0.475), error, "RdBu_r", (-reach, reach), "printed above the formula (µm)")
+    _map(figure, comparison, (0.55, 0.475), error, "RdBu_r", (-reach, reach), "print minus formula (µm)")
     _cuts(figure, comparison)
     return figure
 
@@ -131,7 +131,7 @@ def _cuts(figure: Figure, comparison: AsSliced) -> None:
         high = float(max(formula[shown].max(), printed[shown].max()))
         room = 0.1 * (high - low) + 0.05
         axes.set(xlim=span, ylim=(max(0.0, low - room), high + room), xlabel="x (mm)", ylabel="z (mm)")
-        words = f"cut along x at y = {at:.2f} mm (dashed)" if i == 0 else f"the {_CLOSE_MM:g} mm of it with most error"
+        words = f"cut along x at y = {at:.2f} mm (dashed)" if i == 0 else f"the {_CLOSE_MM:g} mm with the largest error"
         axes.set_title(words, loc="left", pad=3.0)
         axes.spines[["top", "right"]].set_visible(False)
         if i == 0:
@@ -154,8 +154,11 @@ def plate_picture(plate: Plate, filament: str, path: Path) -> None:
         from matplotlib.patches import Rectangle
 
         across, down = plate.printer.bed_mm
-        figure = new_figure((7.0, 7.0 * down / across + 0.5))
-        axes = figure.add_axes((0.09, 0.07, 0.88, 0.86))
+        wide = 6.2
+        tall = wide * (down + 4.0) / (across + 4.0)
+        inches = (wide + 0.75, tall + 1.05)
+        figure = new_figure(inches)
+        axes = figure.add_axes((0.62 / inches[0], 0.5 / inches[1], wide / inches[0], tall / inches[1]))
         axes.add_patch(Rectangle((0.0, 0.0), across, down, facecolor="#f6f6f4", edgecolor=INK, linewidth=1.2))
         edge = plate.printer.margin_mm
         inner = (across - 2.0 * edge, down - 2.0 * edge)
@@ -171,11 +174,14 @@ def plate_picture(plate: Plate, filament: str, path: Path) -> None:
             middle = (placed.x_mm + x / 2.0, placed.y_mm + y / 2.0)
             *first, scale, copy = placed.block.label_words
             lines = (" ".join(first), f"{scale} {copy}")
-            # About as large as its block allows: 0.75 of the font size a letter, 72 points an inch.
-            room = x / across * 7.0 * 0.88 * 72.0 / (0.75 * max(map(len, lines)))
+            # About as large as its block allows: a letter is 0.75 of the font size wide, an inch has 72 points.
+            room = x / across * wide * 72.0 / (0.75 * max(map(len, lines)))
             axes.text(*middle, "\n".join(lines), ha="center", va="center", fontsize=min(9.0, room), color=INK)
         axes.set(xlim=(-2.0, across + 2.0), ylim=(-2.0, down + 2.0), xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
-        axes.set_title(
-            f"{plate.printer.name}, plate {plate.number}, {filament}: {len(plate.blocks)} blocks", loc="left"
-        )
+        axes.spines[:].set_visible(False)
+        title = f"{plate.printer.name}, plate {plate.number}, {filament}: {len(plate.blocks)} blocks"
+        axes.text(0.0, down + 8.0 * down / 256.0, title, ha="left", va="bottom", fontsize=11.0, color=INK)
+        hatched = "; hatched: the printer's keep-out areas" if plate.printer.keep_out_mm else ""
+        note = f"dashed: margin of {edge:g} mm{hatched}"
+        axes.text(0.0, down + 1.5 * down / 256.0, note, ha="left", va="bottom", fontsize=8.0, color=INK)
         save_figure(figure, path)

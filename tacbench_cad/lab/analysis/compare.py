@@ -373,7 +373,7 @@ def _figure(comparison: Comparison) -> Figure:
     accuracies.annotate("chance", (-0.48, 100.0 / len(textures)), ha="left", va="bottom", fontsize=7.0)
     accuracies.set_xticks(range(len(levels)), [level.replace("-", "-\n") for level in levels])
     accuracies.set(xlim=(-0.5, len(levels) - 0.5), ylim=(0.0, 104.0), ylabel="accuracy (%)")
-    accuracies.set_title("by what is held out", loc="left")
+    accuracies.set_title("by hold-out level", loc="left")
     step = 0.8 / len(levels)
     labels = [ALL_TEXTURES, *textures]
     for i, hold_out in enumerate(levels):
@@ -386,7 +386,7 @@ def _figure(comparison: Comparison) -> Figure:
         recall.plot([], [], "o-", color=COLOURS[(i + 2) % (len(COLOURS) - 1)], markersize=3.5, label=hold_out)
     recall.axvline(0.0, color=INK, linewidth=0.8)
     recall.set_yticks(range(len(labels)), [label.removeprefix("texture-") for label in labels])
-    recall.set(xlabel="recall, B less A (percentage points)", ylabel="texture")
+    recall.set(xlabel="recall, B minus A (percentage points)", ylabel="texture")
     recall.invert_yaxis()
     recall.set_title("difference with 95 % interval over prints", loc="left")
     for j, side in enumerate((comparison.a, comparison.b)):

@@ -134,6 +134,8 @@ def _panels(
     panels = figure.subplots(rows, columns, squeeze=False, **options).ravel()
     for axes in panels[count:]:
         axes.set_visible(False)
+    for axes in panels[max(0, count - columns) : count]:
+        axes.tick_params(axis="x", labelbottom=True)  # the last panel of each column, in the last row or above
     return figure, panels[:count].tolist()
 
 
@@ -162,7 +164,10 @@ def _table_panel(axes: Axes, result: VarianceResult, level: Level, combinations:
 
 
 def draw_point(axes: Axes, cell: Cell, x: float, step: float, look: Mapping[str, Any], top: float) -> None:
-    """A cell: its figure, its interval (cut, with an arrow, where it leaves the panel) and what noise alone gives."""
+    """Draw a cell: its variance, its interval, and the variance expected from sensor noise alone.
+
+    An interval that leaves the panel is cut there and ends in an arrow.
+    """
     if cell.low is not None and cell.high is not None:
         ends = [max(cell.low, 1e-12), min(cell.high, top)]
         axes.plot([x, x], ends, color=look["color"], linewidth=0.9, alpha=0.6, zorder=2.0)
@@ -187,7 +192,7 @@ def _table_legend(result: VarianceResult, combinations: Sequence[str]) -> list[A
         for i, combination in enumerate(combinations)
     ]
     if any(cell.floor for cell in result.cells):
-        handles.append(Line2D([], [], color=INK, linewidth=1.0, label="what noise alone gives"))
+        handles.append(Line2D([], [], color=INK, linewidth=1.0, label="expected from sensor noise alone"))
     if any(cell.published is not None for cell in result.cells):
         hollow: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 4.0, "markerfacecolor": "none"}
         handles.append(Line2D([], [], color=INK, label="hollow: the paper's table", **hollow))
