@@ -75,8 +75,8 @@ def require_key(block: Block, fit: str | float) -> None:
         raise InputError(
             "key",
             block.key_mm,
-            f"a block turned by half would go in at a clearance of {clearance_mm(fit):g} mm per side; it must be above "
-            f"{least:.4g} mm and at most {min(block.size_mm) / 3.0:.4g} mm",
+            f"must be above {least:.4g} mm and at most {min(block.size_mm) / 3.0:.4g} mm; with a smaller key, a block "
+            f"turned by 180 degrees would still fit (clearance {clearance_mm(fit):g} mm per side)",
         )
 
 
@@ -367,10 +367,10 @@ class Holder(Fixture):
 
     def spec(self) -> dict[str, Any]:
         """Everything that went into the holder, as plain JSON values."""
-        angles = ", ".join(map(str, self.admits_deg))
+        angles = " or ".join(map(str, self.admits_deg))
         notes = [
             "print as it lies, pockets upward, no supports",
-            f"without a key a block goes in turned by {angles} degrees"
+            f"without a key, a block fits in {len(self.admits_deg)} orientations: turned by {angles} degrees"
             if self.block.key_mm is None
             else f"keyed: one orientation goes in; any key above {min_key_mm(self.block, self.fit):.4g} mm does that",
         ]

@@ -343,8 +343,8 @@ class Jig(Fixture):
         ]
         if near:
             notes.append(
-                f"{near} of {len(self.cross_hairs_mm)} cross hairs lie so near to a hole that their hairs break off "
-                "before they cross: sight along them"
+                f"at {near} of the {len(self.cross_hairs_mm)} cross hairs a hole is so near that the lines end before "
+                "they cross; to find these positions, look along the lines of their row and column"
             )
         return {
             "holder": self.holder.name,
@@ -383,7 +383,8 @@ class Jig(Fixture):
         return {
             "size": mm(*self.size_mm),
             "holes": f"{len(self.bores)} of {mm(marker.hole_mm)}, lead-in {mm(marker.lead_in_mm)}",
-            "cross hairs": f"{len(self.cross_hairs_mm)} a block" + (f", {cut} broken off by a hole" if cut else ""),
+            "cross hairs": f"{len(self.cross_hairs_mm)} per block"
+            + (f"; at {cut} the lines end before they cross, because a hole is near" if cut else ""),
             "columns x": ", ".join(f"{x:g}" for x in self.grid.x_mm) + " mm",
             "rows y": ", ".join(f"{y:g}" for y in self.grid.y_mm) + " mm",
             "clearance": f"{mm(*self.clearance_mm)} per side, lips {mm(self.seat.lip_depth_mm)} deep",

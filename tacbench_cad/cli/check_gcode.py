@@ -180,7 +180,7 @@ _ROWS = (
     ("  height error, mean", lambda result: "-" if result.mean_mm is None else _signed(result.mean_mm)),
     ("steep walls: sideways error, rms", lambda result: _um(result.sideways and result.sideways.rms_mm)),
     ("  of the ideal staircase", lambda result: _um(result.sideways and result.sideways.ideal_rms_mm)),
-    ("  no such height nearby", _share),
+    ("  no matching height within 0.8 mm", _share),
     ("peaks lost", lambda result: _extrema(result.peaks, -1.0)),
     ("valleys filled", lambda result: _extrema(result.valleys, 1.0)),
 )

@@ -80,6 +80,8 @@ def command(verify: str, json: bool, **request: Any) -> None:
         print_json(result.as_dict())
     else:
         _print(result)
+        if request["parts"] != ("coupon",):
+            print_lines(_preset(request["preset"]))
         if result.ok:
             print_next(*_next(request))
     for failure in result.failures:
@@ -95,6 +97,13 @@ def _next(request: Mapping[str, Any]) -> list[str]:
         block = next_block(request["textures"], request["preset"], request["scale"], request["key_mm"])
         return ["plate", "--printer", "NAME", *block]
     return ["make", "--fit", "FIT"] if tuple(parts) == ("coupon",) else ["acquire", "--init", "study.toml"]
+
+
+def _preset(preset: str) -> str:
+    """The line that says which preset was used, and when to use it."""
+    if preset == "released":
+        return "preset: released, to compare with the authors' prints (for new work, use --preset paper)"
+    return "preset: paper, for new work (to compare with the authors' prints, use --preset released)"
 
 
 def _print(result: PrintSet) -> None:

@@ -120,12 +120,12 @@ def _refuse(path: Path, data: bytes) -> Floats32:
     count, room = int.from_bytes(data[80:84], "little"), (len(data) - 84) / 50.0
     if room < count and b"\0" in data[:1024]:
         raise CheckFailedError(
-            f"{path}: the header promises {count} triangles, the file holds {int(room)}: "
-            "it is cut off, its count is wrong, or it is no STL"
+            f"{path}: the header states {count} triangles, but the file contains {int(room)}; "
+            "the file is incomplete, its header is wrong, or it is not an STL"
         )
     raise CheckFailedError(
-        f"{path}: {len(data)} bytes are not what an STL of {count} triangles has ({84 + 50 * count}); "
-        "its count is wrong, or it is no STL"
+        f"{path}: an STL of {count} triangles has {84 + 50 * count} bytes, but the file has {len(data)}; "
+        "its header is wrong, or it is not an STL"
     )
 
 

@@ -34,9 +34,9 @@ class Overhangs:
     def __str__(self) -> str:
         """One line for people."""
         if self.steepest_deg == 0.0 and self.ceiling_mm2 == 0.0:
-            return "nothing hangs"
+            return "no overhangs"
         steepest, ceilings = f"steepest {self.steepest_deg:.1f} degrees", f"ceilings {self.ceiling_mm2:.1f} mm^2"
-        return f"{steepest}, {ceilings}, a circle of {self.widest_mm:.2f} mm at most"
+        return f"{steepest}, {ceilings}, largest circle {self.widest_mm:.2f} mm"
 
 
 def overhangs(mesh: Mesh) -> Overhangs:

@@ -80,18 +80,18 @@ ASCII_STL = b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 
 BAD: dict[str, tuple[str, Callable[[], bytes], str]] = {
     "stl empty": ("stl", lambda: b"", "empty"),
     "stl short": ("stl", lambda: b"short", "too short"),
-    "stl header only": ("stl", lambda: _stl_bytes()[:84], "promises 12 triangles, the file holds 0"),
-    "stl cut off": ("stl", lambda: _stl_bytes()[:-25], "promises 12 triangles, the file holds 11"),
-    "stl count too high": ("stl", lambda: _with_count(13), "promises 13 triangles, the file holds 12"),
-    "stl count too low": ("stl", lambda: _with_count(11), "not what an STL of 11 triangles has"),
-    "stl count absurd": ("stl", lambda: _with_count(2**32 - 1), "promises 4294967295"),
+    "stl header only": ("stl", lambda: _stl_bytes()[:84], "states 12 triangles, but the file contains 0"),
+    "stl cut off": ("stl", lambda: _stl_bytes()[:-25], "states 12 triangles, but the file contains 11"),
+    "stl count too high": ("stl", lambda: _with_count(13), "states 13 triangles, but the file contains 12"),
+    "stl count too low": ("stl", lambda: _with_count(11), "an STL of 11 triangles has"),
+    "stl count absurd": ("stl", lambda: _with_count(2**32 - 1), "states 4294967295"),
     "stl zero facets": ("stl", lambda: b"x".ljust(80, b"\0") + b"\0\0\0\0", "no triangles"),
     "stl NaN": ("stl", lambda: _with_value(float("nan")), "not a finite number"),
     "stl infinite": ("stl", lambda: _with_value(float("-inf")), "not a finite number"),
     "stl is a zip": ("stl", lambda: _zip({"a": b"b" * 200}), "zip or 3MF"),
     "stl is a STEP": ("stl", lambda: STEP_HEAD, "a STEP file"),
-    "stl is text": ("stl", lambda: b"Dear reader,\n" * 30, "no STL"),
-    "stl is an image": ("stl", lambda: b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 3, "no STL"),
+    "stl is text": ("stl", lambda: b"Dear reader,\n" * 30, "not an STL"),
+    "stl is an image": ("stl", lambda: b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 3, "not an STL"),
     "ascii cut off": ("stl", lambda: ASCII_STL, "cut off"),
     "ascii no facets": ("stl", lambda: b"solid a\nendsolid a\n", "no triangles"),
     "ascii lost corner": ("stl", lambda: ASCII_STL.replace(b"vertex 1 0 0\n", b"") + b"endsolid", "2 corners"),
@@ -245,7 +245,7 @@ def _raise(code: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("code", "words"), [(errno.ENOSPC, "full"), (errno.EACCES, "not writable"), (errno.EROFS, "cannot")]
+    ("code", "words"), [(errno.ENOSPC, "full"), (errno.EACCES, "not writable"), (errno.EROFS, "read-only")]
 )
 def test_a_full_or_unwritable_folder_is_named(code: int, words: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=words) as caught, replacing(tmp_path / "a.stl"):

@@ -74,7 +74,7 @@ def refusal(capsys: Capture, *argv: str) -> str:
         (["--key", "-3"], ["No such option '-3'", "make --help"]),
         (["--key", "nan"], ["key", "nan"]),
         (["--key", "20"], ["key", "20.0", "7.767"]),
-        (["--key", "0.2"], ["key", "0.2", "turned by half", "above 0.5121"]),
+        (["--key", "0.2"], ["key", "0.2", "turned by 180 degrees", "above 0.5121"]),
         (["--key", "three"], ["key", "three", "number"]),
         (["--copies", "0"], ["copies", "0", "from 1"]),
         (["--copies", "-2"], ["copies", "-2"]),

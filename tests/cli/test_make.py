@@ -114,6 +114,19 @@ def test_the_table_names_part_size_triangles_deviation_and_checks(tmp_path: Path
     assert str(row["triangles"]) in out and f"{len(row['checks'])} passed" in out
 
 
+@pytest.mark.parametrize(("preset", "use"), [("paper", "for new work"), ("released", "to compare with the authors'")])
+def test_one_line_names_the_preset_and_its_use(preset: str, use: str, tmp_path: Path, capsys: Capture) -> None:
+    assert main(["make", *LIGHT, "--texture", "1", "--preset", preset, "--out", str(tmp_path)]) == 0
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("preset: ")]
+    assert line.startswith(f"preset: {preset}, {use}")
+
+
+def test_the_coupon_has_no_preset(tmp_path: Path, capsys: Capture) -> None:
+    pytest.importorskip("build123d")
+    assert main(["make", "--parts", "coupon", "--formats", "stl", "--out", str(tmp_path)]) == 0
+    assert "preset: " not in capsys.readouterr().out
+
+
 def test_brackets_and_colons_are_printed_as_they_are(tmp_path: Path, capsys: Capture) -> None:
     folder = tmp_path / "[bold]:smile:"
     assert main(["make", *LIGHT, "--texture", "1", "--out", str(folder)]) == 0

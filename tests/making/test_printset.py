@@ -140,7 +140,7 @@ def test_a_jig_that_cannot_be_is_left_out_with_the_numbers_unless_asked_for() ->
 
 
 def test_a_small_key_is_refused_even_when_no_holder_is_made() -> None:
-    with pytest.raises(InputError, match="turned by half"):
+    with pytest.raises(InputError, match="turned by 180 degrees"):
         plan(replace(LIGHT, key_mm=0.5))
     assert plan(replace(LIGHT, key_mm=0.5, parts=None, fit="press")).sources
 

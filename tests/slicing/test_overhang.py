@@ -32,7 +32,7 @@ def test_a_slanted_wall_hangs_by_its_angle() -> None:
 def test_a_wall_that_leans_back_hangs_nowhere() -> None:
     found = overhangs(prism([(0.0, 0.0), (9.0, 0.0), (5.0, 10.0), (2.0, 10.0)], 8.0))
     assert (found.steepest_deg, found.ceiling_mm2, found.widest_mm) == (0.0, 0.0, 0.0)
-    assert str(found) == "nothing hangs"
+    assert str(found) == "no overhangs"
 
 
 def test_a_ceiling_is_as_wide_as_the_circle_in_it() -> None:
@@ -48,7 +48,7 @@ def test_a_ceiling_is_as_wide_as_the_circle_in_it() -> None:
     found = overhangs(joined)
     assert found.ceiling_mm2 == pytest.approx(720.0)
     assert found.widest_mm == pytest.approx(12.0, abs=2e-3)
-    assert str(found) == "steepest 0.0 degrees, ceilings 720.0 mm^2, a circle of 12.00 mm at most"
+    assert str(found) == "steepest 0.0 degrees, ceilings 720.0 mm^2, largest circle 12.00 mm"
 
 
 @pytest.mark.parametrize("preset", ["paper", "released"])
