@@ -11,14 +11,14 @@ import rich_click as click
 from tacbench_cad import cli
 from tacbench_cad.cli.options import ARGUMENTS, PANELS
 
-#: What begins a program's examples in its help.
+#: The first line of the examples in a help text.
 EXAMPLES = "\b\nExamples:\n"
 #: The context of the program itself.
 ROOT = click.Context(cli.tacbench)
 
 
 def walk(name: str, command: click.Command) -> Iterator[tuple[str, click.Command]]:
-    """A command and those below it, each with the words that call it."""
+    """A command and its subcommands, each with the words that call it."""
     yield name, command
     if isinstance(command, click.Group):
         for word in command.list_commands(ROOT):
@@ -46,7 +46,7 @@ def plain(text: str) -> str:
     for word in re.split(r"(\s+)", text):
         escaped = re.sub(r"([\\`*_\[\]<>$])", r"\\\1", word).replace(r"\\|", r"\|")
         words.append(re.sub(r"^(.*\".*\".*?)([.,:;]?)$", r"`\1`\2", word) if word.count('"') > 1 else escaped)
-    text = re.sub(rf"\b({NAMES})\b", lambda found: linked(found[0]), "".join(words))
+    text = re.sub(rf"\b({NAMES})\b", lambda match: linked(match[0]), "".join(words))
     return re.sub(r"(?<![\w-])(--?[a-z][a-z-]*)", r"`\1`", text)
 
 
@@ -61,7 +61,7 @@ def examples(text: str) -> str:
 
 
 def row(parameter: click.Parameter) -> str:
-    """An option's or argument's row: how it is written, what it means, and what holds without it."""
+    """An option's or argument's row: how it is written, its meaning, and its default."""
     option = isinstance(parameter, click.Option)
     written = sorted(parameter.opts, key=len) if option else []
     if not (option and parameter.is_flag):
@@ -89,11 +89,11 @@ def section(name: str, command: click.Command) -> Iterator[str]:
     if isinstance(command, click.Group):
         yield overview("Command", (f"{name} {word}" for word in command.list_commands(ROOT)))
         return
-    usage = [one.make_metavar(ROOT) for one in command.params if isinstance(one, click.Argument)]
+    usage = [parameter.make_metavar(ROOT) for parameter in command.params if isinstance(parameter, click.Argument)]
     yield f"Usage: `{' '.join((name, '[OPTIONS]', *usage))}`\n"
     panels: dict[str, list[str]] = {}
-    for one in command.params:
-        panels.setdefault(one.panel or ARGUMENTS, []).append(row(one))
+    for parameter in command.params:
+        panels.setdefault(parameter.panel or ARGUMENTS, []).append(row(parameter))
     for panel in sorted(panels, key=PANELS.index):
         yield table(panel, "Meaning", panels[panel])
 
