@@ -170,7 +170,7 @@ def test_a_folder_without_the_estimator_is_refused(compared: tuple[Path, dict[st
 
 def test_a_study_is_not_compared_with_itself(tmp_path: Path) -> None:
     answer = CliRunner().invoke(command.command, [str(tmp_path), str(tmp_path)])
-    assert isinstance(answer.exception, InputError) and "is A itself" in str(answer.exception)
+    assert isinstance(answer.exception, InputError) and "is the same folder as A" in str(answer.exception)
 
 
 def test_two_estimators_of_one_classification_are_compared(tmp_path: Path) -> None:
@@ -187,8 +187,8 @@ def test_two_estimators_of_one_classification_are_compared(tmp_path: Path) -> No
         (row,) = (row for row in document["rows"] if row["texture"] == "texture-2")
         assert row[key] == pytest.approx(np.mean([accuracy.value for accuracy in accuracies])) and row["paired"]
     for names, reason in (
-        ("forest,forest", "is A itself"),
-        ("forest,network,forest", "must be one name, or A's and B's"),
+        ("forest,forest", "is the same folder as A"),
+        ("forest,network,forest", "must be one name, or one for A and one for B"),
     ):
         error = CliRunner().invoke(command.command, [*words, names]).exception
         assert isinstance(error, InputError) and reason in str(error)
