@@ -151,7 +151,7 @@ def test_bad_input_ends_with_2(
     ("changes", "message"),
     [
         ({"forces_n": "[6.0]"}, "must be below 5 N, the hard limit"),
-        ({"grid": "{ x_mm = [4.0, 90.0], y_mm = [18.0] }"}, "it leaves the block"),
+        ({"grid": "{ x_mm = [4.0, 90.0], y_mm = [18.0] }"}, "the block is too small for the press grid"),
         ({"clearance_mm": "150.0"}, "limits_mm z"),
         ({"stationary_frames": "1\nsetle_s = 1.0"}, 'did you mean "settle_s"?'),
         ({"driver": '"none"'}, "driver"),

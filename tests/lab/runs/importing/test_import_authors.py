@@ -219,7 +219,7 @@ def test_objects_are_never_unpickled(tmp_path: Path) -> None:
         (["--force-levels", "P30"], "must be NAME=VALUE"),
         (["--force-levels", "P30=1,P40=1"], "must name each level's number once"),
         (["--force-levels", "P30=4"], "must be from 1 to 3"),
-        (["--force-levels", "P30=1,P30=2"], "names P30 twice"),
+        (["--force-levels", "P30=1,P30=2"], "has P30 twice"),
         (["--force-levels", "30=1"], "must be as P30"),
         (["--preset", "papers"], 'did you mean "paper"'),
     ],

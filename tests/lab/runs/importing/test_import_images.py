@@ -351,7 +351,7 @@ def test_the_command_says_what_became_of_it(images: Any, table: Any, tmp_path: P
         (["nowhere"], "no such file or folder"),
         (["--kind", "image"], 'did you mean "images"'),
         (["--columns", "label"], "must be NAME=VALUE"),
-        (["--columns", "label=a,label=b"], "names label twice"),
+        (["--columns", "label=a,label=b"], "has label twice"),
         ([], "Missing argument"),
     ],
 )
