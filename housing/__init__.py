@@ -1,4 +1,4 @@
-"""The printed fixtures around the blocks: holder, grid-marker jig and fit coupon.
+"""The printed fixtures for the blocks: holder, grid-marker jig and fit coupon.
 
 >>> from housing import Holder, Jig
 >>> from tacbench_cad import Block
@@ -8,9 +8,9 @@ holder_paper_x1_key3_slots2 (77.2, 52.3)
 >>> Jig(holder=holder).min_wall_mm
 0.45
 
-``print(holder)`` is its dimension report, and ``tacbench_cad.export(holder, "holder.step")`` its file. Numbers and
-reports need the base install only; shapes are built with build123d, which is imported when one is asked for. For CAD
-scripts there are :mod:`housing.bd` (build123d parts with joints) and :mod:`housing.cq` (CadQuery).
+``print(holder)`` prints the dimension report. ``tacbench_cad.export(holder, "holder.step")`` writes a file. Numbers and
+reports need only the base installation. Shapes are built with build123d, which is imported when a shape is needed. For
+CAD scripts there are :mod:`housing.bd` (build123d parts with joints) and :mod:`housing.cq` (CadQuery).
 """
 
 from lazy_loader import attach_stub

@@ -1,4 +1,4 @@
-# The public names. lazy_loader reads this file at run time, type checkers and editors at any time.
+# The public names. lazy_loader reads this file at run time; type checkers and editors read it as well.
 from . import bd as bd
 from . import cq as cq
 from .assembly import Assembly as Assembly

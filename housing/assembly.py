@@ -1,4 +1,4 @@
-"""The set put together: a holder, blocks in its slots and the jig on it, each where it is used."""
+"""Assemblies: a holder with blocks in its slots and a jig on top, each in its place of use."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
 from tacbench_cad.util.types import Floats
 
-#: Formats that an assembly is written in by ``tacbench make``.
+#: The file formats of assemblies that ``tacbench make`` can write.
 ASSEMBLY_FORMATS = ("3mf", "step")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Assembly:
-    """A holder with what belongs in it and on it, in the holder frame.
+    """A holder with blocks in its slots and, if given, a jig on top, in the holder frame.
 
     Args:
         holder: The holder.
-        blocks: A block for each slot, from the first on.
-        jig: The jig, or None for none.
+        blocks: The blocks, one for each slot, beginning with the first slot.
+        jig: The jig, or None for an assembly without a jig.
 
     Raises:
-        InputError: There are more blocks than slots, a block does not go into the holder, or the jig is for another.
+        InputError: There are more blocks than slots, a block does not fit the holder, or the jig is for another holder.
     """
 
     holder: Holder
@@ -40,32 +40,32 @@ class Assembly:
 
     def __post_init__(self) -> None:
         if len(self.blocks) > self.holder.slots:
-            raise InputError("blocks", len(self.blocks), f"the holder has {counted(self.holder.slots, 'slot')}")
+            raise InputError("blocks", len(self.blocks), f"the holder has only {counted(self.holder.slots, 'slot')}")
         for block in self.blocks:
             if block.outline != self.holder.block.outline:
-                raise InputError("blocks", block.name, f"does not go into {self.holder.name}")
+                raise InputError("blocks", block.name, f"does not fit into {self.holder.name}")
         if self.jig is not None and self.jig.holder.name != self.holder.name:
-            raise InputError("jig", self.jig.name, f"is not made for {self.holder.name}")
+            raise InputError("jig", self.jig.name, f"does not fit onto {self.holder.name}")
 
     @classmethod
     def filled(cls, holder: Holder, blocks: Sequence[Block] | None, jig: Jig | None) -> Assembly:
-        """An assembly with a block in every slot: the holder's own where no blocks are given."""
+        """Make an assembly with the given blocks. Without blocks, every slot contains the block of the holder."""
         chosen = [holder.block] * holder.slots if blocks is None else blocks
         return cls(holder=holder, blocks=tuple(chosen), jig=jig)
 
     @property
     def name(self) -> str:
-        """What it is called in its 3MF: ``assembly_paper_x1_slots6``."""
+        """The stem of the file names and the name in the 3MF file: ``assembly_paper_x1_slots6``."""
         return f"assembly_{self.holder.stem}"
 
     @property
     def title(self) -> str:
-        """One line for people."""
+        """A description in one line."""
         inside = ", ".join(block.texture.name for block in self.blocks)
         return f"Holder with {inside}" + (" and jig" if self.jig is not None else "")
 
     def part(self) -> Part:
-        """All of it as one part, which can be exported as 3MF and STEP."""
+        """Return the assembly as one part, which can be exported as 3MF and STEP."""
         placed: list[tuple[Part, Floats]] = [(self.holder.part(), np.eye(4))]
         for block, place in zip(self.blocks, self.holder.block_placements(), strict=False):
             placed.append((block_part(block), place.matrix))
@@ -76,20 +76,21 @@ class Assembly:
 
 
 def assemblies_of(things: Iterable[Any]) -> tuple[list[Assembly], list[tuple[str, str]]]:
-    """What some blocks and fixtures make together: an assembly for each holder.
+    """Make an assembly for each holder from some blocks and fixtures.
 
-    The blocks go in from the first slot on, in their order, the first copy of each before any second.
+    The blocks fill the slots in their order, beginning with the first slot. The first copies of all blocks come before
+    any second copy.
 
     Args:
-        things: Blocks, holders, jigs, and others, which are passed over.
+        things: Blocks, holders and jigs. Other objects are ignored.
 
     Returns:
-        The assemblies that have a block, and what did not find room, with the reason.
+        The assemblies that contain a block, and a description of the blocks without a slot, with the reason.
     """
     things = list(things)
     assemblies, over = [], []
     for holder in (thing for thing in things if isinstance(thing, Holder)):
-        fitting = [one for one in things if isinstance(one, Block) and one.outline == holder.block.outline]
+        fitting = [thing for thing in things if isinstance(thing, Block) and thing.outline == holder.block.outline]
         fitting.sort(key=lambda block: block.copy or 1)
         jigs = (thing for thing in things if isinstance(thing, Jig) and thing.holder == holder)
         if not fitting:
@@ -99,5 +100,6 @@ def assemblies_of(things: Iterable[Any]) -> tuple[list[Assembly], list[tuple[str
         if len(fitting) > holder.slots:
             what = f"{len(fitting) - holder.slots} of {len(fitting)} blocks in {assembly.name}"
             inside = ", ".join(block.texture.name for block in assembly.blocks)
-            over.append((what, f"the holder has {counted(holder.slots, 'slot')}, for {inside}; --slots asks for more"))
+            reason = f"the holder has only {counted(holder.slots, 'slot')}, used by {inside}; use --slots for more"
+            over.append((what, reason))
     return assemblies, over

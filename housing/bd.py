@@ -1,11 +1,11 @@
-"""build123d: holder and jig as parts with joints, and the whole set put together.
+"""build123d: holder and jig as parts with joints, and assemblies.
 
-With a specification ``one``::
+With a specification ``spec`` of a holder::
 
     from housing.bd import HolderPart, JigPart
     from tacbench_cad.bd import TextureBlock
 
-    holder, block, jig = HolderPart(one), TextureBlock(one.block), JigPart(Jig(holder=one))
+    holder, block, jig = HolderPart(spec), TextureBlock(spec.block), JigPart(Jig(holder=spec))
     holder.joints["slot 1"].connect_to(block.joints["underside"])
     holder.joints["jig"].connect_to(jig.joints["holder"])
 
@@ -41,7 +41,7 @@ from tacbench_cad.spec.block import Block
 
 
 class _FixturePart(BasePartObject):  # type: ignore[misc]  # build123d is not typed for mypy
-    """A fixture in the holder frame, with its name, its colour, and joints in that frame."""
+    """A fixture with a name, a colour and joints, in the holder frame."""
 
     _applies_to: ClassVar[list[str]] = [BuildPart._tag]
 
@@ -53,12 +53,12 @@ class _FixturePart(BasePartObject):  # type: ignore[misc]  # build123d is not ty
         placing: tuple[RotationLike, Align | tuple[Align, Align, Align] | None, Mode],
     ) -> None:
         rotation, align, mode = placing
-        # A copy, since aligning moves it in place, and the fixture keeps its own shape.
+        # The copy is needed because the alignment changes the solid, and the fixture caches its shape.
         solid = solid.moved(Location())
         solid.label = fixture.name
         super().__init__(part=solid, rotation=rotation, align=align, mode=mode)
         self.color = Color(colour_of(fixture.kind))
-        # Aligned, the solid's place is where the holder frame lies.
+        # After the alignment, the location of the solid is the location of the holder frame.
         frame = self.rotation * solid.location
         for label, place in joints.items():
             RigidJoint(label, self, frame * place)
@@ -67,15 +67,17 @@ class _FixturePart(BasePartObject):  # type: ignore[misc]  # build123d is not ty
 class HolderPart(_FixturePart):
     """Part Object: Holder.
 
-    A holder in its own frame. ``.holder`` is its specification. Joints: ``slot 1``, ``slot 2`` ... take the joint
-    ``underside`` of a :class:`~tacbench_cad.bd.TextureBlock`, in the middle of its clearance; ``jig`` takes the joint
-    ``holder`` of a :class:`JigPart`.
+    A holder in its own frame. The attribute ``holder`` is its specification. It has these joints:
+
+    - ``slot 1``, ``slot 2`` and so on, for the joint ``underside`` of a :class:`~tacbench_cad.bd.TextureBlock`. The
+      block is then in the middle of its clearance.
+    - ``jig``, for the joint ``holder`` of a :class:`JigPart`.
 
     Args:
         holder: The holder.
-        rotation: Angles to rotate about the axes, in degrees.
-        align: Align MIN, CENTER or MAX of the box along x, y and z; None leaves the holder frame.
-        mode: Combination mode.
+        rotation: The rotation about the axes, in degrees.
+        align: Align MIN, CENTER or MAX of the bounding box along x, y and z; None keeps the holder frame.
+        mode: The combination mode.
     """
 
     def __init__(
@@ -96,14 +98,14 @@ class HolderPart(_FixturePart):
 class JigPart(_FixturePart):
     """Part Object: Jig.
 
-    A jig as it is used: in the holder frame, seated. ``.jig`` is its specification. The joint ``holder`` is the
-    holder frame.
+    A jig on its holder, in the holder frame. The attribute ``jig`` is its specification. The joint ``holder`` is at the
+    origin of the holder frame.
 
     Args:
         jig: The jig.
-        rotation: Angles to rotate about the axes, in degrees.
-        align: Align MIN, CENTER or MAX of the box along x, y and z; None leaves the holder frame.
-        mode: Combination mode.
+        rotation: The rotation about the axes, in degrees.
+        align: Align MIN, CENTER or MAX of the bounding box along x, y and z; None keeps the holder frame.
+        mode: The combination mode.
     """
 
     def __init__(
@@ -122,18 +124,19 @@ def assembled(
     blocks: Sequence[Block] | None = None,
     jig: Jig | None = None,
 ) -> Compound:
-    """Holder, blocks and jig put together by their joints, as one labelled compound in the holder frame.
+    """Connect holder, blocks and jig by their joints, as one labelled compound in the holder frame.
 
     Args:
         holder: The holder.
-        blocks: A block for each slot, the first ones if there are fewer; None for the holder's own in every slot.
-        jig: A jig made for this holder; None for none.
+        blocks: The blocks, one for each slot, beginning with the first slot; None for the holder's own block in every
+            slot.
+        jig: A jig made for this holder; None for an assembly without a jig.
 
     Raises:
-        InputError: There are more blocks than slots, a block has other sides, height or key than the holder is for,
-            or the jig is for another holder.
+        InputError: There are more blocks than slots, the sides, height or key of a block do not fit the holder, or the
+            jig is for another holder.
     """
-    together = Assembly.filled(holder, blocks, jig)  # refuses what does not go together
+    together = Assembly.filled(holder, blocks, jig)  # raises InputError if the parts do not fit together
     base = HolderPart(holder)
     parts = [base]
     for number, block in enumerate(together.blocks, 1):

@@ -1,8 +1,8 @@
-"""The fit coupon: five pockets and a stub, so that a lab finds its printer's fit before it prints 36 blocks.
+"""The fit coupon: five pockets and a stub, with which you find the fit of a printer before you print 36 blocks.
 
-The stub stands beside the plate, joined to it by a tab to be snapped off: one closed solid, one file, one print, and
-the printer's state is the same for both. The tab meets the stub above the depth to which it goes into a pocket, so
-that its burr does not touch the fit.
+The stub is beside the plate. A tab, which the user snaps off, connects the two. So the coupon is one closed solid in
+one file, and plate and stub are printed in the same state of the printer. The tab is above the part of the stub that
+goes into a pocket, so that its burr does not influence the fit.
 """
 
 from __future__ import annotations
@@ -28,30 +28,30 @@ from housing.shapes import Rectangle, box, one_solid
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.text import mm
 
-#: Clearances of the five pockets, in mm per side; the named fits are among them.
+#: The clearances of the five pockets, in mm per side. They include the named fits.
 CLEARANCES_MM = (0.05, 0.10, 0.15, 0.20, 0.30)
-#: The stub, x, y, z: a small block with sides that differ, high enough to be gripped, in mm.
+#: The size x, y, z of the stub, in mm. The sides differ, and the stub is high enough to be gripped.
 STUB_MM = (12.0, 9.0, 10.0)
-#: Depth of the pockets, in mm.
+#: The depth of the pockets, in mm.
 DEPTH_OF_POCKET_MM = 5.0
-#: Thickness below the pockets, in mm.
+#: The thickness of the floor below the pockets, in mm.
 FLOOR_MM = 1.6
-#: Walls round the pockets, in mm.
+#: The thickness of the walls around the pockets, in mm.
 WALL_MM = 2.4
-#: Between a numeral and the plate's edge, and between a numeral and its pocket, in mm.
+#: The distance of a numeral from the edge of the plate and from its pocket, in mm.
 NUMERAL_EDGE_MM = 1.0
-#: Gap between plate and stub, which the tab bridges, in mm.
+#: The gap between plate and stub, which the tab bridges, in mm.
 GAP_MM = 2.0
-#: The tab's width and thickness, in mm.
+#: The width and the thickness of the tab, in mm.
 TAB_MM = (2.0, 0.8)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Coupon(Fixture):
-    """A fit coupon. It is the same for every block: a fit is a matter of the printer, not of the size.
+    """A fit coupon. It is the same for every block, because the fit depends on the printer and not on the block.
 
     Args:
-        nozzle_mm: The printer's nozzle: sets the least wall, changes nothing else.
+        nozzle_mm: The width of the printer's nozzle. It sets the smallest allowed wall and has no other effect.
 
     Raises:
         InputError: A wall is too thin for the nozzle.
@@ -66,7 +66,7 @@ class Coupon(Fixture):
 
     @classmethod
     def requested(cls, block: Block, options: Mapping[str, Any]) -> Coupon:
-        """The one coupon."""
+        """Return the coupon, which does not depend on the block."""
         return cls(nozzle_mm=options.get("nozzle_mm", NOZZLE_MM))
 
     def __post_init__(self) -> None:
@@ -79,7 +79,7 @@ class Coupon(Fixture):
 
     @property
     def pockets(self) -> tuple[Rectangle, ...]:
-        """The five pockets' plans, from the tightest to the loosest."""
+        """The five pockets seen from above, from the tightest to the loosest."""
         y = 2.0 * NUMERAL_EDGE_MM + HEIGHT_MM
         plans, x = [], WALL_MM
         for clearance in CLEARANCES_MM:
@@ -90,32 +90,32 @@ class Coupon(Fixture):
 
     @property
     def plate_mm(self) -> tuple[float, float, float]:
-        """Sides and height of the plate, in mm."""
+        """The sides and the height of the plate, in mm."""
         last = self.pockets[-1]
         return (last.high[0] + WALL_MM, last.high[1] + WALL_MM, FLOOR_MM + DEPTH_OF_POCKET_MM)
 
     @property
     def stub(self) -> Rectangle:
-        """The stub's plan, beside the middle of the plate."""
+        """The stub seen from above. It is beside the middle of the plate."""
         x, y, _ = self.plate_mm
         low = ((x - STUB_MM[0]) / 2.0, y + GAP_MM)
         return Rectangle(low=low, high=(low[0] + STUB_MM[0], low[1] + STUB_MM[1]))
 
     @property
     def tab(self) -> Rectangle:
-        """The tab's plan, between plate and stub."""
+        """The tab seen from above, between plate and stub."""
         x, y, _ = self.plate_mm
         return Rectangle(low=((x - TAB_MM[0]) / 2.0, y), high=((x + TAB_MM[0]) / 2.0, y + GAP_MM))
 
     @property
     def tab_height_mm(self) -> tuple[float, float]:
-        """Lower and upper face of the tab, z: its top is the plate's."""
+        """The heights of the lower and the upper face of the tab. The upper face is level with the plate."""
         top = self.plate_mm[2]
         return (top - TAB_MM[1], top)
 
     @cached_property
     def grooves(self) -> tuple[Groove, ...]:
-        """The numerals: clearance per side in hundredths of a mm."""
+        """The numerals, which state the clearance per side in hundredths of a mm."""
         strokes = []
         for plan, clearance in zip(self.pockets, CLEARANCES_MM, strict=True):
             letters = f"{round(clearance * 100):02d}"
@@ -125,12 +125,12 @@ class Coupon(Fixture):
 
     @property
     def size_mm(self) -> tuple[float, float, float]:
-        """Bounding box, in mm."""
+        """The size of the bounding box, in mm."""
         return (self.plate_mm[0], self.stub.high[1], max(self.plate_mm[2], STUB_MM[2]))
 
     @property
     def walls_mm(self) -> Mapping[str, float]:
-        """The coupon's walls and their thickness, in mm."""
+        """The name and the thickness of each wall, in mm."""
         return {
             "floor": FLOOR_MM,
             "wall round the pockets": WALL_MM,
@@ -141,27 +141,27 @@ class Coupon(Fixture):
 
     @property
     def name(self) -> str:
-        """``coupon``: there is one."""
+        """The stem of the file names: ``coupon``."""
         return "coupon"
 
     @property
     def title(self) -> str:
-        """One line for people."""
-        clearances = ", ".join(f"{one:.2f}" for one in CLEARANCES_MM)
-        return f"Fit coupon: pockets with {clearances} mm per side, and a stub to try in them"
+        """A description in one line."""
+        clearances = ", ".join(f"{clearance:.2f}" for clearance in CLEARANCES_MM)
+        return f"Fit coupon: pockets with {clearances} mm clearance per side, and a stub to try in them"
 
     @property
     def volume_mm3(self) -> float:
-        """Plate, tab and stub less pockets and numerals, in mm^3."""
+        """The volume of plate, tab and stub without pockets and numerals, in mm^3."""
         x, y, z = self.plate_mm
         pockets = sum(plan.area_mm2 for plan in self.pockets) * DEPTH_OF_POCKET_MM
-        numerals = sum(one.area_mm2 for one in self.grooves) * DEPTH_MM
+        numerals = sum(groove.area_mm2 for groove in self.grooves) * DEPTH_MM
         stub = self.stub.area_mm2 * STUB_MM[2]
         return x * y * z - pockets - numerals + stub + self.tab.area_mm2 * TAB_MM[1]
 
     @cached_property
     def shape(self) -> Any:
-        """The build123d solid, as it is printed."""
+        """The build123d solid, in the orientation of the file."""
         x, y, z = self.plate_mm
         plate = box(Rectangle(low=(0.0, 0.0), high=(x, y)), (0.0, z))
         tools = [box(plan, (FLOOR_MM, z + 1.0)) for plan in self.pockets]
@@ -169,7 +169,7 @@ class Coupon(Fixture):
         return engraved(one_solid(plate.cut(*tools).fuse(*bodies), "coupon"), z, self.grooves, DEPTH_MM)
 
     def spec(self) -> dict[str, Any]:
-        """Everything that went into the coupon, as plain JSON values."""
+        """Return all values that define the coupon, as plain JSON values."""
         return {
             "clearances_per_side_mm": list(CLEARANCES_MM),
             "named_fits_mm": dict(FITS),
@@ -179,16 +179,16 @@ class Coupon(Fixture):
             "tab_mm": [*TAB_MM, GAP_MM],
             "walls_mm": dict(self.walls_mm),
             "nozzle_mm": self.nozzle_mm,
-            "print_orientation": "as it lies, pockets upward; no supports, the tab bridges 2 mm",
+            "print_orientation": "as in the file, with the pockets up; without supports: the tab bridges 2 mm",
             "notes": [
-                "snap the stub off and try it in each pocket, its lower end first, its long side along the row",
-                "the numerals are hundredths of a mm per side: give the one that fits as --fit",
-                "one solid with a tab, not two files: plate and stub come from the same print",
+                "snap off the stub and try it in each pocket, with its lower end down and its long side along the row",
+                "the numerals are the clearance per side in hundredths of a mm; use the clearance that fits as --fit",
+                "plate and stub are one solid, so that they come from the same print",
             ],
         }
 
     def facts(self) -> dict[str, str]:
-        """The lines of the dimension report."""
+        """Return the lines of the dimension report."""
         return {
             "size": mm(*self.size_mm),
             "plate": mm(*self.plate_mm),
@@ -196,5 +196,5 @@ class Coupon(Fixture):
             "pockets": "; ".join(mm(*plan.size_mm) for plan in self.pockets) + f"; {mm(DEPTH_OF_POCKET_MM)} deep",
             "numerals": "clearance per side in hundredths of a mm",
             "tab": f"{mm(*TAB_MM)}, snap off",
-            "least wall": self._thinnest,
+            "thinnest wall": self._thinnest,
         }

@@ -1,4 +1,4 @@
-"""CadQuery: holder, jig and coupon as solids, in assemblies and in method chains, and the whole set put together.
+"""CadQuery: holder, jig and coupon as solids and in method chains, and assemblies.
 
 A block in its holder, with the jig on it::
 
@@ -9,7 +9,8 @@ A block in its holder, with the jig on it::
     holder = Holder(block=Block.of(2, key_mm=3.0))
     whole = assembled(holder, jig=Jig(holder=holder))
 
-or, after ``housing.cq.register()``, ``cq.Workplane().fixture(holder)``. The same for build123d is :mod:`housing.bd`.
+After ``housing.cq.register()`` you can also write ``cq.Workplane().fixture(holder)``. The module for build123d is
+:mod:`housing.bd`.
 
 Importing this module imports CadQuery.
 """
@@ -30,11 +31,12 @@ from tacbench_cad.spec.block import Block
 
 
 def solid(fixture: Fixture, *, as_printed: bool = False) -> cq.Solid:
-    """A holder, jig or coupon as a CadQuery solid in the frame in which it is used: a jig seated on its holder.
+    """Return a holder, jig or coupon as a CadQuery solid in its place of use. A jig is on its holder.
 
     Args:
         fixture: The fixture.
-        as_printed: Give a jig as it is printed, upside down, with the lower corner of its box at the origin.
+        as_printed: Whether a jig has the orientation of its file: upside down, with the lower corner of its bounding
+            box at the origin.
     """
     result = cq.Solid(fixture.solid() if as_printed else fixture.solid_in_use())
     result.label = fixture.name
@@ -42,23 +44,27 @@ def solid(fixture: Fixture, *, as_printed: bool = False) -> cq.Solid:
 
 
 def workplane(fixture: Fixture, *, as_printed: bool = False) -> cq.Workplane:
-    """The same as a Workplane, to go on from: ``workplane(holder).faces(">Z").edges().chamfer(0.3)``."""
+    """Return a fixture as a Workplane, for example for ``workplane(holder).faces(">Z").edges().chamfer(0.3)``.
+
+    The arguments are the same as for :func:`solid`.
+    """
     return cq.Workplane(solid(fixture, as_printed=as_printed))
 
 
 def assembled(holder: Holder, blocks: Sequence[Block] | None = None, jig: Jig | None = None) -> cq.Assembly:
-    """Holder, blocks and jig where they are used, each with its name and colour, in the holder frame.
+    """Return holder, blocks and jig in their places of use, with names and colours, in the holder frame.
 
     Args:
         holder: The holder.
-        blocks: A block for each slot, the first ones if there are fewer; None for the holder's own in every slot.
-        jig: A jig made for this holder; None for none.
+        blocks: The blocks, one for each slot, beginning with the first slot; None for the holder's own block in every
+            slot.
+        jig: A jig made for this holder; None for an assembly without a jig.
 
     Raises:
-        InputError: There are more blocks than slots, a block has other sides, height or key than the holder is for,
-            or the jig is for another holder.
+        InputError: There are more blocks than slots, the sides, height or key of a block do not fit the holder, or the
+            jig is for another holder.
     """
-    together = Assembly.filled(holder, blocks, jig)  # refuses what does not go together
+    together = Assembly.filled(holder, blocks, jig)  # raises InputError if the parts do not fit together
     whole = cq.Assembly(name=together.name)
     whole.add(solid(holder), name=holder.name, color=_colour(holder.kind))
     for number, (block, place) in enumerate(zip(together.blocks, holder.block_placements(), strict=False), 1):
@@ -76,13 +82,14 @@ def _colour(kind: str) -> cq.Color:
 def register() -> None:
     """Add ``Workplane.fixture(fixture, combine=True, clean=True)`` to CadQuery.
 
-    It puts a holder, jig or coupon at every point of the stack, in the workplane's own axes, as ``Workplane.box`` does.
+    The method adds a holder, jig or coupon at every point of the stack, aligned with the axes of the workplane, like
+    ``Workplane.box``.
     """
 
     def fixture_method(
         self: cq.Workplane, fixture: Fixture, combine: bool | str = True, clean: bool = True
     ) -> cq.Workplane:
-        """A fixture at every point of the stack; the origin of its frame lies at the point."""
+        """Add a fixture at every point of the stack. The origin of its frame is at the point."""
         return self.eachpoint(solid(fixture).moved, True, combine, clean)
 
     cq.Workplane.fixture = fixture_method

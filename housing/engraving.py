@@ -1,7 +1,7 @@
-"""Grooves sunk into a flat upper face of a solid, without a boolean operation.
+"""Engraving of grooves into the flat upper face of a solid, without a boolean operation.
 
-A boolean cut of some 240 small prisms (a jig for six blocks) costs the kernel 5 to 10 s. A groove only puts a hole
-into the face and adds walls and a floor below it, so the shell is put together directly from faces that share edges.
+A boolean cut of about 240 small prisms (a jig for six blocks) takes the kernel 5 to 10 s. A groove only adds a hole to
+the face, and walls and a floor below it. Therefore this module builds the shell directly from faces that share edges.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Face
 
 
-#: Fraction of the volume by which kernel and closed form may differ: rounding.
+#: The largest relative difference between the volumes by the kernel and in closed form; it allows for rounding.
 VOLUME_FRACTION = 1e-9
 
 
 def engraved(solid: Solid, z_mm: float, grooves: Sequence[Groove], depth_mm: float) -> Solid:
-    """Sink grooves into the one upward face at a height.
+    """Engrave grooves into the upper face of a solid at a given height.
 
     Args:
-        solid: The solid.
-        z_mm: Height of the face.
-        grooves: Engravings that lie inside of the face and apart from each other.
-        depth_mm: Their depth.
+        solid: The solid. It must have exactly one such face.
+        z_mm: The height of the face.
+        grooves: The grooves. They must be inside the face and must not touch each other.
+        depth_mm: The depth of the grooves.
 
     Raises:
-        CheckFailedError: There is no such face, or more than one, or the result is not valid or has a wrong volume.
+        CheckFailedError: There is no such face or more than one, or the result is invalid or has a wrong volume.
     """
     from build123d import Solid
     from OCP.BRep import BRep_Builder
@@ -50,7 +50,7 @@ def engraved(solid: Solid, z_mm: float, grooves: Sequence[Groove], depth_mm: flo
     for face in solid.faces():
         (upper if _is_upper(face, z_mm) else others).append(face)
     if len(upper) != 1:
-        raise CheckFailedError(f"{len(upper)} faces lie at the height to be engraved, one is needed")
+        raise CheckFailedError(f"{len(upper)} faces are at the height of the engraving; there must be one")
     builder, shell = BRep_Builder(), TopoDS_Shell()
     builder.MakeShell(shell)
     for face in others:
@@ -60,7 +60,7 @@ def engraved(solid: Solid, z_mm: float, grooves: Sequence[Groove], depth_mm: flo
     for groove in grooves:
         for face in prism(groove.outer, groove.islands, (z_mm - depth_mm, z_mm)).faces():
             if _is_upper(face, z_mm):
-                # What bounds a groove bounds the level faces from their other side.
+                # The outlines of a groove are also the holes, or the outer outlines, of the faces around and in it.
                 holes.append(_reversed(face.outer_wire()))
                 islands += [(_loop_of(wire, groove), _reversed(wire)) for wire in face.inner_wires()]
             else:
@@ -68,17 +68,18 @@ def engraved(solid: Solid, z_mm: float, grooves: Sequence[Groove], depth_mm: flo
     for outline, inner in _level_faces(upper[0].outer_wire(), islands, holes):
         builder.Add(shell, _level_face(z_mm, [outline, *inner]))
     shell.Closed(True)
-    # The grooves' faces look out of the prisms, not out of the solid: orient them by the edges that they share.
+    # The normals of the groove's faces point out of the prisms, not out of the solid. ShapeFix orients all faces by
+    # their shared edges.
     repair = ShapeFix_Shell(shell)
     repair.FixFaceOrientation(shell)
     closed = BRepBuilderAPI_MakeSolid(repair.Shell()).Solid()
     BRepLib.OrientClosedSolid_s(closed)
     result = Solid(closed)
-    expected = solid.volume - sum(one.area_mm2 for one in grooves) * depth_mm
+    expected = solid.volume - sum(groove.area_mm2 for groove in grooves) * depth_mm
     if abs(result.volume - expected) > VOLUME_FRACTION * expected:
-        raise CheckFailedError(f"the engraved fixture has {result.volume:.6g} mm^3, {expected:.6g} mm^3 were expected")
+        raise CheckFailedError(f"the engraved fixture has {result.volume:.6g} mm^3 instead of {expected:.6g} mm^3")
     if not result.is_valid:
-        raise CheckFailedError("the CAD kernel made no valid solid of the engraved fixture")
+        raise CheckFailedError("the CAD kernel made an invalid solid of the engraved fixture")
     return result
 
 
@@ -94,24 +95,24 @@ def _reversed(wire: Wire) -> Wire:
     return Wire(TopoDS.Wire_s(wire.wrapped.Reversed()))
 
 
-def _a_point(wire: Wire) -> Floats:
+def _first_point(wire: Wire) -> Floats:
     vertex = wire.vertices()[0]
     return np.array([vertex.X, vertex.Y])
 
 
 def _loop_of(wire: Wire, groove: Groove) -> Floats:
-    """The island's outline that a wire was made from."""
-    point = _a_point(wire)
+    """Return the outline of the island that a wire was made from."""
+    point = _first_point(wire)
     return min(groove.islands, key=lambda loop: float(np.linalg.norm(loop - point, axis=1).min()))
 
 
 def _level_faces(outline: Wire, islands: list[tuple[Floats, Wire]], holes: list[Wire]) -> list[tuple[Wire, list[Wire]]]:
-    """The outer face and the islands, each with the holes in it: a hole belongs to the smallest island round it."""
+    """Return the outer face and the islands with their holes. A hole belongs to the smallest island around it."""
     faces: list[tuple[Wire, list[Wire]]] = [(outline, []), *((wire, []) for _, wire in islands)]
     sizes = [abs(area_mm2(loop)) for loop, _ in islands]
     for hole in holes:
-        point = _a_point(hole)
-        # An island's own groove lies round it, so the outer wire of that groove is not inside.
+        point = _first_point(hole)
+        # The groove around an island is outside the island, and so is the outer wire of that groove.
         around = [i for i, (loop, _) in enumerate(islands) if is_inside(point, [loop])]
         place = 1 + min(around, key=lambda i: sizes[i]) if around else 0
         faces[place][1].append(hole)
@@ -119,7 +120,7 @@ def _level_faces(outline: Wire, islands: list[tuple[Floats, Wire]], holes: list[
 
 
 def _level_face(z_mm: float, wires: list[Wire]) -> TopoDS_Face:
-    """A level face from an outer wire, counter-clockwise, and inner ones, clockwise; their edges are kept."""
+    """Make a horizontal face from an outer wire (counter-clockwise) and inner wires (clockwise), with their edges."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
     from OCP.gp import gp_Dir, gp_Pln, gp_Pnt
 

@@ -1,4 +1,4 @@
-"""What holder, jig and coupon have in common: how a Part is made of one, and how ``tacbench make`` asks for it."""
+"""The base class of holder, jig and coupon: how it becomes a Part, and how ``tacbench make`` requests it."""
 
 from __future__ import annotations
 
@@ -16,21 +16,22 @@ from tacbench_cad.util.text import mm, report
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Solid
 
-#: Distance by which the chords of a fixture's mesh may miss its circles, in mm.
+#: The largest distance between the chords of a fixture's mesh and its circles, in mm.
 CHORD_MM = 0.005
-#: Decimals of a mm that a manifest gets; what follows is rounding.
+#: The number of decimals of a number in the manifest.
 DECIMALS = 9
 
 
 class Fixture(ABC):
-    """Something printed that holds, marks or gauges. Subclasses are frozen dataclasses.
+    """A printed part that holds or marks blocks, or measures the fit. Subclasses are frozen dataclasses.
 
     Attributes:
-        kind: What it is, which is also its word in ``--parts``.
-        options: Options of ``make`` that it takes, as fields of a :class:`~tacbench_cad.Request`.
-        asked_by: Options with which it is refused, and not left out, where the blocks cannot have it.
-        by_default: Whether it is made without ``--parts``.
-        for_each_outline: Whether there is one for each outline among the blocks, or one for all.
+        kind: The kind of the fixture, which is also its name in ``--parts``.
+        options: The options of ``make`` that the fixture uses, as fields of a :class:`~tacbench_cad.Request`.
+        asked_by: If one of these options is given and the blocks cannot have the fixture, ``make`` ends with an error.
+            Otherwise it leaves out the fixture.
+        by_default: Whether ``make`` without ``--parts`` makes the fixture.
+        for_each_outline: Whether each outline among the blocks needs its own fixture, or all share one.
     """
 
     kind: ClassVar[str]
@@ -42,58 +43,58 @@ class Fixture(ABC):
     @classmethod
     @abstractmethod
     def requested(cls, block: Block, options: Mapping[str, Any]) -> Self:
-        """The one that belongs to a block.
+        """Return the fixture for a block.
 
         Args:
-            block: The block; a fixture that fits all passes it over.
-            options: What was asked for; options of other fixtures are among them.
+            block: The block. A fixture that fits all blocks ignores it.
+            options: The options of the request, including options of other fixtures.
 
         Raises:
-            InputError: This block cannot have it.
+            InputError: The fixture cannot be made for this block.
         """
 
     @property
     @abstractmethod
     def name(self) -> str:
-        """Stem of the file names."""
+        """The stem of the file names."""
 
     @property
     @abstractmethod
     def title(self) -> str:
-        """One line for people."""
+        """A description in one line."""
 
     @property
     @abstractmethod
     def size_mm(self) -> tuple[float, float, float]:
-        """Bounding box x, y, z in mm, as printed."""
+        """The size x, y, z of the bounding box in the orientation of the file, in mm."""
 
     @property
     @abstractmethod
     def walls_mm(self) -> Mapping[str, float]:
-        """What each wall is, and its thickness in mm."""
+        """The name and the thickness of each wall, in mm."""
 
     @property
     @abstractmethod
     def volume_mm3(self) -> float:
-        """Volume in closed form, in mm^3."""
+        """The volume in closed form, in mm^3."""
 
     @property
     def drilled(self) -> tuple[tuple[Bore, float], ...]:
-        """The through holes, each with the thickness in mm of what it goes through."""
+        """The through holes, each with the thickness of the drilled plate in mm."""
         return ()
 
     @property
     def genus(self) -> int:
-        """Number of through holes."""
+        """The number of through holes."""
         return len(self.drilled)
 
     @abstractmethod
     def spec(self) -> dict[str, Any]:
-        """Everything that went into it, and what a user must know, as plain JSON values."""
+        """Return all values that define the fixture, and notes for the user, as plain JSON values."""
 
     @abstractmethod
     def facts(self) -> dict[str, str]:
-        """The lines of the dimension report, without the name."""
+        """Return the lines of the dimension report, without the name."""
 
     def __str__(self) -> str:
         return report(self.title, {"name": self.name, **self.facts()})
@@ -101,29 +102,32 @@ class Fixture(ABC):
     @property
     @abstractmethod
     def shape(self) -> Any:
-        """The build123d solid where it is used, in the holder frame; without one, as printed."""
+        """The build123d solid in its place of use, in the holder frame. A coupon has the orientation of its file."""
 
     def solid_in_use(self) -> TopoDS_Solid:
-        """The Open CASCADE solid where it is used, in the holder frame; without one, as printed."""
+        """Return the Open CASCADE solid of :attr:`shape`."""
         return self.shape.wrapped
 
     def solid(self) -> TopoDS_Solid:
-        """The Open CASCADE solid as printed: lower corner of its box at the origin, bed at z = 0."""
+        """Return the Open CASCADE solid in the orientation of the file.
+
+        The lower corner of the bounding box is at the origin, and the bed of the printer is at z = 0.
+        """
         return self.solid_in_use()
 
     @property
     def min_wall_mm(self) -> float:
-        """Thickness of the thinnest wall, in mm."""
+        """The thickness of the thinnest wall, in mm."""
         return min(self.walls_mm.values())
 
     @property
     def _thinnest(self) -> str:
-        """The thinnest wall and which it is."""
+        """The thickness and the name of the thinnest wall."""
         name, thickness = min(self.walls_mm.items(), key=lambda wall: wall[1])
         return f"{mm(thickness)} ({name})"
 
     def part(self) -> Part:
-        """The fixture as a part of a print set."""
+        """Return the fixture as a part of a print set."""
         return Part(
             name=self.name,
             kind=self.kind,
@@ -138,7 +142,7 @@ class Fixture(ABC):
         )
 
     def _mesh(self) -> tuple[Mesh, ExpectedGeometry]:
-        # Chords cut circles short, so that the mesh's volume may exceed the true one.
+        # The chords make the holes of the mesh smaller, so its volume may be larger than the exact volume.
         slack = sum(bore.chord_slack_mm3(depth, CHORD_MM) for bore, depth in self.drilled) + rounding_mm3(self.size_mm)
         return tessellate(self.solid(), CHORD_MM), ExpectedGeometry(volume_mm3=self.volume_mm3, volume_slack_mm3=slack)
 
@@ -148,11 +152,11 @@ class Fixture(ABC):
 
 
 def tidied(value: Any) -> Any:
-    """The same with every number rounded to 1e-9, inside of lists and tables too: 7.47, not 7.470000000000001."""
+    """Round all numbers to 1e-9, also in lists and tables: 7.470000000000001 becomes 7.47."""
     if isinstance(value, float):
         return round(value, DECIMALS)
     if isinstance(value, dict):
-        return {key: tidied(one) for key, one in value.items()}
+        return {key: tidied(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return type(value)(tidied(one) for one in value)
+        return type(value)(tidied(item) for item in value)
     return value

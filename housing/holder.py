@@ -1,6 +1,7 @@
-"""The holder: a plate with a pocket for each block, screwed to the rig's bed.
+"""The holder: a plate with a pocket for each block, screwed to the bed of the rig.
 
-Holder frame: lower corner of the plate at the origin, z up, bed at 0; printed as it is used, pockets open upward.
+In the holder frame, the lower corner of the plate is at the origin, z points up, and the bed is at z = 0. The holder is
+printed in the same orientation, with the pockets up.
 """
 
 from __future__ import annotations
@@ -32,73 +33,78 @@ from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.text import decimal, mm
 from tacbench_cad.util.types import Floats
 
-#: How far the holder's top lies below the block's: as in the authors' holder, in mm.
+#: The height from the holder's top to the block's highest point, in mm. It is the same as in the authors' holder.
 RIM_MM = 1.18
-#: Thickness below the pocket: as in the authors' holder, so that the block's top stands as high over the bed, in mm.
+#: The thickness of the floor below the pocket, in mm. It is the same as in the authors' holder, so that the block's
+#: top has the same height above the bed.
 FLOOR_MM = 1.65
-#: From the pocket to the plate's edge: room for a screw's head in the corner, in mm.
+#: The distance from the pocket to the edge of the plate, in mm. It leaves room for the head of a screw in the corner.
 MARGIN_MM = 11.0
-#: Between two pockets: a contact of 10 mm radius, 4 mm from the block's edge, stays clear of the next block, in mm.
+#: The distance between two pockets, in mm. A contact of 10 mm radius at 4 mm from the edge of a block does not reach
+#: the next block.
 WEB_MM = 8.0
-#: Least depth of a pocket that still holds a block, in mm.
+#: The smallest depth of a pocket that still holds a block, in mm.
 MIN_DEPTH_MM = 1.0
-#: Most slots in one tray.
+#: The largest number of slots in a holder.
 MAX_SLOTS = 24
-#: Holders: made to the block, or the one that the authors printed.
+#: The presets: a holder that fits the block, and the holder that the authors printed.
 PRESETS: tuple[str, ...] = ("fitted", "released")
 
 
 def min_key_mm(block: Block, fit: str | float = "slip") -> float:
-    """The key's leg above which a wrongly turned block does not go into the keyed pocket.
+    """Return the largest key with which a wrongly turned block still fits into the pocket.
 
-    The pocket is the block's outline moved outwards by the clearance c. A block that is turned by half brings a full
-    corner to the filled one; pushed into the opposite corner of the pocket it reaches to ``x - y = X - 2 c``, and the
-    pocket ends at ``X - K + sqrt(2) c``. So it goes in up to ``K = (2 + sqrt(2)) c``. Tilting it in its clearance
-    helps nothing: to first order a tilt costs more room than it gains. A quarter turn, which a block goes through
-    whose sides differ by no more than 2 c, meets the same bound.
+    The pocket is the outline of the block, offset outwards by the clearance c. If the block is turned by 180 degrees, a
+    full corner of the block is at the filled corner of the pocket. If the block is also pushed into the opposite corner
+    of the pocket, it extends to ``x - y = X - 2 c``, and the pocket ends at ``X - K + sqrt(2) c``. So the block fits if
+    the key is at most ``K = (2 + sqrt(2)) c``. A block that is tilted in its clearance does not fit better: to first
+    order the tilt needs more room than it gains. If the sides of the block differ by no more than 2 c, it can also be
+    turned by 90 degrees, and then the same bound holds.
 
     Args:
-        block: The block; the bound is the same for all.
-        fit: The fit, or mm per side.
+        block: The block. The bound is the same for all blocks.
+        fit: The name of a fit, or the clearance in mm per side.
     """
     return (2.0 + math.sqrt(2.0)) * clearance_mm(fit)
 
 
 def require_key(block: Block, fit: str | float) -> None:
-    """Refuse a key so small that a block turned by half still goes into a pocket.
+    """Check that a block with a key does not fit into its pocket when it is turned by 180 degrees.
 
     Raises:
-        InputError: The block's key is too small for the fit.
+        InputError: The key of the block is too small for the fit.
     """
-    least = min_key_mm(block, fit)
-    if block.key_mm is not None and block.key_mm <= least:
+    min_key = min_key_mm(block, fit)
+    if block.key_mm is not None and block.key_mm <= min_key:
         raise InputError(
             "key",
             block.key_mm,
-            f"must be above {least:.4g} mm and at most {min(block.size_mm) / 3.0:.4g} mm; with a smaller key, a block "
-            f"turned by 180 degrees would still fit (clearance {clearance_mm(fit):g} mm per side)",
+            f"must be above {min_key:.4g} mm and at most {min(block.size_mm) / 3.0:.4g} mm; with a smaller key, a "
+            f"block turned by 180 degrees would still fit (clearance {clearance_mm(fit):g} mm per side)",
         )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Holder(Fixture):
-    """A holder, or with more slots a tray, for blocks of one size.
+    """A holder for one block, or for several blocks of the same size.
 
     Args:
-        block: The block that it holds: sides, height and key count.
-        preset: ``fitted`` is made to the block; ``released`` is the holder that the authors printed, as measured.
+        block: The block. The holder depends on its sides, its height and its key.
+        preset: ``fitted`` for a holder that fits the block, ``released`` for the authors' holder as measured.
         fit: ``press``, ``slip``, ``loose``, or the clearance in mm per side.
-        rim_mm: How far the holder's top lies below the block's highest point.
-        slots: Number of pockets.
-        quarter_turns: Quarter turns counter-clockwise by which the block lies; None for the preset's own: 0, and 1
-            in ``released`` (the block's y along the plate's x, which is our reading).
-        floor_mm: Thickness below the pockets.
-        margin_mm: From the pockets to the plate's edge.
-        web_mm: Between two pockets.
-        nozzle_mm: The printer's nozzle: sets the least wall, changes nothing else.
+        rim_mm: The height from the holder's top to the block's highest point.
+        slots: The number of pockets.
+        quarter_turns: The number of quarter turns, counter-clockwise, of the block in its pocket. None stands for the
+            preset's own value: 0 for ``fitted``, and 1 for ``released``, where we assume that the block's y axis is
+            along the plate's x axis.
+        floor_mm: The thickness of the floor below the pockets.
+        margin_mm: The distance from the pockets to the edge of the plate.
+        web_mm: The distance between two pockets.
+        nozzle_mm: The width of the printer's nozzle. It sets the smallest allowed wall and has no other effect.
 
     Raises:
-        InputError: A value is not allowed, a wall is too thin, or the key would let a wrong orientation in.
+        InputError: A value is not allowed, a wall is too thin, or the block would still fit in a wrong orientation
+            because the key is too small.
     """
 
     kind = "holder"
@@ -118,7 +124,10 @@ class Holder(Fixture):
 
     @classmethod
     def requested(cls, block: Block, options: Mapping[str, Any]) -> Holder:
-        """The holder for a block: in ``released`` the authors' own, where nothing asks for another."""
+        """Return the holder for a block.
+
+        For the preset ``released`` this is the authors' holder, unless the block or the options need another holder.
+        """
         own = {name: value for name, value in options.items() if name in cls.options}
         if block.preset == "released" and not set(own) - {"nozzle_mm"}:
             with contextlib.suppress(InputError):
@@ -143,25 +152,26 @@ class Holder(Fixture):
             self._check_fitted()
 
     def _check_fitted(self) -> None:
-        most = self.block.height_mm - MIN_DEPTH_MM
-        if not 0.0 <= self.rim_mm <= most:
+        max_rim = self.block.height_mm - MIN_DEPTH_MM
+        if not 0.0 <= self.rim_mm <= max_rim:
             height = self.block.height_mm
             raise InputError(
                 "rim",
                 self.rim_mm,
-                f"must be from 0 to {most:.4g} mm: a block {height:.4g} mm high needs a pocket of {MIN_DEPTH_MM:g} mm"
-                if most >= 0.0
-                else f"the block is {height:.4g} mm high, less than the least pocket depth of {MIN_DEPTH_MM:g} mm",
+                f"must be from 0 to {max_rim:.4g} mm, so that the block, which is {height:.4g} mm high, has a pocket "
+                f"of {MIN_DEPTH_MM:g} mm"
+                if max_rim >= 0.0
+                else f"the block is only {height:.4g} mm high, but a pocket is at least {MIN_DEPTH_MM:g} mm deep",
             )
         require_walls("floor", self.floor_mm, {"floor": self.floor_mm}, MIN_FLOOR_MM)
-        least = min_bearing_wall_mm(self.nozzle_mm)
+        min_wall = min_bearing_wall_mm(self.nozzle_mm)
         walls = dict(self.walls_mm)
         del walls["floor"]
         if "wall between pockets" in walls:
-            require_walls("web", self.web_mm, {"wall between pockets": walls.pop("wall between pockets")}, least)
+            require_walls("web", self.web_mm, {"wall between pockets": walls.pop("wall between pockets")}, min_wall)
         ledge = {"ledge round the push-out hole": walls.pop("ledge round the push-out hole")}
-        require_walls("size", mm(*self.block.size_mm), ledge, least)
-        require_walls("margin", self.margin_mm, walls, least)
+        require_walls("size", mm(*self.block.size_mm), ledge, min_wall)
+        require_walls("margin", self.margin_mm, walls, min_wall)
         if self.block.key_mm is not None:
             require_key(self.block, self.fit)
 
@@ -171,35 +181,35 @@ class Holder(Fixture):
                 value = getattr(self, field.name)
                 if value != field.default:
                     name = field.name.removesuffix("_mm")
-                    raise InputError(name, value, "the authors' holder is as measured; this needs the fitted one")
+                    raise InputError(name, value, "the authors' holder cannot be changed; use the preset fitted")
         if self.block.key_mm is not None:
-            raise InputError("key", self.block.key_mm, "the authors' holder has no key; this needs the fitted one")
+            raise InputError("key", self.block.key_mm, "the authors' holder has no key; use the preset fitted")
         room, sides = RELEASED.pocket_mm[:2], self._footprint_mm
         if any(not -ROUNDING_MM <= room[i] - sides[i] <= 2.0 for i in (0, 1)):
             raise InputError(
                 "size",
                 mm(*sides),
-                f"the authors' holder has a pocket of {mm(*room)} and takes sides of up to 2 mm less; "
-                "other blocks need the fitted one",
+                f"the pocket of the authors' holder is {mm(*room)}, and the sides of a block may be at most 2 mm "
+                "smaller; use the preset fitted for other blocks",
             )
         if not MIN_DEPTH_MM <= RELEASED.pocket_mm[2] <= self.block.height_mm:
             raise InputError(
-                "height", self.block.height_mm, f"the authors' pocket is {RELEASED.pocket_mm[2]:g} mm deep"
+                "height", self.block.height_mm, f"must be at least {RELEASED.pocket_mm[2]:g} mm for the authors' holder"
             )
 
     @property
     def holder(self) -> Holder:
-        """Itself: the holder in whose frame it is used."""
+        """The holder itself, because a holder is used in its own frame."""
         return self
 
     @property
     def is_released(self) -> bool:
-        """Whether this is the holder that the authors printed."""
+        """Whether this is the authors' holder."""
         return self.preset == "released"
 
     @property
     def turns(self) -> int:
-        """Quarter turns counter-clockwise by which the block lies in the holder."""
+        """The number of quarter turns, counter-clockwise, of the block in the holder."""
         return self.quarter_turns if self.quarter_turns is not None else self._own_turns
 
     @property
@@ -212,7 +222,7 @@ class Holder(Fixture):
 
     @cached_property
     def layout(self) -> Layout:
-        """Plate, pockets and screws."""
+        """The positions and sizes of plate, pockets and screws."""
         if self.is_released:
             return RELEASED
         (x, y), c = self._footprint_mm, clearance_mm(self.fit)
@@ -221,7 +231,7 @@ class Holder(Fixture):
 
     @property
     def clearance_mm(self) -> tuple[float, float]:
-        """Clearance per side between block and pocket along the holder's x and y, the block in the middle."""
+        """The clearance per side along the holder's x and y if the block is in the middle of its pocket, in mm."""
         if not self.is_released:
             return (clearance_mm(self.fit),) * 2
         (x, y), (room_x, room_y, _) = self._footprint_mm, RELEASED.pocket_mm
@@ -229,38 +239,38 @@ class Holder(Fixture):
 
     @property
     def size_mm(self) -> tuple[float, float, float]:
-        """Bounding box of the plate, in mm."""
+        """The size of the plate, in mm."""
         return self.layout.plate_mm
 
     @property
     def pocket_size_mm(self) -> tuple[float, float, float]:
-        """Sides and depth of a pocket, in mm."""
+        """The sides and the depth of a pocket, in mm."""
         return self.layout.pocket_mm
 
     @property
     def pockets(self) -> tuple[Rectangle, ...]:
-        """The pockets' plans in the holder frame; the key's corner is filled in addition."""
+        """The pockets seen from above, in the holder frame, without the filled corner of a key."""
         return self.layout.pockets
 
     @property
     def screws(self) -> tuple[Bore, ...]:
-        """The four screw holes: low low, high low, low high, high high."""
+        """The four screw holes, at low x and y, high x and low y, low x and high y, high x and y."""
         return self.layout.screws
 
     @property
     def rim_height_mm(self) -> float:
-        """How far the holder's top lies below the block's highest point, in mm: part of the stimulus."""
+        """The height from the holder's top to the block's highest point, in mm. It influences what the sensor feels."""
         return round(self.block.height_mm - RELEASED.pocket_mm[2], 9) if self.is_released else self.rim_mm
 
     @property
     def pocket_key_mm(self) -> float:
-        """Leg of the filled corner of a pocket, in mm: the block's key moved out by the clearance; 0 without a key."""
+        """The leg of the filled corner of a pocket, in mm: the key offset by the clearance, or 0 without a key."""
         if self.block.key_mm is None:
             return 0.0
         return self.block.key_mm + (2.0 - math.sqrt(2.0)) * clearance_mm(self.fit)
 
     def block_placements(self) -> tuple[Placement, ...]:
-        """Where the block lies in each slot, in the middle of its clearance."""
+        """Return the placement of the block in each slot, in the middle of its clearance."""
         cx, cy = self.clearance_mm
         return tuple(
             Placement.at((low[0] + cx, low[1] + cy, self.layout.floor_mm), self.block.size_mm, self.turns)
@@ -269,27 +279,27 @@ class Holder(Fixture):
 
     @cached_property
     def push_out(self) -> PushOut | None:
-        """The push-out hole in the block frame; None in the authors' holder."""
+        """The push-out hole in the block frame; None for the authors' holder."""
         return None if self.is_released else PushOut.under(self.block)
 
     @property
     def push_outs(self) -> tuple[Bore, ...]:
-        """The push-out holes, slot by slot, in the holder frame."""
+        """The push-out holes in the order of the slots, in the holder frame."""
         if self.push_out is None:
             return ()
         bore = self.push_out.bore
-        points = [one.to_holder([bore.at_mm])[0] for one in self.block_placements()]
+        points = [place.to_holder([bore.at_mm])[0] for place in self.block_placements()]
         return tuple(Bore(at_mm=(float(x), float(y)), diameter_mm=bore.diameter_mm) for x, y in points)
 
     @property
     def drilled(self) -> tuple[tuple[Bore, float], ...]:
-        """Through holes: four for screws, and one under each block."""
+        """The through holes: four for screws, and a push-out hole under each block."""
         floor = self.layout.floor_mm
         return (*((bore, self.size_mm[2]) for bore in self.screws), *((bore, floor) for bore in self.push_outs))
 
     @property
     def admits_deg(self) -> tuple[int, ...]:
-        """Angles by which a block may be turned from its proper place and still go in."""
+        """The angles by which a block can be turned and still fits into its pocket, in degrees."""
         if self.block.key_mm is not None:
             return (0,)
         x, y = self._footprint_mm
@@ -299,7 +309,7 @@ class Holder(Fixture):
 
     @property
     def walls_mm(self) -> Mapping[str, float]:
-        """The holder's walls and their thickness, in mm."""
+        """The name and the thickness of each wall, in mm."""
         walls = dict(self.layout.walls_mm)
         if self.slots > 1:
             walls["wall between pockets"] = self.web_mm
@@ -309,7 +319,7 @@ class Holder(Fixture):
 
     @property
     def stem(self) -> str:
-        """The name without ``holder_``: the block's part, then only what is not the default."""
+        """The name without ``holder_``: the preset and scale of the block, then all values that are not the default."""
         parts = [block_stem(self.block)]
         if self.is_released:
             parts.append("measured")
@@ -328,19 +338,19 @@ class Holder(Fixture):
 
     @property
     def name(self) -> str:
-        """Stem of the file names: ``holder_paper_x1_slots6_fit0.2``."""
+        """The stem of the file names: ``holder_paper_x1_slots6_fit0.2``."""
         return f"holder_{self.stem}"
 
     @property
     def title(self) -> str:
-        """One line for people."""
+        """A description in one line."""
         who = "Holder as the authors printed it" if self.is_released else "Holder"
         blocks = "1 block" if self.slots == 1 else f"{self.slots} blocks"
         return f"{who} for {blocks} of {mm(*self.block.size_mm, self.block.height_mm)}"
 
     @property
     def volume_mm3(self) -> float:
-        """Plate less pockets, filled corners, screw and push-out holes, in mm^3."""
+        """The volume of the plate without pockets, screw holes and push-out holes, in mm^3."""
         x, y, z = self.size_mm
         depth = self.pocket_size_mm[2]
         pockets = sum(p.area_mm2 - self.pocket_key_mm**2 / 2.0 for p in self.pockets) * depth
@@ -348,7 +358,7 @@ class Holder(Fixture):
         return x * y * z - pockets - screws - sum(bore.volume_mm3(self.layout.floor_mm) for bore in self.push_outs)
 
     def pocket_outline(self) -> Floats:
-        """A pocket's outline in the block frame, counter-clockwise, shape (n, 2), in mm; the fitted preset's only."""
+        """Return the outline of a pocket in the block frame, counter-clockwise, shape (n, 2), in mm."""
         (x, y), k = self.block.size_mm, self.pocket_key_mm
         cx, cy = self.clearance_mm if self.turns % 2 == 0 else self.clearance_mm[::-1]
         corner = [(x + cx, -cy)] if k == 0.0 else [(x + cx - k, -cy), (x + cx, -cy + k)]
@@ -361,28 +371,31 @@ class Holder(Fixture):
         floor = self.layout.floor_mm
         plate = box(Rectangle(low=(0.0, 0.0), high=(x, y)), (0.0, z))
         outline = self.pocket_outline()
-        tools = [prism(one.to_holder(outline), [], (floor, z + 1.0)) for one in self.block_placements()]
+        tools = [prism(place.to_holder(outline), [], (floor, z + 1.0)) for place in self.block_placements()]
         tools += [bore.solid((0.0, depth)) for bore, depth in self.drilled]
         return one_solid(plate.cut(*tools), "holder")
 
     def spec(self) -> dict[str, Any]:
-        """Everything that went into the holder, as plain JSON values."""
+        """Return all values that define the holder, and notes for the user, as plain JSON values."""
         angles = " or ".join(map(str, self.admits_deg))
         notes = [
-            "print as it lies, pockets upward, no supports",
+            "print in the orientation of the file, with the pockets up, without supports",
             f"without a key, a block fits in {len(self.admits_deg)} orientations: turned by {angles} degrees"
             if self.block.key_mm is None
-            else f"keyed: one orientation goes in; any key above {min_key_mm(self.block, self.fit):.4g} mm does that",
+            else "with the key, a block fits in one orientation only; for that the key must be above "
+            f"{min_key_mm(self.block, self.fit):.4g} mm",
         ]
         if self.is_released:
             notes += [
-                "which way the authors laid the block is our reading: its y along the plate's x; quarter_turns says",
-                f"as measured, one screw hole leaves {self.min_wall_mm:.3f} mm to the pocket: slicers leave that out",
-                "no push-out hole was measured",
+                "the orientation of the authors' block is our assumption: its y axis is along the plate's x axis "
+                "(see quarter_turns)",
+                f"the wall between one screw hole and the pocket is {self.min_wall_mm:.3f} mm, as measured; slicers do "
+                "not print such a thin wall",
+                "the measurements of the authors' holder include no push-out hole",
             ]
         if self.push_out is not None:
             clear = self.push_out.clear_of_press_mm
-            notes.append(f"nearest press position: {clear:.3g} mm from the push-out hole's edge")
+            notes.append(f"the press position nearest to the push-out hole is {clear:.3g} mm from the hole's edge")
         return {
             "block": block_stem(self.block),
             "block_size_mm": [*self.block.size_mm, self.block.height_mm],
@@ -400,25 +413,25 @@ class Holder(Fixture):
             "key_mm": self.block.key_mm,
             "least_key_mm": None if self.is_released else min_key_mm(self.block, self.fit),
             "block_admitted_at_deg": list(self.admits_deg),
-            "block_placements": [one.as_dict() for one in self.block_placements()],
+            "block_placements": [place.as_dict() for place in self.block_placements()],
             "walls_mm": dict(self.walls_mm),
             "nozzle_mm": self.nozzle_mm,
-            "print_orientation": "as it lies, pockets upward",
+            "print_orientation": "as in the file, with the pockets up",
             "notes": notes,
         }
 
     def facts(self) -> dict[str, str]:
-        """The lines of the dimension report."""
+        """Return the lines of the dimension report."""
         cx, cy = self.clearance_mm
         return {
             "plate": mm(*self.size_mm),
             "pocket": mm(*self.pocket_size_mm)
             + (f", corner filled by {self.pocket_key_mm:.4g} mm" if self.block.key_mm else ""),
             "clearance": f"{mm(cx, cy)} per side",
-            "rim": f"{mm(self.rim_height_mm)} below the block's top",
+            "rim": f"{mm(self.rim_height_mm)} below the block's highest point",
             "floor": mm(self.layout.floor_mm),
             "screw holes": "4 of " + mm(SCREW_HOLE_MM),
             "push-out": f"{len(self.push_outs)} of {mm(self.push_outs[0].diameter_mm)}" if self.push_outs else "none",
-            "least wall": self._thinnest,
-            "goes in at": ", ".join(map(str, self.admits_deg)) + " degrees",
+            "thinnest wall": self._thinnest,
+            "orientations": "block turned by " + " or ".join(map(str, self.admits_deg)) + " degrees",
         }

@@ -1,7 +1,7 @@
-"""The grid-marker jig: a plate that sits on holder and blocks and marks the 5 x 5 press positions.
+"""The grid-marker jig: a plate on the holder that marks the 5 x 5 press positions of each block.
 
-It is drawn in the holder frame, as it is used, and printed upside down: its marked face lies on the bed, so that
-lips and recess open upward and nothing hangs.
+It is modelled in its place of use, in the holder frame, and printed upside down. Then its marked face is on the bed of
+the printer, and the lips and the recesses face up, so that they need no supports.
 """
 
 from __future__ import annotations
@@ -52,15 +52,15 @@ if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Solid
 
 
-#: Least length of a lip between two corners, in mm.
+#: The smallest length of a lip between two corners, in mm.
 MIN_LIP_LENGTH_MM = 8.0
-#: Least wall between an engraving and the jig's edge, in mm.
+#: The smallest wall between an engraving and the edge of the jig, in mm.
 EDGE_MM = 0.8
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Marker:
-    """Diameters of a marker's hole and of its lead-in, in mm, and which positions have one."""
+    """The diameters of a hole and of its lead-in, in mm, and the numbers of the positions that have a hole."""
 
     hole_mm: float
     lead_in_mm: float
@@ -69,13 +69,13 @@ class _Marker:
 
 _LAST = PER_SIDE * PER_SIDE - 1
 _MARKERS = {
-    # Corners and centre: at the paper's 1.25 mm there is no room for 25 holes that a 0.4 mm nozzle could print.
+    # Only corners and centre: the paper's spacing of 1.25 mm is too small for 25 holes by a nozzle of 0.4 mm.
     "default": _Marker(
         hole_mm=1.5, lead_in_mm=2.2, positions=(0, PER_SIDE - 1, _LAST // 2, _LAST + 1 - PER_SIDE, _LAST)
     ),
     "all": _Marker(hole_mm=0.6, lead_in_mm=0.8, positions=tuple(range(_LAST + 1))),
 }
-#: Which positions a jig marks, by name.
+#: The names of the sets of marks.
 MARKS: tuple[str, ...] = tuple(_MARKERS)
 
 
@@ -84,15 +84,16 @@ class Jig(Fixture):
     """A grid-marker jig for all slots of a holder.
 
     Args:
-        holder: The holder that it sits on, with its blocks.
-        press_grid: The press positions; None for the paper's at the block's scale.
-        marks: ``default``: holes at corners and centre, cross hairs elsewhere, for a 0.4 mm nozzle; ``all``: 25
-            small holes, for resin.
-        fit: Fit between lips and holder; None for the holder's own clearance, at least that of ``slip``.
-        nozzle_mm: The printer's nozzle, or a resin printer's pixel: the least wall between markers.
+        holder: The holder that the jig rests on, with its blocks.
+        press_grid: The press positions; None for the paper's positions at the scale of the block.
+        marks: ``default`` for holes at corners and centre and cross hairs elsewhere, for a nozzle of 0.4 mm; ``all``
+            for 25 small holes, for resin printers.
+        fit: The fit between lips and holder; None for the holder's own clearance, but at least that of ``slip``.
+        nozzle_mm: The width of the printer's nozzle, or of a resin printer's pixel. It is the smallest allowed wall
+            between markers.
 
     Raises:
-        InputError: A value is not allowed, the press grid leaves the block, or markers merge: with the numbers.
+        InputError: A value is not allowed, a press position is outside the block, or markers would merge.
     """
 
     kind = "jig"
@@ -107,7 +108,7 @@ class Jig(Fixture):
 
     @classmethod
     def requested(cls, block: Block, options: Mapping[str, Any]) -> Jig:
-        """The jig for the block's holder."""
+        """Return the jig for the holder of a block."""
         names = {"jig": "marks", "nozzle_mm": "nozzle_mm"}
         own = {names[name]: value for name, value in options.items() if name in names}
         return cls(holder=Holder.requested(block, options), **own)
@@ -120,23 +121,23 @@ class Jig(Fixture):
         self.grid.require_on(self.holder.block)
         size = (len(self.grid.x_mm), len(self.grid.y_mm))
         if size != (PER_SIDE, PER_SIDE):
-            expected = f"must be {PER_SIDE} x {PER_SIDE} positions, which the marks are made for"
+            expected = f"must be {PER_SIDE} x {PER_SIDE} positions, because the jig has marks for this grid only"
             raise InputError("press_grid", f"{size[0]} x {size[1]}", expected)
         self._check_markers()
         self._check_plate()
 
     def _check_markers(self) -> None:
-        """Refuse markers that merge, before anything is drawn."""
+        """Check that no markers merge."""
         lead, nozzle, scale = self._marker.lead_in_mm, self.nozzle_mm, self.holder.block.scale
         distance = self._min_hole_distance_mm
         if distance - lead < nozzle - ROUNDING_MM:
-            least = math.ceil(scale * (lead + nozzle) / distance * 1000.0 - 1e-6) / 1000.0
+            min_scale = math.ceil(scale * (lead + nozzle) / distance * 1000.0 - 1e-6) / 1000.0
             raise InputError(
                 "jig",
                 self.marks,
-                f"holes {distance:.4g} mm apart with lead-ins of {lead:g} mm leave a wall of {distance - lead:.4g} mm, "
-                f"below the nozzle's {nozzle:g} mm: the markers merge; at this block's spacing a scale of at least "
-                f"{least:g} would do",
+                f"the markers would merge, because holes {distance:.4g} mm apart with lead-ins of {lead:g} mm leave a "
+                f"wall of {distance - lead:.4g} mm, which is thinner than the nozzle ({nozzle:g} mm); use a scale of "
+                f"at least {min_scale:g}",
             )
         wall = self._marker_walls["wall between markers"]
         if wall < nozzle - 1e-6:
@@ -144,8 +145,9 @@ class Jig(Fixture):
             raise InputError(
                 "jig",
                 self.marks,
-                f"at press positions {x:.4g} x {y:.4g} mm apart the least wall between marks is {wall:.4g} mm, "
-                f"below the nozzle's {nozzle:g} mm: the markers merge; a larger scale or a finer nozzle would do",
+                f"the markers would merge, because at press positions {x:.4g} x {y:.4g} mm apart the thinnest wall "
+                f"between marks is {wall:.4g} mm, which is thinner than the nozzle ({nozzle:g} mm); use a larger scale "
+                "or a finer nozzle",
             )
 
     def _check_plate(self) -> None:
@@ -158,16 +160,16 @@ class Jig(Fixture):
             raise InputError(
                 "size",
                 mm(*self.holder.block.size_mm),
-                f"a lip of the jig would be {short:.4g} mm long between the screws' corners, "
-                f"at least {MIN_LIP_LENGTH_MM:g} mm is needed",
+                f"a lip of the jig would be {short:.4g} mm long between the corners for the screws; it must be at "
+                f"least {MIN_LIP_LENGTH_MM:g} mm long, so make a larger block",
             )
         lost = outside_mm2([groove.outer for groove in self._grooves_in_holder], self.seat.outline(), EDGE_MM)
         if lost > 1e-6:
             raise InputError(
                 "press grid",
                 self._presses,
-                f"{lost:.4g} mm^2 of the jig's numerals and lines would leave the plate or come within {EDGE_MM:g} mm "
-                "of its edge; a wider margin of the holder gives room",
+                f"{lost:.4g} mm^2 of the jig's numerals and lines would be outside the plate or within {EDGE_MM:g} mm "
+                "of its edge; use a holder with a wider margin",
             )
 
     @property
@@ -181,12 +183,12 @@ class Jig(Fixture):
 
     @property
     def holes_mm(self) -> Floats:
-        """Press positions that have a hole, in the block frame, shape (5, 2) or (25, 2), in mm."""
+        """The press positions with a hole, in the block frame, shape (5, 2) or (25, 2), in mm."""
         return np.asarray(self.grid.positions_mm[list(self._marker.positions)])
 
     @property
     def cross_hairs_mm(self) -> Floats:
-        """The other press positions, in the block frame, shape (20, 2) or (0, 2), in mm."""
+        """The press positions with a cross hair, in the block frame, shape (20, 2) or (0, 2), in mm."""
         return np.delete(self.grid.positions_mm, list(self._marker.positions), axis=0)
 
     @property
@@ -197,12 +199,12 @@ class Jig(Fixture):
 
     @property
     def _keep_off_mm(self) -> float:
-        """Distance of a hair's edge from a hole's axis: the lead-in's radius and one nozzle width."""
+        """The smallest distance of a hair's edge from the axis of a hole: lead-in radius plus nozzle width, in mm."""
         return self._marker.lead_in_mm / 2.0 + self.nozzle_mm
 
     @cached_property
     def grooves(self) -> tuple[Groove, ...]:
-        """The engravings for one block, in the block frame."""
+        """The engraved grooves for one block, in the block frame."""
         strokes = hairs(self.grid, self.holes_mm, self._keep_off_mm, self.nozzle_mm)
         strokes += numerals(self.grid, self._keep_off_mm)
         return merged(strokes + datum_lines(self.holder.block.size_mm))
@@ -210,26 +212,26 @@ class Jig(Fixture):
     @cached_property
     def _grooves_in_holder(self) -> tuple[Groove, ...]:
         return tuple(
-            Groove(place.to_holder(one.outer), tuple(place.to_holder(island) for island in one.islands))
+            Groove(place.to_holder(groove.outer), tuple(place.to_holder(island) for island in groove.islands))
             for place in self.holder.block_placements()
-            for one in self.grooves
+            for groove in self.grooves
         )
 
     @cached_property
     def _marker_walls(self) -> Mapping[str, float]:
         outlines = [groove.outer for groove in self._grooves_in_holder]
         radius = self._marker.lead_in_mm / 2.0
-        holes = [gap_to_circle_mm(one, bore.at_mm, radius) for one in outlines for bore in self.bores]
+        holes = [gap_to_circle_mm(outline, bore.at_mm, radius) for outline in outlines for bore in self.bores]
         lead_ins = self._min_hole_distance_mm - 2.0 * radius
         return {
-            # Rounded to a nanometre: outlines are merged on a grid of 1e-8 mm.
+            # The value is rounded to a nanometre, because outlines are merged on a grid of 1e-8 mm.
             "wall between markers": round(min(lead_ins, *holes, min_gap_mm(outlines)), 6),
             "wall inside a numeral": COUNTER_MM,
         }
 
     @property
     def clearance_mm(self) -> tuple[float, float]:
-        """Clearance per side between lips and holder along x and y, the jig in the middle."""
+        """The clearance per side between lips and holder along x and y if the jig is in the middle, in mm."""
         if self.fit is not None:
             return (clearance_mm(self.fit),) * 2
         x, y = self.holder.clearance_mm
@@ -237,18 +239,18 @@ class Jig(Fixture):
 
     @property
     def datum_shift_mm(self) -> tuple[float, float]:
-        """How far markers fall short of their positions along x and y when block and jig are pushed to one corner."""
+        """The distance along x and y of a marker from its position if block and jig are pushed to one corner, in mm."""
         (jx, jy), (bx, by) = self.clearance_mm, self.holder.clearance_mm
         return (jx - bx, jy - by)
 
     @cached_property
     def seat(self) -> Seat:
-        """How it sits on the holder."""
+        """The jig without its markers."""
         return Seat(holder=self.holder, clearance_mm=self.clearance_mm)
 
     @property
     def bores(self) -> tuple[Bore, ...]:
-        """The marker holes, slot by slot, in the holder frame."""
+        """The marker holes in the order of the slots, in the holder frame."""
         marker = self._marker
         return tuple(
             Bore(at_mm=(float(x), float(y)), diameter_mm=marker.hole_mm, lead_in_mm=marker.lead_in_mm)
@@ -258,22 +260,22 @@ class Jig(Fixture):
 
     @property
     def size_mm(self) -> tuple[float, float, float]:
-        """Bounding box as printed, in mm."""
+        """The size of the bounding box in the orientation of the file, in mm."""
         return (*self.seat.outer.size_mm, self.seat.roof_mm[1] - self.seat.bottom_mm)
 
     @property
     def drilled(self) -> tuple[tuple[Bore, float], ...]:
-        """Through holes: the marker holes of all slots."""
+        """The through holes: the marker holes of all slots."""
         return tuple((bore, ROOF_MM) for bore in self.bores)
 
     @property
     def walls_mm(self) -> Mapping[str, float]:
-        """The jig's walls and their thickness, in mm."""
+        """The name and the thickness of each wall, in mm."""
         return {**self.seat.walls_mm, **self._marker_walls}
 
     @property
     def name(self) -> str:
-        """Stem of the file names: ``jig_paper_x1``, then only what is not the default."""
+        """The stem of the file names: ``jig_paper_x1``, then all values that are not the default."""
         parts = ["jig", self.holder.stem]
         if self.marks != "default":
             parts.append(self.marks)
@@ -292,7 +294,7 @@ class Jig(Fixture):
 
     @property
     def title(self) -> str:
-        """One line for people."""
+        """A description in one line."""
         return f"Grid-marker jig for presses at {self._presses} of each block"
 
     @property
@@ -302,20 +304,20 @@ class Jig(Fixture):
 
     @property
     def volume_mm3(self) -> float:
-        """Arms, lips and roof less holes and marks, in mm^3."""
-        marks = self.holder.slots * sum(one.area_mm2 for one in self.grooves) * DEPTH_MM
+        """The volume of arms, lips and roof without holes and marks, in mm^3."""
+        marks = self.holder.slots * sum(groove.area_mm2 for groove in self.grooves) * DEPTH_MM
         return self.seat.volume_mm3 - sum(bore.volume_mm3(ROOF_MM) for bore in self.bores) - marks
 
     @property
     def from_print(self) -> Floats:
-        """The matrix (4, 4) from the printed part to the holder frame, in mm: a half turn about x, and a shift."""
+        """The matrix (4, 4) from the file's frame to the holder frame, in mm: a half turn about x and a translation."""
         (x0, _), (_, y1), top = self.seat.outer.low, self.seat.outer.high, self.seat.roof_mm[1]
         matrix = np.diag([1.0, -1.0, -1.0, 1.0])
         matrix[:3, 3] = (x0, y1, top)
         return matrix
 
     def solid(self) -> TopoDS_Solid:
-        """The Open CASCADE solid as printed: marked face on the bed."""
+        """Return the Open CASCADE solid in the orientation of the file, with the marked face on the bed."""
         from build123d import Axis, Pos
 
         (x0, _), (_, y1), top = self.seat.outer.low, self.seat.outer.high, self.seat.roof_mm[1]
@@ -323,7 +325,7 @@ class Jig(Fixture):
 
     @cached_property
     def shape(self) -> Any:
-        """The build123d solid in the holder frame, seated on the holder."""
+        """The build123d solid in its place of use on the holder, in the holder frame."""
         seat, (ceiling, top) = self.seat, self.seat.roof_mm
         plate = prism(seat.outline(), [], (seat.bottom_mm, top))
         tools = [box(seat.inner, (seat.bottom_mm - 1.0, seat.rest_mm))]
@@ -332,14 +334,15 @@ class Jig(Fixture):
         return engraved(one_solid(plate.cut(*tools), "jig"), top, self._grooves_in_holder, DEPTH_MM)
 
     def spec(self) -> dict[str, Any]:
-        """Everything that went into the jig, as plain JSON values."""
+        """Return all values that define the jig, and notes for the user, as plain JSON values."""
         marker = self._marker
         near = self.crossings_cut_short
         notes = [
-            f"rests on the holder's rim alone, {AIR_MM:g} mm above the blocks; the screws' corners are free",
-            "push block and jig towards the edges X0 and Y0: both move by their clearance, and each marker lies "
-            f"{mm(*tidied(self.datum_shift_mm))} (holder x, y) short of its position",
-            "rows and columns are numbered 1 to 5 from low y and low x",
+            f"the jig rests only on the holder's rim, {AIR_MM:g} mm above the blocks; its corners leave room for the "
+            "heads of the screws",
+            "push block and jig towards the edges X0 and Y0: both move by their clearance, and then each marker is "
+            f"{mm(*tidied(self.datum_shift_mm))} (x, y of the holder) short of its position",
+            "rows and columns are numbered from 1 to 5, beginning at low y and low x",
         ]
         if near:
             notes.append(
@@ -366,30 +369,30 @@ class Jig(Fixture):
             "mark_depth_mm": DEPTH_MM,
             "walls_mm": dict(self.walls_mm),
             "nozzle_mm": self.nozzle_mm,
-            "print_orientation": "upside down as in the file: marked face on the bed, lips upward; no supports",
+            "print_orientation": "as in the file: upside down, with the marked face on the bed, without supports",
             "notes": notes,
         }
 
     @property
     def crossings_cut_short(self) -> int:
-        """Cross hairs whose crossing point itself lies within reach of a hole, so that no groove is left there."""
+        """The number of cross hairs without a groove at the crossing point, because a hole is too near."""
         if len(self.cross_hairs_mm) == 0:
             return 0
         return sum(not is_engraved(point, self.grooves) for point in self.cross_hairs_mm)
 
     def facts(self) -> dict[str, str]:
-        """The lines of the dimension report."""
+        """Return the lines of the dimension report."""
         marker, cut = self._marker, self.crossings_cut_short
         return {
             "size": mm(*self.size_mm),
             "holes": f"{len(self.bores)} of {mm(marker.hole_mm)}, lead-in {mm(marker.lead_in_mm)}",
             "cross hairs": f"{len(self.cross_hairs_mm)} per block"
-            + (f"; at {cut} the lines end before they cross, because a hole is near" if cut else ""),
+            + (f"; {cut} of them are incomplete near a hole" if cut else ""),
             "columns x": ", ".join(f"{x:g}" for x in self.grid.x_mm) + " mm",
             "rows y": ", ".join(f"{y:g}" for y in self.grid.y_mm) + " mm",
             "clearance": f"{mm(*self.clearance_mm)} per side, lips {mm(self.seat.lip_depth_mm)} deep",
             "rests on": f"the holder's rim, {mm(AIR_MM)} above the block",
             "roof": mm(ROOF_MM),
-            "least wall": self._thinnest,
-            "print": "upside down, marked face on the bed",
+            "thinnest wall": self._thinnest,
+            "print": "upside down, with the marked face on the bed",
         }

@@ -1,4 +1,4 @@
-"""The kinds of fixtures. A new one is a subclass of :class:`housing.fixture.Fixture` and a name in this tuple."""
+"""The kinds of fixtures. To add a kind, write a subclass of :class:`housing.fixture.Fixture` and add it here."""
 
 from __future__ import annotations
 

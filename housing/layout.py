@@ -1,4 +1,4 @@
-"""Where a holder's plate has its pockets, screws and push-out holes: made to a block, or as the authors had them."""
+"""The positions of pockets, screws and push-out holes in a holder that fits a block, or in the authors' holder."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from housing.shapes import Bore, Rectangle
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
 
-#: The four screw holes, as in the authors' holder, in mm.
+#: The diameter of the four screw holes, in mm. It is the same as in the authors' holder.
 SCREW_HOLE_MM = 4.0
-#: From a screw's axis to both edges of its corner, in mm.
+#: The distance from the axis of a screw to both edges of its corner, in mm.
 SCREW_INSET_MM = 4.5
-#: Holes in the floor through which a block is pushed out, in mm: the first, or the second where the block is small.
+#: The diameter of the push-out hole in the floor, in mm, for large and for small blocks.
 PUSH_OUTS_MM = (6.0, 3.0)
-#: Fraction of the block's sides at which the push-out hole may stand.
+#: The possible positions of the push-out hole, as fractions of the sides of the block.
 _PUSH_OUT_FRACTIONS = (0.3, 0.4, 0.5, 0.6, 0.7)
-#: Distance that the push-out hole keeps from the press positions where it can, in mm.
+#: The distance between the push-out hole and the press positions, if the block is large enough, in mm.
 _PUSH_OUT_CLEAR_MM = 2.0
 
 
@@ -30,11 +30,11 @@ class Layout:
     """A plate with pockets and screw holes, in the holder frame.
 
     Args:
-        plate_mm: Sides and height of the plate.
-        pocket_mm: Sides and depth of a pocket.
-        floor_mm: Thickness below the pockets.
-        pocket_lows_mm: Lower corner of each pocket.
-        screws_mm: Axes of the screw holes: low low, high low, low high, high high.
+        plate_mm: The sides and the height of the plate.
+        pocket_mm: The sides and the depth of a pocket.
+        floor_mm: The thickness of the floor below the pockets.
+        pocket_lows_mm: The lower corner of each pocket.
+        screws_mm: The axes of the screw holes, at low x and y, high x and low y, low x and high y, high x and y.
     """
 
     plate_mm: tuple[float, float, float]
@@ -45,7 +45,7 @@ class Layout:
 
     @property
     def pockets(self) -> tuple[Rectangle, ...]:
-        """The pockets' plans."""
+        """The pockets seen from above."""
         x, y, _ = self.pocket_mm
         return tuple(Rectangle(low=low, high=(low[0] + x, low[1] + y)) for low in self.pocket_lows_mm)
 
@@ -56,7 +56,7 @@ class Layout:
 
     @property
     def walls_mm(self) -> Mapping[str, float]:
-        """What each wall is, and its thickness in mm."""
+        """The name and the thickness of each wall, in mm."""
         x, y, _ = self.plate_mm
         half = SCREW_HOLE_MM / 2.0
         edges = [min(p.low[0], p.low[1], x - p.high[0], y - p.high[1]) for p in self.pockets]
@@ -69,8 +69,8 @@ class Layout:
         }
 
 
-#: The holder that the authors printed, as measured (PAPER.md): low edges of the pocket 9.98 and 30.51 mm from the
-#: plate's low edges, high ones 4.31 and 4.50 mm from its high edges.
+#: The authors' holder, as measured. The low edges of the pocket are 9.98 and 30.51 mm from the low edges of the plate,
+#: and the high edges of the pocket are 4.31 and 4.50 mm from the high edges of the plate.
 RELEASED = Layout(
     plate_mm=(45.39, 65.01, 7.47),
     pocket_mm=(31.1, 30.0, 5.82),
@@ -83,14 +83,14 @@ RELEASED = Layout(
 def fitted(
     pocket_mm: tuple[float, float, float], slots: int, floor_mm: float, margin_mm: float, web_mm: float
 ) -> Layout:
-    """A plate for pockets of one size, in rows that make it about square.
+    """Return a layout for pockets of one size, in rows, so that the plate is roughly square.
 
     Args:
-        pocket_mm: Sides and depth of a pocket.
-        slots: Number of pockets: row by row from low y, each from low x.
-        floor_mm: Thickness below them.
-        margin_mm: From the pockets to the plate's edge.
-        web_mm: Between two pockets.
+        pocket_mm: The sides and the depth of a pocket.
+        slots: The number of pockets. They are counted along x first, then along y.
+        floor_mm: The thickness of the floor below the pockets.
+        margin_mm: The distance from the pockets to the edge of the plate.
+        web_mm: The distance between two pockets.
     """
     columns = math.ceil(math.sqrt(slots))
     rows = math.ceil(slots / columns)
@@ -110,12 +110,13 @@ def fitted(
 
 @dataclass(frozen=True, kw_only=True)
 class PushOut:
-    """The hole in the floor through which a block is pushed out, in the block frame.
+    """The hole in the floor through which the user pushes out a block, in the block frame.
 
     Args:
         bore: The hole.
-        ledge_mm: Width of the ledge that is left round it for the block to stand on.
-        clear_of_press_mm: From its edge to the nearest press position; negative where one lies over the hole.
+        ledge_mm: The width of the remaining floor around the hole, on which the block rests.
+        clear_of_press_mm: The distance from the edge of the hole to the nearest press position; negative if a press
+            position is above the hole.
     """
 
     bore: Bore
@@ -124,21 +125,24 @@ class PushOut:
 
     @classmethod
     def under(cls, block: Block) -> PushOut:
-        """The hole under a block, of 6 mm, or of 3 mm where a ledge round 6 mm would be below 1.6 mm.
+        """Return the hole under a block.
 
-        Of 25 places it takes the nearest to the block's middle that keeps 2 mm from every press position (the
-        paper's, at the block's scale); where none does, the one furthest from them.
+        The diameter is 6 mm, or 3 mm if the ledge around a hole of 6 mm would be narrower than 1.6 mm. There are 25
+        possible positions. The hole takes the position nearest to the middle of the block that is at least 2 mm away
+        from every press position of the paper (at the scale of the block). If there is no such position, the hole takes
+        the position furthest from the press positions.
         """
         x, y = block.size_mm
         wide, narrow = PUSH_OUTS_MM
         diameter = wide if (min(x, y) - wide) / 2.0 >= MIN_WALL_MM else narrow
         places = [(x * a, y * b) for a in _PUSH_OUT_FRACTIONS for b in _PUSH_OUT_FRACTIONS]
         holes = [cls._at(place, diameter, block) for place in places]
-        holes = [one for one in holes if one.ledge_mm >= MIN_WALL_MM] or [cls._at((x / 2.0, y / 2.0), diameter, block)]
-        clear = [one for one in holes if one.clear_of_press_mm >= _PUSH_OUT_CLEAR_MM]
+        wide_ledge = [hole for hole in holes if hole.ledge_mm >= MIN_WALL_MM]
+        holes = wide_ledge or [cls._at((x / 2.0, y / 2.0), diameter, block)]
+        clear = [hole for hole in holes if hole.clear_of_press_mm >= _PUSH_OUT_CLEAR_MM]
         if clear:
-            return min(clear, key=lambda one: math.dist(one.bore.at_mm, (x / 2.0, y / 2.0)))
-        return max(holes, key=lambda one: one.clear_of_press_mm)
+            return min(clear, key=lambda hole: math.dist(hole.bore.at_mm, (x / 2.0, y / 2.0)))
+        return max(holes, key=lambda hole: hole.clear_of_press_mm)
 
     @classmethod
     def _at(cls, place: tuple[float, float], diameter: float, block: Block) -> PushOut:

@@ -1,4 +1,4 @@
-"""Where a block lies in a fixture, and the names of fixtures made for it."""
+"""The placement of a block in a fixture, and the part of a block's name that its fixtures share."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _TURNS = np.array(
 
 @dataclass(frozen=True, kw_only=True)
 class Placement:
-    """The block's frame in the holder's frame: quarter turns about z, then a shift.
+    """The placement of the block frame in the holder frame: quarter turns about z, then a translation.
 
     Args:
-        origin_mm: The block frame's origin in the holder frame, x, y, z.
-        quarter_turns: Quarter turns counter-clockwise seen from above, 0 to 3.
+        origin_mm: The origin x, y, z of the block frame in the holder frame.
+        quarter_turns: The number of quarter turns counter-clockwise, seen from above, from 0 to 3.
     """
 
     origin_mm: tuple[float, float, float]
@@ -29,24 +29,24 @@ class Placement:
 
     @classmethod
     def at(cls, low_mm: tuple[float, float, float], size_mm: tuple[float, float], quarter_turns: int) -> Placement:
-        """Put a block so that the lower corner of its turned outline lies at a point.
+        """Place a block so that the lower corner of its turned outline is at a point.
 
         Args:
-            low_mm: That point in the holder frame.
-            size_mm: The block's sides x, y in its own frame.
-            quarter_turns: Quarter turns counter-clockwise.
+            low_mm: The point in the holder frame.
+            size_mm: The sides x, y of the block in its own frame.
+            quarter_turns: The number of quarter turns counter-clockwise.
         """
         corners = np.array([[0.0, 0.0], size_mm]) @ _TURNS[quarter_turns].T
         x, y = np.array(low_mm[:2]) - corners.min(axis=0)
         return cls(origin_mm=(float(x), float(y), low_mm[2]), quarter_turns=quarter_turns)
 
     def to_holder(self, xy_mm: ArrayLike) -> Floats:
-        """Points (n, 2) of the block frame in the holder frame, in mm."""
+        """Convert points, shape (n, 2), from the block frame to the holder frame, in mm."""
         turned = np.asarray(xy_mm, dtype=np.float64) @ _TURNS[self.quarter_turns].T
         return np.asarray(turned + np.array(self.origin_mm[:2]))
 
     def to_block(self, xy_mm: ArrayLike) -> Floats:
-        """Points (n, 2) of the holder frame in the block frame, in mm."""
+        """Convert points, shape (n, 2), from the holder frame to the block frame, in mm."""
         shifted = np.asarray(xy_mm, dtype=np.float64) - np.array(self.origin_mm[:2])
         return np.asarray(shifted @ _TURNS[self.quarter_turns])
 
@@ -59,20 +59,21 @@ class Placement:
         return matrix
 
     def as_dict(self) -> dict[str, object]:
-        """Plain values for a manifest."""
+        """Return the placement as plain values for a manifest."""
         return {"origin_mm": list(self.origin_mm), "quarter_turns_ccw": self.quarter_turns}
 
 
 def turned_size_mm(size_mm: tuple[float, float], quarter_turns: int) -> tuple[float, float]:
-    """Sides along the holder's x and y of a block that is turned."""
+    """Return the sides of a turned block along the holder's x and y."""
     return size_mm if quarter_turns % 2 == 0 else (size_mm[1], size_mm[0])
 
 
 def block_stem(block: Block) -> str:
-    """What a fixture's name takes from a block's: preset, scale, then sides and key where they are not the default.
+    """Return the part of a block's name that its fixtures share.
 
-    Texture, mapping, sampling, label and copy change nothing that a fixture touches.
+    This is the preset and the scale, then sides and key if they are not the default. The texture, the mapping, the
+    sampling, the label and the copy of a block do not matter for its fixtures.
     """
     preset, scale, *others = block.name.removeprefix(f"{block.texture.name}_").split("_")
-    kept = [one for one in others if one[0].isdigit() or one.startswith("key")]
+    kept = [word for word in others if word[0].isdigit() or word.startswith("key")]
     return "_".join([preset, scale, *kept])

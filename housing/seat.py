@@ -1,4 +1,7 @@
-"""How the jig sits on a holder, in the holder frame: lips round its edge, arms on its rim, recesses over its blocks."""
+"""The jig without its markers, in the holder frame.
+
+It has lips around the edge of the holder, arms that rest on the holder's rim, and recesses over the blocks.
+"""
 
 from __future__ import annotations
 
@@ -12,17 +15,17 @@ from housing.marks import DEPTH_MM
 from housing.shapes import Rectangle
 from tacbench_cad.util.types import Floats
 
-#: Air between a block's highest point and the jig: the jig rests on the holder's rim alone, in mm.
+#: The gap between a block's highest point and the jig, in mm. So the jig rests only on the holder's rim.
 AIR_MM = 0.3
-#: The recess over a block is this much wider than the pocket on each side, in mm.
+#: How much wider than the pocket the recess over a block is, on each side, in mm.
 RECESS_MM = 0.5
-#: Thickness over the recess, in mm.
+#: The thickness of the jig above the recess, in mm.
 ROOF_MM = 2.0
-#: Thickness of the lips round the holder's edge, in mm.
+#: The thickness of the lips around the holder's edge, in mm.
 LIP_MM = 2.4
-#: How far the lips reach down the holder's edge where it is high enough, in mm.
+#: How far the lips extend below the holder's rim if the holder is high enough, in mm.
 LIP_DEPTH_MM = 3.0
-#: Radius that is kept free for a screw's head and washer, in mm.
+#: The radius of the free space for the head and the washer of a screw, in mm.
 SCREW_HEAD_MM = 4.5
 
 
@@ -31,8 +34,8 @@ class Seat:
     """The jig without its markers.
 
     Args:
-        holder: The holder that it sits on.
-        clearance_mm: Clearance per side between lips and holder along x and y.
+        holder: The holder that the jig rests on.
+        clearance_mm: The clearance per side between lips and holder along x and y.
     """
 
     holder: Holder
@@ -40,44 +43,44 @@ class Seat:
 
     @property
     def rest_mm(self) -> float:
-        """Height z of the plane on which it rests, the holder's rim, in mm."""
+        """The height z of the holder's rim, on which the jig rests, in mm."""
         return self.holder.size_mm[2]
 
     @property
     def recess_depth_mm(self) -> float:
-        """Height of the recesses above the rim, in mm."""
+        """The height of the recesses above the rim, in mm."""
         return self.holder.rim_height_mm + AIR_MM
 
     @property
     def roof_mm(self) -> tuple[float, float]:
-        """Heights z of the plate's lower and upper face over the blocks, in mm."""
+        """The heights z of the jig's lower and upper face over the blocks, in mm."""
         ceiling = self.rest_mm + self.recess_depth_mm
         return (ceiling, ceiling + ROOF_MM)
 
     @property
     def lip_depth_mm(self) -> float:
-        """How far the lips reach below the rim; they end 1 mm above the bed at least."""
+        """How far the lips extend below the rim, in mm. They end at least 1 mm above the bed."""
         return min(LIP_DEPTH_MM, self.rest_mm - 1.0)
 
     @property
     def bottom_mm(self) -> float:
-        """Height z of the lips' lower ends, in mm."""
+        """The height z of the lower ends of the lips, in mm."""
         return self.rest_mm - self.lip_depth_mm
 
     @property
     def inner(self) -> Rectangle:
-        """Inner faces of the lips."""
+        """The rectangle of the inner faces of the lips."""
         x, y, _ = self.holder.size_mm
         return Rectangle(low=(0.0, 0.0), high=(x, y)).grown(*self.clearance_mm)
 
     @property
     def outer(self) -> Rectangle:
-        """Outer faces of the lips."""
+        """The rectangle of the outer faces of the lips."""
         return self.inner.grown(LIP_MM, LIP_MM)
 
     @property
     def notches(self) -> tuple[Rectangle, ...]:
-        """Corners that are left out above the screws' heads: low low, high low, low high, high high."""
+        """The corners that are left out for the heads of the screws, in the order of the holder's screws."""
         (x0, y0), (x1, y1) = self.outer.low, self.outer.high
         a, b, c, d = (bore.at_mm for bore in self.holder.screws)
         r = SCREW_HEAD_MM
@@ -90,17 +93,17 @@ class Seat:
 
     @property
     def recesses(self) -> tuple[Rectangle, ...]:
-        """Recesses over the pockets."""
+        """The recesses over the pockets."""
         return tuple(pocket.grown(RECESS_MM, RECESS_MM) for pocket in self.holder.pockets)
 
     @property
     def lip_lengths_mm(self) -> tuple[float, ...]:
-        """Lengths of the lips between the notches: at low y, high y, low x, high x."""
+        """The lengths of the lips between the notches, at low y, high y, low x and high x, in mm."""
         a, b, c, d = self.notches
         return (b.low[0] - a.high[0], d.low[0] - c.high[0], c.low[1] - a.high[1], d.low[1] - b.high[1])
 
     def outline(self) -> Floats:
-        """The outline, counter-clockwise, shape (12, 2), in mm."""
+        """Return the outline, counter-clockwise, shape (12, 2), in mm."""
         (x0, y0), (x1, y1) = self.outer.low, self.outer.high
         a, b, c, d = self.notches
         low_y = [(a.high[0], y0), (b.low[0], y0), (b.low[0], b.high[1])]
@@ -111,7 +114,7 @@ class Seat:
 
     @property
     def walls_mm(self) -> Mapping[str, float]:
-        """What each wall is, and its thickness in mm."""
+        """The name and the thickness of each wall, in mm."""
         (x0, y0), (x1, y1) = self.outer.low, self.outer.high
         arms = [min(r.low[0] - x0, r.low[1] - y0, x1 - r.high[0], y1 - r.high[1]) for r in self.recesses]
         pinches = [gap for n in self.notches for r in self.recesses if (gap := n.apart_mm(r)) is not None]
@@ -129,7 +132,7 @@ class Seat:
 
     @property
     def volume_mm3(self) -> float:
-        """Arms, lips and roof less what is hollow under them, in mm^3."""
+        """The volume of arms, lips and roof, in mm^3."""
 
         def covered(plan: Rectangle) -> float:
             return plan.area_mm2 - sum(plan.common(notch).area_mm2 for notch in self.notches)

@@ -1,6 +1,7 @@
-"""Dimension drawings of holder, jig and coupon: outlines from the part's own mesh, numbers from its specification.
+"""Dimension drawings of holder, jig and coupon.
 
-A drawing as PDF::
+The outlines come from the mesh of the part, and the numbers from its specification. This example writes a drawing as
+PDF::
 
     from pathlib import Path
     from housing.drawings import holder_drawing
@@ -28,7 +29,7 @@ def fixture_drawing(fixture: Holder | Jig | Coupon) -> Drawing:
     """Draw a holder, a jig or a coupon.
 
     Raises:
-        MissingToolError: The CAD kernel is not there.
+        MissingToolError: The CAD kernel is not installed.
     """
     if isinstance(fixture, Holder):
         return holder_drawing(fixture)

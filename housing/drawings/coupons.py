@@ -11,18 +11,15 @@ from housing.lettering import HEIGHT_MM
 from tacbench_cad.render.drawing.cuts import Cuts
 from tacbench_cad.render.drawing.sheet import Callout, Dimension, Drawing, View, length
 
-#: Accepted deviation of the stub: what is left is for the fit to find, in mm.
+#: The accepted deviation of the stub, in mm. The fit compensates smaller deviations.
 _ACCEPTED_MM = 0.2
 
 
 def coupon_drawing(coupon: Coupon) -> Drawing:
-    """Draw a coupon: the plan, a section through its pockets, and one through stub and tab.
-
-    Args:
-        coupon: The coupon.
+    """Draw a coupon: the plan, a section through the pockets, and a section through stub and tab.
 
     Raises:
-        MissingToolError: The CAD kernel is not there.
+        MissingToolError: The CAD kernel is not installed.
     """
     cuts = Cuts(coupon.part().mesh[0])
     (x, y, top), stub, tab, pockets = coupon.plate_mm, coupon.stub, coupon.tab, coupon.pockets
@@ -61,14 +58,14 @@ def coupon_drawing(coupon: Coupon) -> Drawing:
     ]
     return Drawing(
         report=str(coupon),
-        facts=("size", "stub", "tab", "numerals", "least wall"),
+        facts=("size", "stub", "tab", "numerals", "thinnest wall"),
         plan=plan,
         front=View(cuts.front(section_y), front),
         side=View(cuts.right(section_x), side),
         notes=[
             "Fits: " + ", ".join(f"{name} {length(clearance)}" for name, clearance in FITS.items()) + " mm per side.",
             "Pockets, x by y: " + ", ".join(" x ".join(map(length, pocket.size_mm)) for pocket in pockets) + ".",
-            "Snap the stub off at its tab and try it in each pocket, lower end first, its long side along the row.",
-            f"Print as drawn. No supports: the tab bridges {length(GAP_MM)} mm.",
+            "Snap off the stub and try it in each pocket, with its lower end down and its long side along the row.",
+            f"Print as drawn, without supports. The tab bridges {length(GAP_MM)} mm.",
         ],
     )

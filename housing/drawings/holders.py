@@ -10,20 +10,17 @@ from tacbench_cad.render.drawing.blocks import BLOCK_ACCEPTED_MM
 from tacbench_cad.render.drawing.cuts import Cuts
 from tacbench_cad.render.drawing.sheet import Callout, Circle, Dimension, Drawing, Point, Side, View, length, sides
 
-#: Least radius of the detail, in mm, and what it shows beyond the rim.
+#: The smallest radius of the detail, and how far the detail extends beyond the rim, in mm.
 _DETAIL_MM, _BEYOND_MM = 3.0, 1.5
-#: Where the pitches of pockets stand.
+#: The sides of the plan that show the pitch of the pockets along x and y.
 _OPPOSITE: tuple[Side, Side] = ("bottom", "right")
 
 
 def holder_drawing(holder: Holder) -> Drawing:
-    """Draw a holder: the plan, a section through its first pocket, and how a block stands in it.
-
-    Args:
-        holder: The holder.
+    """Draw a holder: the plan, a section through the first pocket, and a detail of a block in its pocket.
 
     Raises:
-        MissingToolError: The CAD kernel is not there.
+        MissingToolError: The CAD kernel is not installed.
     """
     cuts = Cuts(holder.part().mesh[0])
     top, floor, first = holder.size_mm[2], holder.layout.floor_mm, holder.pockets[0]
@@ -42,13 +39,13 @@ def holder_drawing(holder: Holder) -> Drawing:
     axes = [np.array([(x, -1.5), (x, floor + 1.5)]) for x in holes]
     return Drawing(
         report=str(holder),
-        facts=("plate", "pocket", "clearance", "goes in at", "least wall"),
+        facts=("plate", "pocket", "clearance", "orientations", "thinnest wall"),
         plan=_plan(holder, cuts, section_y),
         front=View({**section, "axis": axes}, front, circle=circle),
         side=View(section, *_detail(holder, circle), within=circle),
         notes=[
-            "Thin chain line: the block, up to its highest point. The rim is how far the holder's top lies below it.",
-            "Print as drawn, pockets upward. No supports.",
+            "Thin chain line: the block, up to its highest point. Rim: the height from the holder's top to that point.",
+            "Print as drawn, with the pockets up, without supports.",
         ],
     )
 
@@ -71,7 +68,7 @@ def _plan(holder: Holder, cuts: Cuts, section_y: float) -> View:
             dimensions.append(Dimension(f"pocket pitch {'xy'[axis]}", pocket[axis].start, beside[axis].start, side))
     a, b, c, d = (bore.at_mm for bore in holder.screws)
     rows: list[tuple[int, Side, Point, Point]] = [(0, "top", c, d), (1, "left", a, c)]
-    # The other row and the other column only where they differ.
+    # The other row and the other column get dimensions only if they differ.
     rows += [(0, "bottom", a, b)] if (a[0], b[0]) != (c[0], d[0]) else []
     rows += [(1, "right", b, d)] if (a[1], c[1]) != (b[1], d[1]) else []
     for axis, side, start, end in rows:
@@ -96,10 +93,10 @@ def _plan(holder: Holder, cuts: Cuts, section_y: float) -> View:
 
 
 def _detail(holder: Holder, circle: Circle) -> tuple[list[Dimension], list[Callout], list[tuple[Point, str]]]:
-    """Clearance and rim, no callouts, and which part is which."""
+    """Return the dimensions of clearance and rim, no callouts, and the labels of the parts."""
     (wall, top), r = circle.centre, circle.radius
     block, rim = wall + holder.clearance_mm[0], top + holder.rim_height_mm
-    # Between floor and rim, and inside of the circle.
+    # The height of this dimension is between floor and rim, and inside the circle.
     z = top - min(r, holder.pocket_size_mm[2]) / 2.0
     dimensions = [
         Dimension("clearance", (wall, z), (block, z), "bottom", form="clearance {}"),

@@ -1,4 +1,4 @@
-"""The drawing of a jig, as it is used: in the holder frame, its marked face up."""
+"""The drawing of a jig in its place of use: in the holder frame, with the marked face up."""
 
 from __future__ import annotations
 
@@ -14,18 +14,15 @@ from tacbench_cad.render.drawing.cuts import Cuts
 from tacbench_cad.render.drawing.sheet import Callout, Circle, Dimension, Drawing, Point, Side, View, length, sides
 from tacbench_cad.util.types import Floats
 
-#: Accepted deviation of the press grid's sides, in mm.
+#: The accepted deviation of the sides of the press grid, in mm.
 _GRID_ACCEPTED_MM = 0.05
 
 
 def jig_drawing(jig: Jig) -> Drawing:
     """Draw a jig: the plan, a section through the first row of holes, and the markers of one block.
 
-    Args:
-        jig: The jig.
-
     Raises:
-        MissingToolError: The CAD kernel is not there.
+        MissingToolError: The CAD kernel is not installed.
     """
     cuts = Cuts(jig.part().mesh[0].transformed(jig.from_print))
     seat, grid, section_y = jig.seat, jig.grid, jig.bores[0].at_mm[1]
@@ -56,28 +53,28 @@ def jig_drawing(jig: Jig) -> Drawing:
         front=_front(jig, cuts, section_y),
         side=View({"fine": markers}, *_detail(jig), within=circle),
         notes=[
-            "Drawn as it is used. Thin chain line: holder and blocks, up to their highest points. "
+            "Drawn in its place of use. Thin chain line: holder and blocks, up to their highest points. "
             f"The jig rests on the holder's rim, {length(AIR_MM)} mm above the blocks.",
             "X0 and Y0 mark the block's edges x = 0 and y = 0.",
-            "Print upside down, marked face on the bed. No supports.",
+            "Print upside down, with the marked face on the bed, without supports.",
         ],
     )
 
 
 def _is_outline(loop: Floats, jig: Jig) -> bool:
-    """Whether a loop is the jig's own outline."""
+    """Return whether a loop is the outline of the jig."""
     return bool(np.ptp(loop[:, 0]) > jig.size_mm[0] - 1e-3)
 
 
 def _in_holder(jig: Jig, points_mm: ArrayLike) -> list[Point]:
-    """Points of the first block in the holder frame."""
+    """Convert points from the frame of the first block to the holder frame."""
     return [(float(x), float(y)) for x, y in jig.holder.block_placements()[0].to_holder(points_mm)]
 
 
 def _datum(jig: Jig) -> list[Dimension]:
-    """From the lines that mark the first block's edges to its first hole."""
+    """Return the dimensions from the first block's datum lines to its first hole."""
     x, y = jig.holder.block.size_mm
-    # Only one coordinate of a line counts: the other is where it happens to lie.
+    # Only one coordinate of each datum line is used. The other is the middle of the line.
     lines = ((0.0, y - 1.0 + DATUM_MM / 2.0), (x - 4.0 - DATUM_MM / 2.0, 0.0))
     line_x, line_y, hole = _in_holder(jig, np.array([*lines, jig.holes_mm[0]]))
     at: tuple[Side, Side] = ("right", "bottom") if jig.holder.turns % 2 else ("bottom", "right")
@@ -104,10 +101,10 @@ def _front(jig: Jig, cuts: Cuts, section_y: float) -> View:
 
 
 def _detail(jig: Jig) -> tuple[list[Dimension], list[Callout]]:
-    """The markers of one block."""
+    """Return the dimensions and callouts of the markers of one block."""
     bore, grid, spans = jig.bores[0], jig.grid, ("columns", "rows")
     (x0, x1), (y0, y1) = ((places[0], places[-1]) for places in (grid.x_mm, grid.y_mm))
-    # A point on the tick beyond the last marker of the first row.
+    # This point is on the tick beyond the last marker of the first row.
     tick = (x1 + bore.widest_mm / 2.0 + jig.nozzle_mm + 0.5, y0)
     low, right, up, hair, hole = _in_holder(jig, np.array([(x0, y0), (x1, y0), (x0, y1), tick, jig.holes_mm[-1]]))
     dimensions = []

@@ -1,4 +1,4 @@
-"""Holder, blocks and jig put together: nothing collides, clearances are as named, markers are over the presses."""
+"""Assemblies: the parts do not collide, the clearances are the stated ones, and markers are at press positions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.solids import tessellate
 from tacbench_cad.spec.block import Block
 
-#: Volume that rounding to float32 may leave where faces touch: far below 0.001 mm times the plate's sides, in mm^3.
+#: The largest common volume of touching parts, caused by rounding to float32, in mm^3. It is far below 0.001 mm times
+#: the sides of the plate.
 TOUCHING_MM3 = 0.01
 
 CASES = [
@@ -34,14 +35,14 @@ TRAY = Holder(block=Block.of(1, key_mm=3.0), slots=6)
 
 @cache
 def meshed(holder: Holder) -> tuple[Jig, manifold3d.Manifold, manifold3d.Manifold]:
-    """The jig of a holder, the holder's mesh and that of the jig where it is used."""
+    """Return the jig of a holder, the mesh of the holder, and the mesh of the jig in its place of use."""
     shared = {each.holder: each for each in (JIG, KEYED_JIG)}
     jig = shared.get(holder) or Jig(holder=holder)
     return jig, manifold(holder.part().mesh[0]), manifold(tessellate(jig.solid_in_use()))
 
 
 def placed(block: Block, place: Placement, shift: tuple[float, float] = (0.0, 0.0)) -> manifold3d.Manifold:
-    """The block's prism where it lies in the holder, and shifted in it."""
+    """Return the prism of the block in its place in the holder, shifted."""
     x, y, z = place.origin_mm
     return block_prism(block).rotate((0.0, 0.0, 90.0 * place.quarter_turns)).translate((x + shift[0], y + shift[1], z))
 
@@ -57,13 +58,13 @@ def test_nothing_collides_and_markers_are_over_their_positions(holder: Holder) -
     for block in blocks:
         assert (plate ^ block).volume() < TOUCHING_MM3
         assert (seated ^ block).volume() < TOUCHING_MM3
-        # The block's highest point stands out by the rim, and 0.3 mm of air are left above it.
+        # The block's highest point is above the rim by the stated height, and the jig is 0.3 mm above that point.
         top = block.bounding_box()[5]
         assert top - holder.size_mm[2] == pytest.approx(holder.rim_height_mm, abs=1e-5)
         raised = block.translate((0.0, 0.0, 0.29))
         assert (seated ^ raised).volume() < TOUCHING_MM3
         assert (seated ^ block.translate((0.0, 0.0, 0.32))).volume() > 1.0
-    # Pressed down by 0.02 mm, the jig meets the rim at once: that is what it rests on.
+    # If the jig is moved down by 0.02 mm, it touches the rim: the jig rests on the rim.
     assert (plate ^ seated.translate((0.0, 0.0, -0.02))).volume() > 1.0
     _markers_are_over_their_positions(jig)
 
@@ -82,7 +83,7 @@ def _markers_are_over_their_positions(jig: Jig) -> None:
 
 @pytest.mark.parametrize("holder", CASES, ids=lambda holder: holder.name)
 def test_clearances_are_as_named(holder: Holder) -> None:
-    """A block, and the jig, can be shifted by the named clearance to every side and no further."""
+    """A block and the jig can be shifted by the stated clearance to every side, but no further."""
     jig, plate, seated = meshed(holder)
     for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
         (cx, cy), (jx, jy) = holder.clearance_mm, jig.clearance_mm
@@ -134,7 +135,7 @@ def test_printed_and_seated_are_the_same_part() -> None:
 
 
 def test_a_real_block_of_the_formula_fits() -> None:
-    """The textured block itself, not its prism, with texture 4's overshoot."""
+    """The textured block itself, with the overshoot of texture 4, and not only its prism."""
     from tacbench_cad.geometry.block_mesh import mesh_block
 
     holder = KEYED  # of a block of the same size
@@ -147,7 +148,7 @@ def test_a_real_block_of_the_formula_fits() -> None:
     assert (block ^ seated).volume() < TOUCHING_MM3
 
 
-#: One keyed block, and one without a key, both turned.
+#: A block with a key and a block without a key, both turned.
 QUICK_SEEDS = (0, 8)
 
 
@@ -163,7 +164,7 @@ def test_many_random_assemblies(seed: int) -> None:
 
 
 def _random_assembly(seed: int) -> None:
-    """Any scale, key, fit, rim, turn and number of slots: sound parts that go together."""
+    """For any scale, key, fit, rim, turn and number of slots, the parts are valid and fit together."""
     rng = np.random.default_rng(seed)
     scale = round(float(rng.uniform(0.74, 2.5)), 3)
     key = None if rng.random() < 0.5 else round(float(rng.uniform(1.2, 23.3 * scale / 3.0)), 2)

@@ -1,4 +1,4 @@
-"""The fit coupon: its pockets have the clearances that its numerals name."""
+"""The fit coupon: its pockets have the clearances that its numerals state."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_mesh_and_solid_are_what_is_stated() -> None:
     assert part.name == part.kind == "coupon"
     assert part.genus == 0
     json.dumps(part.spec, allow_nan=False)
-    # Only the tab hangs: it bridges 2 mm.
+    # Only the tab is an overhang: it bridges 2 mm.
     assert overhang_heights(part.mesh[0]) == {round(COUPON.tab_height_mm[0], 3)}
 
 
@@ -49,10 +49,10 @@ def test_the_stub_goes_in_with_the_named_clearance(index: int) -> None:
 def test_the_stub_stands_beside_the_plate_and_is_joined_above_the_pockets_depth() -> None:
     solid = manifold(COUPON.part().mesh[0])
     assert len(solid.decompose()) == 1
-    # Just above the tab's underside plate and stub are one, and no numeral is cut yet.
+    # Just above the tab's underside, plate and stub are connected, and there are no numerals yet.
     for height, pieces in ((DEPTH_OF_POCKET_MM, 2), (COUPON.tab_height_mm[0] + 0.1, 1)):
         assert len(solid.slice(height).decompose()) == pieces
-    # Where the tab broke off does not go into a pocket.
+    # The place where the tab breaks off does not go into a pocket.
     assert COUPON.tab_height_mm[0] > DEPTH_OF_POCKET_MM
 
 

@@ -1,4 +1,4 @@
-"""CadQuery: holder, jig and coupon as solids, on workplanes, and put together."""
+"""CadQuery: holder, jig and coupon as solids, on workplanes, and in assemblies."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ def test_the_assembly_is_that_of_the_joints() -> None:
 
 
 def test_what_does_not_go_together_is_refused() -> None:
-    with pytest.raises(InputError, match="does not go into"):
+    with pytest.raises(InputError, match="does not fit into"):
         plugin.assembled(HOLDER, [Block.of(1)])
     with pytest.raises(InputError, match="2 slots"):
         plugin.assembled(HOLDER, [HOLDER.block] * 3)
-    with pytest.raises(InputError, match="is not made for"):
+    with pytest.raises(InputError, match="does not fit onto"):
         plugin.assembled(Holder(block=HOLDER.block), jig=JIG)
 
 

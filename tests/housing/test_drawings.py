@@ -1,4 +1,4 @@
-"""The drawings of holder, jig and coupon: their numbers are the mesh's, and their words lie clear of each other."""
+"""The drawings of holder, jig and coupon: the numbers agree with the mesh, and the texts do not overlap."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def drawing_of(name: str) -> Drawing:
 
 @pytest.mark.parametrize("name", DRAWINGS)
 def test_every_number_is_the_distance_on_the_mesh(name: str) -> None:
-    """Circles are met by chords; everything else is flat and as exact as a float32."""
+    """Circles are approximated by chords; everything else is flat and as exact as a float32."""
     drawing = drawing_of(name)
     assert faults(drawing, CHORD_MM + 1e-4) == []
     assert clashes(drawing) == []
@@ -73,7 +73,7 @@ def test_a_holders_numbers_are_its_specifications() -> None:
 
 
 def test_all_four_screw_holes_of_the_authors_are_placed() -> None:
-    """Theirs are not symmetrical: two rows and two columns have numbers of their own where they differ."""
+    """The authors' screw holes are not symmetrical: rows and columns that differ have their own dimensions."""
     places = {(axis, round(bore.at_mm[axis], 6)) for bore in _RELEASED.screws for axis in (0, 1)}
     numbers = drawing_of("holder, released").plan.dimensions
     apart = [dimension for dimension in numbers if dimension.name.startswith("screw to screw")]
@@ -81,7 +81,7 @@ def test_all_four_screw_holes_of_the_authors_are_placed() -> None:
 
 
 def test_the_other_part_is_as_large_as_it_is() -> None:
-    """The thin outlines in a holder's section are its blocks, up to their highest points."""
+    """The thin outlines in a holder's section show its blocks, up to their highest points."""
     holder = Holder(block=_KEYED, slots=6)
     boxes = drawing_of("tray").front.outlines["other"]
     assert len(boxes) == 3

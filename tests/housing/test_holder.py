@@ -1,4 +1,4 @@
-"""The holder: dimensions, walls, key, and what it refuses."""
+"""The holder: dimensions, walls, key, and errors."""
 
 from __future__ import annotations
 
@@ -86,8 +86,8 @@ def test_slots_do_not_overlap_and_lie_in_the_plate(slots: int) -> None:
     holder = Holder(block=PAPER, slots=slots)
     assert len(holder.pockets) == len(holder.block_placements()) == holder.slots == slots
     x, y, _ = holder.size_mm
-    for one, other in itertools.combinations(holder.pockets, 2):
-        apart = one.apart_mm(other)
+    for a, b in itertools.combinations(holder.pockets, 2):
+        apart = a.apart_mm(b)
         assert apart is not None
         assert apart >= holder.web_mm - 1e-9
     for pocket in holder.pockets:
@@ -118,25 +118,25 @@ def test_released_is_the_authors_holder() -> None:
     floor = mesh.vertices[np.abs(mesh.vertices[:, 2] - 1.65) < 1e-5]
     assert floor[:, :2].min(axis=0) == pytest.approx((9.98, 30.51), abs=1e-5)
     assert floor[:, :2].max(axis=0) == pytest.approx((41.08, 60.51), abs=1e-5)
-    found = sorted((round(float(x), 6), round(float(y), 6), r) for r, (x, y) in cylinders(holder.solid()))
-    assert found == [(3.31, 62.13, 2.0), (3.57, 3.10, 2.0), (42.31, 3.10, 2.0), (42.31, 62.13, 2.0)]
-    # The block's y along the plate's x: 1.1 and 0.7 mm in all; the other way 1.8 and 0.0.
+    holes = sorted((round(float(x), 6), round(float(y), 6), r) for r, (x, y) in cylinders(holder.solid()))
+    assert holes == [(3.31, 62.13, 2.0), (3.57, 3.10, 2.0), (42.31, 3.10, 2.0), (42.31, 62.13, 2.0)]
+    # With the block's y along the plate's x, the total clearances are 1.1 and 0.7 mm; otherwise 1.8 and 0.0 mm.
     assert holder.clearance_mm == pytest.approx((0.55, 0.35), abs=1e-9)
     other = Holder(block=block, preset="released", quarter_turns=0)
     assert other.clearance_mm == pytest.approx((0.9, 0.0), abs=1e-9)
     assert other.name != holder.name
-    assert any("our reading" in note for note in holder.spec()["notes"])
+    assert any("our assumption" in note for note in holder.spec()["notes"])
     assert holder.admits_deg == (0, 90, 180, 270)
-    # One hole comes within a hair of the pocket: stated, not hidden.
+    # One hole nearly touches the pocket, and the holder states this.
     assert holder.min_wall_mm == pytest.approx(math.hypot(42.31 - 41.08, 62.13 - 60.51) - 2.0, abs=1e-9)
 
 
-def test_released_refuses_what_is_not_as_measured() -> None:
+def test_released_cannot_be_changed() -> None:
     block = Block.of(1, "released")
     for option in ({"fit": "loose"}, {"rim_mm": 1.0}, {"slots": 2}, {"floor_mm": 2.0}):
         text = refusal(block=block, preset="released", **option)
         assert str(next(iter(option.values()))) in text
-        assert "as measured" in text
+        assert "use the preset fitted" in text
     assert "31.1 x 30 mm" in refusal(preset="released")
     assert "58.6" in refusal(block=Block.of(1, "released", scale=2.0), preset="released")
     assert "no key" in refusal(block=Block.of(1, "released", key_mm=3.0), preset="released")
@@ -171,13 +171,13 @@ def test_refusals_name_the_numbers(options: dict[str, object], words: list[str])
         assert word in text
 
 
-def test_nozzle_sets_the_least_wall() -> None:
-    assert "2 mm is needed" in refusal(nozzle_mm=1.0, web_mm=1.9, slots=2)
+def test_nozzle_sets_the_smallest_wall() -> None:
+    assert "at least 2 mm" in refusal(nozzle_mm=1.0, web_mm=1.9, slots=2)
     assert Holder(block=PAPER, nozzle_mm=0.8, web_mm=1.6, slots=2).walls_mm["wall between pockets"] == 1.6
 
 
 def test_every_stated_wall_is_there() -> None:
-    """The plate, shrunk by half of the least wall from all sides, still reaches everywhere: nothing is thinner."""
+    """An opening of the plate by half of the thinnest wall removes nothing, so no wall is thinner than stated."""
     holder = Holder(block=KEYED, slots=2, margin_mm=8.0, web_mm=1.7)
     assert holder.min_wall_mm == min(holder.walls_mm.values()) == 1.65
     section = manifold(holder.part().mesh[0]).slice(holder.size_mm[2] - 1.0)
@@ -190,8 +190,8 @@ def test_every_stated_wall_is_there() -> None:
 
 
 @pytest.mark.parametrize("fit", [*FITS, 0.0, 0.2])
-def test_only_one_orientation_goes_into_a_keyed_pocket(fit: str | float) -> None:
-    """All four quarter turns, shifted and tilted within the clearance, against the pocket's outline."""
+def test_a_block_with_a_key_fits_in_one_orientation(fit: str | float) -> None:
+    """Compare the block with the pocket's outline in all four orientations, shifted and tilted in the clearance."""
     c = clearance_mm(fit)
     rng = np.random.default_rng(3)
     for size in ((23.3, 30.0), (30.0, 30.0), (30.0, 30.0 + 1.9 * c)):
@@ -204,7 +204,7 @@ def test_only_one_orientation_goes_into_a_keyed_pocket(fit: str | float) -> None
                 assert not _goes_in(outline_of(block), pocket, turns, c, rng)
 
 
-def test_a_smaller_key_would_let_a_half_turn_in_and_is_refused() -> None:
+def test_a_key_that_allows_a_half_turn_is_refused() -> None:
     rng = np.random.default_rng(4)
     for fit, c in FITS.items():
         least = min_key_mm(PAPER, fit)
@@ -213,7 +213,7 @@ def test_a_smaller_key_would_let_a_half_turn_in_and_is_refused() -> None:
         text = refusal(block=block, fit=fit)
         assert f"above {least:.4g} mm" in text
         assert f"{c:g} mm per side" in text
-        # What the refused holder's pocket would have been: made with the next larger key, the corner moved back.
+        # The pocket of the refused holder: the pocket for the next larger key, with its corner moved back.
         pocket = Holder(block=Block.of(1, key_mm=least + 0.01), fit=fit).pocket_outline()
         pocket[1, 0] += 0.02
         pocket[2, 1] -= 0.02
@@ -221,10 +221,10 @@ def test_a_smaller_key_would_let_a_half_turn_in_and_is_refused() -> None:
 
 
 def _goes_in(outline: np.ndarray, pocket: np.ndarray, turns: int, c: float, rng: np.random.Generator) -> bool:
-    """Whether a turned outline fits into a convex pocket at any of many shifts and small tilts.
+    """Return whether a turned outline fits into a convex pocket with any shift and any of many small tilts.
 
-    For an outline turned by an angle the possible shifts form a polygon; its emptiness is a linear programme with
-    one bound for each edge of the pocket, solved exactly. Tilts are sampled.
+    For a given angle the possible shifts form a polygon. A linear programme with one bound for each edge of the pocket
+    decides exactly whether the polygon is empty. The tilts are sampled.
     """
     from scipy.optimize import linprog
 
@@ -241,7 +241,7 @@ def _goes_in(outline: np.ndarray, pocket: np.ndarray, turns: int, c: float, rng:
     return False
 
 
-def test_only_one_orientation_goes_in_as_solids() -> None:
+def test_solids_fit_in_one_orientation() -> None:
     holder = Holder(block=Block.of(1, size_mm=(30.0, 30.0), key_mm=0.6))
     pocketed, prism = manifold(holder.part().mesh[0]), block_prism(holder.block)
     x, y = holder.block.size_mm
@@ -260,13 +260,13 @@ def test_only_one_orientation_goes_in_as_solids() -> None:
         assert least < 1e-3 if turns == 0 else least > 0.01
 
 
-def test_unkeyed_pockets_say_what_they_admit() -> None:
+def test_holders_without_a_key_state_the_possible_orientations() -> None:
     assert Holder(block=PAPER).admits_deg == (0, 180)
     assert Holder(block=KEYED).admits_deg == (0,)
     nearly_square = Block.of(1, size_mm=(30.0, 30.25))
     assert Holder(block=nearly_square).admits_deg == (0, 90, 180, 270)
     assert Holder(block=nearly_square, fit="press").admits_deg == (0, 180)
-    assert any("0, 90, 180, 270" in note for note in Holder(block=nearly_square).spec()["notes"])
+    assert any("0 or 90 or 180 or 270" in note for note in Holder(block=nearly_square).spec()["notes"])
 
 
 def test_different_holders_never_share_a_name() -> None:
@@ -306,9 +306,9 @@ def test_numbers_need_no_cad_and_travel_to_another_process() -> None:
         "from housing.coupon import Coupon\nfrom housing.holder import Holder\nfrom housing.jig import Jig\n"
         "from tacbench_cad.spec.block import Block\n"
         "holder = Holder(block=Block.of(1), slots=2)\n"
-        "for one in (holder, Jig(holder=holder), Coupon()):\n"
-        "    str(one), one.part().spec\n"
-        "    assert str(pickle.loads(pickle.dumps(one))) == str(one)\n"
+        "for fixture in (holder, Jig(holder=holder), Coupon()):\n"
+        "    str(fixture), fixture.part().spec\n"
+        "    assert str(pickle.loads(pickle.dumps(fixture))) == str(fixture)\n"
         "heavy = {'OCP', 'cadquery', 'build123d', 'matplotlib', 'scipy.optimize'} & set(sys.modules)\n"
         "assert not heavy, heavy\n"
     )

@@ -1,4 +1,4 @@
-"""The grid-marker jig: markers, walls, what it refuses, and how it prints."""
+"""The grid-marker jig: markers, walls, errors, and overhangs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ def refusal(holder: Holder = HOLDER, **options: object) -> str:
 
 def test_a_grid_of_another_size_is_refused() -> None:
     grid = PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0))
-    assert refusal(press_grid=grid) == "press_grid = '2 x 2': must be 5 x 5 positions, which the marks are made for"
+    assert refusal(press_grid=grid) == (
+        "press_grid = '2 x 2': must be 5 x 5 positions, because the jig has marks for this grid only"
+    )
 
 
 @pytest.mark.parametrize(
@@ -46,7 +48,7 @@ def test_mesh_and_solid_are_what_is_stated(jig: Jig) -> None:
     require_sound(part)
     assert part.kind == "jig"
     json.dumps(part.spec, allow_nan=False)
-    # On the bed lies the marked face: only the grooves' floors hang, over 0.4 mm.
+    # The marked face is on the bed, so the only overhangs are the floors of the grooves, 0.4 mm above the bed.
     assert overhang_heights(part.mesh[0]) <= {DEPTH_MM}
 
 
@@ -92,7 +94,7 @@ def test_every_position_is_a_hole_or_lies_on_the_hairs_of_its_row_and_column(sca
             (grid.x_mm[-1] + ticks, y),
         ]
         assert all(is_engraved(np.array(end), jig.grooves) for end in ends)
-    open_ones = 0
+    incomplete = 0
     for x, y in jig.cross_hairs_mm:
         crossed = is_engraved(np.array([x, y]), jig.grooves)
         distance = np.linalg.norm(jig.holes_mm - (x, y), axis=1).min()
@@ -100,9 +102,9 @@ def test_every_position_is_a_hole_or_lies_on_the_hairs_of_its_row_and_column(sca
             assert crossed
         if distance < keep:
             assert not crossed
-        open_ones += not crossed
-    assert open_ones == jig.crossings_cut_short
-    assert (open_ones == 0) == (scale == 1.5)
+        incomplete += not crossed
+    assert incomplete == jig.crossings_cut_short
+    assert (incomplete == 0) == (scale == 1.5)
 
 
 @pytest.mark.parametrize("scale", [0.74, 0.8, 1.0, 1.5])
@@ -115,7 +117,7 @@ def test_hairs_keep_one_nozzle_off_the_lead_ins(scale: float) -> None:
 
 
 def test_walls_between_markers_are_measured_not_assumed() -> None:
-    """The marked face, opened with a disc of just the stated wall, loses nothing between markers; with more it does."""
+    """An opening of the marked face by a disc of the stated wall removes no wall, but a larger disc does."""
     jig = JIG
     assert jig.walls_mm["wall between markers"] == pytest.approx(0.4)
     section = manifold(jig.part().mesh[0]).slice(0.001)
@@ -157,7 +159,7 @@ def test_default_is_never_refused_at_scale_1() -> None:
 
 @pytest.mark.parametrize("count", [16, pytest.param(60, marks=pytest.mark.long)])
 def test_no_scale_is_refused_where_the_holes_have_room(count: int) -> None:
-    """Hairs that break off near holes and near each other never merge by accident at an odd scale."""
+    """Hairs with gaps near holes and near each other never merge, at any scale."""
     for scale in np.linspace(0.736, 3.2, count):
         jig = Jig(holder=Holder(block=Block.of(1, scale=float(scale))))
         assert jig.min_wall_mm >= 0.4 - 1e-6
@@ -168,12 +170,12 @@ def test_no_scale_is_refused_where_the_holes_have_room(count: int) -> None:
 @pytest.mark.parametrize(
     ("holder", "options", "words"),
     [
-        (Holder(block=Block.of(1, size_mm=(12.0, 20.0))), {}, ["12 x 20 mm", "9 x 23 mm", "leaves the block"]),
+        (Holder(block=Block.of(1, size_mm=(12.0, 20.0))), {}, ["12 x 20 mm", "9 x 23 mm", "too small"]),
         (HOLDER, {"marks": "most"}, ["jig", "most", "default, all"]),
         (HOLDER, {"nozzle_mm": 5.0}, ["nozzle", "5.0", "1.2 mm"]),
         (HOLDER, {"nozzle_mm": 0.8}, ["0.8 mm", "1.25 x 1.25 mm", "merge"]),
         (HOLDER, {"fit": "wide"}, ["fit", "wide"]),
-        (Holder(block=Block.of(1), margin_mm=10.0), {}, ["recess", "screw corner", "0.7071 mm", "mm is needed"]),
+        (Holder(block=Block.of(1), margin_mm=10.0), {}, ["recess", "screw corner", "0.7071 mm", "must be at least"]),
         (
             Holder(block=Block.of(1, size_mm=(60.0, 60.0))),
             {"press_grid": PressGrid(x_mm=(0.0, 2.0, 4.0, 6.0, 8.0), y_mm=(3.0, 5.0, 7.0, 9.0, 11.0))},

@@ -134,7 +134,7 @@ def test_what_the_option_means() -> None:
     assert one.thing.jig is not None and one.formats == ("3mf", "step")
     (left,) = plan(Request(assembly=True, slots=2)).left_out
     assert left.what == f"4 of 6 blocks in {one.thing.name}"
-    assert left.reason == "the holder has 2 slots, for texture-1, texture-2; --slots asks for more"
+    assert left.reason == "the holder has only 2 slots, used by texture-1, texture-2; use --slots for more"
     (copied,) = plan(Request(textures=("3", "2"), copies=2, assembly=True, slots=3)).assemblies
     assert [(block.texture.number, block.copy) for block in copied.thing.blocks] == [(3, 1), (2, 1), (3, 2)]
     assert plan(Request()).assemblies == ()
