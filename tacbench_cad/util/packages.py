@@ -36,8 +36,8 @@ class Package:
 
 #: The packages that may be missing.
 PACKAGES: tuple[Package, ...] = (
-    Package(distribution="numpy", module="numpy", extra=None, use="all numbers"),
-    Package(distribution="scipy", module="scipy", extra=None, use="splines and sparse tables"),
+    Package(distribution="numpy", module="numpy", extra=None, use="all calculations"),
+    Package(distribution="scipy", module="scipy", extra=None, use="splines and sparse matrices"),
     Package(distribution="manifold3d", module="manifold3d", extra=None, use="checks of every mesh"),
     Package(distribution="lib3mf", module="lib3mf", extra=None, use="3MF files"),
     Package(distribution="rich-click", module="rich_click", extra=None, use="the commands"),
