@@ -355,7 +355,7 @@ def test_contact_circles_lie_where_the_grid_says(tmp_path: Path) -> None:
 
 
 def test_a_grid_off_the_block_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="the press grid reaches"):
+    with pytest.raises(InputError, match="too small for the press grid"):
         pictures.texture_picture(Block.of(1, size_mm=(8.0, 30.0)), tmp_path / "press.png", press=True)
     assert not list(tmp_path.iterdir())
 

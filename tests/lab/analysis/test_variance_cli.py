@@ -134,7 +134,7 @@ def test_any_sensor_is_taken_in_its_unit(tmp_path: Path, capsys: pytest.CaptureF
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--ddof", "2"], "ddof = 2: allowed: 0, 1"),
+        (["--ddof", "2"], "ddof = 2: must be 0 or 1"),
         (["--ddof", "x"], "ddof = 'x'"),
         (["--jobs", "0"], "jobs = 0"),
         (["--seed", "-1"], "seed = -1"),
