@@ -75,6 +75,9 @@ def tacbench() -> None:
 
     Each command explains itself: tacbench COMMAND --help.
 
+    Exit codes: 0 done, 1 a check failed, 2 wrong input or a missing file or package, 3 a device failed and the run was
+    stopped safely, 130 interrupted.
+
     Examples:
       tacbench make                                # blocks, holder and jig
       tacbench plate --printer ender-3 --copies 6  # arrange them for printing
@@ -84,9 +87,6 @@ def tacbench() -> None:
       tacbench variance runs                       # how much do prints vary?
       tacbench classify runs                       # distinguish the textures
       tacbench report runs                         # everything on one page
-
-    Exit codes: 0 done, 1 a check failed, 2 wrong input or something is missing, 3 a device failed and the run was
-    stopped safely, 130 interrupted.
     """
 
 

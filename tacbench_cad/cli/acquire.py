@@ -28,7 +28,9 @@ _VIRTUAL = "With --virtual"
     "virtual-grbl or virtual-marlin. Default: virtual-grbl.",
     options.VIRTUAL_RIG,
 )
-@options.option("--speed", options.NUMBER, "Factor on real time. Default: 50.", options.VIRTUAL_RIG)
+@options.option(
+    "--speed", options.NUMBER, "Speed of the virtual rig; 1 is real time. Default: 50.", options.VIRTUAL_RIG
+)
 @options.out("DIR", "Folder of the runs. Default: the folder that the file names.")
 @options.option(
     "--init", options.file("FILE.toml"), "Write a study file in which every key is explained, and stop.", options.OUTPUT
@@ -52,8 +54,8 @@ def command(
     protocol, the rig or the sensor settings have changed since then, the command names the change and refuses to
     resume. When you press Ctrl-C or a device fails, the sensor is lifted if the stage still answers.
 
-    Exit codes: 0 done, 1 a complete run has faults, 2 wrong input, 3 a device failed and the run was stopped safely,
-    130 interrupted.
+    Exit codes: 0 done, 1 all presses were made but a run has faults, 2 wrong input, 3 a device failed and the run was
+    stopped safely, 130 interrupted.
 
     Examples:
       tacbench acquire --init study.toml     # write a study file to edit

@@ -74,7 +74,8 @@ def command(
     - the height error (rms) where the slope is below 1
     - the height error of an ideal staircase with the same layers
     - the sideways error on steeper walls
-    - peaks that are lost and valleys that are filled, by more than one layer
+    - the number of peaks that are more than one layer too low
+    - the number of valleys that are more than one layer too high
 
     The outermost 0.5 mm of the block are ignored. If you name several files, they are shown next to each other, for
     example to compare layer heights, nozzles or slicer settings.

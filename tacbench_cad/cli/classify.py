@@ -101,7 +101,9 @@ SWEPT = ("resolution", "components", "copies", "forces")
     "as-published none.",
     options.ADVANCED,
 )
-@options.flag("--clip", "Clip the added copies to 0 to 255. The text of the paper does not say.", options.ADVANCED)
+@options.flag(
+    "--clip", "Clip the added copies to 0 to 255. The paper does not say whether its authors clipped.", options.ADVANCED
+)
 @options.option("--depth", options.COUNT, "Maximum depth of the trees of the forest.", options.ADVANCED, default="50")
 @options.option(
     "--epochs", options.COUNT, "Epochs of the network. Default: 1500; for as-published 15000.", options.ADVANCED
@@ -145,7 +147,7 @@ def command(
 
     as-published repeats the computation of the authors' notebooks and shows the table of the paper next to your result.
     It trains on copy 1 of one combination of printer and filament at one force level, on edge images. It tests on all
-    copies, including copy 1. One more column shows the result without copy 1.
+    copies, including copy 1. One more column shows the result without copy 1, which was in training.
 
     The output folder gets classification.csv, confusion.csv, predictions.csv and figures (PNG, PDF). With --sweep it
     also gets sweep.csv and a curve. Each finished trial is stored in the folder, so the same command resumes after an

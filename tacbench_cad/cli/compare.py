@@ -16,7 +16,9 @@ from tacbench_cad.util.text import counted
 @options.argument(
     "a", options.file("A", completing.of_folders), "Runs of the first sensor, or the output folder of classify."
 )
-@options.argument("b", options.file("B", completing.of_folders), "The same of the second sensor.")
+@options.argument(
+    "b", options.file("B", completing.of_folders), "Runs of the second sensor, or the output folder of classify."
+)
 @options.option(
     "--estimator",
     options.words("LIST", "forest", "network"),
@@ -47,7 +49,7 @@ def command(
     leak-free, or a folder of runs. Runs are first classified with the default options.
 
     For each hold-out level you get the accuracy, the recall of each texture, and the differences with 95 % intervals
-    over prints. You also get the smallest difference that a study of this size finds in four of five repetitions.
+    over prints. You also get the smallest difference that a study of this size would detect with a probability of 80 %.
 
     If both sensors pressed the same prints (run folders with the same names), the prints are compared in pairs. Use
     --unpaired if the names are the same but the prints are not. You can also compare two estimators for the same

@@ -23,8 +23,8 @@ def command(shell: str) -> None:
     """Print the script for tab completion in your shell.
 
     After you have installed it, the tab key completes commands, options and values: textures, printers, run folders and
-    others. Type the line for your shell once and open a new terminal. In zsh, load the script after the line with
-    compinit.
+    others. Type the line for your shell once and open a new terminal. In ~/.zshrc, the line that loads the script must
+    come after compinit.
 
     Examples:
       tacbench completion bash > ~/.tacbench.bash    # bash: write the script

@@ -18,7 +18,7 @@ def command(repair: bool, json: bool) -> None:
     cadquery-ocp and cadquery-ocp-novtk overwrite each other's files. Another one is that a system library of the CAD
     kernel is missing.
 
-    An extra that is not installed is not a fault. The commands that need it tell you how to install it.
+    A missing optional package is not a fault. The commands that need it tell you how to install it.
 
     Examples:
       tacbench doctor

@@ -66,8 +66,9 @@ def command(
     - zarr, npz: arrays
     - tactile-data: the files that tactile_learning reads for each run
 
-    Except for tactile-data, a format has all frames of all runs and the columns of targets.csv. If it stores image
-    files, they are copied without change. Unknown values stay unknown. Simulated data are marked in every file.
+    Except for tactile-data, a format has the frames of all presses of all runs, and the columns of targets.csv. If it
+    stores image files, they are copied without change. Unknown values stay unknown. Simulated data are marked in every
+    file.
 
     The images of tactile-data are cut to a square, converted to grey, and resized to 128 x 128 pixels, because the
     models of that toolchain take such images.

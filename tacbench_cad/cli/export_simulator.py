@@ -28,9 +28,9 @@ FORMATS = ("mjcf", "urdf", "sdf", "usd", "glb", "obj", "npy", "png16", "taxim")
 def command(to: tuple[str, ...], textures: tuple[str, ...], preset: str, scale: float, out: Path, json: bool) -> None:
     """Write textures for simulators.
 
-    Each texture gets its own folder, with collision geometry that has the full relief. The README.md in the folder
-    states the coordinate frame, the scale, the units, the proved error against the formula, recommended contact
-    settings, and what was tested.
+    Each texture gets its own folder. Its collision geometry keeps the full relief. The README.md in the folder states
+    the coordinate frame, the scale, the units, a proved upper limit of the error against the formula, recommended
+    contact settings, and what was tested.
 
     A folder is written completely or not at all. A folder that has the same texture gets the new files. A folder that
     has another texture is refused.

@@ -332,7 +332,7 @@ scale = option("--scale", SCALE, "Factor for the sides, height, relief and press
 textures = option(
     "--texture",
     words("LIST", *TEXTURES, suffix=".toml"),
-    "Textures, for example 1,4: 1 to 6, all, or TOML files.",
+    "1 to 6, all, or TOML files; for example 1,4.",
     PARTS,
     dest="textures",
     default="all",
@@ -405,13 +405,18 @@ part = together(
     option(
         "--fit",
         text("FIT", "press", "slip", "loose"),
-        "Clearance of the pockets on each side: press, slip, loose, or a number in mm.",
+        "Clearance of the pockets on each side: press, slip, loose, or a number in mm. Default: slip.",
         FIXTURES,
     ),
-    option("--rim", MM, "Height of the block's top above the holder's rim.", FIXTURES, dest="rim_mm"),
-    option("--slots", COUNT, "Number of pockets of the holder.", FIXTURES),
+    option("--rim", MM, "Height of the block's top above the holder's rim. Default: 1.18.", FIXTURES, dest="rim_mm"),
+    option("--slots", COUNT, "Number of pockets of the holder. Default: 1.", FIXTURES),
     option("--nozzle", MM, "Nozzle that will print the fixtures. Default: 0.4.", FIXTURES, dest="nozzle_mm"),
-    option("--jig", choice("default", "all"), "Holes of the jig. all makes all 25, for a resin printer.", FIXTURES),
+    option(
+        "--jig",
+        choice("default", "all"),
+        "Holes of the jig: default (corners and centre) or all 25 positions, for a resin printer.",
+        FIXTURES,
+    ),
 )
 
 

@@ -59,14 +59,18 @@ def command(
     - a print record that you fill in when you print
 
     The copies of a texture are spread over the bed, so that an effect of the place is not mistaken for an effect of the
-    texture. The study file of "tacbench acquire" can refer to the layouts: layouts = ["plate01.csv"] replaces its keys
-    textures and prints.
+    texture. You can use the layouts in the study file of "tacbench acquire": there, the key layouts = ["plate01.csv"]
+    replaces the keys textures and prints.
 
     If you run the command again, it replaces the plates but keeps the print records that exist. If the folder contains
     more plates than the new request has, the command refuses: otherwise you could print an old plate by mistake.
 
-    A file with printers of your own has a table printer.NAME for each printer, with bed_mm (two sides), height_mm and
-    filaments, and optionally margin_mm and keep_out_mm.
+    A file with printers of your own has a table printer.NAME for each printer. Its keys are:
+    - bed_mm: the two sides of the bed
+    - height_mm: the largest height of a print
+    - filaments: the list of filaments
+    - margin_mm (optional): the distance to keep from the edge of the bed
+    - keep_out_mm (optional): rectangles X0, Y0, X1, Y1 of the bed to leave free
 
     Examples:
       tacbench plate --printer bambu-p1p --copies 6

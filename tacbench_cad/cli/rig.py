@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 def command() -> None:
     """Find devices, align the block, calibrate the load cell.
 
-    Only align moves the stage, and only by the steps that you type.
+    Only align moves the stage. It homes the stage, makes the steps that you type, and travels to the last two markers
+    by itself.
 
     Examples:
       tacbench rig probe             # names of ports and cameras
@@ -93,9 +94,10 @@ def probe(ask: tuple[str, ...], json: bool) -> None:
 def align(study_file: Path, tolerance_mm: float | None) -> None:
     """Find the origin of the block with the printed jig.
 
-    You move a pointer to four markers of the jig by typing steps (x 1.5, y -0.2, z -1). Then you move the sensor down
-    to the highest point of the block. The command fits the position and the rotation of the block, and prints the fit.
-    If a marker is too far from its place, the fit is refused.
+    You move a pointer to two markers of the jig by typing steps (x 1.5, y -0.2, z -1). The stage travels to two more
+    markers by itself, and you correct its position. Then you move the sensor down to the highest point of the block.
+    The command fits the position and the rotation of the block, and prints the fit. If a marker is too far from its
+    place in the fit, nothing is stored.
 
     The command writes the origin and the number of quarter turns into the study file. It changes nothing else in the
     file.
@@ -172,7 +174,7 @@ def _column_of(option: str, text: str) -> tuple[int, int]:
 @options.option(
     "--port",
     options.text("PORT", complete=completing.of_files),
-    "Port of the load cell. Default: the only port that is plugged in.",
+    "Port of the load cell. You can leave it out if only one port is plugged in.",
     options.INPUT,
 )
 @options.option("--baud", options.COUNT, "Baud rate. Default: 115200.", options.ADVANCED)
@@ -231,7 +233,8 @@ def _weighed(cell: LoadCell, mass_g: float) -> CalibrationPoint:
     from tacbench_cad.lab.rig.calibration import CalibrationPoint
     from tacbench_cad.lab.rig.loadcell import STILL_S
 
-    ask_line(f"{f'put {mass_g:g} g on' if mass_g else 'take everything off'}, wait until it rests, press Enter: ")
+    task = f"put {mass_g:g} g on the load cell" if mass_g else "remove everything from the load cell"
+    ask_line(f"{task}, wait until nothing moves, press Enter: ")
     raw = cell.mean(STILL_S)
     click.echo(
         f"{mass_g:g} g: {raw.mean:z.1f} counts, standard deviation {raw.spread:.1f}, {counted(raw.samples, 'sample')}"

@@ -93,11 +93,12 @@ def markers(
 ) -> None:
     """Find the markers of the sensor and draw them over frames.
 
-    The command shows the markers that --features markers uses. For each run it draws the press with the largest force:
+    The command shows the markers that variance and classify use with --features markers. For each run it draws the
+    press with the largest force:
     - green: markers that were followed
-    - red: markers that were not found, where their neighbours predict them
+    - red: predicted places of markers that were not found
     - blue: spots that are not markers of the sensor
-    - yellow: lines from the place without contact to the place in this frame
+    - yellow: displacement of each marker since the frame without contact
 
     The width and the contrast of the markers are estimated from the frames. You can replace the estimates with
     --marker-sigma and --marker-threshold.

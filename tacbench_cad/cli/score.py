@@ -20,7 +20,7 @@ def command(predictions: Path, split: Path, json: bool) -> None:
     texture-4. Other columns are ignored.
 
     A prediction that is missing, that appears twice, or that belongs to no test press is reported, and the exit code is
-    then 1. The intervals have prints as the unit.
+    then 1. The confidence intervals of the accuracies are computed over prints.
 
     Examples:
       tacbench score predictions.csv splits/split_copy.json

@@ -37,9 +37,9 @@ _DRAWN = {"block": "blocks", "holder": "holder", "jig": "jig", "coupon": "coupon
 def command(textures: tuple[str, ...], press: bool, drawing: str | None, out: Path | None, **request: Any) -> None:
     """Draw a picture of a texture or a drawing of a part.
 
-    A picture shows the surface of the texture in colour. With --drawing, you get a drawing with dimensions. It accepts
-    the options that "tacbench make" accepts, and it shows the dimensions of the file that "tacbench make" writes with
-    them.
+    A picture shows the surface of the texture in colour. With --drawing, you get a drawing with dimensions. Add the
+    options that you pass to "tacbench make", and the drawing has the dimensions of the files that "tacbench make"
+    writes.
 
     Examples:
       tacbench show 4

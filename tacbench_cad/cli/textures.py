@@ -17,16 +17,14 @@ if TYPE_CHECKING:
 @options.textures
 @options.preset
 @options.scale
-@options.option(
-    "--nozzle", options.MM, "Nozzle width that is compared with the finest detail.", options.PRINTER, default="0.4"
-)
+@options.option("--nozzle", options.MM, "Diameter of the nozzle.", options.PRINTER, default="0.4")
 @options.json
 def command(textures: tuple[str, ...], preset: str, scale: float, nozzle: float, json: bool) -> None:
     """List the textures and what a nozzle can print of them.
 
     For each texture the table has the equation, its lowest and highest value, the height of the relief, the thickness
     of the base, and the width of the finest ridge. The finest ridge is half of the shortest wavelength. A nozzle that
-    is wider than a ridge prints this ridge smoothed. The column "waves printable" counts the waves whose ridges are at
+    is wider than a ridge cannot print this ridge. The column "waves printable" counts the waves whose ridges are at
     least as wide as the nozzle.
 
     Examples:

@@ -79,13 +79,13 @@ def command(
     and positions. There is one row for each texture and each combination of printer and filament, at each force level
     and for the mean of the force levels. Below each row you find:
     - the variance that is expected from sensor noise alone
-    - the 95 % interval, with prints as the unit
+    - the 95 % confidence interval, computed over prints
     - the variance without the noise floor (with ddof 1)
 
     The noise is measured on the stationary frames in contact. If there are none, it comes from the repeats on one print
     and is only an upper bound.
 
-    After this table, the variance components with ISO 5725 limits are shown, and permutation tests between printers. A
+    After this table follow the variance components with ISO 5725 limits, and permutation tests between printers. A
     frame that cannot be used is named and left out, and the exit code is then 1.
 
     The paper computed its printed figures in another way, as the saved outputs of the authors' notebooks show. Use

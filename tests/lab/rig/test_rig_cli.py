@@ -86,7 +86,7 @@ def test_known_masses_give_a_calibration(scale: Scale, tmp_path: Path, monkeypat
     assert found.device == "P" and [one.mass_g for one in found.points] == [0.0, 50.0, 100.0, 200.0]
     assert found.date_utc.endswith("Z")
     out, err = capsys.readouterr()
-    assert "take everything off" in out and "put 200 g on" in out and "residual" in out and "warning" not in err
+    assert "remove everything" in out and "put 200 g on" in out and "residual" in out and "warning" not in err
     assert (scale.port, scale.baud, scale.left) == ("P", 57600, 1)  # type: ignore[attr-defined]
 
 
