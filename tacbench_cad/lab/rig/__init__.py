@@ -1,1 +1,1 @@
-"""Devices: stages, force gauges and sensors, each behind a small interface."""
+"""Drivers of the devices of a rig: stages, force gauges and sensors, each with a small interface."""

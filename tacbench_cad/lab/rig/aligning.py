@@ -1,4 +1,4 @@
-"""Teaching the work frame with the jig: markers touched by hand, a frame fitted to them, and stored in the file."""
+"""Teaching of the work frame: a person moves to the markers of the jig, and a frame is fitted to them and stored."""
 
 from __future__ import annotations
 
@@ -21,49 +21,49 @@ from tacbench_cad.util.errors import CheckFailedError, InputError, TacbenchError
 from tacbench_cad.util.files import write_text
 from tacbench_cad.util.types import Floats
 
-#: How far a touched marker may lie from where the fitted frame has it, in mm. A pointer is centred in a 1.5 mm hole
-#: by eye to about 0.2 mm; a wrong marker is off by a spacing, 1.25 mm or more.
+#: The allowed distance between a taught marker and its place in the fitted frame, in mm. A person centres a pointer in
+#: a 1.5 mm hole to about 0.2 mm by eye; a wrong marker is off by at least one grid spacing, 1.25 mm.
 TOLERANCE_MM = 0.3
-#: Longest step of one typed line, in mm, so that a slip of the finger ends before the holder.
-LONGEST_STEP_MM = 20.0
-#: Longest step downwards.
-LONGEST_DOWN_MM = 2.0
-#: With a gauge a step downwards is made in pieces no longer than this, and the force is looked at after each.
+#: The longest step of one typed line, in mm, so that a typing error cannot drive the sensor past the holder.
+MAX_STEP_MM = 20.0
+#: The longest step downwards, in mm.
+MAX_DOWN_MM = 2.0
+#: With a gauge, a step downwards is split into pieces of at most this length, in mm. The force is read after each one.
 _PIECE_MM = 0.5
-#: Lift between two markers, in mm.
+#: The lift between two markers, in mm.
 LIFT_MM = 5.0
-#: Force at which a step down is taken back, in newtons.
+#: The force, in N, above which a step down is undone.
 TOUCH_LIMIT_N = 1.0
-#: Distance of the samples on which the block's highest point is looked for, in mm.
+#: The spacing of the samples in the search for the block's highest point, in mm.
 _SAMPLE_MM = 0.05
-#: Samples that are so little lower than the highest one count as equally high, in mm: below what a touch can tell.
+#: Samples within this height below the highest one count as equally high, in mm; a person cannot feel less.
 _EQUAL_MM = 0.01
 _STEP = r"([xyz]) ?([+-]?(?:\d+(?:\.\d*)?|\.\d+))(?: |$)"
-#: Decimals of the origin in the file: 0.1 micrometres.
+#: The decimals of the origin in the file: 0.1 micrometres.
 _DECIMALS = 4
 
 Ask = Callable[[str], str]
 Say = Callable[[str], None]
 
-#: What a person is told who teaches.
+#: The help text for the person who teaches the frame.
 HELP = (
     "x 1.5   move by 1.5 mm along x (y and z likewise; several on one line: x 1 y -0.2)\n"
     f"up      lift by {LIFT_MM:g} mm\n"
-    "ok      here it is\n"
-    "Enter   the last step once more\n"
+    "ok      confirm this position\n"
+    "Enter   repeat the last step\n"
     "quit    stop, store nothing"
 )
 
 
 @dataclass(frozen=True, kw_only=True)
 class FittedFrame:
-    """Where the block lies, by the markers touched.
+    """A work frame that was fitted to the taught markers.
 
     Args:
-        frame: Origin and quarter turns; its z is that of the markers' mean.
-        distances_mm: How far each touched marker lies from where the frame has it.
-        turn_deg: Turn that is left over beyond the quarter turns, counter-clockwise.
-        stretch: Distances between the touched markers over those on the jig.
+        frame: Origin and quarter turns; its z is the mean z of the markers.
+        distances_mm: The distance of each taught marker from its place in the frame, in mm.
+        turn_deg: The remaining rotation beyond the quarter turns, in degrees, counter-clockwise.
+        stretch: The distances between the taught markers divided by those on the jig.
     """
 
     frame: WorkFrame
@@ -77,69 +77,69 @@ class FittedFrame:
         return max(self.distances_mm)
 
     def require_within(self, tolerance_mm: float) -> None:
-        """Refuse a fit that is too bad to press by.
+        """Check that the fit is good enough for pressing.
 
         Raises:
-            CheckFailedError: A marker is further off than the tolerance; the message says what may be wrong.
+            CheckFailedError: A marker is further off than the tolerance. The message names the likely cause.
         """
         if self.worst_mm <= tolerance_mm:
             return
         if abs(self.stretch - 1.0) > 0.1:
             reason = (
-                f"the touched markers lie {self.stretch:.3g} times as far apart as on the jig: "
-                "were these the markers, and does the stage know its steps per mm?"
+                f"the taught markers are {self.stretch:.3g} times as far apart as on the jig. Check that these were "
+                "the right markers and that the stage's steps per mm are right"
             )
         elif abs(self.turn_deg) > 2.0:
-            reason = f"the holder lies {self.turn_deg:.2g} degrees askew to the stage's axes: turn it"
+            reason = f"the holder is rotated by {self.turn_deg:.2g} degrees against the stage's axes. Align it"
         else:
-            reason = "were these the markers, and is the jig pushed home?"
+            reason = "Check that these were the right markers and that the jig is pushed fully onto the holder"
         raise CheckFailedError(
-            f"a marker lies {self.worst_mm:.3g} mm from where the frame has it, above the tolerance of "
+            f"a marker is {self.worst_mm:.3g} mm away from its place in the fitted frame, more than the tolerance of "
             f"{tolerance_mm:g} mm; nothing is stored: {reason}"
         )
 
 
 def corner_markers(grid: PressGrid) -> tuple[tuple[int, float, float], ...]:
-    """Number, x and y of the four corner positions: 1, 5, 21 and 25 of the paper's grid."""
+    """Return the number, x and y of the four corner positions: 1, 5, 21 and 25 of the paper's grid."""
     across = len(grid.x_mm)
     numbers = (1, across, across * (len(grid.y_mm) - 1) + 1, across * len(grid.y_mm))
     places = grid.positions_mm
     return tuple((number, float(places[number - 1][0]), float(places[number - 1][1])) for number in numbers)
 
 
-def fit_frame(markers_mm: Sequence[tuple[float, float]], touched_mm: Sequence[Point]) -> FittedFrame:
-    """The frame in which the markers lie nearest to where they were touched, by least squares.
+def fit_frame(markers_mm: Sequence[tuple[float, float]], taught_mm: Sequence[Point]) -> FittedFrame:
+    """Fit the frame whose markers lie closest to the taught positions, by least squares.
 
-    For each of the four quarter turns R the best origin is the mean of s - R m; the turn with the least sum of squares
-    is taken. What is left over is told as the turn and stretch of the best similarity (Umeyama, in the plane: with
-    complex m, s about their means, ``sum(conj(m) s) / sum(|m|^2)``).
+    For each of the four quarter turns R, the best origin is the mean of s - R m. The turn with the smallest sum of
+    squares is used. The remaining errors are described by the turn and stretch of the best similarity (Umeyama, in the
+    plane: with complex m and s relative to their means, ``sum(conj(m) s) / sum(|m|^2)``).
 
     Args:
-        markers_mm: Two or more places in the block's frame.
-        touched_mm: The stage's position at each.
+        markers_mm: Two or more points in the block's frame.
+        taught_mm: The stage's position at each of them.
     """
     m = np.array([complex(x, y) for x, y in markers_mm])
-    s = np.array([complex(x, y) for x, y, _ in touched_mm])
-    z = float(np.mean([point[2] for point in touched_mm]))
+    s = np.array([complex(x, y) for x, y, _ in taught_mm])
+    z = float(np.mean([point[2] for point in taught_mm]))
 
-    def left_over(turns: int) -> Floats:
+    def distances(turns: int) -> Floats:
         off = s - m * 1j**turns
         return np.asarray(np.abs(off - off.mean()), dtype=np.float64)
 
-    turns = min(range(4), key=lambda quarter: float(np.sum(left_over(quarter) ** 2)))
+    turns = min(range(4), key=lambda quarter: float(np.sum(distances(quarter) ** 2)))
     origin = complex(np.mean(s - m * 1j**turns))
     centred = (m - m.mean()) * 1j**turns
     similarity = complex(np.sum(np.conj(centred) * (s - s.mean())) / np.sum(np.abs(centred) ** 2))
     return FittedFrame(
         frame=WorkFrame(origin_mm=(origin.real, origin.imag, z), quarter_turns=turns),
-        distances_mm=tuple(float(distance) for distance in left_over(turns)),
+        distances_mm=tuple(float(distance) for distance in distances(turns)),
         turn_deg=math.degrees(math.atan2(similarity.imag, similarity.real)),
         stretch=abs(similarity),
     )
 
 
 def highest_point_mm(block: Block) -> tuple[float, float]:
-    """Place (x, y) of a block's highest point, in mm; of several the one nearest to its middle."""
+    """Return x and y of a block's highest point, in mm. Of several, it is the one closest to the block's centre."""
     width, depth = block.size_mm
     x = np.linspace(0.0, width, math.ceil(width / _SAMPLE_MM) + 1)
     y = np.linspace(0.0, depth, math.ceil(depth / _SAMPLE_MM) + 1)
@@ -153,16 +153,16 @@ def highest_point_mm(block: Block) -> tuple[float, float]:
 
 @dataclass(kw_only=True)
 class Teaching:
-    """A person at the stage: jogs by typed lines, confirms, and the frame follows.
+    """A dialogue in which a person moves the stage with typed lines and confirms positions.
 
     Args:
         stage: The stage, homed.
-        limits_mm: Its limits.
-        ask: Shows a prompt and returns the line that was typed.
+        limits_mm: The limits of the stage.
+        ask: Shows a prompt and returns the typed line.
         say: Shows a line.
-        travel_mm_s: Speed across, high up.
-        approach_mm_s: Speed of every typed step.
-        force_n: The contact force, if there is a gauge; a step down that presses too hard is taken back.
+        travel_mm_s: The speed of moves to the next marker, in mm/s.
+        approach_mm_s: The speed of every typed step, in mm/s.
+        force_n: Reads the contact force if there is a gauge. A step down that presses too hard is then undone.
     """
 
     stage: Stage
@@ -176,43 +176,43 @@ class Teaching:
     def frame(self, protocol: Protocol, block: Block, tolerance_mm: float) -> FittedFrame:
         """Teach a frame: four markers for x, y and the turn, then the block's highest point for z.
 
-        However it ends, the stage is lifted if it still answers.
+        The stage is lifted at the end, also after an error, if it still answers.
 
         Args:
-            protocol: Its press grid is that of the jig.
+            protocol: The protocol. Its press grid must be that of the jig.
             block: The block in the first slot.
-            tolerance_mm: How far off a marker may be.
+            tolerance_mm: The allowed distance of a marker from its place in the frame, in mm.
 
         Raises:
             CheckFailedError: The markers do not fit.
-            InputError: The person stopped.
+            InputError: The person typed "quit".
             RigError: The stage failed.
         """
         try:
-            return self._taught(protocol, block, tolerance_mm)
+            return self._teach(protocol, block, tolerance_mm)
         except BaseException:
-            # Whatever went wrong, nothing must be left pressed against the block.
+            # After any error, the sensor must not stay pressed against the block.
             with contextlib.suppress(TacbenchError):
                 self.lift_off()
             raise
 
-    def _taught(self, protocol: Protocol, block: Block, tolerance_mm: float) -> FittedFrame:
-        self.say("Put the jig on, and a pointer in the place of the sensor, on the same axis. Commands:\n" + HELP)
+    def _teach(self, protocol: Protocol, block: Block, tolerance_mm: float) -> FittedFrame:
+        self.say("Put the jig on, and mount a pointer in place of the sensor, on the same axis. Commands:\n" + HELP)
         markers = corner_markers(protocol.grid)
-        touched: list[Point] = []
+        taught: list[Point] = []
         for number, x, y in markers:
-            if len(touched) >= 2:
-                known = [(mx, my) for _, mx, my in markers[: len(touched)]]
-                ahead = fit_frame(known, touched).frame.to_stage((x, y, 0.0))
+            if len(taught) >= 2:
+                known = [(mx, my) for _, mx, my in markers[: len(taught)]]
+                ahead = fit_frame(known, taught).frame.to_stage((x, y, 0.0))
                 self._across(ahead[0], ahead[1])
-            touched.append(self._jog(f"marker {number} (x {x:g}, y {y:g} mm of the block): centre the pointer on it"))
+            taught.append(self._jog(f"marker {number} (x {x:g}, y {y:g} mm on the block): centre the pointer on it"))
             self._lift(LIFT_MM)
-        fit = fit_frame([(x, y) for _, x, y in markers], touched)
+        fit = fit_frame([(x, y) for _, x, y in markers], taught)
         for (number, _, _), distance in zip(markers, fit.distances_mm, strict=True):
-            self.say(f"marker {number}: {distance:.3f} mm from where the frame has it")
+            self.say(f"marker {number}: {distance:.3f} mm away from its place in the fitted frame")
         fit.require_within(tolerance_mm)
         self.lift_off()
-        self._answered("Take the jig and the pointer off and put the sensor on. Then say ok.")
+        self._wait_for_ok("Remove the jig and the pointer, and mount the sensor. Then type ok.")
         x, y = highest_point_mm(block)
         ahead = fit.frame.to_stage((x, y, 0.0))
         self._across(ahead[0], ahead[1])
@@ -221,7 +221,7 @@ class Teaching:
         return replace(fit, frame=replace(fit.frame, origin_mm=(*fit.frame.origin_mm[:2], z)))
 
     def lift_off(self) -> None:
-        """Lift to the upper limit."""
+        """Lift the sensor to the upper limit."""
         x, y, _ = self.stage.position()
         self.stage.move((x, y, self.limits_mm[2][1]), self.travel_mm_s)
 
@@ -233,7 +233,7 @@ class Teaching:
         self.stage.move((x, y, self.stage.position()[2]), self.travel_mm_s)
 
     def _jog(self, what: str) -> Point:
-        """Let the person move until they say ok; where the stage then is."""
+        """Let the person move the stage until they type "ok", and return the stage's position."""
         self.say(what)
         step: Point | None = None
         while True:
@@ -254,7 +254,7 @@ class Teaching:
                 self.say(str(error))
 
     def _step(self, here: Point, step: Point) -> None:
-        """Make a step, looking at the force on the way down; all of it is taken back if it presses too hard."""
+        """Make a step and read the force on the way down. The whole step is undone if it presses too hard."""
         force_n = self.force_n if step[2] < 0.0 else None
         pieces = 1 if force_n is None else math.ceil(-step[2] / _PIECE_MM)
         for piece in range(1, pieces + 1):
@@ -262,45 +262,45 @@ class Teaching:
             self.stage.move((x, y, z), self.approach_mm_s)
             if force_n is not None and force_n() > TOUCH_LIMIT_N:
                 self.stage.move(here, self.approach_mm_s)
-                self.say(f"that pressed with more than {TOUCH_LIMIT_N:g} N and was taken back; take smaller steps")
+                self.say(f"the force exceeded {TOUCH_LIMIT_N:g} N, so the step was undone; take smaller steps")
                 return
 
-    def _answered(self, prompt: str) -> None:
+    def _wait_for_ok(self, prompt: str) -> None:
         while (word := self.ask(prompt + " ").strip()) != "ok":
             if word == "quit":
                 raise InputError("align", "quit", "stopped; nothing is stored")
 
 
 def parse_step(words: Sequence[str]) -> Point:
-    """What a typed line asks for: ``x 1 y -0.2`` is (1, -0.2, 0) mm.
+    """Return the step that a typed line describes: ``x 1 y -0.2`` is (1, -0.2, 0) mm.
 
     Raises:
-        InputError: It is no such line, or a step is too long.
+        InputError: The line is not a step, or a step is too long.
     """
     line = " ".join(words)
     if not re.fullmatch(f"(?:{_STEP})+", line):
-        raise InputError("step", line, "type x, y or z and millimetres, up, ok or quit")
+        raise InputError("step", line, "must be x, y or z with a distance in mm, or one of: up, ok, quit")
     step = {"x": 0.0, "y": 0.0, "z": 0.0}
     for axis, text in re.findall(_STEP, line):
         step[axis] += float(text)
-    if max(abs(length) for length in step.values()) > LONGEST_STEP_MM or step["z"] < -LONGEST_DOWN_MM:
+    if max(abs(length) for length in step.values()) > MAX_STEP_MM or step["z"] < -MAX_DOWN_MM:
         raise InputError(
-            "step", line, f"is too long: at most {LONGEST_STEP_MM:g} mm at once, and {LONGEST_DOWN_MM:g} mm down"
+            "step", line, f"is too long; the limit is {MAX_STEP_MM:g} mm, and {MAX_DOWN_MM:g} mm downwards"
         )
     return (step["x"], step["y"], step["z"])
 
 
 def store_frame(path: Path, frame: WorkFrame) -> None:
-    """Write origin and quarter turns into a study's ``[stage]``, leaving all else, comments included, as it is.
+    """Write the origin and the quarter turns into a study's ``[stage]`` and leave the rest, also comments, unchanged.
 
-    The new text is read again before it is stored: it must say the same as before but for these two keys.
+    The new text is parsed before it is stored. Only these two keys may differ from the old text.
 
     Raises:
-        InputError: The file cannot be edited safely; the message has the lines to write by hand.
+        InputError: The file cannot be edited safely. The message contains the lines to write by hand.
     """
     origin = [round(value, _DECIMALS) + 0.0 for value in frame.origin_mm]
     lines = {"origin_mm": repr(origin), "quarter_turns": repr(frame.quarter_turns)}
-    by_hand = "write by hand: " + "; ".join(f"{key} = {value}" for key, value in lines.items())
+    by_hand = "write these lines by hand: " + "; ".join(f"{key} = {value}" for key, value in lines.items())
     target = path.resolve()
     try:
         text = door.read_bytes(target, "study", "toml").decode("utf-8")
@@ -317,17 +317,17 @@ def store_frame(path: Path, frame: WorkFrame) -> None:
 
 
 def _with_key(text: str, table: str, key: str, value: str) -> str:
-    """The text with a key of a table set; its line's comment stays.
+    """Return the text with a new value for a key of a table. A comment on the key's line is kept.
 
     Raises:
-        ValueError: The table has no header of its own line.
+        ValueError: The text has no line with the table's header.
     """
     header = re.search(rf"^[ \t]*\[[ \t]*{table}[ \t]*\][ \t]*(?:#[^\r\n]*)?\r?$", text, re.MULTILINE)
     if header is None:
         raise ValueError(table)
     following = re.compile(r"^[ \t]*\[", re.MULTILINE).search(text, header.end())
     end = following.start() if following else len(text)
-    # A list may run over several lines, with comments between its numbers.
+    # A list may span several lines and contain comments.
     old = re.compile(rf"^([ \t]*{key}[ \t]*=[ \t]*)(?:\[(?:[^\]#]|#[^\n]*\n)*\]|[^\s#\[]+)", re.MULTILINE)
     match = old.search(text, header.end(), end)
     if match is not None:

@@ -1,24 +1,27 @@
-"""A stage run by the paper's own Arduino firmware.
+"""A stage controlled by the paper's own Arduino firmware.
 
-What is known of it: 921600 baud; lines ``RESET`` (home), ``MOVE,x,y,z,step``, ``SHOW`` and others; a reply ends with
-a line that holds ``done``; units are motor steps. Read as: x, y, z are steps counted from where ``RESET`` ended, and
-``step`` is the pause between two steps in microseconds. It has neither version, checksums, alarms nor limits, and
-reads nothing while it moves.
+The following is known about the firmware. It uses 921600 baud. It accepts the lines ``RESET`` (home),
+``MOVE,x,y,z,step``, ``SHOW`` and others, and ends each reply with a line that contains ``done``. Its units are motor
+steps. This driver takes x, y and z as steps counted from the position where ``RESET`` ended, and ``step`` as the pause
+between two steps in microseconds. The firmware has no version, checksums, alarms or limits, and it reads nothing while
+it moves.
 
-Frame: steps divided by ``steps_per_mm`` (negative where an axis counts the other way), 0 where ``RESET`` ended.
-``ZERO`` is never sent, so a taught origin stays valid after the power was off, once the stage is homed again.
+Frame: the coordinates are steps divided by ``steps_per_mm`` (negative for an axis that counts in the other direction),
+with 0 where ``RESET`` ended. The driver never sends ``ZERO``, so a taught origin stays valid after the power was off,
+once the stage has been homed again.
 
-Trust: where ``SHOW`` answers with three whole numbers, they are the position, and a move is done when they are the
-target's. Where it does not, ``done`` is all there is: a move is then believed on its word, ``position()`` is where
-the last one went, and a reset between two moves goes unseen. The identity says which of the two it is. In both cases
-steps are counted, not seen. A reset says nothing; it shows as a missing ``done`` or as counters at 0.
+Proof of a move: if ``SHOW`` answers with three whole numbers, they are the position, and a move is finished when they
+equal the target. Otherwise ``done`` is the only answer: the driver trusts it, ``position()`` returns the target of the
+last move, and a reset between two moves stays unnoticed. The identity states which of the two cases applies. In both
+cases the firmware only counts steps and cannot detect lost steps. A reset sends no message; it appears as a missing
+``done`` or as counters at 0.
 
-A garbled target may drive an axis against its end. The counters then tell, and the position is unknown until homed;
-but only a ``RESET`` that leaves a closed end stop first, and comes back to it, finds the same zero again. Try that
-before the first run: push the switched-off stage against its ends, home, and look where it stands.
+A garbled target may drive an axis against its end. The counters show this, and the position is then unknown until the
+stage is homed. Homing finds the same zero again only if ``RESET`` first moves off a closed end stop and then returns
+to it. Test this before the first run: push the switched-off stage against its ends, home it, and check its position.
 
-``stop()`` cannot reach a firmware that is not reading. Moves are sent in pieces of about half a second, and none
-follows after a stop; for an emergency wire a switch to the motors' supply.
+``stop()`` cannot reach the firmware while it does not read. The driver therefore sends moves in pieces of about half a
+second and sends no further piece after a stop. For emergencies, wire a switch into the motors' supply.
 """
 
 from __future__ import annotations
@@ -34,88 +37,88 @@ from tacbench_cad.lab.rig.serial_stage import Link, SerialOptions, SerialStage, 
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.util.errors import InputError
 
-#: Speed of the line, in baud.
+#: The baud rate of the port.
 BAUD = 921600
-#: Longest wait for the first answer: the reset that opening a port causes, and a boot loader.
+#: The longest wait for the first answer, in s. Opening a port may reset the board and start a boot loader.
 GREETING_S = 8.0
-#: Pause before a question without an answer is asked again, while opening.
+#: The pause before an unanswered question is repeated while the port is opened, in s.
 ATTEMPT_S = 0.5
-#: Longest piece of a move, in rig time: so long may a stop take.
+#: The longest piece of a move, in s of rig time. A stop may take this long.
 PIECE_S = 0.5
-#: How much a move may take in comparison with its steps' pauses.
+#: The allowed duration of a move, as a multiple of the sum of its pauses between steps.
 SLOWNESS = 3.0
-#: How often a question is asked, or an order given that nothing came of: either may be garbled, or its answer.
+#: The number of attempts for a question or a command. The line or its answer may be garbled.
 ATTEMPTS = 3
 
 Steps = tuple[int, int, int]
 
 
 def counters(line: str) -> Steps | None:
-    """The three whole numbers of an answer to ``SHOW``; None if a line does not hold just three."""
+    """Return the three whole numbers of an answer to ``SHOW``; None if the line does not contain exactly three."""
     numbers = re.findall(r"(?<![\w.])-?\d{1,10}(?![\w.])", line, re.ASCII)
     return (int(numbers[0]), int(numbers[1]), int(numbers[2])) if len(numbers) == 3 else None
 
 
 def is_done(line: str) -> bool:
-    """Whether a line ends a reply."""
+    """Return whether a line ends a reply."""
     return "done" in line.lower()
 
 
 class ArduinoStage(SerialStage[Link]):
-    """A three-axis stage behind the authors' firmware. See :class:`tacbench_cad.lab.rig.stage.Stage`.
+    """A three-axis stage with the paper's firmware. See :class:`tacbench_cad.lab.rig.stage.Stage`.
 
     Args:
-        port: Path, name or pyserial URL.
-        steps_per_mm: Motor steps per mm of x, y, z; negative where steps count down as the coordinate grows.
-        options: See :class:`~tacbench_cad.lab.rig.serial_stage.SerialOptions`; the timeout counts beyond what a move
-            takes.
+        port: The path, name or pyserial URL of the port.
+        steps_per_mm: Motor steps per mm of x, y, z; negative if the steps decrease while the coordinate increases.
+        options: See :class:`~tacbench_cad.lab.rig.serial_stage.SerialOptions`. The timeout is added to the duration of
+            a move.
 
     Raises:
         InputError: ``steps_per_mm`` is missing or wrong, or the port cannot be opened.
-        NoAnswerError: Nothing answers.
-        ProtocolError: Something else answers.
+        NoAnswerError: The device does not answer.
+        ProtocolError: The device answers, but it is not the paper's firmware.
     """
 
     def __init__(self, port: str, *, steps_per_mm: object = None, **options: Unpack[SerialOptions]) -> None:
         self._steps_per_mm = _checked(steps_per_mm)
         super().__init__(port, Link, (BAUD,), options)
-        self._link.lost = "it was not homed"
+        self._link.lost = "the stage was not homed"
         self._stopping = False
-        self._at: Steps = (0, 0, 0)
+        self._counters: Steps = (0, 0, 0)
         with self._opening():
-            shown = self._greet()
-            self._shows = shown is not None
-            if shown is not None and any(shown):
-                # Counters that survived: nothing has reset the board since it moved.
-                self._link.lost, self._at = "", shown
-            trust = "SHOW tells the steps" if self._shows else "SHOW tells no position, done is believed"
+            counts = self._greet()
+            self._reports_steps = counts is not None
+            if counts is not None and any(counts):
+                # The board still has its counters, so nothing has reset it since it moved.
+                self._link.lost, self._counters = "", counts
+            trust = "SHOW reports the steps" if self._reports_steps else "SHOW reports no position, so done is trusted"
             self.identity = f"arduino: the paper's firmware (no version; {trust}) at {port}"
 
     def home(self) -> None:
-        """``RESET``: find the end stops. Afterwards the position is known.
+        """Send ``RESET``, which finds the end stops. Afterwards the position is known.
 
-        Which axis goes first is the firmware's: see to it that z goes upwards first.
+        The firmware decides which axis moves first; make sure that z moves upwards first.
 
         Raises:
-            AlarmError: Homing was stopped on request; it goes on to its end all the same.
-            RigError: Lost or silent.
+            AlarmError: Homing was stopped on request. The carriage still completes it.
+            RigError: The device is gone or silent.
         """
         self._stopping = False
-        self._link.lost = "homing was not finished"
+        self._link.lost = "homing was not completed"
         self._reset()
         if self._stopping:
             raise AlarmError(f"{self._link.name}: homing was stopped on request")
-        self._at = self._shown() if self._shows else (0, 0, 0)
+        self._counters = self._read_counters() if self._reports_steps else (0, 0, 0)
         self._link.lost = ""
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
-        """Go there in a straight line, to the nearest whole steps.
+        """Move to a position in a straight line, rounded to whole steps.
 
         Raises:
-            PositionLostError: The board was reset, or never homed; home first.
-            NotThereError: Stopped on request, or the counters are not the target's.
-            NoAnswerError: Silent; the position is unknown then.
-            DeviceLostError: Unplugged.
+            PositionLostError: The board was reset or never homed; home it first.
+            NotThereError: The move was stopped on request, or the counters differ from the target.
+            NoAnswerError: The device is silent. The position is then unknown.
+            DeviceLostError: The device is unplugged.
         """
         self._stopping = False
         start = self.position()
@@ -125,26 +128,26 @@ class ArduinoStage(SerialStage[Link]):
             x, y, z = (a + fraction * (b - a) for a, b in zip(start, target_mm, strict=True))
             self._step_to(self._steps((x, y, z)), math.dist(start, target_mm) / speed_mm_s / pieces)
             if self._stopping:
-                raise NotThereError(f"{self._link.name}: was stopped on request on its way")
-        return self._mm(self._at)
+                raise NotThereError(f"{self._link.name}: the move was stopped on request")
+        return self._mm(self._counters)
 
     def position(self) -> Point:
-        """The counted position in mm; where ``SHOW`` tells none, where the last move went.
+        """Return the counted position in mm, or the target of the last move if ``SHOW`` reports no position.
 
         Raises:
-            PositionLostError: It is unknown: reset, or never homed.
-            RigError: Lost or silent.
+            PositionLostError: The position is unknown: the board was reset or never homed.
+            RigError: The device is gone or silent.
         """
         self._link.require_known()
-        if self._shows:
-            at = self._confirmed(self._at)
-            if not any(at) and any(self._at):
-                raise self._link.reset_noticed("counts 0, 0, 0 although it was left elsewhere")
-            self._at = at
-        return self._mm(self._at)
+        if self._reports_steps:
+            at = self._confirmed(self._counters)
+            if not any(at) and any(self._counters):
+                raise self._link.reset_noticed("reports 0, 0, 0 although it should be elsewhere")
+            self._counters = at
+        return self._mm(self._counters)
 
     def stop(self) -> None:
-        """End the motion after the piece that is under way; from a signal handler too. Never raises."""
+        """End the motion after the current piece. Signal handlers may call this method. Never raises."""
         self._stopping = True
 
     def _steps(self, at: Point) -> Steps:
@@ -156,8 +159,8 @@ class ArduinoStage(SerialStage[Link]):
         return (x, y, z)
 
     def _step_to(self, steps: Steps, seconds: float) -> None:
-        """One piece of a move, and the proof of it."""
-        longest = max(abs(a - b) for a, b in zip(steps, self._at, strict=True))
+        """Send one piece of a move and check its result."""
+        longest = max(abs(a - b) for a, b in zip(steps, self._counters, strict=True))
         if longest == 0:
             return
         pause_us = max(1, round(1e6 * seconds / longest))
@@ -167,36 +170,38 @@ class ArduinoStage(SerialStage[Link]):
                 self._ask(command, self._timeout_s + SLOWNESS * seconds)
                 break
             except NoAnswerError:
-                # The done may have been lost on the way, or the order: the counters tell.
+                # Either the command or its "done" may have been lost. The counters show which.
                 self._link.lost = "a move was not acknowledged"
-                at = self._confirmed(steps) if self._shows else None
+                at = self._confirmed(steps) if self._reports_steps else None
                 if at == steps:
                     break
-                if at != self._at or not any(at) or attempt == ATTEMPTS - 1:
+                if at != self._counters or not any(at) or attempt == ATTEMPTS - 1:
                     raise
         self._link.lost = ""
-        if self._shows:
+        if self._reports_steps:
             at = self._confirmed(steps)
             if at != steps:
-                # Without limits, a garbled target may have driven it against an end of its travel: steps were lost.
-                self._link.lost = "" if at == self._at else "a move went elsewhere (garbled on its way, or a reset)"
+                # The axis may have hit an end of its travel after a garbled target, and lost steps.
+                self._link.lost = (
+                    "" if at == self._counters else "a move went to a wrong position (garbled line or reset)"
+                )
                 kind = NotThereError if any(at) else PositionLostError
-                raise kind(f"{self._link.name}: counts {at} steps instead of {steps}")
-        self._at = steps
+                raise kind(f"{self._link.name}: reports {at} steps instead of {steps}")
+        self._counters = steps
 
     def _confirmed(self, expected: Steps) -> Steps:
-        """The counters; others than expected are believed only when they were told twice: an answer may be damaged.
+        """Return the counters. Unexpected values must arrive twice, since a single answer may be damaged.
 
         Raises:
-            ProtocolError: They are others each time.
-            RigError: Lost or silent.
+            ProtocolError: Each answer has other values.
+            RigError: The device is gone or silent.
         """
-        at = confirmed(self._shown, lambda at: at == expected)
+        at = confirmed(self._read_counters, lambda at: at == expected)
         if at is None:
-            raise ProtocolError(f"{self._link.name}: counts other steps each time it is asked, at rest")
+            raise ProtocolError(f"{self._link.name}: reports other steps each time although it does not move")
         return at
 
-    def _shown(self) -> Steps:
+    def _read_counters(self) -> Steps:
         silent: NoAnswerError | None = None
         for _ in range(ATTEMPTS):
             try:
@@ -208,15 +213,15 @@ class ArduinoStage(SerialStage[Link]):
                 steps = counters(line)
                 if steps is not None:
                     return steps
-        raise silent or ProtocolError(f"{self._link.name}: SHOW no longer tells a position")
+        raise silent or ProtocolError(f"{self._link.name}: SHOW no longer reports a position")
 
     def _reset(self) -> None:
-        """Send ``RESET`` until it is understood.
+        """Send ``RESET`` until the firmware understands it.
 
-        One that was garbled earns no answer. A ``SHOW`` sent after it tells: while homing, nothing is read, so that
-        it is answered after the ``done`` of ``RESET``; otherwise it is answered at once.
+        A garbled ``RESET`` gets no answer. The driver then sends ``SHOW``. While homing, the firmware reads nothing and
+        therefore answers ``SHOW`` after the ``done`` of ``RESET``; otherwise it answers at once.
         """
-        for _ in range(ATTEMPTS if self._shows else 0):
+        for _ in range(ATTEMPTS if self._reports_steps else 0):
             try:
                 self._ask("RESET", min(self._timeout_s, self._home_timeout_s))
                 return
@@ -229,7 +234,7 @@ class ArduinoStage(SerialStage[Link]):
         self._ask("RESET", self._home_timeout_s)
 
     def _ask(self, command: str, timeout_s: float) -> list[str]:
-        """Send a line; the lines that came until ``done``."""
+        """Send a line and return the lines of the reply, up to ``done``."""
         self._line.forget()
         self._line.write(command.encode("ascii") + b"\n")
         return self._until_done(command, timeout_s)
@@ -240,28 +245,33 @@ class ArduinoStage(SerialStage[Link]):
             lines.append(line)
             if is_done(line):
                 return lines
-        raise NoAnswerError(f"{self._link.name}: no done to {command} within {timeout_s:.1f} s")
+        raise NoAnswerError(f"{self._link.name}: sent no done for {command} within {timeout_s:.1f} s")
 
     def _greet(self) -> Steps | None:
-        """Wait until ``SHOW`` is answered; the counters, if it tells them."""
+        """Wait until ``SHOW`` is answered. Return the counters, or None if the answer does not contain them."""
         until = time.monotonic() + max(GREETING_S, self._timeout_s)
         while time.monotonic() < until:
             try:
                 lines = self._ask("\nSHOW", ATTEMPT_S)
             except NoAnswerError:
                 continue
-            # What was sent before it listened may be answered late.
+            # Lines that were sent while the board started may be answered late.
             for _ in self._line.lines(0.5, quiet_s=0.1):
                 pass
-            heard = " ".join(lines)
-            if "echo:" in heard or "error:" in heard.lower():
-                raise ProtocolError(f"{self._link.name}: is not the paper's firmware; it sent {heard[:60]!r}")
+            reply = " ".join(lines)
+            if "echo:" in reply or "error:" in reply.lower():
+                raise ProtocolError(f"{self._link.name}: is not the paper's firmware; it sent {reply[:60]!r}")
             return next((steps for line in lines if (steps := counters(line))), None)
-        raise NoAnswerError(f"{self._link.name}: nothing answers SHOW with done; power, cable, baud rate, driver?")
+        raise NoAnswerError(
+            f"{self._link.name}: does not answer SHOW with done. Check power, cable, baud rate and driver"
+        )
 
 
 def _checked(steps_per_mm: object) -> Point:
-    allowed = "must be three numbers, none of them 0: motor steps per mm of x, y, z, negative for a turned axis"
+    allowed = (
+        "must be three numbers other than 0: motor steps per mm of x, y, z, negative for an axis that counts in the "
+        "other direction"
+    )
     if not isinstance(steps_per_mm, list | tuple) or len(steps_per_mm) != 3:
         raise InputError("[stage] options steps_per_mm", steps_per_mm, allowed)
     for number in steps_per_mm:

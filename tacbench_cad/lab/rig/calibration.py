@@ -1,4 +1,4 @@
-"""Calibration of a load cell: known masses, a straight line through the raw counts, and how well it fits."""
+"""Calibration of a load cell with known masses: a straight line through the raw counts, and the quality of the fit."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from tacbench_cad.util.convert import Bounds, Checked, Length, check_fields, fro
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import write_json
 
-#: Standard acceleration of free fall, m/s^2: a mass of 1 kg weighs so many newtons.
+#: The standard acceleration of free fall, in m/s^2: the weight of 1 kg, in N.
 STANDARD_GRAVITY = 9.80665
-#: Different masses that a fit needs: a line through two has no residual that could show a mistake.
+#: The number of different masses that a fit needs. A line through two masses has no residual that could show an error.
 MIN_MASSES = 3
-#: Schema of the file.
+#: The schema of the file.
 _SCHEMA = 1
 _KIND = "tacbench force calibration"
-#: Residual, as a fraction of the whole span, from which on a fit is worth a warning.
+#: A fit with a larger residual than this fraction of the whole span causes a warning.
 _POOR_FRACTION = 0.01
-#: A point is an outlier if it lies this many times further from the others' line than they do ...
+#: A point is an outlier if its distance from the line through the others is this multiple of their own distances ...
 _OUTLIER_TIMES = 5.0
-#: ... and further than this fraction of the span.
+#: ... and more than this fraction of the span.
 _OUTLIER_FRACTION = 0.005
 
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationPoint(Checked):
-    """What the load cell said under one mass.
+    """The samples of the load cell under one mass, summarised.
 
     Args:
-        mass_g: The mass in grams, 0 for nothing on it.
-        counts: Mean of the raw counts.
-        spread_counts: Their standard deviation (ddof 0).
-        samples: How many there were.
+        mass_g: The mass in g; 0 for no load.
+        counts: The mean of the raw counts.
+        spread_counts: The standard deviation of the raw counts (ddof 0).
+        samples: The number of samples.
     """
 
     mass_g: Annotated[float, Bounds(0.0, 10_000.0)]
@@ -49,16 +49,16 @@ class CalibrationPoint(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """A load cell's scale: F = newtons_per_count (counts - zero_counts).
+    """The scale of a load cell: F = newtons_per_count (counts - zero_counts).
 
     Args:
-        newtons_per_count: Slope; negative for a cell whose counts fall under load.
-        zero_counts: Counts without load on the day of the calibration; a tare moves it.
-        residual_n: Root mean square distance of the points from the line, n - 2 degrees of freedom.
-        worst_n: Largest such distance.
-        date_utc: When it was made, ISO 8601.
-        device: What was calibrated: its port's stable name.
-        points: What the line was fitted to.
+        newtons_per_count: The slope; negative for a cell whose counts decrease under load.
+        zero_counts: The counts without load on the day of the calibration. A tare shifts the zero later.
+        residual_n: The root mean square distance of the points from the line in N, with n - 2 degrees of freedom.
+        worst_n: The largest distance of a point from the line, in N.
+        date_utc: The time of the calibration, ISO 8601.
+        device: The stable name of the load cell's port.
+        points: The points of the fit.
     """
 
     newtons_per_count: float
@@ -75,56 +75,56 @@ class Calibration:
             raise InputError("newtons_per_count", self.newtons_per_count, "must be a finite number other than 0")
 
     def newtons(self, counts: float) -> float:
-        """The force for a raw count, before any tare."""
+        """Return the force for a raw count in N, before any tare."""
         return self.newtons_per_count * (counts - self.zero_counts)
 
     @property
     def noise_n(self) -> float:
-        """Largest standard deviation of the samples under one mass, in newtons."""
+        """The largest standard deviation of the samples under one mass, in N."""
         return max(point.spread_counts for point in self.points) * abs(self.newtons_per_count)
 
     @property
     def span_n(self) -> float:
-        """Weight of the heaviest mass, in newtons."""
+        """The weight of the heaviest mass, in N."""
         return weight_n(max(point.mass_g for point in self.points))
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is odd about the fit, a sentence each."""
+        """The problems of the fit, one sentence each."""
         warnings = []
         if outlier := _outlier(self.points):
             mass_g, distance_n = outlier
             warnings.append(
-                f"the point at {mass_g:g} g lies {distance_n:.3g} N ({distance_n / STANDARD_GRAVITY * 1e3:.3g} g) from "
-                "the line through the others: was it this mass, and did it lie still?"
+                f"the point at {mass_g:g} g is {distance_n:.3g} N ({distance_n / STANDARD_GRAVITY * 1e3:.3g} g) away "
+                "from the line through the other points; check that this was the mass and that it did not move"
             )
         elif self.residual_n > _POOR_FRACTION * self.span_n:
             warnings.append(
-                f"the points lie {self.residual_n:.3g} N from the line (rms), above {_POOR_FRACTION:.0%} of the span: "
-                "friction, a mass off the middle, or a wrong mass"
+                f"the points are {self.residual_n:.3g} N (rms) away from the line, more than {_POOR_FRACTION:.0%} of "
+                "the span; check for friction, a mass off the centre, or a wrong mass"
             )
         if all(point.mass_g > 0.0 for point in self.points):
-            warnings.append("no point without load: forces near zero are extrapolated")
+            warnings.append("there is no point without load, so forces near zero are extrapolated")
         return tuple(warnings)
 
 
 def fit(points: Sequence[CalibrationPoint], *, date_utc: str, device: str, falling: bool = False) -> Calibration:
-    """Fit a straight line of force over counts to known masses, by least squares.
+    """Fit a straight line of force against counts to known masses, by least squares.
 
-    The masses are exact and the counts are noisy, so counts are fitted over force and the line is turned round.
+    The masses are exact and the counts are noisy, so the function fits counts against force and inverts the line.
 
     Args:
-        points: At least three different masses.
-        date_utc: ISO 8601.
-        device: The load cell's port.
-        falling: Accept counts that fall under load.
+        points: The points; they must include at least three different masses.
+        date_utc: The time of the calibration, ISO 8601.
+        device: The stable name of the load cell's port.
+        falling: Whether counts that decrease under load are accepted.
 
     Raises:
-        InputError: Too few masses, counts that do not follow them, or counts that fall under load.
+        InputError: There are too few masses, the counts do not follow them, or the counts decrease under load.
     """
     masses = [point.mass_g for point in points]
     if len(set(masses)) < MIN_MASSES:
-        raise InputError("masses", masses, f"at least {MIN_MASSES} different ones are needed, one of them 0 at best")
+        raise InputError("masses", masses, f"must include at least {MIN_MASSES} different masses, best with 0 g")
     force = np.array([weight_n(mass) for mass in masses])
     counts = np.array([point.counts for point in points])
     slope, zero = _line(force, counts)
@@ -133,15 +133,15 @@ def fit(points: Sequence[CalibrationPoint], *, date_utc: str, device: str, falli
         raise InputError(
             "masses",
             masses,
-            f"the counts hardly change with them ({float(np.ptp(counts)):.6g} counts, noise {noise:.3g}): is the cell "
-            "wired, and do the masses lie on it?",
+            f"the counts hardly change with the mass ({float(np.ptp(counts)):.6g} counts, noise {noise:.3g}); check "
+            "the wiring of the cell and that the masses are on it",
         )
     if slope < 0.0 and not falling:
         raise InputError(
             "masses",
             masses,
-            "the counts fall as the mass grows: the masses were put on in another order than typed, or the cell's "
-            "signal wires are swapped, or it lies upside down; if it is meant to be so, say --falling",
+            "the counts decrease as the mass increases: the order of the masses differs from the typed one, the "
+            "signal wires of the cell are swapped, or the cell is upside down; if this is intended, use --falling",
         )
     distance = np.abs(counts - (zero + slope * force)) / abs(slope)
     return Calibration(
@@ -156,7 +156,7 @@ def fit(points: Sequence[CalibrationPoint], *, date_utc: str, device: str, falli
 
 
 def write_calibration(path: Path, calibration: Calibration) -> None:
-    """Write a calibration as JSON, whole or not at all.
+    """Write a calibration as JSON, completely or not at all.
 
     Raises:
         InputError: The folder cannot be written.
@@ -165,39 +165,39 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
 
 
 def read_calibration(path: Path) -> Calibration:
-    """Read what :func:`write_calibration` wrote.
+    """Read a calibration that :func:`write_calibration` wrote.
 
     Raises:
-        InputError: The file is missing, is no calibration, or has a value that is not allowed.
+        InputError: The file is missing, is not a calibration, or contains a value that is not allowed.
     """
     hint = "`tacbench rig calibrate-force` writes one"
     if not path.exists():
-        raise InputError("calibration", str(path), f"there is no such file; {hint}")
+        raise InputError("calibration", str(path), f"does not exist; {hint}")
     document = door.read_document(path, "calibration", "json")
     if not isinstance(document, dict) or document.pop("kind", None) != _KIND:
-        raise InputError("calibration", str(path), f"is no force calibration; {hint}")
+        raise InputError("calibration", str(path), f"is not a force calibration; {hint}")
     schema = document.pop("schema", None)
     if schema != _SCHEMA:
-        raise InputError(f"calibration {path}: schema", schema, f"this tacbench reads schema {_SCHEMA}")
+        raise InputError(f"calibration {path}: schema", schema, f"must be {_SCHEMA} for this version of tacbench")
     return from_plain(Calibration, document, f"calibration {path}: ")
 
 
 def weight_n(mass_g: float) -> float:
-    """Weight of a mass in grams, in newtons."""
+    """Return the weight of a mass in g, in N."""
     return mass_g * 1e-3 * STANDARD_GRAVITY
 
 
 def _line(force: Any, counts: Any) -> tuple[float, float]:
-    """Slope in counts per newton and counts without load."""
+    """Fit a line and return its slope in counts per newton and its counts without load."""
     design = np.column_stack((force, np.ones_like(force)))
     slope, zero = np.linalg.lstsq(design, counts, rcond=None)[0]
     return float(slope), float(zero)
 
 
 def _outlier(points: Sequence[CalibrationPoint]) -> tuple[float, float] | None:
-    """Mass in g of the point that spoils the fit, and its distance in N from the line through the others.
+    """Return the mass in g of the worst outlier and its distance in N from the line through the other points.
 
-    Each point in turn is left out. Only the furthest is named: a bad point bends every line that it is part of.
+    Each point is left out in turn. Only the worst point is returned, since an outlier bends every line it is part of.
     """
     if len(points) <= MIN_MASSES:
         return None
@@ -206,17 +206,19 @@ def _outlier(points: Sequence[CalibrationPoint]) -> tuple[float, float] | None:
     span = float(np.ptp(force))
     worst: tuple[float, float, float] | None = None
     for i, point in enumerate(points):
-        rest = np.delete(np.arange(len(points)), i)
-        if len(set(force[rest])) < 2:
+        others = np.delete(np.arange(len(points)), i)
+        if len(set(force[others])) < 2:
             continue
-        slope, zero = _line(force[rest], counts[rest])
+        slope, zero = _line(force[others], counts[others])
         if slope == 0.0:
             continue
-        others = float(np.sqrt(np.sum((counts[rest] - zero - slope * force[rest]) ** 2) / (len(rest) - 2))) / abs(slope)
+        residual = float(
+            np.sqrt(np.sum((counts[others] - zero - slope * force[others]) ** 2) / (len(others) - 2))
+        ) / abs(slope)
         distance = abs(point.counts - zero - slope * float(force[i])) / abs(slope)
-        # Noise alone may let the others lie on their line by chance: they are credited with what the samples spread.
-        floor = max(others, point.spread_counts / abs(slope) / math.sqrt(point.samples))
-        far = distance > _OUTLIER_TIMES * floor and distance > _OUTLIER_FRACTION * span
-        if far and (worst is None or distance / max(floor, 1e-12) > worst[0]):
-            worst = (distance / max(floor, 1e-12), point.mass_g, distance)
+        # The other points may lie on their line by chance. Their distance is at least the noise of the samples.
+        noise = max(residual, point.spread_counts / abs(slope) / math.sqrt(point.samples))
+        far = distance > _OUTLIER_TIMES * noise and distance > _OUTLIER_FRACTION * span
+        if far and (worst is None or distance / max(noise, 1e-12) > worst[0]):
+            worst = (distance / max(noise, 1e-12), point.mass_g, distance)
     return worst and worst[1:]

@@ -1,7 +1,7 @@
-"""A camera as a sensor, through OpenCV: settings that hold, and frames that began after they were asked for.
+"""A camera as a sensor, through OpenCV: checked settings, and frames whose exposure began after the request.
 
-Cameras go on sending what they buffered, take settings without obeying, freeze, and come back in another size. OpenCV
-says nothing of this, so everything is read back and looked at here.
+Cameras deliver buffered frames, ignore settings, freeze, and return with another frame size. OpenCV reports none of
+this, so this module reads every setting back and checks every frame.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.spec import SensorSettings
 from tacbench_cad.util.convert import Bounds, from_plain, to_plain
 
-#: Frames that a driver may hold back: four on Linux, and one is being filled.
+#: The number of frames that a driver may buffer: four on Linux, and one that is being filled.
 _BUFFERED = 5
-#: Periods after which a frame that arrives cannot have begun before the call.
+#: The number of frame periods after which a new frame must have begun after the call.
 _PERIODS = 3.0
-#: Longest time in which a fresh, sound frame must have come, in seconds.
+#: The longest wait for a new frame without faults, in s.
 _TIMEOUT_S = 10.0
-#: Age up to which a frame's stamp is believed, in seconds: above the longest wait.
+#: The largest plausible age of a frame by its time stamp, in s; longer than the longest wait.
 _OLDEST_S = 60.0
-#: Faulty frames in a row that are let pass: one may be a glitch of the cable.
+#: The number of consecutive faulty frames that are skipped, since the cable may cause single errors.
 _GLITCHES = 2
-#: Frames whose distances give the camera's pace when it is opened.
+#: The number of frames from which the frame period is measured when the camera is opened.
 _PACE_FRAMES = 12
-#: What an OpenCV property may differ from what was asked, as a fraction of it; cameras round to steps of their own.
+#: The allowed relative difference between a requested and an actual setting. Cameras round to their own steps.
 _CLOSE = 0.01
 
-# OpenCV's numbers of the properties (cv2.CAP_PROP_*); cv2 itself is only imported when a camera is opened.
+# OpenCV's property numbers (cv2.CAP_PROP_*). The module imports cv2 only when it opens a camera.
 _TIME_MS, _FPS, _AUTOFOCUS = 0, 5, 39
 _PROPERTIES = {"width": 3, "height": 4, "fps": _FPS, "focus": 28, "gain": 14, "white_balance": 45, "exposure": 15}
-#: Property that switches an automatism, the value that means off, and the setting that it would override. Automatic
-#: exposure is off at another value on Windows: Video4Linux has a menu, Windows a fraction.
+#: The property of each automatic control, its value for "off", and the setting that it would override. The value for
+#: manual exposure depends on the system: Video4Linux has a menu, Windows a fraction.
 _AUTOMATISMS = (
     (_AUTOFOCUS, 0.0, "focus"),
     (44, 0.0, "white_balance"),
@@ -52,20 +52,20 @@ _AUTOMATISMS = (
 
 @dataclass(frozen=True, kw_only=True)
 class CameraOptions:
-    """What ``[sensor]`` says of a camera.
+    """The options of a camera in ``[sensor]``.
 
     Args:
-        exposure: In the camera's own unit (on Linux 0.1 ms as a rule). Must be given: with automatic exposure the
-            brightness follows the contact.
-        width: Pixels.
-        height: Pixels.
-        fps: Frames a second; None for the camera's own choice.
-        focus: In the camera's own unit; None for a lens that is set by hand.
-        gain: Likewise; None leaves it as it is.
-        white_balance: Colour temperature in kelvin; None leaves it as it is.
+        exposure: The exposure in the camera's own unit (usually 0.1 ms on Linux). It is required, since with automatic
+            exposure the brightness would change with the contact.
+        width: The width of a frame in pixels.
+        height: The height of a frame in pixels.
+        fps: Frames per second; None for the camera's default.
+        focus: The focus in the camera's own unit; None for a lens that is focused by hand.
+        gain: The gain in the camera's own unit; None leaves it unchanged.
+        white_balance: The colour temperature in kelvin; None leaves it unchanged.
         colour: Whether frames are (height, width, 3) or grey (height, width).
         dark_counts: See :class:`~tacbench_cad.lab.rig.frames.FrameLimits`.
-        blur_px: Likewise.
+        blur_px: See :class:`~tacbench_cad.lab.rig.frames.FrameLimits`.
     """
 
     exposure: float
@@ -81,26 +81,26 @@ class CameraOptions:
 
     @property
     def limits(self) -> FrameLimits:
-        """When a frame is dark or blurred."""
+        """The limits beyond which a frame is dark or blurred."""
         return FrameLimits(dark_counts=self.dark_counts, blur_px=self.blur_px)
 
     @property
     def requested(self) -> dict[str, float]:
-        """The settings that the device must obey."""
+        """The settings that the device must accept."""
         return {name: getattr(self, name) for name in _PROPERTIES if getattr(self, name) is not None}
 
 
 class CameraSensor(Closing):
-    """A camera that takes one picture when asked. See :class:`tacbench_cad.lab.rig.sensor.Sensor`.
+    """A camera that takes one picture per request. See :class:`tacbench_cad.lab.rig.sensor.Sensor`.
 
     Args:
-        device: The camera's stable name, or its number where the system has no such names.
-        options: Its settings.
-        opener: Opens the device; tests give one of their own.
-        now_s: The real time in seconds, never going back.
+        device: The camera's stable name, or its number if the system has no stable names.
+        options: The settings of the camera.
+        opener: Opens the device; tests pass their own.
+        now_s: Returns the real time in seconds, never decreasing.
 
     Raises:
-        RigError: The camera does not open, does not obey, or gives no sound picture.
+        RigError: The camera does not open, does not accept a setting, or delivers only faulty frames.
     """
 
     units = "counts"
@@ -124,7 +124,7 @@ class CameraSensor(Closing):
         try:
             if not self._capture.isOpened():
                 raise DeviceLostError(
-                    f"{self.name}: does not open; is it plugged in, and is no other program using it?"
+                    f"{self.name}: cannot be opened; check that it is plugged in and not in use by another program"
                 )
             self.settings: dict[str, Any] = {
                 "requested": {**options.requested, "colour": options.colour},
@@ -138,18 +138,18 @@ class CameraSensor(Closing):
             raise
 
     def read(self) -> Frame:
-        """A picture whose exposure began after this call.
+        """Take a picture whose exposure began after this call.
 
-        Frames are thrown away until as many are gone as a driver may hold back, and the time is over that a frame
-        that was under way at the call needs to arrive: one period of exposure, one of transfer, and one more because
-        arrivals are seen late. Where the system gives a frame's time, that must lie a period after the call too.
+        The method discards as many frames as a driver may buffer. It then waits until a frame that was in progress at
+        the call has certainly arrived: one period for exposure, one for transfer, and one because arrivals are seen
+        late. If the system reports the time of a frame, that time must also be at least one period after the call.
 
         Returns:
             uint8, shape (height, width, 3), BGR, or (height, width).
 
         Raises:
-            DeviceLostError: The camera gives no frames any more.
-            SensorError: The frames are dark, blurred, stuck or of another size.
+            DeviceLostError: The camera no longer delivers frames.
+            SensorError: The frames are dark, blurred or stuck, or have another size.
         """
         faults: tuple[str, ...] = ()
         for _ in range(1 + _GLITCHES):
@@ -161,13 +161,13 @@ class CameraSensor(Closing):
         raise SensorError(f"{self.name}: {_GLITCHES + 1} frames in a row are {' and '.join(faults)}; {_help(faults)}")
 
     def close(self) -> None:
-        """Let go of the camera. Never raises; a second call does nothing."""
+        """Close the camera. Never raises; a second call has no effect."""
         capture, self._capture = self._capture, None
         if capture is not None:
             capture.release()
 
     def _fresh(self) -> NDArray[Any]:
-        asked = self._now_s()
+        requested_s = self._now_s()
         grabbed = 0
         while True:
             self._grab()
@@ -175,39 +175,39 @@ class CameraSensor(Closing):
             now = self._now_s()
             if (
                 grabbed > _BUFFERED
-                and now >= asked + _PERIODS * self._period_s
-                and self._time_s(now) >= (asked + self._period_s)
+                and now >= requested_s + _PERIODS * self._period_s
+                and self._time_s(now) >= (requested_s + self._period_s)
             ):
                 return self._retrieve()
-            if now > asked + _TIMEOUT_S:
+            if now > requested_s + _TIMEOUT_S:
                 raise SensorError(
-                    f"{self.name}: no fresh frame within {_TIMEOUT_S:g} s ({grabbed} old ones); unplug it and plug it "
+                    f"{self.name}: no new frame within {_TIMEOUT_S:g} s ({grabbed} old ones); unplug it and plug it "
                     "in again"
                 )
 
     def _time_s(self, now_s: float) -> float:
-        """When the last frame arrived by the system's own stamp; now, where it gives none that can be true."""
+        """Return the arrival time of the last frame by the system's stamp, or now if the stamp is implausible."""
         stamp = self._open.get(_TIME_MS) * 1e-3
-        # Of a stamp of another clock (a file's position, the time of day, 0) nothing follows.
+        # A stamp of another clock (position in a file, time of day, 0) says nothing about the arrival.
         return stamp if now_s - _OLDEST_S < stamp <= now_s else now_s
 
     def _grab(self) -> None:
-        """Wait for the next frame, without decoding it. OpenCV itself gives up after ten seconds (Video4Linux).
+        """Wait for the next frame, without decoding it. OpenCV itself stops waiting after ten seconds (Video4Linux).
 
         Raises:
-            DeviceLostError: There is none.
+            DeviceLostError: No frame arrived.
         """
         if not self._open.grab():
-            raise DeviceLostError(f"{self.name}: gives no frames any more; is it still plugged in?")
+            raise DeviceLostError(f"{self.name}: no longer delivers frames; check that it is plugged in")
 
     def _retrieve(self) -> NDArray[Any]:
         ok, image = self._open.retrieve()
         if not ok or image is None:
-            raise SensorError(f"{self.name}: a frame could not be decoded; is the cable or the hub too slow?")
-        whole = (self._options.height, self._options.width)
-        if image.dtype != np.uint8 or image.shape[:2] != whole or image.shape[2:] not in ((), (3,)):
+            raise SensorError(f"{self.name}: a frame could not be decoded; check the cable and the USB hub")
+        size = (self._options.height, self._options.width)
+        if image.dtype != np.uint8 or image.shape[:2] != size or image.shape[2:] not in ((), (3,)):
             raise SensorError(
-                f"{self.name}: a frame has shape {image.shape}, {image.dtype}; asked was {self.shape}, uint8"
+                f"{self.name}: a frame has shape {image.shape}, {image.dtype}; requested was {self.shape}, uint8"
             )
         if self._options.colour:
             return image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
@@ -220,13 +220,13 @@ class CameraSensor(Closing):
         return self._capture
 
     def _configure(self, capture: Capture) -> dict[str, float]:
-        """Set what was asked for and read it back.
+        """Apply the requested settings and read them back.
 
         Returns:
-            What the device says that it has.
+            The settings that the device reports.
 
         Raises:
-            SensorError: It has something else.
+            SensorError: The device reports another value.
         """
         requested = self._options.requested
         for prop, off, setting in _AUTOMATISMS:
@@ -234,39 +234,41 @@ class CameraSensor(Closing):
                 capture.set(prop, off)
         for setting, value in requested.items():
             capture.set(_PROPERTIES[setting], value)
-        # OpenCV's answer to a request only says that it was sent on; what counts is what the device reads afterwards.
+        # OpenCV's return value only tells that the request was sent. Only the value that is read back counts.
         actual = {setting: float(capture.get(_PROPERTIES[setting])) for setting in requested}
         for setting, value in requested.items():
             if not abs(actual[setting] - value) <= _CLOSE * abs(value):
                 raise SensorError(
-                    f"{self.name}: {setting} = {value:g} was asked for, the device has {actual[setting]:g}; choose a "
-                    "value that it obeys, or leave the setting out if the device has none"
+                    f"{self.name}: {setting} = {value:g} was requested, but the device has {actual[setting]:g}; choose "
+                    "a value that the device supports, or omit the setting if the device does not have it"
                 )
         for prop, off, setting in _AUTOMATISMS:
             state = float(capture.get(prop))
-            # A device without this automatism reads 0 or -1.
+            # A device without this automatic control returns 0 or -1.
             if setting in requested and state not in (off, 0.0, -1.0):
-                raise SensorError(f"{self.name}: automatic {setting.replace('_', ' ')} stays on ({state:g})")
+                raise SensorError(
+                    f"{self.name}: automatic {setting.replace('_', ' ')} cannot be switched off ({state:g})"
+                )
         if "focus" not in requested and float(capture.get(_AUTOFOCUS)) == 1.0:
-            raise SensorError(f"{self.name}: its focus is automatic; give [sensor] focus a fixed value")
+            raise SensorError(f"{self.name}: the focus is automatic; set [sensor] focus to a fixed value")
         return actual
 
     def _pace(self) -> float:
-        """Seconds between two frames: measured, or as the camera says if that is longer."""
+        """Return the frame period in s: the measured one, or the camera's own value if that is longer."""
         times = []
         for _ in range(_BUFFERED + _PACE_FRAMES):
             self._grab()
             times.append(self._now_s())
         measured = float(np.median(np.diff(times[_BUFFERED:])))
-        said = float(self._open.get(_FPS))
-        return max(measured, 1.0 / said if 1.0 <= said <= 1000.0 else 0.0)
+        reported_fps = float(self._open.get(_FPS))
+        return max(measured, 1.0 / reported_fps if 1.0 <= reported_fps <= 1000.0 else 0.0)
 
 
 def open_camera(settings: SensorSettings, opener: Opener | None = None) -> CameraSensor:
     """Open the camera that ``[sensor]`` describes.
 
     Raises:
-        InputError: A setting is not allowed, or the device is not named as it must be.
+        InputError: A setting is not allowed, or the name of the device is not.
         RigError: The camera fails.
     """
     options = from_plain(CameraOptions, settings.options, "[sensor] ")
@@ -274,15 +276,15 @@ def open_camera(settings: SensorSettings, opener: Opener | None = None) -> Camer
 
 
 def _grey(image: NDArray[Any]) -> NDArray[Any]:
-    """Grey of a BGR image by BT.601, uint8."""
+    """Convert a BGR image to grey by BT.601, uint8."""
     weighted = image.astype(np.float32) @ np.array([0.114, 0.587, 0.299], dtype=np.float32)
     return np.rint(weighted).astype(np.uint8)
 
 
 def _help(faults: tuple[str, ...]) -> str:
-    """What a person can do about it."""
+    """Return advice for the user."""
     if "stuck" in faults:
-        return "the camera froze: unplug it and plug it in again"
+        return "the camera is frozen: unplug it and plug it in again"
     if "dark" in faults:
-        return "is the sensor's light on, and the exposure long enough?"
-    return "is the lens in focus? For a sensor without markers set [sensor] blur_px = 0"
+        return "check that the sensor's light is on and that the exposure is long enough"
+    return "check the focus of the lens; for a sensor without markers set [sensor] blur_px = 0"

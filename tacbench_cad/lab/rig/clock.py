@@ -1,4 +1,4 @@
-"""Time for a rig: a simulated rig may run faster than real time, and waits then shrink with it."""
+"""The time of a rig. A simulated rig may run faster than real time, and its waits are then shorter."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ class Clock:
     speed: float = 1.0
 
     def sleep(self, seconds: float) -> None:
-        """Wait so many seconds of rig time."""
+        """Wait for a number of seconds of rig time."""
         if seconds > 0.0:
             time.sleep(seconds / self.speed)
 
     def now_s(self) -> float:
-        """Seconds of rig time from an arbitrary start, never going back."""
+        """Return the rig time in seconds from an arbitrary start, never decreasing."""
         return time.monotonic() * self.speed

@@ -1,8 +1,8 @@
-"""A whole rig from its settings: real, virtual and simulated devices, in any mixture.
+"""A whole rig from its settings. Real, virtual and simulated devices can be combined.
 
-*Virtual*: a firmware simulator in a process of its own, behind a serial port; the drivers are the real ones.
-*Simulated*: a device in this process that follows the position that the stage reports. The lab opens neither by
-itself: whoever wants them passes :class:`Simulators` in, as ``tacbench_cad.virtual_rig.devices.open_rig`` does.
+*Virtual*: a firmware simulator in its own process, behind a serial port; the drivers are the real ones.
+*Simulated*: a device in this process that follows the position that the stage reports. The lab itself opens neither.
+Callers that need them pass :class:`Simulators`, as ``tacbench_cad.virtual_rig.devices.open_rig`` does.
 """
 
 from __future__ import annotations
@@ -28,27 +28,27 @@ from tacbench_cad.lab.study.spec import (
 )
 from tacbench_cad.util.errors import InputError
 
-#: ``[gauge] port`` of the load cell that belongs to a virtual stage.
+#: The value of ``[gauge] port`` for the load cell of a virtual stage.
 VIRTUAL_PORT = "virtual"
-#: Options of a virtual stage that are not recorded: they do not change what is measured.
+#: The options of a virtual stage that are not recorded, since they do not affect the measurement.
 UNRECORDED = ("speed", "tcp", "faults")
 
 
 @runtime_checkable
 class Following(Protocol):
-    """A simulated device, which needs to know what lies under the sensor."""
+    """A simulated device, which must know the block below the sensor."""
 
     def put(self, printed: PrintedBlock, holder: HolderRim, frame: WorkFrame) -> None:
-        """Another block lies there now."""
+        """Replace the block below the sensor."""
 
 
 class VirtualStage(Following, Protocol):
     """The running firmware of a virtual stage.
 
     Attributes:
-        port: Where the stage's driver finds it.
-        gauge_port: The port of its load cell.
-        clock: The time that it keeps.
+        port: The port of the stage.
+        gauge_port: The port of the virtual load cell.
+        clock: The clock of the virtual rig.
     """
 
     port: str
@@ -58,12 +58,12 @@ class VirtualStage(Following, Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Simulators:
-    """What opens the devices that are not real.
+    """Functions that open virtual and simulated devices.
 
     Args:
         stage: Starts the firmware of a virtual stage.
-        gauge: A gauge that follows a position.
-        sensor: A sensor that follows a position; takes the options of ``[sensor]``.
+        gauge: Opens a gauge that follows a position.
+        sensor: Opens a sensor that follows a position; its last argument is the options of ``[sensor]``.
     """
 
     stage: Callable[[RigSettings], AbstractContextManager[VirtualStage]]
@@ -73,15 +73,15 @@ class Simulators:
 
 @dataclass(kw_only=True)
 class Rig:
-    """Open devices.
+    """The open devices of a rig.
 
     Args:
         stage: The stage.
         gauge: The force gauge, or None.
         sensor: The tactile sensor.
         clock: The rig's time.
-        settings: What they were opened from.
-        following: The simulated devices, which need to know what lies under the sensor.
+        settings: The settings from which the devices were opened.
+        following: The simulated devices, which must know the block below the sensor.
     """
 
     stage: Stage
@@ -92,13 +92,13 @@ class Rig:
     following: tuple[Following, ...] = ()
 
     def put(self, printed: PrintedBlock, frame: WorkFrame) -> None:
-        """Tell the simulated devices which block is pressed next."""
+        """Pass the next block to the simulated devices."""
         for device in self.following:
             device.put(printed, self.settings.holder, frame)
 
     @property
     def info(self) -> dict[str, dict[str, Any]]:
-        """Stage, gauge and sensor for ``run.json``."""
+        """Descriptions of the stage, gauge and sensor for ``run.json``."""
         gauge, sensor = self.gauge, self.sensor
         return {
             "stage": {
@@ -123,7 +123,7 @@ class Rig:
 
 
 def recorded_stage(settings: StageSettings) -> dict[str, Any]:
-    """The settings of a stage that must stay the same throughout a run; the origin is recorded with the frame."""
+    """Return the settings of a stage that must not change during a run, without the origin, which frames record."""
     return {
         "driver": settings.driver,
         "limits_mm": [list(limits) for limits in settings.limits_mm],
@@ -134,7 +134,7 @@ def recorded_stage(settings: StageSettings) -> dict[str, Any]:
 
 
 def recorded_gauge(settings: GaugeSettings) -> dict[str, Any]:
-    """The settings of a gauge that must stay the same throughout a run; its calibration is recorded by itself."""
+    """Return the settings of a gauge that must not change during a run, without its calibration."""
     return {"driver": settings.driver, "options": dict(settings.options)}
 
 
@@ -142,22 +142,24 @@ def recorded_gauge(settings: GaugeSettings) -> dict[str, Any]:
 def open_rig(
     settings: RigSettings, printed: PrintedBlock, frame: WorkFrame, *, simulators: Simulators | None = None
 ) -> Iterator[Rig]:
-    """Open every device; they are closed in reverse when the body ends, however it ends.
+    """Open all devices. They are closed in reverse order at the end, also after an error.
 
     Args:
-        settings: The devices.
-        printed: The block under the sensor: the load of virtual and simulated devices.
-        frame: Where it lies.
-        simulators: What opens virtual and simulated devices; None for a rig that has none.
+        settings: The settings of the devices.
+        printed: The block below the sensor, for virtual and simulated devices.
+        frame: The work frame of the block.
+        simulators: The functions for virtual and simulated devices; None if the rig has none.
 
     Raises:
-        RigError: A device is missing or is another one.
+        RigError: A device is missing or is not the expected one.
         InputError: A setting is not allowed.
     """
 
     def simulator(table: str, driver: str) -> Simulators:
         if simulators is None:
-            raise InputError(f"[{table}] driver", driver, "needs tacbench_cad.virtual_rig.devices.open_rig")
+            raise InputError(
+                f"[{table}] driver", driver, "is a simulator; open it with tacbench_cad.virtual_rig.devices.open_rig"
+            )
         return simulators
 
     with ExitStack() as devices:

@@ -1,4 +1,4 @@
-"""Drivers of stages, gauges and sensors by the names that ``[stage]``, ``[gauge]`` and ``[sensor]`` use."""
+"""The drivers of stages, gauges and sensors, by their names in ``[stage]``, ``[gauge]`` and ``[sensor]``."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from tacbench_cad.lab.rig.taxels import open_taxels
 from tacbench_cad.lab.study.spec import GaugeSettings, Point, SensorSettings, StageSettings
 from tacbench_cad.util.errors import InputError, nearest
 
-#: Drivers of serial stages, and the options of the file that each knows.
+#: The drivers of serial stages, with the options that each accepts.
 SERIAL: dict[str, tuple[Callable[..., Stage], tuple[str, ...]]] = {
     "grbl": (GrblStage, ("home_timeout_s", "tolerance_mm")),
     "marlin": (MarlinStage, ("home_timeout_s", "home_lift_mm")),
     "arduino": (ArduinoStage, ("steps_per_mm", "home_timeout_s")),
 }
-#: What every stage, gauge and sensor has.
+#: The attributes that every stage, gauge and sensor must have.
 NEEDED = {
     "stage": ("identity", "simulated", "home", "move", "position", "stop", "close"),
     "gauge": ("identity", "simulated", "calibration", "read", "tare", "close"),
@@ -39,18 +39,18 @@ NEEDED = {
 
 
 def open_stage(settings: StageSettings, clock: Clock | None = None) -> LimitedStage:
-    """Open, identify and (if asked) home the stage.
+    """Open and identify the stage, and home it if the settings say so.
 
-    A virtual stage's firmware must run already; ``settings.port`` says where. Its own options (``speed``, ``faults``)
-    are for whoever runs it and are ignored here.
+    The firmware of a virtual stage must already run at ``settings.port``. Its own options (``speed``, ``faults``) are
+    for the program that runs it; this function ignores them.
 
     Args:
         settings: The stage's settings.
-        clock: Time of the rig; None for real time.
+        clock: The rig's time; None for real time.
 
     Raises:
-        InputError: Unknown driver or option, no such port, or several candidates.
-        RigError: The device is silent, is another one, or cannot be homed.
+        InputError: The driver, an option or the port does not exist, or several ports are possible.
+        RigError: The device does not answer, is not the expected one, or cannot be homed.
     """
     stage = LimitedStage(_stage(settings, clock or Clock()), settings.limits_mm)
     try:
@@ -66,17 +66,17 @@ def open_gauge(settings: GaugeSettings, clock: Clock, *, taken: Sequence[str] = 
     """Open the gauge that ``[gauge]`` describes.
 
     Args:
-        settings: The table; its driver is ``serial`` or a ``module:name``, which is given the port as ``port``.
+        settings: The table. Its driver is ``serial`` or a ``module:name``, which receives the port as ``port``.
         clock: The rig's time.
-        taken: Ports of the rig's other devices, which it cannot have.
-        simulated: What of it is simulated: the virtual rig's load cell speaks over a real port.
+        taken: The ports of the rig's other devices, which are not tried.
+        simulated: The simulated part: the virtual rig's load cell uses a real port.
 
     Raises:
-        InputError: A setting is not allowed, the calibration cannot be read, or there is no such port.
-        RigError: Nothing that is a sample comes.
+        InputError: A setting is not allowed, the calibration cannot be read, or the port does not exist.
+        RigError: The device sends no valid sample.
     """
     if plugin.is_plugin(settings.driver):
-        gauge: Gauge = _own("gauge", settings, port=settings.port)
+        gauge: Gauge = _open_own("gauge", settings, port=settings.port)
         return gauge
     path = None if settings.calibration is None else Path(settings.calibration)
     calibration = None if path is None else read_calibration(path)
@@ -98,23 +98,23 @@ def open_sensor(settings: SensorSettings, clock: Clock, *, taken: Sequence[str] 
     """Open the sensor that ``[sensor]`` describes.
 
     Args:
-        settings: The table; the device of a ``module:name`` is given to it as ``device``.
+        settings: The table. A ``module:name`` receives the device as ``device``.
         clock: The rig's time.
-        taken: Ports of the rig's other devices, which it cannot have.
+        taken: The ports of the rig's other devices, which are not tried.
 
     Raises:
-        InputError: A setting is not allowed, or there is no such device.
-        RigError: The sensor fails, does not obey, or sends what cannot be a frame.
+        InputError: A setting is not allowed, or the device does not exist.
+        RigError: The sensor fails, does not accept a setting, or sends invalid frames.
     """
     if plugin.is_plugin(settings.driver):
-        sensor: Sensor = _own("sensor", settings, device=settings.device)
+        sensor: Sensor = _open_own("sensor", settings, device=settings.device)
         return sensor
     return open_camera(settings) if settings.driver == "opencv" else open_taxels(settings, clock, taken=taken)
 
 
 def _stage(settings: StageSettings, clock: Clock) -> Stage:
     if plugin.is_plugin(settings.driver):
-        stage: Stage = _own("stage", settings, port=settings.port)
+        stage: Stage = _open_own("stage", settings, port=settings.port)
         return stage
     name = settings.driver.removeprefix("virtual-")
     factory, known = SERIAL[name]
@@ -125,7 +125,7 @@ def _stage(settings: StageSettings, clock: Clock) -> Stage:
             raise InputError("[stage] port", None, f"{settings.driver} needs the port of its running firmware")
     for key in options:
         if key not in known:
-            raise InputError(f"[stage] options {key}", None, f"unknown to {name}; {nearest(key, known)}")
+            raise InputError(f"[stage] options {key}", None, f"is not an option of {name}; {nearest(key, known)}")
     if settings.baud is not None:
         options["baud"] = settings.baud
     return factory(
@@ -137,8 +137,8 @@ def _stage(settings: StageSettings, clock: Clock) -> Stage:
     )
 
 
-def _own(kind: str, settings: StageSettings | GaugeSettings | SensorSettings, **place: str | None) -> Any:
-    """A user's own device; it is given its port or device where the file names one."""
+def _open_own(kind: str, settings: StageSettings | GaugeSettings | SensorSettings, **place: str | None) -> Any:
+    """Open a user's own device. It receives its port or device if the file names one."""
     options = {**settings.options, **{key: value for key, value in place.items() if value is not None}}
     return plugin.open_device(settings.driver, options, NEEDED[kind], field=f"[{kind}] driver", results=RESULTS[kind])
 
@@ -162,7 +162,7 @@ def _frame(value: Any) -> Frame:
     return value
 
 
-#: What must come of the methods of a user's own device.
+#: The required results of the methods of a user's own device.
 RESULTS: Mapping[str, Mapping[str, Callable[[Any], Any]]] = {
     "stage": {"move": _point, "position": _point},
     "gauge": {"read": _force},

@@ -1,4 +1,4 @@
-"""What can go wrong with a rig, by name. Each of these stops a run so that it can be resumed later."""
+"""The errors of a rig. Each of them stops a run, which can be resumed later."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ class RigError(TacbenchError):
 
 
 class DeviceLostError(RigError):
-    """The device is gone: unplugged, switched off, its port closed."""
+    """The device is gone: it was unplugged or switched off, or its port was closed."""
 
 
 class NoAnswerError(RigError):
-    """The device is there and stays silent beyond its bound."""
+    """The device did not answer in time."""
 
 
 class ProtocolError(RigError):
-    """The device answered something that its protocol does not allow here, or is another device."""
+    """The device sent an answer that its protocol does not allow here, or it is another device."""
 
 
 class DriverError(RigError):
-    """A user's own driver raised what is no error of a rig, or gave what is no position, force or frame."""
+    """A user's own driver raised another error than a rig error, or returned an invalid position, force or frame."""
 
 
 class AlarmError(RigError):
@@ -32,31 +32,31 @@ class AlarmError(RigError):
 
 
 class PositionLostError(RigError):
-    """The firmware was reset or reports an impossible position: where the sensor is, is unknown; home first."""
+    """The firmware was reset or reports an impossible position. The position is unknown until the stage is homed."""
 
 
 class NotThereError(RigError):
-    """The stage reports that it ended up elsewhere than it was sent."""
+    """The stage reports another position than the target of the move."""
 
 
 class OutOfRangeError(RigError):
-    """A target beyond the stage's limits. Nothing was sent."""
+    """The target is beyond the stage's limits. No command was sent."""
 
 
 class ForceLimitError(RigError):
-    """The contact force passed the hard limit; the sensor was lifted."""
+    """The contact force exceeded the hard limit. The sensor was lifted."""
 
 
 class DepthLimitError(RigError):
-    """The target would lie below the depth limit."""
+    """The target is below the depth limit."""
 
 
 class GaugeError(RigError):
-    """The force gauge sends what cannot be a force: stuck, saturated, garbled."""
+    """The force gauge sends invalid samples: stuck, saturated or garbled."""
 
 
 class SensorError(RigError):
-    """The sensor sends what cannot be a frame: dark, blurred, frozen, of another shape."""
+    """The sensor sends invalid frames: dark, blurred, frozen or of another shape."""
 
 
 class NotReachedError(RigError):

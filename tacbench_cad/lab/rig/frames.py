@@ -1,4 +1,4 @@
-"""What is wrong with an image of a sensor: dark, blurred, or stuck. Pure functions, no camera needed."""
+"""Checks of a sensor's image: dark, blurred or stuck. These are pure functions that need no camera."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ from tacbench_cad.util.types import Bools, Ints
 
 #: The faults that :func:`frame_faults` can name.
 FAULTS = ("dark", "blurred", "stuck")
-#: Fraction of the pixels that may be brighter than what is called the bright level: hot pixels, reflections. The pins
-#: of a TacTip cover some 3 % of its image, on a background near 0, so the level lies on the pins.
+#: The fraction of pixels that may exceed the bright level, such as hot pixels and reflections. The pins of a TacTip
+#: cover about 3 % of its image, on a background near 0, so the bright level is the brightness of the pins.
 _BRIGHT_FRACTION = 0.005
-#: Fraction of the pixels that may be darker than the dark level.
+#: The fraction of pixels that may be below the dark level.
 _DARK_FRACTION = 0.01
-#: From here on a pixel is saturated; compressed videos clip at 249 to 251.
+#: The lowest count of a saturated pixel; compressed videos clip at 249 to 251.
 SATURATED = 250
-#: Fraction of the pixels of a frame whose slopes are called the steepest ones.
+#: The fraction of a frame's pixels that count as those with the steepest slopes.
 _STEEP_FRACTION = 0.001
-#: A step lies within so many pixels, and is at least so high, as a fraction of the frame's contrast.
+#: The window in which a step of brightness is measured, in pixels, and its lowest height as a fraction of the contrast.
 _STEP_PX, _MIN_STEP = 25, 0.3
-#: A frame with a shorter side is small.
+#: The shorter side of a frame, in pixels, below which single pixels are used instead of means over 3 x 3.
 _SMALL_PX = 64
-#: The width of an edge that lies between two pixels.
+#: The width of an edge between two pixels, in pixels.
 _PIXEL_PX = 0.79
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrameLimits(Checked):
-    """From where on a frame is faulty. The defaults suit an image of bright markers, 640 x 480.
+    """The limits beyond which a frame is faulty. The defaults suit an image of bright markers, 640 x 480.
 
     Args:
-        dark_counts: A frame is dark if its bright level is below so many counts; 0 switches the check off.
-        blur_px: A frame is blurred if its sharpest edges are wider than a step smoothed by a Gaussian of this standard
-            deviation, in pixels; 0 switches the check off, for sensors without markers.
+        dark_counts: A frame is dark if its bright level is below this count; 0 switches the check off.
+        blur_px: A frame is blurred if its sharpest edges are wider than a step smoothed by a Gaussian with this
+            standard deviation, in pixels; 0 switches the check off, for sensors without markers.
     """
 
     dark_counts: Annotated[float, Bounds(0.0, 255.0)] = 25.0
@@ -47,15 +47,15 @@ class FrameLimits(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class FrameQuality:
-    """What is measured of a frame, inside of a region or in all of it.
+    """Measurements of a frame, within a region or over the whole frame.
 
     Args:
-        bright: The bright level, in counts: of the brightest channel, exceeded by 0.5 % of the pixels.
-        contrast: The bright level less the dark one, which 1 % of the pixels fall below.
-        edge_px: Width of the sharpest edges: the standard deviation of the Gaussian that smooths a step as much; about
-            0.8 at best, since a pixel has a size; infinite without structure.
-        mean: The mean of the brightest channel, in counts, outside of the region too.
-        saturated: Fraction of the pixels at 250 or more.
+        bright: The bright level in counts. 0.5 % of the pixels exceed it in their brightest channel.
+        contrast: The bright level minus the dark level. 1 % of the pixels are below the dark level.
+        edge_px: The width of the sharpest edges: the standard deviation, in pixels, of the Gaussian that would smooth
+            a step equally. It is about 0.8 at best, because of the pixel size, and infinite for a uniform image.
+        mean: The mean of the brightest channel, in counts, over the whole frame.
+        saturated: The fraction of pixels with 250 counts or more.
     """
 
     bright: float
@@ -68,16 +68,16 @@ class FrameQuality:
 def frame_faults(
     image: NDArray[Any], previous: NDArray[Any] | None = None, limits: FrameLimits | None = None
 ) -> tuple[str, ...]:
-    """Name what is wrong with a frame.
+    """Return the names of a frame's faults.
 
     Args:
         image: uint8, shape (height, width) or (height, width, 3), at least 3 pixels a side.
-        previous: The frame before it from the same camera, if there is one. Read noise makes any two frames of a
-            living camera differ, so an identical one is stuck.
-        limits: Where to draw the line; the defaults if None.
+        previous: The previous frame of the same camera, if there is one. Read noise makes any two frames of a working
+            camera differ, so an identical frame is stuck.
+        limits: The limits; None for the defaults.
 
     Returns:
-        Some of ``dark``, ``blurred``, ``stuck``; empty for a sound frame. A dark frame is not called blurred too.
+        Some of ``dark``, ``blurred``, ``stuck``; empty for a good frame. A dark frame is not also called blurred.
     """
     chosen = limits or FrameLimits()
     quality = frame_quality(image, edges=chosen.blur_px > 0.0)
@@ -92,12 +92,12 @@ def frame_faults(
 
 
 def frame_quality(image: NDArray[Any], mask: Bools | None = None, *, edges: bool = True) -> FrameQuality:
-    """Measure a frame.
+    """Measure the brightness and sharpness of a frame.
 
     Args:
         image: uint8, shape (height, width) or (height, width, 3).
-        mask: The pixels that count, shape (height, width); None for all.
-        edges: Whether to measure the edges too; else their width is 0.
+        mask: The pixels to measure, shape (height, width); None for all.
+        edges: Whether to measure the edges; otherwise their width is 0.
     """
     brightest = image if image.ndim == 2 else np.maximum(np.maximum(image[..., 0], image[..., 1]), image[..., 2])
     levels = _counts(brightest if mask is None else brightest[mask])
@@ -112,12 +112,12 @@ def frame_quality(image: NDArray[Any], mask: Bools | None = None, *, edges: bool
 
 
 def _edge_px(grey: NDArray[Any], mask: Bools | None, contrast: float) -> float:
-    """Width of the sharpest edges.
+    """Return the width of the sharpest edges in pixels.
 
-    A step of height c smoothed by a Gaussian of standard deviation s has the steepest slope c / (s sqrt(2 pi)). The
-    height is that of the step itself, the largest difference within some pixels; where it is small, there is only
-    noise. The slope comes from central differences of means over 3 x 3 pixels, which noise changes little (of single
-    pixels in small frames).
+    A step of height c that is smoothed by a Gaussian with standard deviation s has the steepest slope
+    c / (s sqrt(2 pi)). The height is that of the step itself: the largest difference within a small window. Windows
+    with a small height contain only noise. The slope is the central difference of means over 3 x 3 pixels, which
+    reduces noise; small frames use single pixels.
     """
     import cv2
 
@@ -137,17 +137,17 @@ def _edge_px(grey: NDArray[Any], mask: Bools | None, contrast: float) -> float:
     steep = slopes >= max(1, _level_above(_counts(slopes), _STEEP_FRACTION * grey.size / slopes.size))
     if not steep.any():
         return math.inf
-    # A central difference spans two pixels; the mean over three widens a step as a variance of about 0.8 does.
+    # A central difference spans two pixels. The mean over three pixels adds a variance of about 0.8 to a step.
     width = float(np.median(heights[steep] / slopes[steep])) * 2.0 / math.sqrt(2.0 * math.pi)
     return math.sqrt(max(width**2 - 0.8, _PIXEL_PX**2)) if large else width
 
 
 def _counts(values: NDArray[Any]) -> Ints:
-    """How often each count from 0 to 255 occurs, shape (256,)."""
+    """Return how often each count from 0 to 255 occurs, shape (256,)."""
     return np.bincount(values.ravel(), minlength=256)
 
 
 def _level_above(levels: Ints, fraction: float) -> int:
-    """The count that at most ``fraction`` of the values exceed."""
+    """Return the count that at most ``fraction`` of the values exceed."""
     below = np.cumsum(levels)
     return int(np.searchsorted(below, (1.0 - fraction) * below[-1]))

@@ -1,4 +1,4 @@
-"""What a force gauge is: something that says how hard the sensor presses."""
+"""The interface of a force gauge, which measures how hard the sensor presses."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from tacbench_cad.lab.rig.stage import Device
 
 @dataclass(frozen=True, kw_only=True)
 class Force:
-    """A force averaged over a stretch of time that began after it was asked for.
+    """A force averaged over a period that began after the request.
 
     Args:
-        mean_n: Mean of the samples in newtons, positive in compression.
-        spread_n: Standard deviation of the samples (ddof 0).
-        samples: How many there were, at least one.
+        mean_n: The mean of the samples in N, positive in compression.
+        spread_n: The standard deviation of the samples in N (ddof 0).
+        samples: The number of samples, at least one.
     """
 
     mean_n: float
@@ -25,12 +25,12 @@ class Force:
 
 @runtime_checkable
 class Gauge(Device, Protocol):
-    """A force gauge, connected and identified when it is made.
+    """A force gauge. It is connected and identified when it is created.
 
     Attributes:
         identity: Driver, device and calibration, for people and for ``run.json``.
-        simulated: What of it is simulated, or an empty text.
-        calibration: Scale, residual, date and file as plain values; empty where it sends newtons.
+        simulated: The simulated part, or an empty text.
+        calibration: Scale, residual, date and file as plain values; empty for a gauge that sends newtons.
     """
 
     identity: str
@@ -38,11 +38,11 @@ class Gauge(Device, Protocol):
     calibration: dict[str, object]
 
     def read(self, window_s: float) -> Force:
-        """Average the samples that were taken during ``window_s`` from now; at least one is waited for.
+        """Average the samples that were taken during the next ``window_s`` seconds; wait for at least one.
 
         Raises:
-            RigError: Lost, silent, or sending what cannot be a force.
+            RigError: The gauge is gone or silent, or sends invalid samples.
         """
 
     def tare(self) -> None:
-        """Take the present force as zero (the sensor must be free)."""
+        """Take the present force as zero. The sensor must not touch anything."""

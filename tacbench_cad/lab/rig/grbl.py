@@ -1,19 +1,20 @@
-"""A stage run by GRBL 1.1 or grblHAL.
+"""A stage controlled by GRBL 1.1 or grblHAL.
 
-Frame: the stage's millimetres are GRBL's machine coordinates (``G53``, ``MPos``), which homing sets from the end
-stops. Work offsets (``G54`` to ``G59``, ``G92``) are neither used nor changed, so that a taught origin stays valid
-after the power was off, once the stage is homed again. With the firmware's default settings all coordinates are 0 at
-the homing corner and negative elsewhere.
+Frame: the stage's coordinates are GRBL's machine coordinates (``G53``, ``MPos``), which homing derives from the end
+stops. Work offsets (``G54`` to ``G59``, ``G92``) are neither used nor changed, so a taught origin stays valid after the
+power was off, once the stage has been homed again. With the firmware's default settings all coordinates are 0 at the
+homing corner and negative elsewhere.
 
-Trust: a move is done when the firmware reports ``Idle`` at the target; an ``ok`` proves nothing. The firmware counts
-motor steps: it cannot see a motor slip. A reset, an alarm or a long silence makes the position unknown, and every
-move is refused until ``home()`` has succeeded. GRBL homes z first, upwards, so homing is also what lifts the sensor
-then. Without ``home`` at opening, the count that the firmware has kept is believed, unless opening the port reset it.
+Proof of a move: a move is finished when the firmware reports ``Idle`` at the target; an ``ok`` proves nothing. The
+firmware counts motor steps and cannot detect lost steps. After a reset, an alarm or a long silence the position is
+unknown, and every move is refused until ``home()`` has succeeded. GRBL homes z first, upwards, so homing also lifts
+the sensor. Without ``home`` at opening, the driver trusts the position that the firmware has kept, unless opening the
+port reset it.
 
-``stop()`` sends ``!`` (feed hold), which keeps the position; the next call waits until the carriage stands and leaves
-the hold with Ctrl-X. While homing it sends Ctrl-X, since ``!`` is not obeyed there.
+``stop()`` sends ``!`` (feed hold), which keeps the position. The next call waits until the carriage stands still and
+leaves the hold with Ctrl-X. While homing it sends Ctrl-X, since GRBL ignores ``!`` there.
 
-One line is under way at a time, so the firmware's 128-byte buffer cannot overflow. Protocol:
+Only one line is sent at a time, so the firmware's 128-byte buffer cannot overflow. The protocol is described at
 https://github.com/gnea/grbl/wiki.
 """
 
@@ -30,28 +31,29 @@ from tacbench_cad.lab.rig.grbl_replies import Status
 from tacbench_cad.lab.rig.serial_stage import SerialOptions, SerialStage, confirmed, duration_s, is_near, place_text
 from tacbench_cad.lab.study.spec import Point
 
-#: Speed of the line, in baud.
+#: The baud rate of the port.
 BAUD = 115200
-#: Pause between two status reports while the carriage moves, in rig time.
+#: The pause between two status reports while the carriage moves, in s of rig time.
 POLL_S = 0.03
-#: A carriage that stands elsewhere than it was sent for so long will not start any more.
+#: A carriage that stands still this long, in s, away from its target will not continue.
 STANDING_S = 0.3
-#: How far from the straight line to its target a carriage may be reported.
+#: The allowed distance of a reported position from the straight line to the target, in mm.
 ASIDE_MM = 0.05
-#: How often a line that was refused as unreadable, and nothing done, is sent again at most.
+#: The largest number of repetitions of a line that the firmware could not read and did not execute.
 RESENDS = 5
-#: How often homing is begun again, where the order to home was not taken.
+#: The largest number of attempts to home, if the firmware does not accept the command.
 HOMINGS = 4
-#: Number of the error by which GRBL says that homing is not enabled.
+#: The number of GRBL's error for homing that is not enabled.
 NO_HOMING = 5
 
 
 class GrblStage(SerialStage[GrblLink]):
-    """A three-axis stage behind GRBL. See :class:`tacbench_cad.lab.rig.stage.Stage` and the module's text.
+    """A three-axis stage with GRBL. See :class:`tacbench_cad.lab.rig.stage.Stage` and the module's description.
 
     Args:
-        port: Path, name or pyserial URL.
-        tolerance_mm: How far from its target a move may end; None: half a motor step and the report's rounding.
+        port: The path, name or pyserial URL of the port.
+        tolerance_mm: The allowed distance of a coordinate from its target, in mm; None for half a motor step plus the
+            rounding of the report.
         options: See :class:`~tacbench_cad.lab.rig.serial_stage.SerialOptions`.
 
     Attributes:
@@ -59,8 +61,8 @@ class GrblStage(SerialStage[GrblLink]):
 
     Raises:
         InputError: The port cannot be opened.
-        NoAnswerError: Nothing answers.
-        ProtocolError: Something else than GRBL 1.1 answers, or its reports are in inches.
+        NoAnswerError: The device does not answer.
+        ProtocolError: The device is not GRBL 1.1, or it reports inches.
     """
 
     def __init__(self, port: str, *, tolerance_mm: float | None = None, **options: Unpack[SerialOptions]) -> None:
@@ -76,56 +78,56 @@ class GrblStage(SerialStage[GrblLink]):
             self._look_around()
 
     def home(self) -> None:
-        """Find the end stops, z first and upwards (GRBL's own order); afterwards the position is known.
+        """Find the end stops, z first and upwards (GRBL's own order). Afterwards the position is known.
 
-        Works from every state: a reset comes first. An ``ok`` alone is not believed: ``Home`` must have been
-        reported, or the carriage must stand at the ends of its travel. An order that was garbled is given again.
+        Homing works in every state, since it begins with a reset. An ``ok`` alone proves nothing: the firmware must
+        have reported ``Home``, or the carriage must stand at the ends of its travel. A garbled command is repeated.
 
         Raises:
             AlarmError: An end stop was not found, or homing was stopped.
             ProtocolError: Homing is not enabled in the firmware (``$22=0``).
-            RigError: Lost, silent or reset.
+            RigError: The device is gone or silent, or was reset.
         """
         self._stopping, self._homing = False, True
-        seen: bool | None = None
+        home_reported: bool | None = None
         try:
             for _ in range(HOMINGS):
                 self._link.reset()
-                self._link.lost = "homing was not finished"
+                self._link.lost = "homing was not completed"
                 if not self._stopping:
-                    seen = self._wait_for_homing()
-                if self._stopping or seen is not None:
+                    home_reported = self._wait_for_homing()
+                if self._stopping or home_reported is not None:
                     break
         finally:
             self._homing = False
         if self._stopping:
             raise AlarmError(f"{self._link.name}: homing was stopped on request")
-        if seen is None:
-            raise ProtocolError(f"{self._link.name}: does not understand the order to home; look at the cable")
-        # The answer to the last question may be on its way; it must not be taken for that to the next one.
+        if home_reported is None:
+            raise ProtocolError(f"{self._link.name}: does not understand the homing command; check the cable")
+        # A late answer to the last question must not count as the answer to the next one.
         for _ in range(20):
             if self._link.next(0.05) is None:
                 break
         at = self._standing("Idle", failed="does not come to rest")
-        if not seen and not self._at_ends(at):
-            raise PositionLostError(f"{self._link.name}: said ok to homing, but has not homed; home first")
+        if not home_reported and not self._at_ends(at):
+            raise PositionLostError(f"{self._link.name}: answered ok to homing but did not home; home it first")
         self._line.torn = False
         self._link.lost = ""
         self._last = at
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
-        """Go there in a straight line; done when ``Idle`` at the target is reported.
+        """Move to a position in a straight line. The move is finished when ``Idle`` at the target is reported.
 
-        Every report on the way must lie on the straight line: a line garbled on its way to the firmware (which has
-        no checksums) shows as a carriage going elsewhere, and is stopped.
+        Every report during the move must lie on the straight line. A line that was garbled on its way to the firmware,
+        which has no checksums, shows as a carriage that moves elsewhere; the driver then stops it.
 
         Raises:
-            AlarmError: The firmware is locked, or was locked on the way.
-            PositionLostError: It was reset, now or before; home first.
-            OutOfRangeError: The firmware's own limits refuse the target.
-            NotThereError: Stopped on request, held, stuck, or arrived elsewhere.
-            NoAnswerError: Silent.
-            DeviceLostError: Unplugged.
+            AlarmError: The firmware is locked, or an alarm locked it during the move.
+            PositionLostError: The firmware was reset, during the move or before; home it first.
+            OutOfRangeError: The target is beyond the firmware's own limits.
+            NotThereError: The move was stopped on request, put on hold, stuck, or ended at another position.
+            NoAnswerError: The device is silent.
+            DeviceLostError: The device is unplugged.
         """
         start = self.position()
         with self._moving():
@@ -133,26 +135,26 @@ class GrblStage(SerialStage[GrblLink]):
         return self._last
 
     def position(self) -> Point:
-        """The reported machine position in mm, once a stop (if any) has come to rest.
+        """Return the reported machine position in mm. After a stop, wait until the carriage stands still.
 
         Raises:
-            PositionLostError: It is unknown: reset, alarm, or never homed.
-            RigError: Lost or silent.
+            PositionLostError: The position is unknown: reset, alarm, or never homed.
+            RigError: The device is gone or silent.
         """
         self._link.require_known()
         if self._stopping or self._line.torn:
             self._leave_hold()
         at = confirmed(self._reported, lambda at: self._last is None or self._there(at, self._last))
         if at is None:
-            raise ProtocolError(f"{self._link.name}: reports another place each time it is asked")
-        # What a reset leaves behind, should its banner have been lost on the way.
+            raise ProtocolError(f"{self._link.name}: reports another position each time")
+        # A reset leaves this position. Its banner may have been lost.
         if at == (0.0, 0.0, 0.0) and self._last is not None and math.dist(at, self._last) > ASIDE_MM:
-            raise self._link.reset_noticed("reports 0, 0, 0 although it was left elsewhere")
+            raise self._link.reset_noticed("reports 0, 0, 0 although it should be elsewhere")
         self._last = at
         return at
 
     def stop(self) -> None:
-        """Stop all motion at once; from a signal handler too. Never raises."""
+        """Stop all motion at once. Signal handlers may call this method. Never raises."""
         self._stopping = True
         self._line.write_now(RESET if self._homing else HOLD)
 
@@ -167,7 +169,7 @@ class GrblStage(SerialStage[GrblLink]):
         return at
 
     def _resolution(self, axis: int) -> float:
-        """Half a motor step and the rounding of reports, in mm."""
+        """Return half a motor step plus the rounding of reports, in mm."""
         steps_per_mm = self.settings.get(100 + axis, 0.0)
         return 0.5 / steps_per_mm + 0.0015 if steps_per_mm > 0.0 else 0.01
 
@@ -179,56 +181,58 @@ class GrblStage(SerialStage[GrblLink]):
         return is_near(at, target, self._tolerance_mm)
 
     def _follow(self, start: Point, target: Point, speed_mm_s: float) -> Point:
-        """Send a move and watch it to its end."""
+        """Send a move and watch it until its end."""
         name, line = self._link.name, self._line
         x, y, z = target
         command = f"G21G90G94G53G1X{x:.4f}Y{y:.4f}Z{z:.4f}F{max(60.0 * speed_mm_s, 0.1):.3f}"
         line.write(command.encode("ascii") + b"\n")
-        begun = heard = progress = time.monotonic()
-        give_up = begun + self._timeout_s + 2.0 * duration_s(start, target, speed_mm_s, self._rates_mm_s)
+        start_s = reported_s = progress = time.monotonic()
+        give_up = start_s + self._timeout_s + 2.0 * duration_s(start, target, speed_mm_s, self._rates_mm_s)
         closest, aside, accepted, refusals = math.dist(start, target), 0, False, 0
         standing: tuple[Point, float] | None = None
-        ask_at = begun
+        ask_at = start_s
         while True:
             now = time.monotonic()
             if now >= ask_at:
                 line.write(ASK)
                 ask_at = now + ANSWER_S
-            got = self._link.next(max(ask_at - now, 0.0))
+            answer = self._link.next(max(ask_at - now, 0.0))
             now = time.monotonic()
             if self._stopping:
-                raise NotThereError(f"{name}: was stopped on request on its way to {place_text(target)}")
-            if now - heard > self._timeout_s:
+                raise NotThereError(f"{name}: the move to {place_text(target)} was stopped on request")
+            if now - reported_s > self._timeout_s:
                 raise self._link.silence()
-            if isinstance(got, str):
-                if replies.is_unreadable(got) and refusals < RESENDS:
-                    # A disturbance may last: a longer pause each time.
+            if isinstance(answer, str):
+                if replies.is_unreadable(answer) and refusals < RESENDS:
+                    # A disturbance may last longer, so the pause increases each time.
                     time.sleep(0.01 * 2.0**refusals)
                     line.write(command.encode("ascii") + b"\n")
                     accepted, refusals = False, refusals + 1
                     continue
-                self._link.refused(got, command)
-                accepted = accepted or got == "ok"
-            if not isinstance(got, Status) or (at := self._link.machine(got)) is None:
+                self._link.refused(answer, command)
+                accepted = accepted or answer == "ok"
+            if not isinstance(answer, Status) or (at := self._link.machine(answer)) is None:
                 continue
-            heard, ask_at = now, now + POLL_S / self._clock.speed
-            self._link.not_locked(got)
-            if got.state == "Hold":
+            reported_s, ask_at = now, now + POLL_S / self._clock.speed
+            self._link.not_locked(answer)
+            if answer.state == "Hold":
                 self._stopping = True
-                raise NotThereError(f"{name}: was put on hold at {place_text(at)} (its button?)")
-            # A single report may be damaged; two in a row are believed.
+                raise NotThereError(f"{name}: was put on hold at {place_text(at)}, perhaps by its button")
+            # A single report may be damaged, so two consecutive reports are needed.
             aside = aside + 1 if _is_aside(at, start, target) else 0
             if aside >= 2:
                 self.stop()
-                raise NotThereError(f"{name}: went to {place_text(at)} on its way to {place_text(target)}; stopped")
-            if got.state != "Idle":
+                raise NotThereError(
+                    f"{name}: moved to {place_text(at)}, off the line to {place_text(target)}, and was stopped"
+                )
+            if answer.state != "Idle":
                 standing = None
                 if math.dist(at, target) < closest - min(self._tolerance_mm):
                     closest, progress = math.dist(at, target), now
                 if now - progress > self._timeout_s or now > give_up:
                     self.stop()
                     raise NotThereError(
-                        f"{name}: stays at {place_text(at)} on its way to {place_text(target)}; stopped"
+                        f"{name}: stays at {place_text(at)} on its way to {place_text(target)} and was stopped"
                     )
                 continue
             standing = standing if standing and standing[0] == at else (at, now)
@@ -236,52 +240,55 @@ class GrblStage(SerialStage[GrblLink]):
             if self._there(at, target) and (accepted or stood_s >= STANDING_S):
                 return at
             if stood_s >= (STANDING_S if accepted else self._timeout_s):
-                why = "ended" if accepted else "did not take the move and stands"
+                why = "the move ended" if accepted else "the firmware did not accept the move and stands"
                 raise NotThereError(f"{name}: {why} at {place_text(at)} instead of {place_text(target)}")
 
     def _wait_for_homing(self) -> bool | None:
-        """Send ``$H`` and wait for its end; whether ``Home`` was reported, or None if the order was not taken.
+        """Send ``$H`` and wait for the end of homing.
 
-        An ``ok`` may be that of a piece of a garbled line: without ``Home`` two reports must follow it.
+        An ``ok`` may belong to a piece of a garbled line. Without ``Home``, two more reports must follow it.
+
+        Returns:
+            Whether ``Home`` was reported; None if the firmware did not accept the command.
         """
-        seen, acknowledged, standing = False, False, 0
+        home_reported, acknowledged, standing = False, False, 0
         self._line.write(b"$H\n")
         self._clock.sleep(0.05)
         until = time.monotonic() + self._home_timeout_s
         ask_at = time.monotonic()
         while (now := time.monotonic()) < until:
-            # The answers come late, but one of them tells that it was homing indeed.
+            # The answers come late, but one of them shows that the firmware is homing.
             if now >= ask_at:
                 self._line.write(ASK)
                 ask_at = now + (POLL_S if acknowledged else 0.5)
-            got = self._link.next(max(ask_at - now, 0.0))
-            if got == "ok":
-                if seen:
+            answer = self._link.next(max(ask_at - now, 0.0))
+            if answer == "ok":
+                if home_reported:
                     return True
                 acknowledged, standing, ask_at = True, 0, now
-            elif isinstance(got, Status):
-                seen = seen or got.state == "Home"
-                # It answers at once only if it is not homing; the first answer may be from before the order.
-                standing += got.state in ("Idle", "Alarm")
+            elif isinstance(answer, Status):
+                home_reported = home_reported or answer.state == "Home"
+                # The firmware answers at once only if it is not homing. The first answer may be older than the command.
+                standing += answer.state in ("Idle", "Alarm")
                 if standing >= 2:
-                    return seen if got.state == "Idle" and (seen or acknowledged) else None
-            elif got is not None:
-                if replies.error(got) not in (None, NO_HOMING):
+                    return home_reported if answer.state == "Idle" and (home_reported or acknowledged) else None
+            elif answer is not None:
+                if replies.error(answer) not in (None, NO_HOMING):
                     return None
-                self._link.refused(got, "$H")
+                self._link.refused(answer, "$H")
         raise NoAnswerError(f"{self._link.name}: homing did not end within {self._home_timeout_s:g} s")
 
     def _leave_hold(self) -> None:
-        """After :meth:`stop`: wait until the carriage stands, then leave the hold without losing the position."""
+        """Wait after :meth:`stop` until the carriage stands still, and leave the hold without losing the position."""
         before = self._standing("Idle", "Hold", failed="does not stop")
         self._stopping = False
         self._link.reset()
         if math.dist(self._reported(), before) > ASIDE_MM:
-            raise self._link.reset_noticed("lost its position when a hold was left")
+            raise self._link.reset_noticed("lost its position at the end of a hold")
         self._line.torn = False
 
     def _standing(self, *states: str, failed: str) -> Point:
-        """Position once the carriage stands in one of some states; a hold that is waited for is asked for again."""
+        """Return the position once the carriage stands still in an allowed state; request a hold again if needed."""
         until = time.monotonic() + self._timeout_s
         again = time.monotonic() + ANSWER_S
         while True:
@@ -291,30 +298,30 @@ class GrblStage(SerialStage[GrblLink]):
                 return self._machine(report)
             now = time.monotonic()
             if now >= until:
-                raise NotThereError(f"{self._link.name}: {failed}; state {report.state}")
+                raise NotThereError(f"{self._link.name}: {failed}; its state is {report.state}")
             if "Hold" in states and now >= again:
                 self._line.write_now(HOLD)
                 again = now + ANSWER_S
             self._clock.sleep(POLL_S)
 
     def _at_ends(self, at: Point) -> bool:
-        """Whether every coordinate lies a homing's pull-off from an end of the travel."""
+        """Return whether every coordinate is the pull-off distance of homing away from an end of the travel."""
         near = 2.0 * self.settings.get(27, 1.0) + 0.1
         ends = [(0.0, self.settings.get(130 + axis, 0.0)) for axis in range(3)]
         return all(min(abs(abs(a) - end) for end in pair) <= near for a, pair in zip(at, ends, strict=True))
 
     def _look_around(self) -> None:
-        """What state the stage was found in."""
+        """Check the state of the stage when it is opened."""
         report = self._link.status()
         if report.state == "Alarm":
-            self._link.lost = self._link.lost or "it is locked and was not homed"
+            self._link.lost = self._link.lost or "the firmware is locked and the stage was not homed"
         elif report.state in ("Run", "Jog", "Hold", "Home"):
-            # Left moving by a program that was killed.
+            # A program that was killed left the carriage moving.
             self.stop()
 
 
 def _is_aside(at: Point, start: Point, target: Point) -> bool:
-    """Whether a place lies off the straight line from start to target."""
+    """Return whether a position is off the straight line from start to target."""
     way = [b - a for a, b in zip(start, target, strict=True)]
     off = [b - a for a, b in zip(start, at, strict=True)]
     length2 = sum(a * a for a in way)

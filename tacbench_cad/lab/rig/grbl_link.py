@@ -1,4 +1,4 @@
-"""Talking to GRBL 1.1 or grblHAL: greeting, questions, status reports, resets; alarms and silences by their names."""
+"""The connection to GRBL 1.1 or grblHAL: greeting, questions, status reports, resets, alarms and silence."""
 
 from __future__ import annotations
 
@@ -11,36 +11,36 @@ from tacbench_cad.lab.rig.greeting import Greeting
 from tacbench_cad.lab.rig.serial_stage import Link
 from tacbench_cad.lab.study.spec import Point, plus
 
-#: A status report unanswered for so long is asked for again: two requests close together may earn one answer.
+#: The wait, in s, before an unanswered status request is repeated. Two requests close together may get one answer.
 ANSWER_S = 0.3
-#: Pause before the next report is asked for, while none had the work offset.
+#: The pause, in s, before the next status request while no report had the work offset.
 OFFSET_S = 0.01
-#: Longest wait for the banner after Ctrl-X; half a second was seen.
+#: The longest wait for the banner after Ctrl-X, in s. Half a second was observed.
 RESET_S = 1.5
-#: Longest wait for the first answer: the reset that opening a port causes, and a boot loader.
+#: The longest wait for the first answer, in s. Opening a port may reset the board and start a boot loader.
 GREETING_S = 8.0
-#: Pause before a question without an answer is asked again, while opening.
+#: The pause before an unanswered question is repeated while the port is opened, in s.
 ATTEMPT_S = 1.0
-#: Pause after a banner before the next question: more lines may follow it.
+#: The pause after a banner before the next question, in s. More lines may follow the banner.
 BANNER_S = 0.1
-#: The real-time bytes that hold a motion, reset the controller and ask for its status.
+#: The real-time bytes for a feed hold, a reset and a status request.
 HOLD, RESET, ASK = b"!", b"\x18", b"?"
 
 
 class GrblLink(Link):
-    """A line to GRBL; ``firmware`` reads ``GRBL 1.1h.20190825``."""
+    """The connection to GRBL; ``firmware`` is ``GRBL 1.1h.20190825``, for example."""
 
     _offset: Point | None = None
 
     def greet(self) -> None:
         """Wait for an answer that proves GRBL 1.1.
 
-        There may be a reset and a banner, a reset whose boot loader swallows what is sent, or neither. After some
-        alarms only Ctrl-X helps.
+        Opening the port may cause a reset and a banner, a reset with a boot loader that loses the question, or neither.
+        After some alarms the firmware reacts only to Ctrl-X.
 
         Raises:
-            NoAnswerError: Nothing answers.
-            ProtocolError: Something else does.
+            NoAnswerError: The device does not answer.
+            ProtocolError: The device is not GRBL 1.1.
         """
         greeting = Greeting(
             self.line, self.name, "GRBL 1.1", limit_s=max(GREETING_S, self.timeout_s), attempt_s=ATTEMPT_S
@@ -55,19 +55,19 @@ class GrblLink(Link):
             version = version or replies.version(line) or ""
             greeting.answered = version != ""
             if line != "ok":
-                greeting.heard = greeting.heard or line[:60]
+                greeting.unexpected = greeting.unexpected or line[:60]
             if "Marlin" in line or "Unknown command" in line:
                 raise ProtocolError(f"{self.name}: is Marlin, not GRBL; it sent {line[:60]!r}")
         if not version.startswith("1.1"):
-            raise ProtocolError(f"{self.name}: GRBL {version!r} is not version 1.1")
+            raise ProtocolError(f"{self.name}: GRBL {version!r} is not supported; version 1.1 is needed")
         self.firmware = f"{name} {version}"
 
     def next(self, timeout_s: float) -> Status | str | None:
-        """The next report or line; None after a silence.
+        """Return the next report or line; None if none arrives in time.
 
         Raises:
-            AlarmError: It was an alarm.
-            PositionLostError: It was the banner of a reset that nobody asked for.
+            AlarmError: The line was an alarm.
+            PositionLostError: The line was the banner of an unexpected reset.
             DeviceLostError: The port is gone.
         """
         line = self.line.read_line(timeout_s)
@@ -75,8 +75,8 @@ class GrblLink(Link):
             return None
         number = replies.alarm(line)
         if number is not None:
-            self.lost = f"ALARM:{number} ({replies.ALARMS.get(number, 'see the list of its firmware')})"
-            raise AlarmError(f"{self.name}: {self.lost}; look for the cause, then home")
+            self.lost = f"ALARM:{number} ({replies.ALARMS.get(number, 'see the manual of its firmware')})"
+            raise AlarmError(f"{self.name}: {self.lost}; find the cause, then home the stage")
         if replies.is_banner(line):
             raise self.reset_noticed("was reset")
         report = replies.status(line)
@@ -86,28 +86,28 @@ class GrblLink(Link):
         return report
 
     def ask(self, command: str) -> list[str]:
-        """Send a line at rest; the lines that came until its ``ok``.
+        """Send a line while the stage is at rest, and return the lines up to its ``ok``.
 
         Raises:
-            RigError: Refused, silent, lost, reset.
+            RigError: The firmware refused the line, is silent or gone, or was reset.
         """
         self.line.write(command.encode("ascii") + b"\n")
         lines: list[str] = []
         until = time.monotonic() + self.timeout_s
         while (left := until - time.monotonic()) > 0.0:
-            got = self.next(left)
-            if got == "ok":
+            answer = self.next(left)
+            if answer == "ok":
                 return lines
-            if isinstance(got, str):
-                self.refused(got, command)
-                lines.append(got)
+            if isinstance(answer, str):
+                self.refused(answer, command)
+                lines.append(answer)
         raise self.silence()
 
     def status(self) -> Status:
-        """A report with a position, asked for now.
+        """Request a report and return the first one with a position.
 
         Raises:
-            RigError: Silent, lost, reset, alarm.
+            RigError: The firmware is silent or gone, was reset, or raised an alarm.
         """
         until = time.monotonic() + self.timeout_s
         answered = False
@@ -115,11 +115,11 @@ class GrblLink(Link):
             self.line.write(ASK)
             again = time.monotonic() + ANSWER_S
             while (left := again - time.monotonic()) > 0.0:
-                got = self.next(left)
-                if isinstance(got, Status):
-                    if self.machine(got) is not None:
-                        return got
-                    # Work coordinates: the offset comes with every tenth report or so.
+                answer = self.next(left)
+                if isinstance(answer, Status):
+                    if self.machine(answer) is not None:
+                        return answer
+                    # The report has work coordinates. The offset comes with about every tenth report.
                     answered = True
                     again = min(again, time.monotonic() + OFFSET_S)
         if answered:
@@ -127,7 +127,7 @@ class GrblLink(Link):
         raise self.silence()
 
     def machine(self, report: Status) -> Point | None:
-        """Machine position of a report; None while the work offset that it needs was not reported."""
+        """Return the machine position of a report; None if the necessary work offset is not known yet."""
         if report.machine_mm is not None:
             return report.machine_mm
         if report.work_mm is None or self._offset is None:
@@ -135,7 +135,7 @@ class GrblLink(Link):
         return plus(report.work_mm, self._offset)
 
     def reset(self) -> None:
-        """Ctrl-X, until the banner has come and what was on its way has gone.
+        """Send Ctrl-X, and wait for the banner and for the end of earlier lines.
 
         Raises:
             NoAnswerError: No banner came.
@@ -146,49 +146,51 @@ class GrblLink(Link):
             self.line.write(RESET)
             for line in self.line.lines(RESET_S):
                 if replies.is_banner(line):
-                    # A late ok, the hint to unlock; bounded, should the device never be quiet.
+                    # A late ok and the hint to unlock may follow. The wait is bounded in case the device never pauses.
                     for _ in self.line.lines(0.5, quiet_s=0.05):
                         pass
                     return
         raise NoAnswerError(f"{self.name}: does not answer a reset")
 
     def silence(self) -> RigError:
-        """What a silence was, told by a reset: after some alarms the firmware answers nothing else."""
-        self.lost = "it fell silent"
+        """Return the error for a silence. A reset shows its kind: after some alarms only Ctrl-X is answered."""
+        self.lost = "the firmware did not answer"
         try:
             self.reset()
         except NoAnswerError:
-            return NoAnswerError(f"{self.name}: no answer within {self.timeout_s:g} s; is its power on?")
-        self.lost = "it fell silent and had to be reset"
-        return AlarmError(f"{self.name}: was silent until reset, as after an alarm; look for the cause, then home")
+            return NoAnswerError(f"{self.name}: no answer within {self.timeout_s:g} s; check its power")
+        self.lost = "the firmware did not answer and had to be reset"
+        return AlarmError(
+            f"{self.name}: answered only after a reset, as after an alarm; find the cause, then home the stage"
+        )
 
-    def refused(self, got: str, command: str) -> None:
-        """Raise if a line refuses a command.
+    def refused(self, answer: str, command: str) -> None:
+        """Raise an error if a line refuses a command.
 
         Raises:
-            OutOfRangeError: Beyond the machine's travel.
-            AlarmError: Locked.
-            ProtocolError: Any other error.
+            OutOfRangeError: The target is beyond the machine's travel.
+            AlarmError: The firmware is locked.
+            ProtocolError: The line is another error.
         """
-        number = replies.error(got)
+        number = replies.error(answer)
         if number is None:
             return
-        message = f"{self.name}: error:{number} ({replies.ERRORS.get(number, 'see its list')}) to {command}"
+        message = f"{self.name}: error:{number} ({replies.ERRORS.get(number, 'see its manual')}) after {command}"
         if number == 15:
             raise OutOfRangeError(message)
         if number == 9:
-            self.lost = "it is locked by an alarm"
+            self.lost = "an alarm has locked the firmware"
             raise AlarmError(message)
         raise ProtocolError(message)
 
     def not_locked(self, report: Status) -> None:
-        """Raise if a report's state forbids motion.
+        """Raise an error if a report's state does not allow motion.
 
         Raises:
-            AlarmError: Alarm, sleep, an open door, or check mode.
+            AlarmError: The state is alarm, sleep, an open door, or check mode.
         """
         if report.state in ("Alarm", "Sleep"):
-            self.lost = self.lost or f"it is in state {report.state}"
-            raise AlarmError(f"{self.name}: is locked (state {report.state}); look for the cause, then home")
+            self.lost = self.lost or f"the firmware is in state {report.state}"
+            raise AlarmError(f"{self.name}: is locked (state {report.state}); find the cause, then home the stage")
         if report.state in ("Door", "Check"):
             raise AlarmError(f"{self.name}: is in state {report.state} and does not move")

@@ -1,7 +1,7 @@
-"""What GRBL 1.1 and grblHAL send, as values. Pure functions of one line; any text is allowed and never raises.
+"""Parsing of the lines of GRBL 1.1 and grblHAL. The functions are pure, accept any text, and never raise.
 
-A line that a disturbed cable has garbled must not pass for a report: states are known words, positions have exactly
-three decimals as the firmware prints them, and a report is closed by its bracket.
+A line that was garbled by a disturbed cable must not count as a report. Therefore states must be known words, positions
+must have exactly three decimals, as the firmware prints them, and a report must end with its bracket.
 """
 
 from __future__ import annotations
@@ -18,34 +18,34 @@ _POINT = re.compile(rf"(MPos|WPos|WCO):({_NUMBER}),({_NUMBER}),({_NUMBER})(?:,{_
 _CODE = re.compile(r"(ALARM|error):(\d{1,3})", re.A)
 _SETTING = re.compile(r"\$(\d{1,3})=(-?\d{1,7}(?:\.\d{1,6})?)(?: .*)?", re.A)
 
-#: What alarms mean, in our words.
+#: The meanings of alarms, in our own words.
 ALARMS = {
     1: "an end stop was hit",
-    2: "a target beyond the firmware's soft limits",
-    3: "a reset while moving, so that steps were lost",
+    2: "the target was beyond the firmware's soft limits",
+    3: "a reset during motion, so steps were lost",
     4: "the probe was not in its expected state",
-    5: "the probe touched nothing",
-    6: "homing was cut short by a reset",
-    7: "homing was cut short by the safety door",
+    5: "the probe made no contact",
+    6: "a reset interrupted homing",
+    7: "the safety door interrupted homing",
     8: "homing could not leave the end stop",
     9: "homing found no end stop",
     10: "homing found no second end stop",
 }
-#: What errors mean, in our words, as far as a driver's own lines can earn them.
+#: The meanings of those errors that a driver's own lines can cause, in our own words.
 ERRORS = {
-    1: "no letter where one was expected",
+    1: "a letter was expected",
     2: "a number was unreadable",
-    3: "an unknown $ command",
+    3: "unknown $ command",
     5: "homing is not enabled ($22=0)",
     7: "the settings' memory could not be read",
-    8: "not allowed unless idle",
+    8: "allowed only when idle",
     9: "locked by an alarm",
     10: "soft limits need homing ($22=1)",
-    15: "a target beyond the machine's travel",
-    20: "an unknown command",
+    15: "the target is beyond the machine's travel",
+    20: "unknown command",
     22: "no feed rate",
     24: "two commands that exclude each other",
-    33: "a target that cannot be reached",
+    33: "the target cannot be reached",
 }
 
 
@@ -55,10 +55,10 @@ class Status:
 
     Args:
         state: ``Idle``, ``Run``, ``Hold``, ``Jog``, ``Alarm``, ``Door``, ``Check``, ``Home``, ``Sleep`` or ``Tool``.
-        detail: The number behind it: 0 of ``Hold:0`` (standing); None if there is none.
-        machine_mm: Machine position, if reported.
-        work_mm: Work position, if reported in its place.
-        offset_mm: Work offset: machine position less work position; only in some reports.
+        detail: The number after the state: 0 for ``Hold:0`` (standing still); None if there is none.
+        machine_mm: The machine position, if reported.
+        work_mm: The work position, if reported instead.
+        offset_mm: The work offset: machine position minus work position. Only some reports contain it.
     """
 
     state: str
@@ -69,7 +69,7 @@ class Status:
 
 
 def status(line: str) -> Status | None:
-    """The status report that a line is; None if it is none, or damaged."""
+    """Return the status report in a line; None if the line is not a report or is damaged."""
     match = _REPORT.fullmatch(line)
     if not match:
         return None
@@ -92,12 +92,12 @@ def status(line: str) -> Status | None:
 
 
 def is_banner(line: str) -> bool:
-    """Whether a line is what the firmware says after a reset, even with its first bytes lost."""
+    """Return whether the firmware sends this line after a reset. The first bytes of the line may be lost."""
     return line.lower().startswith("grbl") or "for help]" in line or "to unlock]" in line
 
 
 def alarm(line: str) -> int | None:
-    """Number of the alarm that a line raises; 0 where the number is unreadable; None if it is no alarm."""
+    """Return the number of the alarm in a line; 0 if the number is unreadable; None if the line is not an alarm."""
     match = _CODE.fullmatch(line)
     if match and match[1] == "ALARM":
         return int(match[2])
@@ -105,24 +105,24 @@ def alarm(line: str) -> int | None:
 
 
 def error(line: str) -> int | None:
-    """Number of the error with which a command was refused; None if the line is none."""
+    """Return the number of the error with which a command was refused; None if the line is not an error."""
     match = _CODE.fullmatch(line)
     return int(match[2]) if match and match[1] == "error" else None
 
 
 def is_unreadable(line: str) -> bool:
-    """Whether a line refuses a command for its text, so that nothing was done: it may be sent again."""
+    """Return whether a command was refused for its text and not executed, so that it may be sent again."""
     number = error(line)
     return number is not None and number not in (9, 15)
 
 
 def version(line: str) -> str | None:
-    """What stands in the ``[VER:...]`` line: ``1.1h.20190825``; None if the line is another."""
+    """Return the version in a ``[VER:...]`` line: ``1.1h.20190825``; None for other lines."""
     if line.startswith("[VER:") and line.endswith("]"):
         return line[5:-1].strip(":")
     return None
 
 
 def settings(lines: Iterable[str]) -> dict[int, float]:
-    """The ``$number=value`` lines of ``$$``; others are passed over."""
+    """Return the numbers and values of the ``$number=value`` lines of ``$$``; other lines are ignored."""
     return {int(match[1]): float(match[2]) for line in lines if (match := _SETTING.fullmatch(line))}

@@ -1,4 +1,4 @@
-"""The beginning with a board that may just have been reset: it is asked who it is until it answers."""
+"""The first exchange with a board that may just have been reset: its identity is asked for until it answers."""
 
 from __future__ import annotations
 
@@ -8,55 +8,55 @@ from collections.abc import Callable, Iterator
 from tacbench_cad.lab.rig.errors import NoAnswerError, ProtocolError
 from tacbench_cad.lab.rig.line import Line
 
-#: Silence after the answer until nothing more is on its way.
+#: The silence after the answer, in s, after which no more lines are expected.
 SETTLE_S = 0.15
 
 
 class Greeting:
-    """What a board sends while it is asked who it is.
+    """The lines that a board sends while it is being identified.
 
     Args:
         line: The open port.
-        name: Who is talked to, for the messages.
-        expected: What the board is expected to be, for the messages: ``GRBL 1.1``.
-        limit_s: Longest wait for the answer: a reset that opening the port causes, and a boot loader.
-        attempt_s: Pause before the question is asked again.
+        name: The device, for error messages.
+        expected: The expected kind of board, for error messages: ``GRBL 1.1``.
+        limit_s: The longest wait for the answer. Opening a port may reset the board and start a boot loader.
+        attempt_s: The pause before the question is repeated.
 
     Attributes:
-        answered: Whether the answer has come; the caller says so.
-        heard: What came instead, for the message that nothing did; the caller says what counts.
+        answered: Whether the answer has come; the caller sets it.
+        unexpected: Another text that came instead, for the error message; the caller sets it.
     """
 
     def __init__(self, line: Line, name: str, expected: str, *, limit_s: float, attempt_s: float) -> None:
         self.answered = False
-        self.heard = ""
+        self.unexpected = ""
         self._line, self._name, self._expected = line, name, expected
         self._until, self._attempt_s = time.monotonic() + limit_s, attempt_s
         self._next_attempt = 0.0
 
     def listen(self, seconds: float) -> None:
-        """Ask again after so long: a board that has sent its banner listens now, and what was sent before is lost."""
+        """Repeat the question after a pause. A board that has sent its banner may have lost the earlier question."""
         self._next_attempt = min(self._until, time.monotonic() + seconds)
 
     def lines(self, ask: Callable[[int], None], hint: str = "") -> Iterator[str]:
-        """Every line that comes, the question asked time and again, until after the answer nothing more comes.
+        """Yield every line that arrives, and repeat the question until the answer has come and the board is silent.
 
         Args:
-            ask: Asks; it is told which attempt this is, from 1.
-            hint: What may help where nothing answers.
+            ask: Sends the question; its argument is the number of the attempt, from 1.
+            hint: Additional advice if no answer comes.
 
         Raises:
-            NoAnswerError: Nothing answers.
-            ProtocolError: Something came, but no answer.
+            NoAnswerError: The board sends no line.
+            ProtocolError: The board sends lines, but no answer.
         """
         attempt = 0
         while not self.answered:
             if time.monotonic() >= self._until:
-                if self.heard:
+                if self.unexpected:
                     raise ProtocolError(
-                        f"{self._name}: is not {self._expected}, or the baud rate is wrong; it sent {self.heard!r}"
+                        f"{self._name}: is not {self._expected}, or the baud rate is wrong; it sent {self.unexpected!r}"
                     )
-                raise NoAnswerError(f"{self._name}: nothing answers; power, cable, baud rate, driver?{hint}")
+                raise NoAnswerError(f"{self._name}: does not answer. Check power, cable, baud rate and driver{hint}")
             attempt += 1
             ask(attempt)
             self._next_attempt = time.monotonic() + self._attempt_s

@@ -1,8 +1,8 @@
-"""Lines of text over a serial port, every wait bounded: the one way in which the lab talks to serial devices.
+"""Lines of text over a serial port, with a limit on every wait. The lab uses no other access to serial devices.
 
-A port is anything that pyserial opens: a device's path, ``COM3``, or a URL (``socket://host:port``,
-``rfc2217://host:port``). Reading waits with ``select`` on the port's descriptor where there is one, so that a timeout
-is exact and the port is never configured again (setting pyserial's own timeout sets odd baud rates again).
+A port is anything that pyserial opens: the path of a device, ``COM3``, or a URL (``socket://host:port``,
+``rfc2217://host:port``). If the port has a file descriptor, reading waits with ``select``. The timeout is then exact,
+and the port is never configured again (setting pyserial's own timeout would set unusual baud rates again).
 """
 
 from __future__ import annotations
@@ -20,28 +20,28 @@ from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.util.errors import InputError
 
-#: Longest line that is waited for; noise without a line's end is cut there.
-LONGEST_LINE = 4096
-#: Pause between two looks at a port that ``select`` cannot wait for (Windows), in seconds.
-LOOK_S = 0.001
+#: The longest line, in bytes. Noise without an end of line is cut at this length.
+MAX_LINE = 4096
+#: The pause between two reads of a port on which ``select`` cannot wait (Windows), in s.
+POLL_S = 0.001
 
 
 class Line(Closing):
     """A serial port that sends and receives lines.
 
     Args:
-        port: Path, name or pyserial URL.
-        baud: Symbols per second; of no meaning for a pseudo-terminal or a socket.
-        what: What is at the other end, for the messages: ``stage``.
-        write_timeout_s: Longest time that writing may be held up (``rfc2217://`` knows no such limit).
+        port: The path, name or pyserial URL of the port.
+        baud: The baud rate; without effect for a pseudo-terminal or a socket.
+        what: The device, for error messages: ``stage``.
+        write_timeout_s: The longest time for a write, in s (``rfc2217://`` does not support it).
 
     Attributes:
-        port: As given.
-        what: As given.
-        torn: A write was cut short by an exception, so that the device may hold half a line.
+        port: The port.
+        what: The device, for error messages.
+        torn: Whether an exception interrupted a write, so that the device may have received half a line.
 
     Raises:
-        InputError: There is no such port, it may not be opened, or another program holds it.
+        InputError: The port does not exist, may not be opened, or is in use by another program.
     """
 
     def __init__(self, port: str, *, baud: int, what: str, write_timeout_s: float = 2.0) -> None:
@@ -51,13 +51,13 @@ class Line(Closing):
         self._buffer = bytearray()
         self._serial = _opened(port, baud, what, write_timeout_s)
         self._descriptor = _descriptor(self._serial)
-        # RFC 2217 keeps its socket to a thread of its own; its write takes a lock, which a signal handler must not.
+        # RFC 2217 uses its socket in its own thread. Its write takes a lock, which a signal handler must not do.
         urgent = self._descriptor or _descriptor(getattr(self._serial, "_socket", None))
-        # Windows writes to sockets and ports in other ways.
+        # Windows writes to sockets and ports with other functions.
         self._urgent = urgent if os.name == "posix" else None
 
     def set_baud(self, baud: int) -> None:
-        """Change the symbols per second without opening the port again (which would reset many boards).
+        """Change the baud rate without opening the port again, which would reset many boards.
 
         Raises:
             DeviceLostError: The port is gone.
@@ -69,12 +69,12 @@ class Line(Closing):
         self._buffer.clear()
 
     def read_line(self, timeout_s: float) -> str | None:
-        """The next line without its end, or None if none was complete in time.
+        """Return the next line without its end of line, or None if no complete line arrived in time.
 
-        Empty lines are passed over. Bytes that are not ASCII come as U+FFFD.
+        Empty lines are skipped. Bytes that are not ASCII become U+FFFD.
 
         Args:
-            timeout_s: Longest wait; 0 takes only what has come already.
+            timeout_s: The longest wait in s; 0 returns only a line that has already arrived.
 
         Raises:
             DeviceLostError: The port is gone.
@@ -90,7 +90,7 @@ class Line(Closing):
                     return None
 
     def lines(self, seconds: float, quiet_s: float = math.inf) -> Iterator[str]:
-        """The lines that come within a time, which ends early with a silence of ``quiet_s``.
+        """Yield the lines that arrive within a time. It ends earlier after a silence of ``quiet_s``.
 
         Raises:
             DeviceLostError: The port is gone.
@@ -100,7 +100,7 @@ class Line(Closing):
             yield line
 
     def forget(self) -> None:
-        """Throw away whatever has come.
+        """Discard everything that has arrived.
 
         Raises:
             DeviceLostError: The port is gone.
@@ -110,11 +110,11 @@ class Line(Closing):
         self._buffer.clear()
 
     def write(self, data: bytes) -> None:
-        """Send bytes as they are.
+        """Send bytes unchanged.
 
         Raises:
             DeviceLostError: The port is gone.
-            NoAnswerError: The device takes no bytes.
+            NoAnswerError: The device does not accept the bytes.
         """
         import serial
 
@@ -122,15 +122,15 @@ class Line(Closing):
         try:
             self._serial.write(data)
         except serial.SerialTimeoutException:
-            raise NoAnswerError(f"{self.what} at {self.port}: takes no bytes; is it switched on?") from None
+            raise NoAnswerError(f"{self.what} at {self.port}: accepts no data; check that it is on") from None
         except (OSError, TypeError, ValueError) as error:
             raise self._lost(error) from None
         self.torn = False
 
     def write_now(self, data: bytes) -> None:
-        """Send a few bytes at once, from a signal handler too, in the middle of any other call. Never raises.
+        """Send a few bytes immediately. Signal handlers may call this during any other call. Never raises.
 
-        Where the port has a descriptor this is a single ``write`` of the operating system, which neither waits nor
+        If the port has a file descriptor, this is a single ``write`` of the operating system, which neither waits nor
         takes a lock.
         """
         with contextlib.suppress(Exception):
@@ -140,31 +140,31 @@ class Line(Closing):
                 self._serial.write(data)
 
     def close(self) -> None:
-        """Let go of the port. Never raises; a second call does nothing."""
-        # The descriptor's number may soon belong to another file.
+        """Close the port. Never raises; a second call has no effect."""
+        # The number of the descriptor may soon belong to another file.
         self._descriptor = self._urgent = None
         with contextlib.suppress(Exception):
             self._serial.close()
 
     def _cut(self) -> str | None:
-        """A whole line off the buffer; None if there is none."""
-        end = self._buffer.find(b"\n", 0, LONGEST_LINE)
-        if end < 0 and len(self._buffer) < LONGEST_LINE:
+        """Remove a complete line from the buffer and return it; None if there is none."""
+        end = self._buffer.find(b"\n", 0, MAX_LINE)
+        if end < 0 and len(self._buffer) < MAX_LINE:
             return None
-        line = bytes(self._buffer[:end] if end >= 0 else self._buffer[:LONGEST_LINE])
-        del self._buffer[: end + 1 if end >= 0 else LONGEST_LINE]
+        line = bytes(self._buffer[:end] if end >= 0 else self._buffer[:MAX_LINE])
+        del self._buffer[: end + 1 if end >= 0 else MAX_LINE]
         return line.decode("ascii", errors="replace").strip(" \t\r\0")
 
     def _receive(self, timeout_s: float) -> bool:
-        """Move what has come into the buffer, waiting for it; whether anything came."""
+        """Wait for bytes and move them into the buffer; return whether any arrived."""
         try:
             if self._descriptor is not None:
                 ready = bool(select.select([self._descriptor], [], [], timeout_s)[0])
-                chunk = self._serial.read(LONGEST_LINE) if ready else b""
+                chunk = self._serial.read(MAX_LINE) if ready else b""
             else:
-                chunk = self._serial.read(LONGEST_LINE)
+                chunk = self._serial.read(MAX_LINE)
                 if not chunk and timeout_s > 0.0:
-                    time.sleep(min(LOOK_S, timeout_s))
+                    time.sleep(min(POLL_S, timeout_s))
         except (OSError, TypeError, ValueError) as error:
             raise self._lost(error) from None
         self._buffer += chunk
@@ -175,13 +175,13 @@ class Line(Closing):
 
 
 def _opened(port: str, baud: int, what: str, write_timeout_s: float) -> Any:
-    """The open pyserial object, read without waiting."""
+    """Open the port with pyserial, for reading without waiting."""
     import serial
 
-    # Held exclusively where the system can: two programs on one stage would mix their lines.
+    # The port is opened exclusively if the system allows it. Two programs on one stage would mix their lines.
     own: dict[str, Any] = {"exclusive": True} if os.name == "posix" and "://" not in port else {}
     if not port.startswith("rfc2217:"):
-        # pyserial's RFC 2217 has none.
+        # pyserial's RFC 2217 does not support a write timeout.
         own["write_timeout"] = write_timeout_s
     try:
         return serial.serial_for_url(port, baudrate=baud, timeout=0.0, **own)
@@ -192,18 +192,18 @@ def _opened(port: str, baud: int, what: str, write_timeout_s: float) -> Any:
 
 
 def _reason(error: Any) -> str:
-    """Why a port cannot be opened, and what to do."""
+    """Return why a port cannot be opened, and what to do."""
     if error.errno == errno.ENOENT:
-        return "there is no such port; is it plugged in? `tacbench rig probe` lists the ports"
+        return "does not exist; check that the device is plugged in (`tacbench rig probe` lists the ports)"
     if error.errno in (errno.EACCES, errno.EPERM):
-        return "may not be opened; on Linux your user must be in the group that owns it (dialout or uucp)"
+        return "may not be opened; on Linux, add your user to the group that owns it (dialout or uucp)"
     if error.errno in (errno.EAGAIN, errno.EBUSY):
-        return "is held by another program; close that first"
+        return "is in use by another program; close that program first"
     return f"cannot be opened: {error}"
 
 
 def _descriptor(port: Any) -> int | None:
-    """The descriptor that ``select`` and ``write`` of the operating system take, if the port has one."""
+    """Return the file descriptor for the operating system's ``select`` and ``write``, or None if there is none."""
     try:
         return int(port.fileno())
     except (AttributeError, OSError, ValueError):

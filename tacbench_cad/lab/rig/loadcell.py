@@ -1,4 +1,4 @@
-"""A load cell that sends a line a sample over serial: raw counts, which need a calibration, or newtons."""
+"""A load cell that sends one line per sample over serial: raw counts, which need a calibration, or newtons."""
 
 from __future__ import annotations
 
@@ -19,32 +19,35 @@ from tacbench_cad.util.convert import Bounds, check_fields, from_plain, to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
-#: A sample further from zero is no force of this rig: a damaged line, or a saturated cell if several come in a row.
+#: The largest plausible force, in N. A larger sample is a damaged line; several in a row mean a saturated cell.
 _MAX_N = 100.0
 _SEVERAL = 5
-#: A sample is damaged if it lies this many standard deviations (from the median absolute deviation) off the median ...
+#: A sample is damaged if its distance from the median is this multiple of the standard deviation (estimated from the
+#: median absolute deviation) ...
 _OFF_TIMES = 10.0
-#: ... and further than this, in newtons (motion within a window is slower), or in raw units without a calibration.
+#: ... and more than this, in N (motion within a window changes less), or in raw units without a calibration.
 _OFF_N = 0.005
 _OFF_UNITS = 10.0
-#: Time over which a tare and a calibration point are averaged, in seconds.
+#: The duration over which a tare and a calibration point are averaged, in s.
 STILL_S = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoadCellOptions:
-    """What ``[gauge.options]`` says of a load cell.
+    """The options of a load cell in ``[gauge.options]``.
 
     Args:
         unit: ``counts`` or ``newtons``.
-        columns: Numbers on a line.
-        column: Which of them is the force, from 1.
-        low_counts: Counts at which the converter is saturated: by default those of the usual 24 bits (HX711, ADS1232).
-        high_counts: Likewise.
-        stuck_samples: So many identical samples in a row mean that the cell is stuck; 0 switches the check off, for a
-            device that rounds its noise away.
-        least_samples: Samples that a mean needs at least, however short the window.
-        latency_s: Rig time for which samples may lie in the USB adapter: what comes within it was taken before.
+        columns: The number of values on a line.
+        column: The value that is the force, counted from 1.
+        low_counts: The counts at which the converter is saturated; the default is for the usual 24 bits (HX711,
+            ADS1232).
+        high_counts: The upper counts at which the converter is saturated.
+        stuck_samples: The number of identical samples in a row that mean a stuck cell; 0 switches the check off, for
+            a device whose rounding hides its noise.
+        least_samples: The smallest number of samples for a mean, even if the window is shorter.
+        latency_s: The time, in s of rig time, for which the USB adapter may hold samples. Samples that arrive within
+            this time were taken before the request.
     """
 
     unit: Literal["counts", "newtons"] = "counts"
@@ -59,7 +62,7 @@ class LoadCellOptions:
     def __post_init__(self) -> None:
         check_fields(self)
         if self.column > self.columns:
-            raise InputError("column", self.column, f"must be from 1 to {self.columns}, the numbers on a line")
+            raise InputError("column", self.column, f"must be from 1 to {self.columns}, the number of values on a line")
         if not self.low_counts < self.high_counts:
             raise InputError("low_counts", self.low_counts, "must be below high_counts")
         require_stuck_samples(self.stuck_samples)
@@ -70,7 +73,7 @@ class LoadCellOptions:
 
         Args:
             values: The table.
-            calibrated: Whether the gauge has a calibration; lines are raw counts if it has, else newtons.
+            calibrated: Whether the gauge has a calibration. The default unit is counts if it has, otherwise newtons.
 
         Raises:
             InputError: A key is unknown, or its value is not allowed.
@@ -79,19 +82,21 @@ class LoadCellOptions:
         if (options.unit == "counts") != calibrated:
             wrong = "needs [gauge] calibration; `tacbench rig calibrate-force` writes one"
             raise InputError(
-                "[gauge.options] unit", options.unit, "is calibrated already: no calibration" if calibrated else wrong
+                "[gauge.options] unit",
+                options.unit,
+                "must not be combined with [gauge] calibration" if calibrated else wrong,
             )
         return options
 
 
 @dataclass(frozen=True, kw_only=True)
 class RawMean:
-    """Raw samples of a still load cell.
+    """The mean of raw samples of a load cell under a constant load.
 
     Args:
-        mean: Their mean, in counts or newtons.
-        spread: Their standard deviation (ddof 0).
-        samples: How many there were.
+        mean: The mean in counts or newtons.
+        spread: The standard deviation in the same unit (ddof 0).
+        samples: The number of samples.
     """
 
     mean: float
@@ -100,20 +105,20 @@ class RawMean:
 
 
 class LoadCell(SampleStream):
-    """A load cell as a :class:`tacbench_cad.lab.rig.gauge.Gauge`, looked at for what no living cell sends.
+    """A load cell as a :class:`tacbench_cad.lab.rig.gauge.Gauge`, with checks for impossible samples.
 
     Args:
         lines: The port.
-        name: What it is, for the messages.
-        options: How its lines read.
+        name: The device, for error messages.
+        options: The format of its lines and its limits.
         clock: The rig's time.
-        timeout_s: Longest real time to wait for a sample.
-        calibration: Its calibration; None where it sends newtons, or is about to be calibrated.
+        timeout_s: The longest wait for a sample, in s of real time.
+        calibration: The calibration; None if the cell sends newtons or is being calibrated.
         calibration_name: The calibration's file name, for ``run.json``.
-        simulated: What of it is simulated, or an empty text.
+        simulated: The simulated part, or an empty text.
 
     Raises:
-        RigError: Nothing that is a sample comes.
+        RigError: The device sends no valid sample.
     """
 
     def __init__(
@@ -130,7 +135,7 @@ class LoadCell(SampleStream):
     ) -> None:
         self.options, self.simulated = options, simulated
         self.calibration: dict[str, object] = {}
-        # A simulated one gets another port each time it is started.
+        # A simulated load cell has another port at each start, so its port is not part of the identity.
         self.identity = f"{f'load cell, {simulated}' if simulated else name}, {options.unit}"
         if calibration is not None:
             self.calibration = {"file": calibration_name, **to_plain(calibration)}
@@ -151,15 +156,15 @@ class LoadCell(SampleStream):
     def mean(self, window_s: float) -> RawMean:
         """Average the samples that arrive during a window that begins now.
 
-        Samples far off the others' median are damaged lines (a lost digit still reads as a number): they are left
+        Samples far from the median are damaged lines (a number with a lost digit is still a number). They are left
         out and counted as garbled.
 
         Args:
-            window_s: Rig time.
+            window_s: The duration in s of rig time.
 
         Raises:
-            GaugeError: Stuck, saturated, or too many garbled lines.
-            RigError: Lost or silent.
+            GaugeError: The cell is stuck or saturated, or too many lines are garbled.
+            RigError: The device is gone or silent.
         """
         self.start_fresh(self.options.latency_s / self._clock.speed)
         until = self._clock.now_s() + window_s
@@ -178,12 +183,12 @@ class LoadCell(SampleStream):
         return Force(mean_n=self._newtons(raw.mean) - self._zero_n, spread_n=spread_n, samples=raw.samples)
 
     def tare(self) -> None:
-        """Take the mean of a second as zero."""
+        """Take the mean over one second as zero."""
         self._zero_n += self.read(STILL_S).mean_n
 
     @property
     def _n_per_unit(self) -> float:
-        """Newtons that a raw unit stands for; before a calibration nobody knows, and any count is believed."""
+        """The force per raw unit in N. It is unknown without a calibration, and then any count is accepted."""
         if self._scale is None:
             return 1.0 if self.options.unit == "newtons" else 0.0
         return abs(self._scale.newtons_per_count)
@@ -192,15 +197,15 @@ class LoadCell(SampleStream):
         return value * self._n_per_unit if self._scale is None else self._scale.newtons(value)
 
     def _believable(self, value: float) -> bool:
-        """Whether a sample can be true.
+        """Return whether a sample is plausible.
 
         Raises:
-            GaugeError: It is at the converter's end, or one of several in a row that are no force.
+            GaugeError: The sample is at the end of the converter's range, or several in a row are implausible.
         """
         counts = self.options.unit == "counts"
         if counts and value in (self.options.low_counts, self.options.high_counts):
             raise GaugeError(
-                f"{self.name}: saturated at {value:.0f} counts: overloaded, or a wire of the cell is broken"
+                f"{self.name}: saturated at {value:.0f} counts; the cell is overloaded or one of its wires is broken"
             )
         beyond = counts and not self.options.low_counts < value < self.options.high_counts
         if not beyond and abs(self._newtons(value)) <= _MAX_N:
@@ -209,17 +214,17 @@ class LoadCell(SampleStream):
         self._beyond += 1
         if self._beyond >= _SEVERAL:
             raise GaugeError(
-                f"{self.name}: saturated, {self._beyond} samples in a row such as {value:.10g} {self.options.unit}: "
-                "overloaded, a wire of the cell is broken, or these are no " + self.options.unit
+                f"{self.name}: saturated, {self._beyond} samples in a row like {value:.10g} {self.options.unit}; the "
+                "cell is overloaded, one of its wires is broken, or the unit is not " + self.options.unit
             )
         self.count(False, f"{value:.10g}")
         return False
 
     def _without_damaged(self, samples: Floats) -> Floats:
-        """The samples but for those far off."""
-        floor = _OFF_N / self._n_per_unit if self._n_per_unit else _OFF_UNITS
+        """Return the samples without those far from the median."""
+        smallest = _OFF_N / self._n_per_unit if self._n_per_unit else _OFF_UNITS
         off = np.abs(samples - np.median(samples))
-        allowed = max(_OFF_TIMES * 1.4826 * float(np.median(off)), floor)
+        allowed = max(_OFF_TIMES * 1.4826 * float(np.median(off)), smallest)
         for value in samples[off > allowed]:
             self.count(False, f"{value:.10g}")
         return samples[off <= allowed]
@@ -229,12 +234,12 @@ def open_load_cell(port: str, baud: int | None, **settings: Any) -> LoadCell:
     """Open a load cell.
 
     Args:
-        port: Path, name or pyserial URL.
-        baud: Symbols per second; None for the usual rate.
+        port: The path, name or pyserial URL of the port.
+        baud: The baud rate; None for the usual one.
         **settings: See :class:`LoadCell`.
 
     Raises:
-        InputError: There is no such port.
-        RigError: Nothing that is a sample comes.
+        InputError: The port does not exist.
+        RigError: The device sends no valid sample.
     """
     return LoadCell(Line(port, baud=baud or BAUD, what="gauge"), name=f"load cell at {port}", **settings)

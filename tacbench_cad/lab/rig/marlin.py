@@ -1,21 +1,21 @@
-"""A stage run by Marlin 2: a converted 3D printer.
+"""A stage controlled by Marlin 2: a converted 3D printer.
 
-Frame: the stage's millimetres are Marlin's own coordinates as homing sets them (``G28``), with the home offsets that
-are stored in the firmware; ``G92`` is never sent. So a taught origin stays valid after the power was off, once the
-stage is homed again.
+Frame: the stage's coordinates are Marlin's own coordinates after homing (``G28``), including the home offsets that the
+firmware stores. The driver never sends ``G92``, so a taught origin stays valid after the power was off, once the stage
+has been homed again.
 
-Trust: ``ok`` says that a move was queued, and ``M114`` where the queue will end. A move is done when ``M400`` has
-come through (all motion ended) and ``M114``, asked after it, names the target: soft end stops clamp a target
-silently. Where the build reports motor steps (``Count``) these must agree too, and give the position with the
-motors' resolution. Motors are counted, not seen: a slipping motor is not noticed. A reset, a halt or a lost answer
-makes the position unknown, and every move is refused until ``home()`` has succeeded.
+Proof of a move: ``ok`` only means that a move was queued, and ``M114`` reports the end of the queue. A move is finished
+when ``M400`` was acknowledged (all motion has ended) and a later ``M114`` reports the target, since soft end stops
+change a target without a message. If the build reports motor steps (``Count``), they must agree too, and they give the
+position with the motors' resolution. The steps are counted, so a slipping motor is not detected. After a reset, a halt
+or a lost answer the position is unknown, and every move is refused until ``home()`` has succeeded.
 
-Homing: the end stops that ``M119`` lists tell which way z goes. With one at the top, z is homed first and upwards.
-With one at the bottom only (a printer's usual one), homing z goes down: the sensor is first raised by
-``home_lift_mm``, x and y are homed, then z; nothing may lie below the sensor at that corner.
+Homing: the end stops that ``M119`` lists show the direction in which z is homed. With an end stop at the top, z is
+homed first and upwards. With one only at the bottom (as usual on a printer), z is homed downwards: the driver first
+raises the sensor by ``home_lift_mm``, then homes x, y and z. Nothing may be below the sensor at that corner.
 
-``stop()`` sends ``M410``. Motion ends without slowing down, about a second of silence follows, and lines sent in it
-would run twice: the next call waits it out. While homing the position is unknown afterwards.
+``stop()`` sends ``M410``. Motion ends without deceleration. About a second of silence follows, and Marlin would execute
+lines sent during it twice, so the next call waits until it is over. After a stop during homing the position is unknown.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ from tacbench_cad.lab.rig.marlin_replies import Place
 from tacbench_cad.lab.rig.serial_stage import SerialOptions, SerialStage, confirmed, duration_s, is_near, place_text
 from tacbench_cad.lab.study.spec import Point
 
-#: Half of the last decimal of ``M114``, and a little for the rounding of the target.
+#: The largest rounding error of a position from ``M114``, plus a little for the rounding of the target, in mm.
 ROUNDING_MM = 0.0055
-#: Speed of the rise before homing.
+#: The speed of the lift before homing, in mm/s.
 LIFT_MM_S = 5.0
 
 
 class MarlinStage(SerialStage[MarlinLink]):
-    """A three-axis stage behind Marlin 2. See :class:`tacbench_cad.lab.rig.stage.Stage` and the module's text.
+    """A three-axis stage with Marlin 2. See :class:`tacbench_cad.lab.rig.stage.Stage` and the module's description.
 
     Args:
-        port: Path, name or pyserial URL.
-        home_lift_mm: Rise before homing where z is homed downwards.
+        port: The path, name or pyserial URL of the port.
+        home_lift_mm: The lift before homing in mm, if z is homed downwards.
         options: See :class:`~tacbench_cad.lab.rig.serial_stage.SerialOptions`. The clock is not used, since Marlin
-            itself says when motion has ended; without a baud rate the two common ones are tried.
+            itself reports the end of motion. Without a baud rate, the driver tries the two common ones.
 
     Raises:
         InputError: The port cannot be opened.
-        NoAnswerError: Nothing answers.
-        ProtocolError: Something else than Marlin 2 answers.
+        NoAnswerError: The device does not answer.
+        ProtocolError: The device is not Marlin 2.
     """
 
     def __init__(self, port: str, *, home_lift_mm: float = 5.0, **options: Unpack[SerialOptions]) -> None:
@@ -64,20 +64,20 @@ class MarlinStage(SerialStage[MarlinLink]):
             place = self._place()
             self._counts = self._counted(place) is not None
             if not any(place.planned_mm) and not self._link.lost:
-                self._link.lost = "it counts from 0 as after its power came on"
+                self._link.lost = "its counters are at 0, as after power-on"
 
     def home(self) -> None:
-        """Find the end stops (see the module's text for the order); afterwards the position is known.
+        """Find the end stops, in the order that the module's description gives. Afterwards the position is known.
 
-        Works from every state in which the firmware answers.
+        Homing works in every state in which the firmware answers.
 
         Raises:
             AlarmError: The firmware halted (an end stop was not found), or homing was stopped.
-            RigError: Lost, silent or reset.
+            RigError: The device is gone or silent, or was reset.
         """
         self._link.resume()
         self._link.greet(())
-        self._link.lost = "homing was not finished"
+        self._link.lost = "homing was not completed"
         self._prepare()
         stops = self._link.command("M119")
         try:
@@ -85,7 +85,7 @@ class MarlinStage(SerialStage[MarlinLink]):
             z_first = any(line.startswith("z_max") for line in stops)
             order = ("G28 Z", "G28 X", "G28 Y") if z_first else (*rise, "G28 X", "G28 Y", "G28 Z")
             for command in (*order, "M400"):
-                self._known(command, self._home_timeout_s)
+                self._require(command, self._home_timeout_s)
         except NotThereError:
             raise AlarmError(f"{self._link.name}: homing was stopped on request") from None
         place = self._place()
@@ -95,37 +95,37 @@ class MarlinStage(SerialStage[MarlinLink]):
         self._last = counted or place.planned_mm
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
-        """Go there in a straight line; done when ``M400`` came through and ``M114`` names the target.
+        """Move to a position in a straight line. The end is proved by ``M400`` and ``M114``.
 
         Raises:
             AlarmError: The firmware halted.
-            PositionLostError: It was reset, now or before; home first.
-            NotThereError: Stopped on request, clamped by a soft end stop, or cut short.
-            NoAnswerError: Silent.
-            ProtocolError: Lines were garbled time and again.
-            DeviceLostError: Unplugged.
+            PositionLostError: The firmware was reset, during the move or before; home it first.
+            NotThereError: The move was stopped on request, limited by a soft end stop, or interrupted.
+            NoAnswerError: The device is silent.
+            ProtocolError: Lines were garbled too often.
+            DeviceLostError: The device is unplugged.
         """
         start = self.position()
         x, y, z = target_mm
         with self._moving():
-            self._known(f"G1 X{x:.4f} Y{y:.4f} Z{z:.4f} F{max(60.0 * speed_mm_s, 0.1):.3f}")
+            self._require(f"G1 X{x:.4f} Y{y:.4f} Z{z:.4f} F{max(60.0 * speed_mm_s, 0.1):.3f}")
             seconds = duration_s(start, target_mm, speed_mm_s, self._rates_mm_s or (0.0,) * 3)
             self._link.command("M400", within_s=seconds, limit_s=4.0 * (self._timeout_s + seconds) + 10.0)
             at = self._at(target_mm)
         if not is_near(at, target_mm, self._tolerance_mm()):
             raise NotThereError(
                 f"{self._link.name}: stands at {place_text(at)} instead of {place_text(target_mm)}; "
-                "clamped by the firmware's soft end stops, or cut short"
+                "the firmware's soft end stops limited the move, or it was interrupted"
             )
         self._last = at
         return at
 
     def position(self) -> Point:
-        """The reported position in mm, once motion has ended.
+        """Return the reported position in mm after all motion has ended.
 
         Raises:
-            PositionLostError: It is unknown: reset, halted, or never homed.
-            RigError: Lost or silent.
+            PositionLostError: The position is unknown: reset, halted, or never homed.
+            RigError: The device is gone or silent.
         """
         self._link.require_known()
         if self._link.stopping or self._line.torn or self._link.unsure:
@@ -133,31 +133,31 @@ class MarlinStage(SerialStage[MarlinLink]):
             self._prepare()
             self._link.command("M400", limit_s=4.0 * self._timeout_s)
         at = self._at(self._last)
-        # What a reset leaves behind, should its banner have been lost on the way.
+        # A reset leaves this position. Its banner may have been lost.
         if not any(at) and self._last is not None and math.dist(at, self._last) > 2.0 * ROUNDING_MM:
-            raise self._link.reset_noticed("reports 0, 0, 0 although it was left elsewhere")
+            raise self._link.reset_noticed("reports 0, 0, 0 although it should be elsewhere")
         self._last = at
         return at
 
     def stop(self) -> None:
-        """Stop all motion at once; from a signal handler too. Never raises."""
+        """Stop all motion at once. Signal handlers may call this method. Never raises."""
         self._link.stop()
 
     def _prepare(self) -> None:
-        """Modes that a reset forgets: mm, absolute, no reports unasked; and what the axes can do."""
-        self._known("G90")
-        # Not every build knows these; where they are missing there is nothing to switch.
+        """Set the modes that a reset clears (mm, absolute, no automatic reports), and read the axes' limits."""
+        self._require("G90")
+        # Some builds do not know these commands. They then have no such mode to switch off.
         for command in ("G21", "M154 S0", "M155 S0"):
             self._link.command(command)
         lines = [line for command in ("M92", "M203") for line in self._link.command(command)]
         per_axis = dict(numbers for line in lines if (numbers := replies.per_axis(line)))
         self._steps_per_mm, self._rates_mm_s = per_axis.get("M92"), per_axis.get("M203")
 
-    def _known(self, command: str, limit_s: float | None = None) -> list[str]:
-        """Send a command that the firmware must know."""
+    def _require(self, command: str, limit_s: float | None = None) -> list[str]:
+        """Send a command that the firmware must know, and return the lines of its answer."""
         lines = self._link.command(command, limit_s=limit_s)
         if any(replies.unknown(line) is not None for line in lines):
-            raise ProtocolError(f"{self._link.name}: does not know {command}; it said {lines[-1]!r}")
+            raise ProtocolError(f"{self._link.name}: does not know {command}; it sent {lines[-1]!r}")
         return lines
 
     def _place(self) -> Place:
@@ -165,26 +165,26 @@ class MarlinStage(SerialStage[MarlinLink]):
         return next(place for line in reversed(lines) if (place := replies.place(line)))
 
     def _at(self, expected: Point | None) -> Point:
-        """Position at rest; by the motors' steps where they have proved to mean millimetres.
+        """Return the position at rest, from the motors' steps if they have agreed with the coordinates before.
 
-        Another one than expected is believed only when it was reported twice: a report may be damaged.
+        An unexpected position must be reported twice, since a report may be damaged.
         """
         place = confirmed(
             self._place,
             lambda place: expected is not None and math.dist(place.planned_mm, expected) <= 2.0 * ROUNDING_MM,
         )
         if place is None:
-            raise ProtocolError(f"{self._link.name}: reports another position each time it is asked, at rest")
+            raise ProtocolError(f"{self._link.name}: reports another position each time although it does not move")
         counted = self._counted(place)
         if self._counts and counted is None:
             raise NotThereError(
-                f"{self._link.name}: its motors are not where its planner says, {place_text(place.planned_mm)}; "
-                "motion was cut short"
+                f"{self._link.name}: its motors are not at its planned position, {place_text(place.planned_mm)}; "
+                "the motion was interrupted"
             )
         return counted or place.planned_mm
 
     def _counted(self, place: Place) -> Point | None:
-        """Position by motor steps; None where they are not told or disagree with the planned position."""
+        """Return the position from motor steps; None if they are not reported or differ from the planned position."""
         if place.steps is None or self._steps_per_mm is None or not all(self._steps_per_mm):
             return None
         x, y, z = (count / per_mm for count, per_mm in zip(place.steps, self._steps_per_mm, strict=True))

@@ -1,7 +1,7 @@
-"""What Marlin 2 sends, as values, and the frame that protects what is sent to it. Any text is allowed as input.
+"""Parsing of Marlin 2's lines, and the checksums of lines sent to it. Any text is accepted as input.
 
-Marlin's lines end in a newline only. A sent line carries its number and the exclusive or of its bytes, so that a
-garbled one is refused and asked for again.
+Marlin's lines end in a newline only. Each line sent to it has a number and the exclusive or of its bytes, so Marlin
+refuses a garbled line and requests it again.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ class Place:
     """An answer to ``M114``.
 
     Args:
-        planned_mm: Where the planner will end, to two decimals.
-        steps: Where the motors are, in steps; None where the build does not tell.
+        planned_mm: The end of the planned motion in mm, with two decimals.
+        steps: The position of the motors in steps; None if the build does not report it.
     """
 
     planned_mm: Point
@@ -40,13 +40,13 @@ class Place:
 
 
 def framed(number: int, command: str) -> bytes:
-    """A command as it is sent: ``N3 G28 Z*27`` and a newline."""
+    """Return a command with number and checksum: ``N3 G28 Z*27`` and a newline."""
     body = f"N{number} {command}".encode("ascii")
     return body + b"*%d\n" % functools.reduce(operator.xor, body)
 
 
 def place(line: str) -> Place | None:
-    """The position that a line reports; None if it reports none, or is damaged."""
+    """Return the position that a line reports; None if it reports none or is damaged."""
     match = _POSITION.fullmatch(line)
     if not match:
         return None
@@ -57,39 +57,39 @@ def place(line: str) -> Place | None:
 
 
 def is_ok(line: str) -> bool:
-    """Whether a line acknowledges a command (``ok``, or ``ok`` with the state of the queue)."""
+    """Return whether a line acknowledges a command (``ok``, or ``ok`` with the state of the queue)."""
     return line == "ok" or line.startswith("ok ")
 
 
 def resend(line: str) -> int | None:
-    """Number of the line that is asked for again; None if none is."""
+    """Return the number of the line that Marlin requests again; None for other lines."""
     match = _RESEND.fullmatch(line)
     return int(match[1]) if match else None
 
 
 def is_busy(line: str) -> bool:
-    """Whether the firmware says that it is at work."""
+    """Return whether the firmware reports that it is busy."""
     return "busy:" in line
 
 
 def is_banner(line: str) -> bool:
-    """Whether a line belongs to what the firmware says after a reset."""
+    """Return whether the firmware sends this line after a reset."""
     return _BANNER.fullmatch(line) is not None
 
 
 def is_halted(line: str) -> bool:
-    """Whether the firmware says that it has halted and will be mute until a reset."""
+    """Return whether the firmware reports a halt. It then stays silent until a reset."""
     return "halted" in line or "kill()" in line
 
 
 def unknown(line: str) -> str | None:
-    """The command that the firmware says it does not know (its ``ok`` comes all the same); None of another line."""
+    """Return the command that Marlin reports as unknown (it still sends ``ok``); None for other lines."""
     match = _UNKNOWN.fullmatch(line)
     return match[1] if match else None
 
 
 def firmware(line: str) -> str | None:
-    """Name and version in an answer to ``M115``: ``Marlin 2.1.2.7``; None if the line is another."""
+    """Return name and version from an answer to ``M115``: ``Marlin 2.1.2.7``; None for other lines."""
     match = _FIRMWARE.fullmatch(line)
     if not match:
         return None
@@ -97,6 +97,6 @@ def firmware(line: str) -> str | None:
 
 
 def per_axis(line: str) -> tuple[str, Point] | None:
-    """Command and numbers of a line such as ``echo:  M92 X80.00 Y80.00 Z400.00 E93.00``; None if it is another."""
+    """Return the command and values of a line like ``echo:  M92 X80.00 Y80.00 Z400.00 E93.00``; None for others."""
     match = _THREE.fullmatch(line)
     return (match[1], (float(match[2]), float(match[3]), float(match[4]))) if match else None

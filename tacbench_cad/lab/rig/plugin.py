@@ -1,7 +1,7 @@
-"""A user's own device by ``module:name``: any Python that the working folder or the environment has.
+"""A user's own device, named ``module:name``: Python code in the working folder or the environment.
 
-The name stands for something that is called with the options of the file as keyword arguments and gives the device.
-``tests/helpers/example_stage.py`` is a whole one.
+The named object is called with the options of the file as keyword arguments and returns the device.
+``tests/helpers/example_stage.py`` is a complete example.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.util.errors import InputError, TacbenchError, nearest
 from tacbench_cad.util.packages import why_not_imported
 
-#: How the names of this project's own files begin.
+#: The folder of this project's own code.
 _PACKAGE = str(Path(tacbench_cad.__file__).parent)
 
 
 def is_plugin(driver: str) -> bool:
-    """Whether a driver's name is a ``module:name``."""
+    """Return whether the name of a driver is a ``module:name``."""
     return ":" in driver
 
 
 class OwnDevice(Closing):
-    """A user's own device. Whatever it raises that is no error of the rig becomes one, in one line.
+    """A user's own device. Exceptions that are not errors of the rig become one, with a message of one line.
 
     Args:
         device: The device.
-        name: What it is, for the messages: ``[stage] driver my_arm:Arm``.
-        results: For some of its methods, what makes the expected result of what they return; may raise anything.
+        name: The field and driver, for error messages: ``[stage] driver my_arm:Arm``.
+        results: Functions that check and convert the results of some methods. They may raise any exception.
     """
 
     def __init__(self, device: Any, name: str, results: Mapping[str, Callable[[Any], Any]]) -> None:
@@ -64,24 +64,24 @@ class OwnDevice(Closing):
             self._device.stop()
 
     def close(self) -> None:
-        """Let go of the device. Never raises."""
+        """Close the device. Never raises."""
         with contextlib.suppress(Exception):
             self._device.close()
 
 
 def load(driver: str, *, field: str = "driver") -> Any:
-    """What ``module:name`` stands for.
+    """Import the object that a ``module:name`` names.
 
     Args:
-        driver: ``my_arm:Arm``; the module may have dots. One that is not installed lies in the working folder.
-        field: What names the driver, for the messages: ``[stage] driver``.
+        driver: ``my_arm:Arm``; the module name may have dots. The working folder is searched too.
+        field: The field of the driver, for error messages: ``[stage] driver``.
 
     Raises:
-        InputError: No such module, it fails when imported, or it has no such name.
+        InputError: The module does not exist, its import fails, or it does not have this name.
     """
     module_name, _, name = driver.partition(":")
     if not (name.isidentifier() and all(part.isidentifier() for part in module_name.split("."))):
-        raise InputError(field, driver, "must be module:name, such as my_arm:Arm")
+        raise InputError(field, driver, "must be module:name, for example my_arm:Arm")
     own = str(Path.cwd())
     sys.path.insert(0, own)
     try:
@@ -109,22 +109,22 @@ def open_device(
     field: str = "driver",
     results: Mapping[str, Callable[[Any], Any]] | None = None,
 ) -> Any:
-    """The device that a ``module:name`` gives.
+    """Open the device of a ``module:name``.
 
     Args:
         driver: See :func:`load`.
-        options: Its keyword arguments.
-        needed: Attributes that it must have.
+        options: The keyword arguments of its constructor.
+        needed: The attributes that the device must have.
         field: See :func:`load`.
         results: See :class:`OwnDevice`.
 
     Raises:
-        InputError: It cannot be loaded, refuses the options, or lacks an attribute.
-        RigError: As it raises itself.
+        InputError: The driver cannot be loaded, refuses the options, or lacks an attribute.
+        RigError: The driver raised it.
     """
     factory = load(driver, field=field)
     if not callable(factory):
-        raise InputError(field, driver, "cannot be called; name a class or a function")
+        raise InputError(field, driver, "is not callable; name a class or a function")
     try:
         device = factory(**options)
     except TacbenchError:
@@ -144,12 +144,12 @@ def _text(error: Exception) -> str:
 
 
 def _file(module: str) -> str:
-    """The file of a module; an empty text where it has none."""
+    """Return the file of a module, or an empty text if it has none."""
     return getattr(sys.modules.get(module), "__file__", None) or ""
 
 
 def _place(error: Exception, module: str = "") -> str:
-    """File and line of the user's code where an exception came from, or the module's file where it never got there."""
+    """Return file and line in the user's code where an exception occurred, or the file of the module."""
     if isinstance(error, SyntaxError) and error.filename:
         return f"{error.filename}, line {error.lineno}"
     frames = [

@@ -1,4 +1,4 @@
-"""Serial ports by names that survive replugging and rebooting; several candidates are never guessed between."""
+"""Stable names of serial ports. If several ports are possible, the user must choose one."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from pathlib import Path
 
 from tacbench_cad.util.errors import InputError
 
-#: Where Linux lists serial devices by what they are, and by the socket they are plugged into.
+#: The folder where Linux lists serial devices by manufacturer, product and serial number.
 BY_ID = Path("/dev/serial/by-id")
-#: Where Linux lists serial devices by the socket they are plugged into.
+#: The folder where Linux lists serial devices by USB socket.
 BY_PATH = Path("/dev/serial/by-path")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
-    """A serial port of a device that is plugged in.
+    """A serial port of a connected device.
 
     Args:
-        name: The name to write into a file: the most stable one there is.
-        device: What the system calls it now: ``/dev/ttyUSB0``; may change when it is plugged in again.
-        description: Product and maker as the device tells them.
-        hardware: Vendor, product and serial number of the USB device.
-        stable: Whether ``name`` survives replugging.
+        name: The most stable name of the port, for a settings file.
+        device: The system's present name: ``/dev/ttyUSB0``. It may change when the device is reconnected.
+        description: The manufacturer and product that the device reports.
+        hardware: The vendor, product and serial number of the USB device.
+        stable: Whether ``name`` stays the same when the device is reconnected.
     """
 
     name: str
@@ -34,11 +34,11 @@ class Candidate:
 
 
 def candidates(by_id: Path = BY_ID, by_path: Path = BY_PATH) -> list[Candidate]:
-    """The serial ports of USB devices, sorted by name. A computer's built-in ports are left out.
+    """Return the serial ports of USB devices, sorted by name. Built-in ports are left out.
 
     Args:
-        by_id: Folder of links named after devices (Linux).
-        by_path: Folder of links named after sockets; used for devices without a serial number of their own.
+        by_id: The folder with links named after devices (Linux).
+        by_path: The folder with links named after USB sockets, for devices without a serial number.
     """
     from serial.tools import list_ports
 
@@ -62,15 +62,15 @@ def candidates(by_id: Path = BY_ID, by_path: Path = BY_PATH) -> list[Candidate]:
 
 
 def resolve(port: str | None, what: str, *, taken: Sequence[str] = ()) -> str:
-    """The port to open.
+    """Choose the port to open.
 
     Args:
-        port: As the user wrote it, a path, a name or a pyserial URL; None takes the only candidate.
-        what: What is looked for, for the messages: ``stage``.
-        taken: Ports that other devices of the rig have.
+        port: The user's path, name or pyserial URL; None for the only connected device.
+        what: The kind of device, for error messages: ``stage``.
+        taken: The ports of the rig's other devices.
 
     Raises:
-        InputError: None was written and there is no candidate, or more than one.
+        InputError: The port is None, and the number of connected devices is not one.
     """
     if port is not None:
         if not port:
@@ -79,15 +79,15 @@ def resolve(port: str | None, what: str, *, taken: Sequence[str] = ()) -> str:
     used = {str(Path(other).resolve()) for other in taken}
     free = [candidate for candidate in candidates() if str(Path(candidate.device).resolve()) not in used]
     if not free:
-        raise InputError(f"{what} port", None, "no serial device is plugged in; `tacbench rig probe` lists them")
+        raise InputError(f"{what} port", None, "no serial device is connected; `tacbench rig probe` lists them")
     if len(free) > 1:
         names = ", ".join(candidate.name for candidate in free)
-        raise InputError(f"{what} port", None, f"there are several, none is guessed; write one of: {names}")
+        raise InputError(f"{what} port", None, f"several serial devices are connected; write one of: {names}")
     return free[0].name
 
 
 def _links(folder: Path) -> dict[str, Path]:
-    """Device's real path to its link in a folder; the first by name where there are several."""
+    """Return the link to each device in a folder, by the device's real path; the first by name if several exist."""
     if not folder.is_dir():
         return {}
     return {str(link.resolve()): link for link in sorted(folder.iterdir(), reverse=True)}

@@ -1,4 +1,4 @@
-"""What is plugged in: cameras with their sizes, and what a serial port says when it is asked."""
+"""A list of connected devices: the sizes of cameras, and the answer of a serial port."""
 
 from __future__ import annotations
 
@@ -11,26 +11,27 @@ from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError
 from tacbench_cad.lab.rig.samples import parse_numbers
 from tacbench_cad.util.errors import InputError, TacbenchError
+from tacbench_cad.util.text import counted
 
-#: Rates at which a port is listened to.
+#: The baud rates at which a port is read.
 _BAUDS = (115_200, 9_600, 57_600, 230_400, 921_600)
-#: Longest real time to wait for the first words after opening a port restarted the board.
+#: The longest wait for the first text after opening a port has restarted the board, in s of real time.
 _START_S = 2.5
-#: Time over which a stream of samples is counted.
+#: The time over which the rate of a stream of samples is measured, in s.
 _LISTEN_S = 0.5
-#: Least lines that tell a stream of samples.
+#: The smallest number of lines that proves a stream of samples.
 _MIN_LINES = 4
-#: Longest real time that each firmware is given to answer.
+#: The longest wait for the answer of each firmware, in s of real time.
 _ANSWER_S = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class PluggedCamera:
-    """A camera that is plugged in.
+    """A connected camera.
 
     Args:
-        name: Its stable name, for ``[sensor] device``.
-        size_px: Width and height of the pictures that it gives unasked, or None if it does not open.
+        name: The stable name, for ``[sensor] device``.
+        size_px: The default width and height of its pictures; None if it cannot be opened.
     """
 
     name: str
@@ -38,7 +39,7 @@ class PluggedCamera:
 
 
 def plugged_cameras(opener: Opener = open_capture) -> tuple[PluggedCamera, ...]:
-    """The cameras with a stable name, each opened for a moment.
+    """Return the cameras with a stable name. Each is opened for a moment.
 
     Args:
         opener: Opens a device.
@@ -56,26 +57,26 @@ def plugged_cameras(opener: Opener = open_capture) -> tuple[PluggedCamera, ...]:
 
 
 def identify(port: str) -> str:
-    """Ask what is at a port. Opening it restarts many boards, so only ports that a person names are asked.
+    """Find out which device is at a port. Opening a port restarts many boards, so only named ports are opened.
 
-    First it is listened to at the usual rates: gauges and taxels talk unasked. Then it is greeted as GRBL and as
-    Marlin. Nothing that moves is sent.
+    The function first reads the port at the usual baud rates, since gauges and taxels send samples unrequested. Then it
+    sends the questions of GRBL and Marlin. It sends nothing that could cause motion.
 
     Args:
-        port: Path, name or pyserial URL.
+        port: The path, name or pyserial URL of the port.
 
     Returns:
-        A line for people.
+        A text for the user.
 
     Raises:
-        InputError: There is no such port.
+        InputError: The port does not exist.
     """
     from tacbench_cad.lab.rig.grbl import GrblStage
     from tacbench_cad.lab.rig.marlin import MarlinStage
 
-    heard = _listen(port)
-    if heard is not None:
-        return heard
+    description = _listen(port)
+    if description is not None:
+        return description
     for stage in (GrblStage, MarlinStage):
         try:
             with stage(port, clock=Clock(), timeout_s=_ANSWER_S) as device:
@@ -84,11 +85,11 @@ def identify(port: str) -> str:
             raise
         except TacbenchError:
             continue
-    return "no numbers, no GRBL, no Marlin"
+    return "sends no samples and answers neither as GRBL nor as Marlin"
 
 
 def _listen(port: str) -> str | None:
-    """What a device that talks unasked is, or None."""
+    """Describe a device that sends samples unrequested; return None for other devices."""
     from tacbench_cad.lab.rig.line import Line
 
     with Line(port, baud=_BAUDS[0], what="device") as line:
@@ -97,15 +98,16 @@ def _listen(port: str) -> str | None:
                 line.set_baud(baud)
             first = line.read_line(_START_S if i == 0 else _LISTEN_S)
             if first is None and i == 0:
-                # It says nothing at all, not even in the wrong rate.
+                # The device sends no bytes at all, not even at a wrong baud rate.
                 return None
             lines = [] if first is None else [first, *line.lines(_LISTEN_S)]
             columns = Counter(len(numbers) for text in lines if (numbers := parse_numbers(text)) is not None)
             count, times = columns.most_common(1)[0] if columns else (0, 0)
             if times >= max(_MIN_LINES, 0.7 * len(lines)):
                 rate = times / _LISTEN_S
-                return f"samples of {count} number(s), about {rate:.0f} a second at {baud} baud: {lines[-1][:40]}"
+                sizes = counted(count, "number")
+                return f"sends samples of {sizes}, about {rate:.0f} per second at {baud} baud: {lines[-1][:40]}"
             if lines and not any("\ufffd" in text for text in lines):
-                # Plain words: the rate is right, and it is no stream of samples.
+                # The text is readable, so the baud rate is right, and the device does not send samples.
                 return None
     return None

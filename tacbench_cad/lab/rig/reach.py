@@ -1,4 +1,4 @@
-"""How far the sensor goes at a block, and whether the stage can go there: one rule for teaching and for pressing."""
+"""The space that the sensor needs around a block, and a check of the stage's limits, for teaching and for pressing."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from tacbench_cad.util.errors import InputError
 
 
 def travel_height_mm(protocol: Protocol, holder: HolderRim) -> float:
-    """Height of travel in the work frame: the clearance above the highest of block and rim."""
+    """Return the height of travel in the work frame: the clearance above the block and the rim, in mm."""
     return protocol.clearance_mm + max(0.0, -holder.rim_mm)
 
 
 def require_reach(protocol: Protocol, holder: HolderRim, frames: Sequence[WorkFrame], limits_mm: Limits) -> None:
-    """Refuse a protocol that would send the stage beyond its limits, before anything moves.
+    """Check before any motion that a protocol stays within the stage's limits.
 
     Args:
-        protocol: Its grid, clearance and depth limit.
-        holder: The rim that is travelled over.
-        frames: The work frame of each slot that is used.
-        limits_mm: Lowest and highest x, y, z of the stage.
+        protocol: The protocol with grid, clearance and depth limit.
+        holder: The rim of the holder, over which the sensor travels.
+        frames: The work frame of each used slot.
+        limits_mm: The stage's lowest and highest x, y, z.
 
     Raises:
-        InputError: A place lies beyond a limit; the message has slot, axis and numbers.
+        InputError: A position is beyond a limit. The message has slot, axis and numbers.
     """
     heights = (-protocol.depth_limit_mm, travel_height_mm(protocol, holder))
     for slot, frame in enumerate(frames, start=1):

@@ -1,4 +1,4 @@
-"""Devices that send a line of numbers for each sample, unasked: only new samples, garbled ones skipped and counted."""
+"""Devices that send one line of values per sample, unrequested. Only new samples count; garbled lines are skipped."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.util.convert import Bounds
 from tacbench_cad.util.errors import InputError
 
-#: Usual rate of boards that send a line a sample.
+#: The usual baud rate of boards that send samples.
 BAUD = 115_200
-#: Longest real time that a board needs to start after its port was opened.
+#: The longest start of a board after its port was opened, in s of real time.
 _START_S = 4.0
-#: Lines over which garbled ones are counted.
+#: The number of recent lines among which garbled ones are counted.
 _COUNTED = 50
-#: Least lines before a fraction of them means anything.
+#: The smallest number of lines for which the fraction of garbled lines is checked.
 _MIN_COUNTED = 20
-#: Fraction of garbled lines that is one too many.
+#: The fraction of garbled lines above which an error is raised.
 _TOO_MANY = 0.3
-#: Longest piece of a garbled line that a message shows.
-_SHOWN = 40
+#: The longest part of a garbled line in an error message, in characters.
+_MAX_SHOWN = 40
 
-#: So many identical samples in a row mean that a device is stuck.
+#: The number of identical samples in a row that mean a stuck device; 0 switches the check off.
 StuckSamples = Annotated[int, Bounds(0, 1_000_000)]
 
 _NUMBER = re.compile(r"[+-]?(?:\d{1,20}(?:\.\d{0,20})?|\.\d{1,20})(?:[eE][+-]?\d{1,3})?", re.ASCII)
@@ -36,23 +36,23 @@ _BETWEEN = re.compile(r"[ \t]*[,;][ \t]*|[ \t]+")
 
 
 def require_stuck_samples(count: int) -> None:
-    """Refuse a count by which every sample would be a stuck one.
+    """Check the limit of identical samples. With a limit of 1, every sample would count as stuck.
 
     Raises:
-        InputError: It is 1.
+        InputError: The limit is 1.
     """
     if count == 1:
         raise InputError("stuck_samples", 1, "must be at least 2, or 0 to switch the check off")
 
 
 def parse_numbers(line: str) -> tuple[float, ...] | None:
-    """The numbers of a line, with commas, semicolons, spaces or tabs between them; one may follow the last.
+    """Parse the values of a line, separated by commas, semicolons, spaces or tabs. A comma or semicolon may end it.
 
     Args:
-        line: Any text, without its end.
+        line: Any text, without its end of line.
 
     Returns:
-        At least one finite number, or None for anything else. There is no guessing at a damaged sample.
+        At least one finite number; None for any other line, so that a damaged sample is never interpreted.
     """
     text = line.strip(" \t\r\n")
     words = _BETWEEN.split(text[:-1].rstrip(" \t") if text[-1:] in (",", ";") else text)
@@ -64,19 +64,19 @@ def parse_numbers(line: str) -> tuple[float, ...] | None:
 
 @dataclass(kw_only=True, eq=False)
 class SampleStream(Closing):
-    """The samples of a device, as they come.
+    """The stream of samples of a device.
 
     Args:
-        lines: Where they come from.
-        name: What the device is, for the messages.
-        columns: How many numbers a sample has.
-        timeout_s: Longest real time to wait for a sample.
-        error: What is raised when too many lines are garbled, or the device is stuck.
-        stuck_samples: So many identical samples in a row mean that it is stuck; 0 switches the check off.
-        watched: The only column that is looked at for that, from 1; None for all.
+        lines: The port.
+        name: The device, for error messages.
+        columns: The number of values in a sample.
+        timeout_s: The longest wait for a sample, in s of real time.
+        error: The kind of error for too many garbled lines or a stuck device.
+        stuck_samples: The number of identical samples in a row that mean a stuck device; 0 switches the check off.
+        watched: The only column that is checked for this, counted from 1; None for all.
 
     Attributes:
-        garbled: Lines so far that were no sample.
+        garbled: The number of lines so far that were not samples.
     """
 
     lines: Line
@@ -93,10 +93,10 @@ class SampleStream(Closing):
     _example: str = field(default="", init=False)
 
     def wait_for_start(self) -> None:
-        """Wait for the first sample: opening a port restarts many boards, which then say a few words first.
+        """Wait for the first sample. Opening a port restarts many boards, which send some text first.
 
         Raises:
-            RigError: None comes. The port is let go of.
+            RigError: No sample arrives. The port is then closed.
         """
         try:
             self.next(max(self.timeout_s, _START_S))
@@ -105,10 +105,11 @@ class SampleStream(Closing):
             raise
 
     def start_fresh(self, latency_s: float = 0.0) -> None:
-        """Forget what has come, so that every sample from now on arrived after this call.
+        """Discard earlier samples, so that every later sample arrived after this call.
 
         Args:
-            latency_s: Real time for which samples may lie in adapters and drivers; what comes within it is dropped.
+            latency_s: The time, in s of real time, for which adapters and drivers may hold samples. Samples that arrive
+                within this time are discarded too.
 
         Raises:
             RigError: The device is gone or silent.
@@ -116,19 +117,19 @@ class SampleStream(Closing):
         if latency_s > 0.0:
             time.sleep(latency_s)
         self.lines.forget()
-        # What comes next may be the rest of a line that had begun before.
+        # The next line may be the rest of one that began earlier.
         if self.lines.read_line(self.timeout_s) is None:
             raise self._silent()
 
     def next(self, timeout_s: float | None = None) -> tuple[float, ...]:
-        """The next sample.
+        """Return the next sample.
 
         Args:
-            timeout_s: Longest real time to wait; the stream's own if None.
+            timeout_s: The longest wait in s of real time; None for the stream's own.
 
         Raises:
-            NoAnswerError: None came.
-            RigError: Of the stream's kind: stuck, or too many of the last lines are garbled. Or the device is gone.
+            NoAnswerError: No line arrived.
+            RigError: The device is gone or stuck, or too many of the last lines are garbled.
         """
         until = time.monotonic() + (self.timeout_s if timeout_s is None else timeout_s)
         while (line := self.lines.read_line(max(until - time.monotonic(), 0.0))) is not None:
@@ -139,45 +140,45 @@ class SampleStream(Closing):
                 self._look_for_stuck(numbers if self.watched is None else (numbers[self.watched - 1],))
                 return numbers
         if self._recent and not self._recent[-1]:
-            raise self.error(f"{self.name}: no sound line in time; the last one was {self._example!r}")
+            raise self.error(f"{self.name}: no valid line in time; the last line was {self._example!r}")
         raise self._silent()
 
     def count(self, sound: bool, example: str) -> None:
-        """Count a line, or take one back that turned out to be damaged.
+        """Count a line as valid or garbled. A line may be counted as garbled after it was counted as valid.
 
         Raises:
-            RigError: Of the stream's kind: too many of the last lines are garbled.
+            RigError: Too many of the last lines are garbled.
         """
         self._recent.append(sound)
         if sound:
             return
         self.garbled += 1
-        self._example = example[:_SHOWN]
+        self._example = example[:_MAX_SHOWN]
         bad = self._recent.count(False)
         if len(self._recent) >= _MIN_COUNTED and bad > _TOO_MANY * len(self._recent):
             raise self.error(
-                f"{self.name}: {bad} of the last {len(self._recent)} lines are garbled, as {self._example!r}; is the "
-                f"baud rate right, and are there {self.columns} number(s) a line?"
+                f"{self.name}: {bad} of the last {len(self._recent)} lines are garbled, for example "
+                f"{self._example!r}; check the baud rate and the number of values per line ({self.columns})"
             )
 
     def close(self) -> None:
-        """Let go of the device. Never raises; a second call does nothing."""
+        """Close the port. Never raises; a second call has no effect."""
         self.lines.close()
 
     def _look_for_stuck(self, sample: tuple[float, ...]) -> None:
-        """Count identical samples: a living sensor has noise.
+        """Count identical samples. The samples of a working sensor have noise.
 
         Raises:
-            RigError: Of the stream's kind: there are too many.
+            RigError: There are too many identical samples.
         """
         self._same = self._same + 1 if sample == self._last else 1
         self._last = sample
         if 0 < self.stuck_samples <= self._same:
-            shown = ", ".join(f"{number:.10g}" for number in sample)[:_SHOWN]
+            shown = ", ".join(f"{number:.10g}" for number in sample)[:_MAX_SHOWN]
             raise self.error(
-                f"{self.name}: {self._same} samples in a row are {shown}: it is stuck. If it rounds its noise away, "
-                "set its stuck_samples = 0"
+                f"{self.name}: {self._same} samples in a row are {shown}, so the device is stuck; if its rounding "
+                "hides its noise, set its stuck_samples = 0"
             )
 
     def _silent(self) -> NoAnswerError:
-        return NoAnswerError(f"{self.name}: sends nothing; is it switched on, and is the baud rate right?")
+        return NoAnswerError(f"{self.name}: sends no data; check that it is on and that the baud rate is right")

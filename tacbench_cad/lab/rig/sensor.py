@@ -1,4 +1,4 @@
-"""What a tactile sensor is: something that gives an array when it is asked."""
+"""The interface of a tactile sensor, which returns an array on request."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Frame = NDArray[Any]
 
 @runtime_checkable
 class Sensor(Device, Protocol):
-    """A tactile sensor, connected and identified when it is made.
+    """A tactile sensor. It is connected and identified when it is created.
 
     Attributes:
-        name: What it is, for people and for ``run.json``.
-        units: Unit of the numbers: ``counts`` of an image.
-        shape: Shape of every frame.
-        simulated: What of it is simulated, or an empty text.
+        name: The sensor, for people and for ``run.json``.
+        units: The unit of the values: ``counts`` for an image.
+        shape: The shape of every frame.
+        simulated: The simulated part, or an empty text.
         settings: ``{"requested": {...}, "actual": {...}}``, plain values.
     """
 
@@ -32,18 +32,18 @@ class Sensor(Device, Protocol):
     settings: dict[str, Any]
 
     def read(self) -> Frame:
-        """A frame whose exposure or sampling began after this call.
+        """Return a frame whose exposure or sampling began after this call.
 
         Returns:
             An array of the sensor's ``shape``; an image is uint8 of shape (height, width) or (height, width, 3), BGR.
 
         Raises:
-            RigError: Lost, silent, or sending what cannot be a frame.
+            RigError: The sensor is gone or silent, or sends invalid frames.
         """
 
 
 def is_image(frame: Frame) -> bool:
-    """Whether a frame is stored as a picture: uint8, (height, width) or (height, width, 3), at least 8 a side."""
+    """Return whether a frame is stored as an image: uint8, (height, width) or (height, width, 3), 8 pixels or more."""
     if frame.dtype != np.uint8 or frame.ndim not in (2, 3):
         return False
     return min(frame.shape[:2]) >= 8 and (frame.ndim == 2 or frame.shape[2] == 3)

@@ -1,4 +1,4 @@
-"""What the drivers of stages behind a serial port share, whichever firmware answers there."""
+"""The common part of the drivers for stages behind a serial port."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from tacbench_cad.lab.study.spec import Point
 
 T = TypeVar("T")
 
-#: How often an unexpected position is asked for again.
+#: The number of repetitions of a question after an unexpected position.
 REPORTS = 4
 
 
 class Link:
-    """A line to a firmware, and whether the firmware still knows where the carriage is.
+    """A connection to a firmware, which also records whether the position of the carriage is known.
 
     Args:
         line: The open port.
-        timeout_s: Longest silence that is waited through, in real seconds.
+        timeout_s: The longest wait for an answer, in s of real time.
 
     Attributes:
-        line: As given.
-        timeout_s: As given.
-        name: What is at the other end, for the messages.
-        lost: Why the position of the carriage is unknown; empty while it is known.
-        firmware: Name and version of the firmware; empty until it has answered.
+        line: The open port.
+        timeout_s: The longest wait for an answer, in s of real time.
+        name: The device, for error messages.
+        lost: The reason why the position of the carriage is unknown; empty while it is known.
+        firmware: The firmware's name and version; empty until it has answered.
     """
 
     def __init__(self, line: Line, timeout_s: float) -> None:
@@ -40,32 +40,34 @@ class Link:
         self.lost = self.firmware = ""
 
     def require_known(self) -> None:
-        """Refuse a move from an unknown position.
+        """Check that the position is known before a move.
 
         Raises:
             PositionLostError: The position is unknown.
         """
         if self.lost:
-            raise PositionLostError(f"{self.name}: the position is unknown: {self.lost}; home first")
+            raise PositionLostError(f"{self.name}: the position is unknown: {self.lost}; home the stage first")
 
     def reset_noticed(self, how: str) -> PositionLostError:
-        """The error for a reset that came from elsewhere."""
+        """Return the error for an unexpected reset."""
         self.lost = "the firmware was reset (button, power dip or disturbance)"
-        return PositionLostError(f"{self.name}: {how}: the position of the carriage is unknown; home first")
+        return PositionLostError(
+            f"{self.name}: {how}, so the position of the carriage is unknown; home the stage first"
+        )
 
 
 L = TypeVar("L", bound=Link)
 
 
 class SerialOptions(TypedDict, total=False):
-    """What every driver of a stage behind a serial port takes beside the port.
+    """The options of every driver for a stage behind a serial port.
 
     Args:
-        clock: Time of the rig; real time by default.
-        baud: Symbols per second; the firmware's usual ones by default.
-        timeout_s: Longest silence that is waited through, in real seconds; 10 by default.
-        home_timeout_s: Longest homing (of Marlin: of one axis or two), in real seconds; 120 by default.
-        simulated: What of it is simulated.
+        clock: The rig's time; real time by default.
+        baud: The baud rate; the firmware's usual one by default.
+        timeout_s: The longest wait for an answer, in s of real time; 10 by default.
+        home_timeout_s: The longest homing (with Marlin, of one or two axes), in s of real time; 120 by default.
+        simulated: The simulated part.
     """
 
     clock: Clock
@@ -79,9 +81,9 @@ class SerialStage(Closing, Generic[L]):
     """A stage behind a serial port.
 
     Args:
-        port: Path, name or pyserial URL.
-        link: Makes the link of the firmware.
-        bauds: The usual symbols per second.
+        port: The path, name or pyserial URL of the port.
+        link: Creates the connection to the firmware.
+        bauds: The usual baud rates.
         options: See :class:`SerialOptions`.
     """
 
@@ -103,12 +105,12 @@ class SerialStage(Closing, Generic[L]):
         raise NotImplementedError
 
     def close(self) -> None:
-        """Let go of the port. Never raises; a second call does nothing."""
+        """Close the port. Never raises; a second call has no effect."""
         self._line.close()
 
     @contextlib.contextmanager
     def _opening(self) -> Iterator[None]:
-        """Let go of the port if the body fails."""
+        """Close the port if the body fails."""
         try:
             yield
         except BaseException:
@@ -117,7 +119,7 @@ class SerialStage(Closing, Generic[L]):
 
     @contextlib.contextmanager
     def _moving(self) -> Iterator[None]:
-        """Stop if the body is interrupted: no carriage must be left moving that nobody watches."""
+        """Stop the motion if the body is interrupted, so that no carriage moves unattended."""
         try:
             yield
         except RigError:
@@ -128,14 +130,14 @@ class SerialStage(Closing, Generic[L]):
 
 
 def confirmed(read: Callable[[], T], is_expected: Callable[[T], bool]) -> T | None:
-    """A report that is expected, or that comes twice in a row, since a single one may be damaged.
+    """Return the first report that is expected or that comes twice in a row. A single report may be damaged.
 
     Args:
-        read: Asks for a report.
-        is_expected: Whether a report is believed at once.
+        read: Requests a report.
+        is_expected: Whether a report is trusted at once.
 
     Returns:
-        The report, or None where each one was another.
+        The report; None if every report was different.
     """
     report = read()
     for _ in range(REPORTS):
@@ -148,7 +150,7 @@ def confirmed(read: Callable[[], T], is_expected: Callable[[T], bool]) -> T | No
 
 
 def duration_s(start: Point, target: Point, speed_mm_s: float, rates_mm_s: Iterable[float]) -> float:
-    """Longest time of a move, by its speed and by each axis's own greatest rate (0: not known)."""
+    """Return the longest duration of a move in s, from its speed and the largest rate of each axis (0: unknown)."""
     seconds = math.dist(start, target) / speed_mm_s
     for a, b, rate in zip(start, target, rates_mm_s, strict=True):
         if rate > 0.0:
@@ -157,10 +159,10 @@ def duration_s(start: Point, target: Point, speed_mm_s: float, rates_mm_s: Itera
 
 
 def is_near(at: Point, target: Point, tolerance_mm: Iterable[float]) -> bool:
-    """Whether each coordinate lies within its tolerance."""
+    """Return whether each coordinate is within its tolerance."""
     return all(abs(a - b) <= near for a, b, near in zip(at, target, tolerance_mm, strict=True))
 
 
 def place_text(at: Point) -> str:
-    """A place for a message."""
+    """Return a position as text for messages."""
     return "x {:.3f}, y {:.3f}, z {:.3f} mm".format(*at)

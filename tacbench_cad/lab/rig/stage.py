@@ -1,4 +1,4 @@
-"""What a stage is: three axes that go where they are told and say where they are."""
+"""The interface of a stage: three axes that move to a target and report their position."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ Limits = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 
 class Device(Protocol):
-    """What stages, gauges and sensors share: they are let go of in the end, as context managers too."""
+    """The common part of stages, gauges and sensors. They can be closed, and are context managers."""
 
     def close(self) -> None:
-        """Let go of the device. Never raises; a second call does nothing."""
+        """Close the device. Never raises; a second call has no effect."""
 
     def __enter__(self) -> Self:
         return self
@@ -28,53 +28,53 @@ class Device(Protocol):
 
 
 class Closing(Device):
-    """Makes a context manager of anything with ``close``."""
+    """A base class that makes a context manager of any class with ``close``."""
 
 
 @runtime_checkable
 class Stage(Device, Protocol):
-    """A three-axis stage, in mm of its own frame with z upwards.
+    """A three-axis stage, in mm of its own frame, with z upwards.
 
-    A driver opens its device when it is made: it is then connected and identified, and homed if asked to be.
+    A driver opens its device when it is created: the device is then connected and identified. :meth:`home` is separate.
 
     Attributes:
         identity: Driver, firmware with version, and port, for people and for ``run.json``.
-        simulated: What of it is simulated, or an empty text.
+        simulated: The simulated part, or an empty text.
     """
 
     identity: str
     simulated: str
 
     def home(self) -> None:
-        """Find the end stops, z first upwards; afterwards the position is known."""
+        """Find the end stops, z first and upwards. Afterwards the position is known."""
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
-        """Go there in a straight line and wait until the stage itself reports that it stands there.
+        """Move to a position in a straight line and wait until the stage reports that it has arrived.
 
         Args:
-            target_mm: Where to, x, y and z in mm of the stage's frame.
-            speed_mm_s: How fast along the line, in mm/s.
+            target_mm: The target x, y and z in mm of the stage's frame.
+            speed_mm_s: The speed along the line, in mm/s.
 
         Returns:
             The reported position in mm.
 
         Raises:
-            RigError: By its subclass: alarm, reset, silence, unplugged, not arrived.
+            RigError: One of its subclasses: alarm, reset, silence, unplugged, not arrived.
         """
 
     def position(self) -> Point:
-        """The reported position in mm."""
+        """Return the reported position in mm."""
 
     def stop(self) -> None:
-        """Stop all motion at once. May be called from a signal handler, in the middle of another call; never raises."""
+        """Stop all motion at once. Signal handlers may call this during another call. Never raises."""
 
 
 class LimitedStage(Closing):
-    """A stage that refuses targets beyond its limits before anything is sent.
+    """A stage with limits. It refuses targets beyond them before any command is sent.
 
     Args:
         stage: The stage.
-        limits_mm: Lowest and highest x, y, z.
+        limits_mm: The lowest and highest x, y, z.
     """
 
     def __init__(self, stage: Stage, limits_mm: Limits) -> None:
@@ -91,14 +91,14 @@ class LimitedStage(Closing):
         """See :class:`Stage`.
 
         Raises:
-            OutOfRangeError: The target lies beyond a limit; nothing was sent.
+            OutOfRangeError: The target is beyond a limit. No command was sent.
             InputError: The speed is not positive.
         """
         for axis, value, (low, high) in zip("xyz", target_mm, self.limits_mm, strict=True):
-            # Written so that a NaN is refused too.
+            # This comparison also refuses a NaN.
             if not low <= value <= high:
                 raise OutOfRangeError(
-                    f"stage {axis} = {value:.4f} mm: beyond its limits, {low:g} to {high:g} mm; nothing was sent"
+                    f"stage {axis} = {value:.4f} mm: must be from {low:g} to {high:g} mm, its limits; nothing was sent"
                 )
         if not speed_mm_s > 0.0:
             raise InputError("speed_mm_s", speed_mm_s, "must be above 0")

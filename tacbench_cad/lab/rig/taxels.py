@@ -1,4 +1,4 @@
-"""An array of taxels that sends a line of numbers a sample over serial: one sample a frame, or a short series."""
+"""An array of taxels that sends one line per sample over serial. A frame is one sample or a short series."""
 
 from __future__ import annotations
 
@@ -17,23 +17,24 @@ from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.study.spec import Baud, SensorSettings
 from tacbench_cad.util.convert import Bounds, check_fields, from_plain
 
-#: How often a series is begun again because a line in it was damaged: a series has no holes.
+#: The largest number of attempts to record a series. A series with a damaged line is discarded, since it has a gap.
 _ATTEMPTS = 5
 
 
 @dataclass(frozen=True, kw_only=True)
 class TaxelOptions:
-    """What ``[sensor]`` says of an array of taxels.
+    """The options of an array of taxels in ``[sensor]``.
 
     Args:
-        columns: Taxels, numbers on a line.
-        samples: Samples of a frame: 1 gives shape (columns,), more give a series of shape (samples, columns).
-        units: Unit of the numbers.
-        baud: Symbols per second.
-        timeout_s: Longest real time to wait for a sample.
-        stuck_samples: So many identical samples in a row mean that the array is stuck; 0 switches the check off, for
-            a device that rounds its noise away.
-        latency_s: Rig time for which samples may lie in the USB adapter: what comes within it was taken before.
+        columns: The number of taxels, which is the number of values on a line.
+        samples: The number of samples in a frame: 1 gives shape (columns,), more give shape (samples, columns).
+        units: The unit of the values.
+        baud: The baud rate.
+        timeout_s: The longest wait for a sample, in s of real time.
+        stuck_samples: The number of identical samples in a row that mean a stuck array; 0 switches the check off, for a
+            device whose rounding hides its noise.
+        latency_s: The time, in s of rig time, for which the USB adapter may hold samples. Samples that arrive within
+            this time were taken before the request.
     """
 
     columns: Annotated[int, Bounds(1, 1000)]
@@ -50,16 +51,16 @@ class TaxelOptions:
 
 
 class TaxelSensor(SampleStream):
-    """Taxels over serial. See :class:`tacbench_cad.lab.rig.sensor.Sensor`.
+    """An array of taxels over serial. See :class:`tacbench_cad.lab.rig.sensor.Sensor`.
 
     Args:
         lines: The port.
-        name: What it is.
-        options: How its lines read.
+        name: The device, for error messages.
+        options: The format of its lines.
         clock: The rig's time.
 
     Raises:
-        RigError: Nothing that is a sample comes.
+        RigError: The device sends no valid sample.
     """
 
     simulated = ""
@@ -68,7 +69,7 @@ class TaxelSensor(SampleStream):
         self.units = options.units
         self.shape: tuple[int, ...] = (options.samples, options.columns)[options.samples == 1 :]
         chosen = {"columns": options.columns, "samples": options.samples, "baud": options.baud}
-        # The device cannot be asked: what it sends in every line is what was checked.
+        # The device cannot be asked for its settings, but every line was checked for this number of values.
         self.settings: dict[str, Any] = {"requested": chosen, "actual": {"columns": options.columns}}
         self._samples = options.samples
         self._latency_s = options.latency_s / clock.speed
@@ -83,14 +84,14 @@ class TaxelSensor(SampleStream):
         self.wait_for_start()
 
     def read(self) -> Frame:
-        """The next samples that arrive whole after this call.
+        """Return the next samples that arrive completely after this call.
 
         Returns:
             float64, shape (columns,) or (samples, columns).
 
         Raises:
-            SensorError: Too many garbled lines, or a stuck array.
-            RigError: Lost or silent.
+            SensorError: Too many lines are garbled, or the array is stuck.
+            RigError: The device is gone or silent.
         """
         self.start_fresh(self._latency_s)
         for _ in range(_ATTEMPTS):
@@ -101,7 +102,7 @@ class TaxelSensor(SampleStream):
             if self.garbled == damaged or self._samples == 1:
                 return np.array(rows, dtype=np.float64).reshape(self.shape)
         raise SensorError(
-            f"{self.name}: {_ATTEMPTS} series in a row had a damaged line; a slower rate or a shorter cable may help"
+            f"{self.name}: {_ATTEMPTS} series in a row contained a damaged line; try a lower rate or a shorter cable"
         )
 
 
@@ -111,11 +112,11 @@ def open_taxels(settings: SensorSettings, clock: Clock, *, taken: Sequence[str] 
     Args:
         settings: The table.
         clock: The rig's time.
-        taken: Ports of the rig's other devices, which it cannot have.
+        taken: The ports of the rig's other devices, which are not tried.
 
     Raises:
-        InputError: A setting is not allowed, or there is no such port.
-        RigError: Nothing that is a sample comes.
+        InputError: A setting is not allowed, or the port does not exist.
+        RigError: The device sends no valid sample.
     """
     options = from_plain(TaxelOptions, settings.options, "[sensor] ")
     port = ports.resolve(settings.device, "sensor", taken=taken)

@@ -29,7 +29,7 @@ class ThreePresses(Silent):
 
     def pressed(self, done: int, force: Force | None, in_band: bool | None, reading: Path) -> None:
         if done == 3:
-            raise NoAnswerError("gauge: sends nothing")
+            raise NoAnswerError("gauge: sends no data")
 
 
 def session(out: Path, progress: Silent) -> None:

@@ -113,14 +113,14 @@ def touched(turn_deg: float = 0.0, stretch: float = 1.0) -> list[Point]:
 @pytest.mark.parametrize(
     ("places", "message"),
     [
-        (touched(turn_deg=8.0), "8 degrees askew.*turn it"),
+        (touched(turn_deg=8.0), "rotated by 8 degrees.*Align it"),
         (touched(stretch=1.3), "1.3 times as far apart.*steps per mm"),
-        ([touched()[i] for i in (1, 0, 2, 3)], "were these the markers"),
+        ([touched()[i] for i in (1, 0, 2, 3)], "the right markers"),
     ],
 )
 def test_a_bad_fit_is_refused_with_its_likely_reason(places: list[Point], message: str) -> None:
     found = fit_frame(MARKERS, places)
-    with pytest.raises(CheckFailedError, match=rf"above the tolerance of 0.3 mm; nothing is stored: .*{message}"):
+    with pytest.raises(CheckFailedError, match=rf"more than the tolerance of 0.3 mm; nothing is stored: .*{message}"):
         found.require_within(0.3)
 
 
@@ -245,8 +245,8 @@ def test_a_person_teaches_the_frame(turns: int) -> None:
     assert found.frame.quarter_turns == turns
     assert found.frame.origin_mm == pytest.approx(frame.origin_mm, abs=1e-4)
     assert stage.here[2] == 0.0, "lifted in the end"
-    assert sum("from where the frame has it" in line for line in person.said) == 4
-    assert sum("type x, y or z" in line for line in person.said) == 5, "what is no step is answered"
+    assert sum("away from its place in the fitted frame" in line for line in person.said) == 4
+    assert sum("must be x, y or z" in line for line in person.said) == 5, "what is no step is answered"
 
 
 def test_a_wrong_marker_stores_nothing() -> None:
@@ -282,7 +282,7 @@ def test_a_step_beyond_the_limits_moves_nothing_and_goes_on() -> None:
     person.lines = iter(["x -5", "quit"])
     with pytest.raises(InputError, match="stopped"):
         teaching(stage, person).frame(Protocol(), Block.of("1", "paper"), 0.3)
-    assert stage.path == [(0.0, 0.0, 0.0)] and any("beyond its limits" in line for line in person.said)
+    assert stage.path == [(0.0, 0.0, 0.0)] and any("its limits; nothing was sent" in line for line in person.said)
 
 
 def test_a_step_that_presses_too_hard_is_taken_back() -> None:
@@ -302,7 +302,7 @@ def test_a_step_that_presses_too_hard_is_taken_back() -> None:
         ).frame(Protocol(), Block.of("1", "paper"), 0.3)
     heights = [-10.5, -11.0, -11.5, -12.0, -12.5, -13.0, -13.5, -12.0, 0.0]
     assert [place[2] for place in stage.path] == heights, "no piece of the last step was made beyond the first over 1 N"
-    assert any("taken back" in line for line in said)
+    assert any("was undone" in line for line in said)
 
 
 def test_a_prompt_shows_no_negative_zero() -> None:
@@ -388,7 +388,7 @@ def test_what_cannot_be_edited_safely_is_left_alone(tmp_path: Path, text: str) -
     path = tmp_path / "study.toml"
     path.write_text(text)
     with pytest.raises(
-        InputError, match=r"cannot be edited safely; write by hand: origin_mm = \[80.5, .*quarter_turns = 3"
+        InputError, match=r"cannot be edited safely; write these lines by hand: origin_mm = \[80.5, .*quarter_turns = 3"
     ):
         store_frame(path, FRAME)
     assert path.read_text() == text
@@ -410,6 +410,6 @@ def test_what_is_no_small_regular_file_is_neither_waited_for_nor_read(tmp_path: 
         stream.truncate(9_000_000)
     (tmp_path / "deep.toml").write_text("[stage]\nlimits_mm = " + 50 * "[" + 50 * "]" + "\n")
     for name in ("pipe.toml", "large.toml", "deep.toml"):
-        with pytest.raises(InputError, match=f"{name}: cannot be edited safely; write by hand"):
+        with pytest.raises(InputError, match=f"{name}: cannot be edited safely; write these lines by hand"):
             store_frame(tmp_path / name, WorkFrame(origin_mm=(1.0, 2.0, 3.0)))
     assert (tmp_path / "large.toml").stat().st_size == 9_000_000

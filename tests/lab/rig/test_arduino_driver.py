@@ -73,9 +73,9 @@ def test_moves_are_in_whole_steps_with_signs_and_a_pause() -> None:
 
 def test_the_identity_says_what_may_be_trusted() -> None:
     with Script().peer() as peer, opened(peer) as stage:
-        assert "SHOW tells the steps" in stage.identity
+        assert "SHOW reports the steps" in stage.identity
     with Script(shows=False).peer() as peer, opened(peer) as stage:
-        assert "done is believed" in stage.identity
+        assert "done is trusted" in stage.identity
 
 
 def test_without_positions_done_is_believed() -> None:
@@ -121,7 +121,7 @@ def test_a_garbled_target_makes_the_position_unknown() -> None:
         with pytest.raises(NotThereError, match="instead of"):
             stage.move(THERE, 20.0)
         peer.answer = obey
-        with pytest.raises(PositionLostError, match="went elsewhere"):
+        with pytest.raises(PositionLostError, match="went to a wrong position"):
             stage.move(THERE, 20.0)
         stage.home()
         assert stage.move(THERE, 20.0) == THERE
@@ -209,7 +209,7 @@ def test_a_lost_done_without_show_is_a_lost_position() -> None:
     with script.peer() as peer, opened(peer) as stage:
         stage.home()
         script.pauses = []
-        with pytest.raises(NoAnswerError, match="no done to MOVE"):
+        with pytest.raises(NoAnswerError, match="no done for MOVE"):
             stage.move(THERE, 200.0)
         with pytest.raises(PositionLostError):
             stage.position()

@@ -84,14 +84,14 @@ def test_noise_and_span_in_newtons() -> None:
 
 @pytest.mark.parametrize("masses", [(), (0.0,), (0.0, 100.0), (100.0, 100.0, 0.0)])
 def test_too_few_masses_are_refused(masses: tuple[float, ...]) -> None:
-    with pytest.raises(InputError, match="at least 3 different ones"):
+    with pytest.raises(InputError, match="at least 3 different masses"):
         made(points(masses))
 
 
 def test_counts_that_fall_are_explained_and_may_be_meant() -> None:
     found = points(slope=-4_000.0)
     with pytest.raises(
-        InputError, match=r"counts fall as the mass grows.*another order.*swapped.*upside down.*--falling"
+        InputError, match=r"counts decrease as the mass increases.*order.*swapped.*upside down.*--falling"
     ):
         made(found)
     calibration = made(found, falling=True)
@@ -114,7 +114,7 @@ def test_the_one_wrong_mass_is_named(wrong: int) -> None:
         mass_g=bad.mass_g, counts=bad.counts + 4_000.0 * 20.0, spread_counts=40.0, samples=80
     )
     (warning,) = made(found).warnings
-    assert warning.startswith(f"the point at {masses[wrong]:g} g lies 0.19") or "0.2 N" in warning
+    assert warning.startswith(f"the point at {masses[wrong]:g} g is 0.19") or "0.2 N" in warning
     assert "(20 g)" in warning or "(19.9 g)" in warning or "(20.1 g)" in warning
 
 
@@ -132,7 +132,9 @@ def test_a_bent_line_is_worth_a_warning() -> None:
 
 
 def test_no_point_without_load_is_worth_a_warning() -> None:
-    assert made(points((50.0, 100.0, 200.0))).warnings == ("no point without load: forces near zero are extrapolated",)
+    assert made(points((50.0, 100.0, 200.0))).warnings == (
+        "there is no point without load, so forces near zero are extrapolated",
+    )
 
 
 @pytest.mark.parametrize(
@@ -164,9 +166,9 @@ def test_the_file_gives_back_what_was_written(tmp_path: Path) -> None:
     [
         ("", "is not valid JSON"),
         ("[" * 100_000, "is nested deeper"),
-        ("[]", "is no force calibration"),
-        ('{"kind": "other"}', "is no force calibration"),
-        ('{"kind": "tacbench force calibration", "schema": 2}', "schema = 2: this tacbench reads schema 1"),
+        ("[]", "is not a force calibration"),
+        ('{"kind": "other"}', "is not a force calibration"),
+        ('{"kind": "tacbench force calibration", "schema": 2}', "schema = 2: must be 1 for this version"),
         ('{"kind": "tacbench force calibration", "schema": 1}', "newtons_per_count|points"),
     ],
 )
@@ -190,7 +192,7 @@ def test_edited_values_are_refused_by_name(tmp_path: Path, key: str, value: obje
 
 
 def test_missing_files_and_folders_are_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"no such file.*calibrate-force"):
+    with pytest.raises(InputError, match=r"does not exist.*calibrate-force"):
         read_calibration(tmp_path / "none.json")
     with pytest.raises(InputError, match="is a folder"):
         read_calibration(tmp_path)

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from tacbench_cad.lab.rig import arduino, grbl_replies, marlin_replies
 from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError
-from tacbench_cad.lab.rig.line import LONGEST_LINE, Line
+from tacbench_cad.lab.rig.line import MAX_LINE, Line
 from tacbench_cad.util.errors import InputError
 
 needs_pty = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals, which Windows lacks")
@@ -57,8 +57,8 @@ def test_a_wait_ends_in_time(wire: tuple[Line, int]) -> None:
 
 def test_noise_without_ends_is_cut(wire: tuple[Line, int]) -> None:
     line, far = wire
-    threading.Thread(target=os.write, args=(far, b"x" * LONGEST_LINE + b"yz\n"), daemon=True).start()
-    assert line.read_line(2.0) == "x" * LONGEST_LINE
+    threading.Thread(target=os.write, args=(far, b"x" * MAX_LINE + b"yz\n"), daemon=True).start()
+    assert line.read_line(2.0) == "x" * MAX_LINE
     assert line.read_line(2.0) == "yz"
 
 
@@ -80,7 +80,7 @@ def test_a_device_that_takes_nothing_is_no_endless_wait() -> None:
     far, near = pty.openpty()
     tty.setraw(near)
     with Line(os.ttyname(near), baud=115200, what="stage", write_timeout_s=0.2) as line:
-        with pytest.raises(NoAnswerError, match="takes no bytes"):
+        with pytest.raises(NoAnswerError, match="accepts no data"):
             for _ in range(1000):
                 line.write(b"x" * 1000)
         assert line.torn
@@ -113,7 +113,10 @@ def test_one_port_has_one_holder() -> None:
     import pty
 
     far, near = pty.openpty()
-    with Line(os.ttyname(near), baud=115200, what="stage"), pytest.raises(InputError, match="held by another program"):
+    with (
+        Line(os.ttyname(near), baud=115200, what="stage"),
+        pytest.raises(InputError, match="in use by another program"),
+    ):
         Line(os.ttyname(near), baud=115200, what="gauge")
     os.close(near)
     os.close(far)

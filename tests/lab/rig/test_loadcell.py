@@ -196,7 +196,7 @@ def test_a_stuck_cell_is_noticed_within_a_window_or_over_many() -> None:
         found = gauge(cell)
         found.read(0.1)
         cell.alter = lambda i, line: "481000"
-        with pytest.raises(GaugeError, match="20 samples in a row are 481000: it is stuck"):
+        with pytest.raises(GaugeError, match="20 samples in a row are 481000, so the device is stuck"):
             for _ in range(20):
                 found.read(window_s)
 
@@ -231,7 +231,7 @@ def test_silence_and_loss_have_names() -> None:
     cell = Cell(Time())
     found = gauge(cell)
     cell.alter = lambda i, line: None
-    with pytest.raises(NoAnswerError, match="sends nothing"):
+    with pytest.raises(NoAnswerError, match="sends no data"):
         found.read(0.1)
     silent = Cell(Time())
     silent.alter = lambda i, line: None
@@ -273,7 +273,7 @@ def test_a_falling_cell_gives_positive_forces() -> None:
         ({"stuck_samples": 1}, True, "stuck_samples = 1"),
         ({"unit": "grams"}, True, "unit = 'grams'"),
         ({"unit": "counts"}, False, "needs .*calibration"),
-        ({"unit": "newtons"}, True, "calibrated already"),
+        ({"unit": "newtons"}, True, "must not be combined"),
         ({"low_counts": 5.0, "high_counts": 4.0}, True, "must be below high_counts"),
     ],
 )
@@ -345,7 +345,7 @@ def test_a_cell_on_a_port(tmp_path: Path) -> None:
 @pty_only
 def test_a_missing_calibration_is_named(tmp_path: Path) -> None:
     settings = GaugeSettings(driver="serial", port="/dev/null", calibration=str(tmp_path / "none.json"))
-    with pytest.raises(InputError, match="there is no such file"):
+    with pytest.raises(InputError, match="does not exist"):
         open_gauge(settings, Clock())
 
 

@@ -115,7 +115,7 @@ def test_trait_15_nothing_moves_before_homing() -> None:
     script = ScriptedMarlin()
     script.reset()
     with opened(script, home=False) as stage:
-        with pytest.raises(PositionLostError, match="home first"):
+        with pytest.raises(PositionLostError, match="home the stage first"):
             stage.move((-20.0, 20.0, 5.0), 20.0)
         assert not any(one.startswith(b"G1") for one in script.accepted)
 
@@ -297,7 +297,7 @@ def test_trait_18_a_halt_is_an_alarm_and_then_silence() -> None:
             stage.move(THERE, 20.0)
         with pytest.raises(PositionLostError):
             stage.position()
-        with pytest.raises(NoAnswerError, match="needs its reset"):
+        with pytest.raises(NoAnswerError, match="needs a reset"):
             stage.home()
 
 
@@ -307,7 +307,7 @@ def test_trait_18_a_reset_in_motion_is_a_lost_position_until_homed() -> None:
         script.on[b"M400"] = lambda got: [script.reset()]
         with pytest.raises(PositionLostError, match="was reset"):
             stage.move(THERE, 20.0)
-        with pytest.raises(PositionLostError, match="home first"):
+        with pytest.raises(PositionLostError, match="home the stage first"):
             stage.move(THERE, 20.0)
         script.on.clear()
         stage.home()
@@ -318,7 +318,7 @@ def test_trait_18_a_reset_whose_banner_was_lost_shows_in_the_line_numbers() -> N
     script = ScriptedMarlin()
     with opened(script) as stage:
         script.reset()
-        with pytest.raises(PositionLostError, match="counts its lines from 1"):
+        with pytest.raises(PositionLostError, match="expects line 1"):
             stage.move(THERE, 20.0)
 
 

@@ -57,7 +57,7 @@ def test_an_example_of_twenty_lines_stays_one() -> None:
         ("../evil:Arm", "must be module:name"),
         ("no_such_module_here:Arm", "cannot be imported: ModuleNotFoundError"),
         ("example_stage:ExampleStag", 'did you mean "ExampleStage"'),
-        ("tacbench_cad.lab.rig.stage:__doc__", "cannot be called"),
+        ("tacbench_cad.lab.rig.stage:__doc__", "is not callable"),
         ("pathlib:Path", "lacks identity"),
     ],
 )

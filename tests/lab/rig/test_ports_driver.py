@@ -60,7 +60,7 @@ def test_the_only_candidate_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 def test_several_candidates_are_named_and_none_is_guessed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plug(monkeypatch, usb(tmp_path / "ttyUSB0"), usb(tmp_path / "ttyUSB1"))
-    with pytest.raises(InputError, match=r"none is guessed.*ttyUSB0.*ttyUSB1"):
+    with pytest.raises(InputError, match=r"several serial devices are connected.*ttyUSB0.*ttyUSB1"):
         ports.resolve(None, "stage")
 
 
@@ -71,7 +71,7 @@ def test_a_port_that_another_device_has_is_no_candidate(tmp_path: Path, monkeypa
 
 def test_nothing_plugged_in_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     plug(monkeypatch)
-    with pytest.raises(InputError, match="no serial device is plugged in"):
+    with pytest.raises(InputError, match="no serial device is connected"):
         ports.resolve(None, "stage")
 
 

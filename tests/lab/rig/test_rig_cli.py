@@ -94,7 +94,7 @@ def test_a_wrong_mass_is_warned_of(scale: Scale, tmp_path: Path, monkeypatch: Pa
     scale.masses = [0.0, 50.0, 120.0, 150.0, 200.0]
     typed(monkeypatch, *[""] * 5)
     run("calibrate-force", "--port", "P", "--masses", "0,50,100,150,200", "-o", str(tmp_path / "gauge.json"))
-    assert "warning: the point at 100 g lies" in capsys.readouterr().err
+    assert "warning: the point at 100 g is" in capsys.readouterr().err
 
 
 def test_masses_in_the_wrong_order_store_nothing(scale: Scale, tmp_path: Path, monkeypatch: Patch) -> None:
@@ -102,7 +102,7 @@ def test_masses_in_the_wrong_order_store_nothing(scale: Scale, tmp_path: Path, m
     typed(monkeypatch, *[""] * 4)
     path = tmp_path / "gauge.json"
     argv = ("calibrate-force", "--port", "P", "--masses", "0,50,100,200", "-o", str(path))
-    with pytest.raises(InputError, match="counts fall as the mass grows"):
+    with pytest.raises(InputError, match="counts decrease as the mass increases"):
         run(*argv)
     assert not path.exists()
     scale.masses, scale.counts_per_g, scale.on = [0.0, 50.0, 100.0, 200.0], -4_000.0, -1
@@ -391,7 +391,7 @@ def test_firmware_and_gauge_are_identified(kind: str) -> None:
 
     with launch(kind, speed=20.0) as virtual:
         assert probing.identify(virtual.port).startswith(f"{kind}: ")
-        assert "samples of 1 number(s)" in probing.identify(virtual.gauge_port)
+        assert "sends samples of 1 number" in probing.identify(virtual.gauge_port)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="WINDOWS HAS NO PSEUDO-TERMINALS: not tested here")
@@ -405,6 +405,6 @@ def test_a_silent_port_is_no_error(monkeypatch: Patch) -> None:
     monkeypatch.setattr("tacbench_cad.lab.rig.grbl.GrblStage", silent)
     monkeypatch.setattr("tacbench_cad.lab.rig.marlin.MarlinStage", silent)
     master, slave = os.openpty()
-    assert probing.identify(os.ttyname(slave)) == "no numbers, no GRBL, no Marlin"
+    assert probing.identify(os.ttyname(slave)) == "sends no samples and answers neither as GRBL nor as Marlin"
     os.close(master)
     os.close(slave)

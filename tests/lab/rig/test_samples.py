@@ -156,7 +156,7 @@ def test_garbled_lines_are_skipped_and_counted() -> None:
 def test_too_many_garbled_lines_end_it() -> None:
     lines = [line for i in range(40) for line in (f"{i}", "?#")]
     found = stream(*lines)
-    with pytest.raises(GaugeError, match=r"cell: 10 of the last 20 lines are garbled, as '\?#'"):
+    with pytest.raises(GaugeError, match=r"cell: 10 of the last 20 lines are garbled, for example '\?#'"):
         for _ in range(40):
             found.next()
 
@@ -168,13 +168,13 @@ def test_few_garbled_lines_do_not(lines: int = 400) -> None:
 
 
 def test_a_number_too_many_is_garbled() -> None:
-    with pytest.raises(GaugeError, match=r"no sound line in time; the last one was '1,2'"):
+    with pytest.raises(GaugeError, match=r"no valid line in time; the last line was '1,2'"):
         stream("1,2").next()
     assert stream("1,2", columns=2).next() == (1.0, 2.0)
 
 
 def test_silence_has_a_name() -> None:
-    with pytest.raises(NoAnswerError, match="sends nothing"):
+    with pytest.raises(NoAnswerError, match="sends no data"):
         stream().next()
     with pytest.raises(NoAnswerError):
         stream("1").start_fresh()

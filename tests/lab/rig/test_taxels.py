@@ -81,7 +81,7 @@ def test_a_series_that_never_gets_whole_is_an_error() -> None:
     array = Array()
     sensor = taxels(array, samples=25)
     array.alter = lambda i, line: "?" if i % 10 == 0 else line
-    with pytest.raises(SensorError, match="5 series in a row had a damaged line"):
+    with pytest.raises(SensorError, match="5 series in a row contained a damaged line"):
         sensor.read()
 
 
@@ -100,7 +100,7 @@ def test_lines_of_another_shape_are_no_samples(line: str) -> None:
 def test_a_stuck_array_is_noticed() -> None:
     array = Array(lambda i, line: "1,2,3,4")
     sensor = taxels(array)
-    with pytest.raises(SensorError, match="50 samples in a row are 1, 2, 3, 4: it is stuck"):
+    with pytest.raises(SensorError, match="50 samples in a row are 1, 2, 3, 4, so the device is stuck"):
         for _ in range(60):
             sensor.read()
     assert taxels(Array(lambda i, line: "1,2,3,4"), samples=200, stuck_samples=0).read().shape == (200, 4)
@@ -108,7 +108,7 @@ def test_a_stuck_array_is_noticed() -> None:
 
 def test_a_silent_array_is_named_and_let_go() -> None:
     array = Array(lambda i, line: None)
-    with pytest.raises(NoAnswerError, match="taxels: sends nothing"):
+    with pytest.raises(NoAnswerError, match="taxels: sends no data"):
         taxels(array)
     assert array.closed == 1
 
