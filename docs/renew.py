@@ -65,6 +65,7 @@ TILE_PX, MAX_TILE_DIFFERENCE = 8, 16.0
 #: The largest relative difference between numbers of outputs that are alike.
 MAX_DIFFERENCE = 0.01
 MAX_SECONDS = 1200
+MAX_SCREENSHOTS = 30
 
 _FENCE = re.compile(r"(?P<marks>`{3,})(?P<language>[\w-]+)(?P<words>(?: [^`]*)?)$")
 _PICTURE = re.compile(r"<!-- picture: (?P<source>\S+)(?: (?P<width>\d+))?(?P<varies> varies)? -->$")
@@ -270,9 +271,12 @@ def screenshot(source: Path, width: int) -> Path | None:
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path=program, args=["--no-sandbox", "--enable-unsafe-swiftshader"])
         page = browser.new_page(viewport={"width": width, "height": round(0.68 * width)})
-        page.goto(source.resolve().as_uri(), wait_until="load")
-        page.wait_for_timeout(5000)
-        page.screenshot(path=target)
+        page.goto(source.resolve().as_uri(), wait_until="networkidle")
+        # A page that loads or draws slowly is photographed until two pictures are equal.
+        pictures = [b"", page.screenshot(path=target)]
+        while pictures[-1] != pictures[-2] and len(pictures) < MAX_SCREENSHOTS:
+            page.wait_for_timeout(2000)
+            pictures.append(page.screenshot(path=target))
         browser.close()
     return target
 
