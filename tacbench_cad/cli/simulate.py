@@ -139,13 +139,13 @@ def _plan(study: Study, infos: Sequence[RunInfo], needed: SimulationEstimate, ho
         forces = "force level" if len(levels) == 1 else "force levels"
         lines.append(f"  {counted(blocks, 'block')} at {forces} {shown}: {counted(presses, 'image')}")
     lines.append(
-        f"  {needed.others:,} other images: references, and 4 x {protocol.stationary_frames} stationary frames for "
-        "each block"
+        f"  {needed.others:,} other images: for each block, frames without contact and 4 x "
+        f"{protocol.stationary_frames} frames without motion"
     )
-    kind = f"{how.look}, {'colour' if how.colour else 'grey'}"
+    kind = f"look {how.look}, {'colour' if how.colour else 'grey'}"
     there = f"{needed.there:,} images exist; " if needed.there else ""
     lines.append(
-        f"{there}{needed.missing:,} images to make, {kind}, {needed.bytes_each / 1e3:.0f} kB each: {needed.gb:.2f} GB, "
+        f"{there}{needed.missing:,} images to make ({kind}), {needed.bytes_each / 1e3:.0f} kB each: {needed.gb:.2f} GB, "
         f"in {counted(needed.jobs, 'process')}"
     )
     return lines
