@@ -145,8 +145,8 @@ def _plan(study: Study, infos: Sequence[RunInfo], needed: SimulationEstimate, ho
     kind = f"look {how.look}, {'colour' if how.colour else 'grey'}"
     there = f"{needed.there:,} images exist; " if needed.there else ""
     lines.append(
-        f"{there}{needed.missing:,} images to make ({kind}), {needed.bytes_each / 1e3:.0f} kB each: {needed.gb:.2f} GB, "
-        f"in {counted(needed.jobs, 'process')}"
+        f"{there}{needed.missing:,} images to make ({kind}), {needed.bytes_each / 1e3:.0f} kB each: "
+        f"{needed.gb:.2f} GB, in {counted(needed.jobs, 'process')}"
     )
     return lines
 
