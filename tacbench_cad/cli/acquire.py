@@ -31,7 +31,7 @@ _VIRTUAL = "With --virtual"
 @options.option(
     "--speed", options.NUMBER, "Speed of the virtual rig; 1 is real time. Default: 50.", options.VIRTUAL_RIG
 )
-@options.out("DIR", "Folder of the runs. Default: the folder that the file names.")
+@options.out("DIR", "Folder of the runs. Required with --virtual. Default: the folder that the study file names.")
 @options.option(
     "--init", options.file("FILE.toml"), "Write a study file in which every key is explained, and stop.", options.OUTPUT
 )

@@ -49,7 +49,7 @@ LOOK_NAMES = ("clean", "tactip-bristol", "tactip-sussex")
     default="clean",
 )
 @options.flag("--colour", "Make colour frames. They take three times the space.", options.FRAMES)
-@options.out("DIR", "Folder of the runs. Default: the folder that the file names.")
+@options.out("DIR", "Folder of the runs. Required for quick and paper. A study file can name it instead.")
 @options.json
 @options.jobs
 @options.dask
