@@ -26,8 +26,10 @@ from tacbench_cad.util.text import counted
 if TYPE_CHECKING:
     from tacbench_cad.lab.runs.checking import RunReport
 
-#: Findings of one kind that are shown for a run before the rest is only counted.
+#: The number of findings of a kind that are listed for a run; the others are only counted.
 MAX_SHOWN = 10
+#: The number of empty fields of ``print.toml`` that are listed; the others are only counted.
+MAX_FIELDS = 3
 
 
 @options.command("check-runs")
@@ -111,9 +113,12 @@ def _print(reports: Sequence[RunReport]) -> None:
         for kind, count in so_far.items():
             if count > MAX_SHOWN:
                 print_lines(f"{report.folder.name}: {kind}: and {count - MAX_SHOWN} more (all with --json)")
-    empty = Counter(field for report in reports for field in report.empty_fields)
+    empty = list(dict.fromkeys(field for report in reports for field in report.empty_fields))
     if empty:
-        print_lines("empty in print.toml (runs): " + ", ".join(f"{field} ({count})" for field, count in empty.items()))
+        incomplete = sum(bool(report.empty_fields) for report in reports)
+        more = f" and {len(empty) - MAX_FIELDS} more (all with --json)" if len(empty) > MAX_FIELDS else ""
+        where = f"print.toml ({counted(incomplete, 'run')})"
+        print_lines(f"{where}: {counted(len(empty), 'empty field')}: {', '.join(empty[:MAX_FIELDS])}{more}")
     findings = sum(len(report.findings) for report in reports)
     presses = sum(report.presses for report in reports)
     verdict = counted(findings, "finding") if findings else "nothing wrong"

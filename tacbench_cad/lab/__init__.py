@@ -1,16 +1,16 @@
-"""The light half: press blocks, keep what the sensor gave, and analyse it. Nothing here imports a CAD package.
+"""Press printed blocks with a sensor, store the frames, and analyse them. Nothing here imports a CAD package.
 
-Import from here; every name is loaded when it is first used, so this import costs nothing::
+Import the names from this module. Each name is loaded when it is first used, so the import is fast::
 
     from tacbench_cad.lab import Collection, Run, read_study, simulate_study, variance_table
 
 * a study: :func:`read_study`, :class:`Study`, :class:`Protocol`, :func:`plan_presses`
 * a rig: :func:`open_rig`, :class:`Stage`, :class:`Gauge`, :class:`Sensor`, :class:`RigError`
-* a data run: :func:`acquire_study`; without hardware :func:`simulate_study`
-* its folders: :class:`Run`, :func:`find_runs`, :func:`check_run`
-* the same for other tools and for everyone: :func:`export_runs`, :func:`export_tactile_data`, :func:`publish`
-* anybody's frames as run folders: :func:`import_samples`
-* what a camera sees: :func:`find_region`, :class:`MarkerFinder`, :class:`MarkerTracker`
+* a data run with a rig: :func:`acquire_study`; without hardware: :func:`simulate_study`
+* the run folders: :class:`Run`, :func:`find_runs`, :func:`check_run`
+* run folders for other tools, and for publication: :func:`export_runs`, :func:`export_tactile_data`, :func:`publish`
+* other people's frames as run folders: :func:`import_samples`
+* the sensor's region and markers in an image: :func:`find_region`, :class:`MarkerFinder`, :class:`MarkerTracker`
 * the analysis: :class:`Collection`, :func:`variance_table`, :func:`grade`, :func:`classify`, :func:`compare`
 """
 

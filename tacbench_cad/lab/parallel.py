@@ -1,8 +1,8 @@
-"""Work on many processes: of this machine (joblib's loky), or of a Dask cluster that is there already.
+"""Parallel work in several processes of this machine (joblib's loky) or on a running Dask cluster.
 
-Needs joblib, and for a cluster the extra ``dask``. The functions that are handed out read run folders themselves, so
-every worker of a cluster must have this version of tacbench-cad and see the folders under the same paths, as on a
-shared file system; :func:`workers` makes sure of both before any work is sent.
+This module needs joblib, and for a cluster the extra ``dask``. The worker processes read the run folders themselves.
+Every worker of a cluster must therefore have this version of tacbench-cad, and must see the folders under the same
+paths, for example on a shared file system. :func:`workers` checks both before it sends any work.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 R = TypeVar("R")
 
-#: Seconds within which a scheduler, and then its workers, must answer.
+#: The time within which the scheduler, and then its workers, must answer, in s.
 ANSWER_S = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class Executor:
-    """Processes that take calls.
+    """Worker processes that run functions.
 
     Args:
-        jobs: Calls that run at once.
-        parallel: A ``joblib.Parallel`` that gives results one after another, in the order of the calls.
-        lost: What it raises where processes are lost.
-        what: What was lost then, as the beginning of a sentence.
+        jobs: The number of calls that run at the same time.
+        parallel: A ``joblib.Parallel`` that yields the results in the order of the calls.
+        lost: The exceptions that ``parallel`` raises if it loses a process.
+        what: The beginning of the error message for a lost process.
     """
 
     jobs: int
@@ -47,14 +47,14 @@ class Executor:
     what: str
 
     def __call__(self, calls: Iterable[Any]) -> Iterator[Any]:
-        """Results of ``joblib.delayed`` calls, in their order, each as soon as those before it are there.
+        """Yield the results of ``joblib.delayed`` calls in the order of the calls, each as early as possible.
 
         Raises:
-            CheckFailedError: A process was lost. What the calls themselves raise comes through as it is.
+            CheckFailedError: A process was lost. Exceptions of the calls themselves are raised unchanged.
         """
         try:
             with _closing(self.parallel(calls)) as results:
-                # "yield from" would end them itself, and the warning would be out.
+                # "yield from" would close the results itself, and joblib would issue its warning.
                 for result in results:  # noqa: UP028
                     yield result
         except self.lost as error:
@@ -62,15 +62,15 @@ class Executor:
             raise CheckFailedError(f"{self.what}: {reason[0] if reason else type(error).__name__}") from error
 
     def map(self, function: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
-        """Results of a function that can be pickled, in the order of its arguments."""
+        """Yield the results of a function for each item, in order. The function must be picklable."""
         from joblib import delayed
 
-        yield from self(delayed(function)(one) for one in items)
+        yield from self(delayed(function)(item) for item in items)
 
 
 @contextlib.contextmanager
 def _closing(results: Any) -> Iterator[Any]:
-    """Results that end with the block. Where an interruption leaves some untaken, joblib warns of calls given up."""
+    """Close the results at the end of the block, without joblib's warning about calls that were not finished."""
     try:
         yield results
     finally:
@@ -81,17 +81,18 @@ def _closing(results: Any) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def workers(jobs: int = 1, dask: str | None = None, folders: Sequence[Path] = ()) -> Iterator[Executor]:
-    """Have processes that take calls; leaving ends what still runs.
+    """Start worker processes. At the end of the ``with`` block, calls that still run are cancelled.
 
     Args:
-        jobs: Processes of this machine; 1 stays in this process. A cluster has its own number, and this one is then
-            not used. With a cluster of one thread joblib stays in this process as well.
-        dask: Address of a Dask scheduler: ``tcp://10.0.0.5:8786``. None for this machine.
-        folders: Folders that every worker of the cluster must see.
+        jobs: The number of processes of this machine; 1 runs everything in this process. It is not used with a
+            cluster, which decides its own number. With a cluster of a single thread, joblib runs everything in this
+            process too.
+        dask: The address of a Dask scheduler, for example ``tcp://10.0.0.5:8786``; None for this machine.
+        folders: The folders that every worker of the cluster must see.
 
     Raises:
-        InputError: ``jobs`` is below 1, nothing answers at the address, the scheduler has no worker, or a worker has
-            another version of tacbench-cad or lacks a folder.
+        InputError: ``jobs`` is below 1, no scheduler answers at the address, the scheduler has no worker, or a worker
+            has another version of tacbench-cad or does not see a folder.
         MissingToolError: Dask is not installed.
     """
     if jobs < 1:
@@ -101,8 +102,8 @@ def workers(jobs: int = 1, dask: str | None = None, folders: Sequence[Path] = ()
     if dask is None:
         from joblib.externals.loky.process_executor import BrokenProcessPool
 
-        what = "a process was lost; was the memory full? fewer --jobs need less"
-        # loky starts "python -m joblib...": a joblib.py in the current folder must not be taken for it.
+        what = "a worker process ended unexpectedly, perhaps because the memory was full; try fewer --jobs"
+        # loky starts "python -m joblib...", which must not import a joblib.py of the current folder.
         with safe_children(), parallel_config(backend="loky"):
             yield Executor(jobs, Parallel(n_jobs=jobs, return_as="generator"), (BrokenProcessPool,), what)
         return
@@ -113,25 +114,25 @@ def workers(jobs: int = 1, dask: str | None = None, folders: Sequence[Path] = ()
             from distributed.comm import CommClosedError
 
             lost = (CancelledError, KilledWorker, CommClosedError)
-            what = f"the Dask cluster at {dask} was lost; what was finished is kept"
+            what = f"the connection to the Dask cluster at {dask} was lost; finished results are kept"
             yield Executor(count, Parallel(n_jobs=count, return_as="generator"), lost, what)
 
 
 @contextlib.contextmanager
 def _connected(address: str) -> Iterator[Client]:
-    """A client of a scheduler that answers.
+    """Connect to a scheduler.
 
     Raises:
-        InputError: None does within :data:`ANSWER_S`.
+        InputError: No scheduler answers within :data:`ANSWER_S`.
         MissingToolError: Dask is not installed.
     """
     try:
         from distributed import Client
     except ImportError:
         raise MissingToolError('--dask needs Dask: pip install "tacbench-cad[dask]"') from None
-    how = f"no Dask scheduler answers there within {ANSWER_S:g} s; start one with `dask scheduler`, as tcp://HOST:8786"
+    how = f"no Dask scheduler answered within {ANSWER_S:g} s; start `dask scheduler`, whose address is tcp://HOST:8786"
     try:
-        # A thread of its own: a notebook has a running event loop in this one.
+        # In another thread, because a notebook already runs an event loop in this one.
         with ThreadPoolExecutor(1) as thread:
             thread.submit(asyncio.run, _greet(address)).result()
         client = Client(address, timeout=f"{ANSWER_S}s", set_as_default=False)
@@ -144,7 +145,7 @@ def _connected(address: str) -> Iterator[Client]:
 
 
 async def _greet(address: str) -> None:
-    """Shake hands with a scheduler and leave; ``Client`` waits for ever where something listens and never answers."""
+    """Check that a scheduler answers. ``Client`` alone would wait for ever if another program listens at the port."""
     from distributed.core import connect
 
     comm = await asyncio.wait_for(connect(address, timeout=ANSWER_S), ANSWER_S)
@@ -152,23 +153,23 @@ async def _greet(address: str) -> None:
 
 
 def _ready(client: Client, address: str, folders: Sequence[Path]) -> int:
-    """Threads of a cluster whose every worker can do our work.
+    """Check that every worker of a cluster can do the work, and return the number of the cluster's threads.
 
     Raises:
-        InputError: There is none, or one cannot.
+        InputError: There is no worker, or one of them has another version or does not see a folder.
     """
     try:
         client.wait_for_workers(1, timeout=ANSWER_S)
     except TimeoutError:
         how = f"the scheduler has no worker after {ANSWER_S:g} s; start some with `dask worker {address}`"
         raise InputError("dask", address, how) from None
-    wanted = [str(one.absolute()) for one in folders]
-    for worker, found in client.run(_look, wanted, on_error="return").items():
-        if isinstance(found, Exception):
+    paths = [str(folder.absolute()) for folder in folders]
+    for worker, answer in client.run(_look, paths, on_error="return").items():
+        if isinstance(answer, Exception):
             raise InputError(
-                "dask", address, f"worker {worker} cannot run tacbench-cad {__version__}; install it there: {found}"
+                "dask", address, f"worker {worker} cannot run tacbench-cad {__version__}; install it there: {answer}"
             )
-        version, missing = found
+        version, missing = answer
         if version != __version__:
             how = f"worker {worker} has tacbench-cad {version}; install {__version__} there"
             raise InputError("dask", address, how)
@@ -180,5 +181,5 @@ def _ready(client: Client, address: str, folders: Sequence[Path]) -> int:
 
 
 def _look(folders: Sequence[str]) -> tuple[str, str | None]:
-    """What a worker has: its version of tacbench-cad, and the first folder that it does not see."""
-    return __version__, next((one for one in folders if not Path(one).is_dir()), None)
+    """Return a worker's version of tacbench-cad, and the first folder that the worker does not see."""
+    return __version__, next((folder for folder in folders if not Path(folder).is_dir()), None)

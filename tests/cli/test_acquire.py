@@ -95,7 +95,7 @@ def test_a_virtual_rig_gives_a_run_and_goes_on_with_it(tmp_path: Path, capsys: C
     assert main(["acquire", str(path)]) == 0
     assert "complete: 1 of 1 block\n" in capsys.readouterr().err
     assert main(["acquire", str(virtual_file(tmp_path, forces_n="[0.6]"))]) == 2
-    assert "protocol.forces_n: [0.5] then, [0.6] now" in capsys.readouterr().err
+    assert "protocol.forces_n was [0.5], is now [0.6]" in capsys.readouterr().err
 
 
 @needs_pty

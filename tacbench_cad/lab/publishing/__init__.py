@@ -1,1 +1,1 @@
-"""A study as it is published: run folders, blocks' files and report as an RO-Crate. Nothing is uploaded."""
+"""Publication of a study as an RO-Crate with the run folders, the files of the blocks and the report (no upload)."""

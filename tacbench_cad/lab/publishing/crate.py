@@ -1,4 +1,4 @@
-"""Writing the data set: runs copied against their checksums, blocks' files, report, metadata, SHA256SUMS."""
+"""Writing of the data set: the runs (checked while they are copied), the blocks, the report, metadata and checksums."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from tacbench_cad.util.files import (
 from tacbench_cad.util.packages import require
 from tacbench_cad.util.text import counted
 
-#: Where runs and blocks' files lie in the data set, its report, and its list of checksums.
+#: The folders of the runs and of the blocks' files in the data set, the report, and the list of checksums.
 RUNS, PARTS, REPORT_FILE, SUMS_FILE = "runs", "parts", "report.html", "SHA256SUMS"
-#: Receives what is copied, how many files were, and of how many.
+#: A function that is called with the name of the run, the number of copied files and the number of all its files.
 Progress = Callable[[str, int, int], None]
 
 
@@ -45,21 +45,22 @@ def publish(
     parts: Callable[[Sequence[Block], Path], object] | None = None,
     progress: Progress = lambda what, done, count: None,
 ) -> list[Path]:
-    """Write runs as a data set that a repository such as Zenodo takes: an RO-Crate. Nothing is uploaded.
+    """Write runs as an RO-Crate, a data set for a repository such as Zenodo. Nothing is uploaded.
 
     Args:
-        folders: Run folders, or folders that hold some.
-        out: A folder that does not exist yet, or a ``.zip`` file.
-        publication: What only the user knows.
-        report: Writes the report to a path; None leaves it out.
-        parts: Writes the files of some blocks into a folder; None leaves them out.
-        progress: Receives what was copied.
+        folders: Run folders, or folders that contain run folders.
+        out: A folder or a ``.zip`` file that does not exist yet.
+        publication: The user's description of the data set.
+        report: A function that writes the report to a path; None for no report.
+        parts: A function that writes the files of blocks into a folder; None for no files.
+        progress: A function that is called after each copied file.
 
     Returns:
-        The files of the data set, from its folder.
+        The paths of the files, relative to the data set's folder.
 
     Raises:
-        InputError: There is no run, one cannot be read or two have one name, or ``out`` exists or cannot be written.
+        InputError: There is no run, a run cannot be read, two runs have the same name, or ``out`` exists or cannot be
+            written.
         CheckFailedError: A frame is missing or was changed.
         MissingToolError: rocrate is not installed.
     """
@@ -67,7 +68,7 @@ def publish(
     runs = [Run.open(folder) for folder in find_runs(folders)]
     twice = next((name for name, count in Counter(run.folder.name for run in runs).items() if count > 1), None)
     if twice is not None:
-        raise InputError("runs", twice, "is the name of two run folders; publish them apart, or rename one")
+        raise InputError("runs", twice, "is the name of two run folders; publish them separately, or rename one")
     licence = b"" if publication.licence_file is None else door.read_bytes(Path(publication.licence_file), "licence")
     with _data_set(out) as folder:
         sums: dict[str, str] = {}
@@ -101,7 +102,7 @@ def publish(
 
 @contextlib.contextmanager
 def _data_set(out: Path) -> Iterator[Path]:
-    """The folder to write in, which becomes ``out``."""
+    """Yield a temporary folder, whose contents become ``out`` at the end of the block."""
     if out.suffix.lower() != ".zip":
         with replacing_folder(out) as folder:
             yield folder
@@ -124,44 +125,44 @@ def _files(folder: Path) -> list[str]:
 
 
 def _copy_run(run: Run, folder: Path, sums: dict[str, str], progress: Progress) -> Part:
-    """Copy a run folder into the data set, and note the checksum of each file; a frame's must be that of its row."""
+    """Copy a run folder into the data set, and record the checksum of each file.
+
+    Raises:
+        CheckFailedError: A frame is missing, or differs from the checksum in its row.
+    """
     target = folder / RUNS / run.folder.name
     frames: list[Row | Reference | Stationary] = [*run.rows, *run.references, *run.stationary_frames]
     expected = {row.path: row.image_sha256 for row in frames}
     names = [name for name in _files(run.folder) if not Path(name).name.startswith((LOCK_NAME, TEMPORARY_PREFIX))]
     missing = next((name for name in expected if name not in names), None)
     if missing is not None:
-        raise CheckFailedError(f"{run.folder / missing}: is missing, but has a row")
+        raise CheckFailedError(f"{run.folder / missing}: is missing, but a row refers to it")
     for count, name in enumerate(names, start=1):
         (target / name).parent.mkdir(parents=True, exist_ok=True)
         with door.open_input(run.folder / name, "run", within=run.folder) as source, (target / name).open("wb") as copy:
             shutil.copyfileobj(source, copy)
         digest = sums[f"{RUNS}/{run.folder.name}/{name}"] = sha256(target / name)
         if digest != expected.get(name, digest):
-            raise CheckFailedError(f"{run.folder / name}: is not the file that was written: its checksum differs")
+            raise CheckFailedError(f"{run.folder / name}: was changed: its checksum differs from the recorded one")
         progress(run.folder.name, count, len(names))
-    told = f"simulated ({'; '.join(run.info.simulated)})" if run.info.simulated else "nothing is marked as simulated"
+    origin = f"simulated ({'; '.join(run.info.simulated)})" if run.info.simulated else "nothing is marked as simulated"
     return Part(
         path=f"{RUNS}/{run.folder.name}/",
         name=run.folder.name,
-        description=f"{counted(len(run.rows), 'frame')}; {told}. See its targets.csv.",
+        description=f"{counted(len(run.rows), 'frame')}; {origin}. See its targets.csv.",
     )
 
 
 def _summary(runs: Sequence[Run]) -> str:
     frames = sum(len(run.rows) for run in runs)
     printed = [run.info.printed for run in runs]
-    labels = {one.texture for one in printed if one.texture is not None}
-    combinations = {one.combination for one in printed if one.printer is not None or one.filament is not None}
+    labels = {block.texture for block in printed if block.texture is not None}
+    combinations = {block.combination for block in printed if block.printer is not None or block.filament is not None}
     text = f"{counted(frames, 'frame')} of a tactile sensor, in {counted(len(runs), 'run')}"
     known = [counted(len(labels), "label")] if labels else []
     known += [counted(len(combinations), "combination") + " of printer and filament"] if combinations else []
     simulated = sum(bool(run.info.simulated) for run in runs)
-    origin = (
-        f"Simulated data, not measured ones: {simulated} of the runs."
-        if simulated
-        else "Nothing is marked as simulated."
-    )
+    origin = f"Simulated runs: {simulated} of {len(runs)}." if simulated else "Nothing is marked as simulated."
     details = f" ({', '.join(known)})" if known else ""
     return f"{text}{details}. {origin}"
 
@@ -174,9 +175,9 @@ def _page(publication: Publication, description: str) -> str:
 
 {description}
 
-- `{RUNS}/`: one folder for each recording; `targets.csv` has a row for each frame, `run.json` says the rest.
-- `{PARTS}/`: the printed blocks as STL, 3MF and STEP files, where they are known.
-- `{REPORT_FILE}`: what the data say, if it was written.
-- `{SUMS_FILE}`: check with `sha256sum -c {SUMS_FILE}`.
+- `{RUNS}/`: one folder for each recording; `targets.csv` has a row for each frame, `run.json` describes it.
+- `{PARTS}/`: the printed blocks as STL, 3MF and STEP files, if they are known.
+- `{REPORT_FILE}`: the analysis of the data, if it was written.
+- `{SUMS_FILE}`: the checksums; check the files with `sha256sum -c {SUMS_FILE}`.
 - `ro-crate-metadata.json`, `datacite.json`, `.zenodo.json`: the same metadata for machines.
 """

@@ -1,4 +1,4 @@
-"""A data set's metadata by DataCite's schema, for Zenodo, and as an RO-Crate."""
+"""The metadata of a data set: in DataCite's schema, for Zenodo, and as an RO-Crate."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from tacbench_cad import __version__
 from tacbench_cad.lab.publishing.publication import Author, Publication, is_doi
 
-#: Media types of the files that are named each on its own.
+#: The media types of files, by suffix.
 MEDIA_TYPES = {
     ".stl": "model/stl",
     ".3mf": "model/3mf",
@@ -21,20 +21,20 @@ MEDIA_TYPES = {
     ".json": "application/json",
     ".txt": "text/plain",
 }
-#: The address of the project's paper is not known; its title is.
+#: The title of the project's paper. Its address is unknown.
 TEXTURES_FROM = "A 3D-Printable Dataset for Fair Testing and Comparisons of Tactile Sensors"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """Something in the data set.
+    """A file or folder of the data set.
 
     Args:
-        path: From the data set's folder; a folder ends with a slash.
-        name: What it is.
-        description: More of it.
-        sha256: Of a file.
-        size: In bytes, of a file.
+        path: The path, relative to the data set's folder. The path of a folder ends with a slash.
+        name: The name.
+        description: The description.
+        sha256: The SHA-256 of a file.
+        size: The size of a file, in bytes.
     """
 
     path: str
@@ -45,7 +45,7 @@ class Part:
 
 
 def datacite(publication: Publication, description: str, keywords: Sequence[str]) -> dict[str, Any]:
-    """The metadata by DataCite's schema 4."""
+    """Return the metadata in DataCite's schema 4."""
     related = [
         {
             "relatedIdentifier": text,
@@ -94,7 +94,7 @@ def _creator(author: Author) -> dict[str, Any]:
 
 
 def zenodo(publication: Publication, description: str, keywords: Sequence[str]) -> dict[str, Any]:
-    """What Zenodo's form asks for."""
+    """Return the metadata for Zenodo's upload form."""
     creators = [
         {
             "name": author.name,
@@ -126,15 +126,15 @@ def write_crate(
     *,
     textures: bool,
 ) -> None:
-    """Write ``ro-crate-metadata.json``, which names what lies in the folder.
+    """Write ``ro-crate-metadata.json``, which lists the contents of the folder.
 
     Args:
         folder: The data set's folder.
-        publication: What the user says.
-        description: What the data are.
-        keywords: Keywords.
-        parts: What is in the folder.
-        textures: Whether the blocks are known to be of this project's textures, whose paper is then cited.
+        publication: The user's description of the data set.
+        description: The description of the data.
+        keywords: The keywords.
+        parts: The files and folders of the data set.
+        textures: Whether the blocks have this project's textures. The paper is then cited.
     """
     from rocrate.model import ContextEntity, Person
     from rocrate.rocrate import ROCrate

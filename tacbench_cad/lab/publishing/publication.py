@@ -1,4 +1,4 @@
-"""What only the user knows of a data set that is published, from a TOML file whose empty form is written first."""
+"""The user's description of a data set, which is read from a TOML file. The program writes the empty form."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Author(Checked):
         family_name: The family name.
         given_names: The given names.
         affiliation: The institution.
-        orcid: The ORCID, as ``0000-0002-1825-0097``.
+        orcid: The ORCID, for example ``0000-0002-1825-0097``.
     """
 
     family_name: str
@@ -38,29 +38,29 @@ class Author(Checked):
         super().__post_init__()
         _require_filled(self, "[authors] ")
         if self.orcid is not None and not (_ORCID.fullmatch(self.orcid) and _check_digit(self.orcid) == self.orcid[-1]):
-            raise InputError("[authors] orcid", self.orcid, "must be an ORCID, as 0000-0002-1825-0097")
+            raise InputError("[authors] orcid", self.orcid, "must be an ORCID, for example 0000-0002-1825-0097")
 
     @property
     def name(self) -> str:
-        """Family name first."""
+        """The name, with the family name first."""
         return f"{self.family_name}, {self.given_names}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Publication(Checked):
-    """What the user says of a data set.
+    """The user's description of a data set.
 
     Args:
-        title: Its title.
+        title: The title.
         year: The year of publication.
-        publisher: Who publishes it.
-        licence: SPDX identifier of the licence.
+        publisher: The publisher.
+        licence: The SPDX identifier of the licence.
         authors: The authors.
-        licence_file: The licence's text, from the TOML file's folder.
+        licence_file: The file of the licence's text, relative to the TOML file's folder.
         description: What was done and why.
-        keywords: Keywords.
+        keywords: The keywords.
         doi: A reserved DOI.
-        related: DOIs and addresses of what the data belong to.
+        related: The DOIs and addresses of related publications.
     """
 
     title: str
@@ -78,31 +78,31 @@ class Publication(Checked):
         super().__post_init__()
         _require_filled(self)
         if self.year < 1900:
-            raise InputError("year", self.year, "must be the year of publication, from 1900")
+            raise InputError("year", self.year, "must be the year of publication, 1900 or later")
         if not _SPDX.fullmatch(self.licence):
-            raise InputError("licence", self.licence, "must be an SPDX identifier, as CC-BY-4.0")
+            raise InputError("licence", self.licence, "must be an SPDX identifier, for example CC-BY-4.0")
         if self.doi is not None and not _DOI.fullmatch(self.doi):
-            raise InputError("doi", self.doi, "must be a DOI, as 10.5281/zenodo.1234567")
+            raise InputError("doi", self.doi, "must be a DOI, for example 10.5281/zenodo.1234567")
         other = next((text for text in self.related if not (_DOI.fullmatch(text) or text.startswith("https://"))), None)
         if other is not None:
-            raise InputError("related", other, "must be a DOI, as 10.1000/182, or an address that begins with https://")
+            raise InputError("related", other, "must be a DOI, for example 10.1000/182, or begin with https://")
 
     @property
     def licence_url(self) -> str:
-        """Where the licence's text is."""
+        """The address of the licence's text."""
         return f"https://spdx.org/licenses/{self.licence}.html"
 
 
 def is_doi(text: str) -> bool:
-    """Whether a text is a DOI; else it is an address."""
+    """Return whether a text is a DOI."""
     return _DOI.fullmatch(text) is not None
 
 
 def read_publication(path: Path) -> Publication:
-    """Read the file.
+    """Read a description of a data set.
 
     Raises:
-        InputError: It cannot be read, or a key that only the user knows is missing or empty.
+        InputError: The file cannot be read, or a required key is missing or empty.
     """
     publication = read_toml(path, Publication, "publication")
     if publication.licence_file is None:
@@ -114,24 +114,24 @@ def write_form(path: Path) -> None:
     """Write the empty form to a new file.
 
     Raises:
-        InputError: There is something at that path already, or it cannot be written.
+        InputError: The path already exists, or cannot be written.
     """
     if path.exists() or path.is_symlink():
-        raise InputError("init", str(path), "is there already; name a new file")
+        raise InputError("init", str(path), "already exists; choose a new file")
     write_text(path, FORM_FILE.read_text("utf-8"))
 
 
 def _require_filled(value: Any, where: str = "") -> None:
     for attribute in fields(value):
         content = getattr(value, attribute.name)
-        if attribute.default is not MISSING:  # it may be left out
+        if attribute.default is not MISSING:  # an optional key
             continue
         if not content or (isinstance(content, str) and not content.strip()):
-            raise InputError(f"{where}{attribute.name}", None, "is empty; only you know it, so fill it in")
+            raise InputError(f"{where}{attribute.name}", None, "is empty; fill it in, because only you know its value")
 
 
 def _check_digit(orcid: str) -> str:
-    """The last digit of an ORCID by ISO 7064 MOD 11-2."""
+    """Return the last digit of an ORCID, which is a check digit by ISO 7064 MOD 11-2."""
     total = 0
     for digit in orcid.replace("-", "")[:-1]:
         total = (total + int(digit)) * 2 % 11

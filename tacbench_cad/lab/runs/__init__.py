@@ -1,1 +1,1 @@
-"""Run folders: one printed block, pressed once through its protocol, in the layout of the TacTip toolchains."""
+"""Run folders. A run is one pass of the protocol over one printed block, stored in the layout of TacTip toolchains."""

@@ -1,4 +1,4 @@
-"""Checking run folders: what is missing, extra, doubled, unreadable, dark, blurred, stuck or changed, all by name."""
+"""Checks of run folders, which name each file that is missing, extra, duplicate, unreadable, dark or blurred."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked
 from tacbench_cad.util.text import counted
 
-#: Called with the number of frames examined so far and the number of all.
+#: A function that is called with the number of frames examined so far and the number of all frames.
 FramesExamined = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """Something wrong with a run.
+    """A fault of a run.
 
     Args:
         kind: ``missing``, ``extra``, ``duplicate``, ``unreadable``, ``dark``, ``blurred``, ``saturated``,
             ``brightness``, ``flicker``, ``drift``, ``moved``, ``stuck``, ``checksum``, ``shape``, ``gap``, ``row``,
             ``torn`` or ``record``.
-        where: File from the run folder, or what of the protocol.
-        text: What is wrong, as the end of a sentence.
+        where: The file, relative to the run folder, or the part of the protocol.
+        text: The fault, as the end of a sentence that begins with ``where``.
     """
 
     kind: str
@@ -54,16 +54,17 @@ class RunReport:
 
     Args:
         folder: The run folder.
-        name: Name of its block.
-        simulated: What of its rig was simulated.
-        planned: Presses in its protocol.
-        presses: Rows that are there.
-        references: Frames without contact.
-        stationary: Frames without motion.
-        out_of_band: Rows that say that the target was not reached (no fault: they say so).
-        findings: What is wrong.
-        repaired: What was repaired.
-        empty_fields: Fields of ``print.toml`` that nobody filled in (no fault).
+        name: The name of the block.
+        simulated: The simulated devices of the rig.
+        planned: The number of presses in the protocol.
+        presses: The number of rows in ``targets.csv``.
+        references: The number of frames without contact.
+        stationary: The number of frames without motion.
+        out_of_band: The number of presses that did not reach their target force. The rows record this, so it is not a
+            fault.
+        findings: The faults.
+        repaired: The repairs.
+        empty_fields: The empty fields of ``print.toml``, which are not a fault.
     """
 
     folder: Path
@@ -80,11 +81,11 @@ class RunReport:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing is wrong."""
+        """Whether the run has no faults."""
         return not self.findings
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for ``--json``."""
+        """Return plain values for ``--json``."""
         return {"folder": str(self.folder), "name": self.name, "ok": self.ok, **to_plain(self)}
 
 
@@ -95,13 +96,13 @@ def check_run(
 
     Args:
         folder: The run folder.
-        repair: Cut off a torn last row. Nothing else is ever changed.
-        workers: Threads that read, decode and judge; one for each core if None.
-        progress: Called after each frame.
+        repair: Remove the last row of a table if it is incomplete. Nothing else is ever changed.
+        workers: The number of threads that examine frames; one for each core if None.
+        progress: A function that is called after each frame.
 
     Raises:
-        InputError: It is no run folder, of another schema version, or its ``run.json`` is damaged; with ``repair`` also
-            if another process writes to it.
+        InputError: The folder is not a run folder or has another schema version, or its ``run.json`` is damaged. With
+            ``repair``: another process is writing to the folder.
     """
     run = Run.open(folder)
     check = _Check(run)
@@ -127,7 +128,7 @@ def check_run(
 
 @dataclass
 class _Check:
-    """The findings of a run so far, and the checksums that its rows give for the paths of frames."""
+    """The findings of a run so far, and the paths of its frames with their recorded checksums."""
 
     run: Run
     findings: list[Finding] = field(default_factory=list)
@@ -140,7 +141,7 @@ class _Check:
         self.findings.append(Finding(kind=kind, where=where, text=text))
 
     def tables(self, repair: bool) -> list[tuple[Any, ...]]:
-        """Examine the three CSV files and compare them with the protocol; their rows, as far as they can be read."""
+        """Compare the three CSV files with the protocol, and return their readable rows."""
         rows: dict[type[Any], tuple[Any, ...]] = {}
         for kind in schema.TABLES:
             faults: list[InputError] = []
@@ -149,9 +150,9 @@ class _Check:
                 rows[kind] = table.rows
                 if table.text.torn and repair:
                     length = _cut(self.run.folder, kind)
-                    self.repaired.append(f"{kind.FILE}: cut off a torn last row of {length} bytes")
+                    self.repaired.append(f"{kind.FILE}: removed an incomplete last row of {length} bytes")
                 elif table.text.torn:
-                    text = "ends in a torn row; --repair cuts it off, and its press is then made again"
+                    text = "ends with an incomplete row; --repair removes it, and the press is repeated on resuming"
                     self.add("torn", kind.FILE, text)
             except InputError as error:
                 faults.append(error)
@@ -169,7 +170,7 @@ class _Check:
             self.still.setdefault(f"{schema.STATIONARY_FOLDER} ({contact}, {row.when})", []).append(row.path)
         self.expected = [(row.path, row.image_sha256) for kind_rows in read for row in kind_rows]
         if rows.get(Reference) == () and not self.run.info.source:
-            self.add("gap", "references", "there is no reading without contact")
+            self.add("gap", "references", "has no frame without contact")
         if Stationary in rows:
             self._stationary_gaps({row.key for row in rows[Stationary]})
         return read
@@ -178,8 +179,8 @@ class _Check:
         presses = self.run.info.presses
         missing = [press.number for press in presses if press.number not in present]
         if missing:
-            text = f"{len(missing)} of {counted(len(presses), 'press')} missing: {ranges(missing)}"
-            self.add("gap", "protocol", text)
+            text = f"is not complete: the run lacks {len(missing)} of {counted(len(presses), 'press')}"
+            self.add("gap", "protocol", f"{text} ({ranges(missing)})")
 
     def _stationary_gaps(self, present: set[tuple[str, bool, int]]) -> None:
         count = self.run.info.protocol.stationary_frames if self.run.info.protocol else 0
@@ -187,27 +188,26 @@ class _Check:
             missing = sum((when, in_contact, index) not in present for index in range(1, count + 1))
             if missing:
                 contact = "in contact" if in_contact else "without contact"
-                text = f"{missing} of {count} readings {contact} at the {when} missing"
+                text = f"lacks {missing} of {counted(count, 'frame')} {contact} at the {when} of the run"
                 self.add("gap", schema.STATIONARY_FOLDER, text)
 
     def extra_files(self) -> None:
-        """Find files that no row names, and rows that name the same file."""
+        """Find files without a row, and files with several rows."""
         named = Counter(path for path, _ in self.expected)
         for path, times in named.items():
             if times > 1:
-                self.add("duplicate", path, f"is named by {times} rows")
+                self.add("duplicate", path, f"appears in {times} rows")
         for name in schema.FRAME_FOLDERS:
             sub = self.run.folder / name
             if not sub.is_dir():
                 continue
             for path in (f"{name}/{entry.name}" for entry in sorted(sub.iterdir())):
                 if path not in named and path not in (kind.FILE for kind in schema.TABLES):
-                    self.add(
-                        "extra", path, "has no row: an interrupted press (made again when the run goes on) or yours"
-                    )
+                    text = "has no row: it comes from an interrupted press, which is repeated when you resume the run"
+                    self.add("extra", path, f"{text}, or you added the file")
 
     def frames(self, workers: int, progress: FramesExamined | None) -> None:
-        """Read and judge every frame; two images with the same bytes come from a camera that hangs."""
+        """Examine every frame. Two images with the same bytes show that the camera repeated a frame."""
         expected = dict(self.expected)
         judge = Judge(limits=limits_of(self.run.info), region=self.region())
         first: dict[str, str] = {}
@@ -220,7 +220,7 @@ class _Check:
                 if values is not None and not faults:
                     measured[path] = values
                 if digest and digest in first:
-                    self.add("stuck", path, f"is identical to {first[digest]}: the camera gave an old frame again")
+                    self.add("stuck", path, f"is identical to {first[digest]}; the camera probably repeated a frame")
                 elif digest:
                     first[digest] = path
                 if progress is not None:
@@ -229,7 +229,7 @@ class _Check:
             self.add(kind, where, text)
 
     def region(self) -> Region | None:
-        """The region of interest that is kept with the run, or the one that its frames show, if that is sure."""
+        """Return the run's stored region of interest, or the region found in its frames if that is certain enough."""
         try:
             region = region_of([self.run]) or found_region([self.run])
         except InputError as error:
@@ -240,7 +240,7 @@ class _Check:
         return region if region.sureness >= SURE and fits else None
 
     def print_record(self) -> tuple[str, ...]:
-        """Examine ``print.toml``; the result is its empty fields."""
+        """Examine ``print.toml`` and return its empty fields."""
         try:
             record = self.run.print_record
         except InputError as error:
@@ -248,14 +248,14 @@ class _Check:
             return ()
         for photo in record.values.get("photos", ()):
             if not (self.run.folder / photo).is_file():
-                self.add("record", schema.PRINT_FILE, f"names the photo {photo}, which is not in the run folder")
+                self.add("record", schema.PRINT_FILE, f"lists the photo {photo}, which is missing in the run folder")
         return record.empty
 
     def parameters(self) -> None:
         """Examine the files that TacTip toolchains look for."""
         for name in params.PARAMETERS:
             if not (self.run.folder / name).is_file():
-                self.add("missing", name, "is not there; TacTip toolchains look for it")
+                self.add("missing", name, "is missing; TacTip toolchains need it")
                 continue
             try:
                 self.run.parameters(name)
@@ -264,7 +264,7 @@ class _Check:
 
 
 def _cut(folder: Path, kind: type[Any]) -> int:
-    """Cut off a torn last row while nobody else writes; return its length."""
+    """Remove an incomplete last row while no other process writes, and return its length in bytes."""
     with locked(folder):
         text = read_table(folder, kind, None, []).text
         cut_torn_line(folder / kind.FILE, text)
@@ -274,9 +274,10 @@ def _cut(folder: Path, kind: type[Any]) -> int:
 def _judge(
     run: Run, path: str, expected: str, judge: Judge
 ) -> tuple[str | None, list[tuple[str, str]], Measured | None]:
-    """The checksum of a frame (of an image; else None), its faults by kind and text, and what was measured of it."""
+    """Return the checksum of an image (else None), the kinds and texts of a frame's faults, and its measurements."""
     if not os.path.lexists(run.folder / path):
-        return None, [("missing", "is not there though a row names it")], None
+        text = "is missing, but a row refers to it; restore the file, or delete its row and resume the run"
+        return None, [("missing", text)], None
     try:
         data = read_bytes(run.folder / path, "frame", "image", within=run.folder)
     except InputError as error:
@@ -284,7 +285,7 @@ def _judge(
     digest = sha256(data)
     faults = []
     if digest != expected:
-        faults.append(("checksum", "is not the file that was written: its checksum differs from its row's"))
+        faults.append(("checksum", "was changed: its checksum differs from the checksum in its row"))
     try:
         frame = decoded(data, path)
     except CheckFailedError as error:
@@ -295,7 +296,8 @@ def _judge(
     if not path.endswith(schema.IMAGE_SUFFIXES):
         return None, faults, None
     if not is_image(frame):
-        faults.append(("shape", f"is an image of {frame.dtype}, shape {frame.shape}; uint8, grey or BGR belong here"))
+        text = f"is an image of {frame.dtype} with shape {frame.shape}; it must be uint8, in grey or in BGR colours"
+        faults.append(("shape", text))
         return digest, faults, None
     if fault:
         return digest, faults, None
@@ -304,7 +306,7 @@ def _judge(
 
 
 def limits_of(info: RunInfo) -> FrameLimits:
-    """When an image of this run is dark or blurred: as set for its camera, else the default.
+    """Return the limits for dark and blurred images: those in the camera's settings, or the defaults.
 
     Raises:
         InputError: A limit in ``run.json`` is not allowed.
@@ -313,11 +315,11 @@ def limits_of(info: RunInfo) -> FrameLimits:
         limits = info.sensor.get("settings", {}).get("limits", {})
         return FrameLimits(**{name: float(limits[name]) for name in ("dark_counts", "blur_px") if name in limits})
     except (AttributeError, TypeError, ValueError):
-        raise InputError("run.json sensor.settings.limits", None, "must be dark_counts and blur_px, numbers") from None
+        raise InputError("run.json sensor.settings.limits", None, "dark_counts and blur_px must be numbers") from None
 
 
 def ranges(numbers: Sequence[int], max_parts: int = 8) -> str:
-    """Rising numbers for people: ``3, 7 to 25, 31``."""
+    """Write increasing numbers as ranges: ``3, 7 to 25, 31``."""
     parts: list[list[int]] = []
     for number in numbers:
         if parts and number == parts[-1][1] + 1:

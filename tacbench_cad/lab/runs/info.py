@@ -1,4 +1,4 @@
-"""What ``run.json`` says of a run: everything that has to stay the same from its first press to its last."""
+"""The contents of ``run.json``: everything that must stay the same from the first press of a run to the last."""
 
 from __future__ import annotations
 
@@ -23,27 +23,28 @@ from tacbench_cad.spec.presets import PRESETS
 from tacbench_cad.util.convert import from_plain, to_plain
 from tacbench_cad.util.errors import InputError, one_of
 
-#: What ``run.json`` calls this kind of folder, and the version of its layout that this program writes and reads.
+#: The name of the schema in ``run.json``.
 SCHEMA = "tacbench-run"
-#: The version of a run folder's layout; that of a run without a plan, which programs that know 1 alone must not read.
+#: The versions of the layout that this program reads and writes. Imported runs have no protocol, so they have a version
+#: of their own: programs that know only version 1 must not read them.
 SCHEMA_VERSION, IMPORTED_VERSION = 1, 2
-#: The work frame in words, as it stands in ``run.json``.
+#: The description of the work frame in ``run.json``.
 FRAME_TEXT = (
     "x and y are the block's own, z is 0 at the block's highest point and grows upwards; a pose is where the sensor's "
     "summit is, in mm and degrees"
 )
-#: Keys that may change between two sessions of one run: where a device is plugged in and what it calls itself.
+#: The keys that may change between two sessions of a run: the port of a device and the device's description of itself.
 CHANGING = ("identity", "port", "firmware", "version")
-#: The most force levels of a run without a protocol.
+#: The largest number of force levels of a run without a protocol.
 MAX_LEVELS = 1000
-#: Differences between two runs that are named; the others are counted.
+#: The number of differences that an error message lists; it only counts the others.
 MAX_SHOWN = 6
 
 Plain = Mapping[str, Any]
 
 
 class Plan(NamedTuple):
-    """What is pressed, and how and where."""
+    """The printed block, the protocol, the holder and the work frame of a run."""
 
     printed: PrintedBlock
     protocol: Protocol
@@ -53,25 +54,26 @@ class Plan(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class RunInfo:
-    """A run: what was pressed, its protocol and its rig.
+    """The description of a run: the printed block, the protocol and the rig.
 
-    An imported run has no protocol: its rows are its plan, and whatever nobody said of it is None.
+    An imported run has no protocol. Its rows take the place of the plan, and unknown values are None.
 
     Args:
-        printed: The printed block, or what is known of it.
-        levels: The force levels that are pressed, rising; empty where they are unknown.
-        protocol: How they are pressed.
-        grid_spacing: Which interpretation of the paper's grid was used, or ``own``.
-        holder: What surrounds the block.
+        printed: The printed block, or the specimen of an imported run.
+        levels: The force levels, in increasing order; empty if they are unknown.
+        protocol: The protocol.
+        grid_spacing: The interpretation of the paper's grid that was used, or ``own``.
+        holder: The holder around the block.
         frame: The work frame in the stage's frame.
-        slot: Slot of the tray, from 0.
-        stage: Plain values: ``identity``, ``simulated``, ``settings`` and further ones.
-        gauge: Likewise, with ``calibration``.
-        sensor: Likewise: ``name``, ``simulated``, ``units``, ``shape``, ``settings`` (requested and actual).
-        source: The files with their SHA-256, where the frames were imported.
+        slot: The slot of the tray, from 0.
+        stage: The stage as plain values: ``identity``, ``simulated``, ``settings`` and others.
+        gauge: The force gauge as plain values: the same keys, and ``calibration``.
+        sensor: The sensor as plain values: ``name``, ``simulated``, ``units``, ``shape``, ``settings`` (requested and
+            actual).
+        source: The files of an imported run, with their SHA-256.
 
     Raises:
-        InputError: A mapping holds what JSON cannot, or a level is not in the protocol.
+        InputError: A mapping has a value that JSON cannot store, or a level is not in the protocol.
     """
 
     printed: Pressed = field(metadata={"key": "block"})
@@ -88,32 +90,32 @@ class RunInfo:
 
     def __post_init__(self) -> None:
         if list(self.levels) != sorted(set(self.levels)) or (self.protocol and not self.levels):
-            raise InputError("levels", list(self.levels), "must be force levels, rising")
+            raise InputError("levels", list(self.levels), "must be force levels in increasing order")
         highest = self.protocol.levels if self.protocol else MAX_LEVELS
         if self.levels and not 1 <= self.levels[0] <= self.levels[-1] <= highest:
             raise InputError("levels", list(self.levels), f"must be from 1 to {highest}")
         for name in ("stage", "gauge", "sensor", "source"):
-            # What comes back from a file must be equal to what went in: tuples are lists from the start.
+            # A RunInfo that is read back must equal the one that was written, so tuples become lists here already.
             object.__setattr__(self, name, _plain(name, getattr(self, name)))
             settings = getattr(self, name).get("settings", {})
             inner = (settings.get(key, {}) for key in ("requested", "actual") if isinstance(settings, dict))
             if not all(isinstance(table, dict) for table in (settings, *inner)):
-                raise InputError(f"{name} settings", None, "must be a table, and so must its requested and actual ones")
+                raise InputError(f"{name} settings", None, "must be a table; requested and actual must be tables, too")
         shape = self.sensor.get("shape") or []
         if not isinstance(shape, list) or not all(type(side) is int and side > 0 for side in shape):
-            raise InputError("sensor shape", shape, "must be whole numbers from 1")
+            raise InputError("sensor shape", shape, "must be a list of whole numbers from 1")
 
     @classmethod
     def of(
         cls, study: Study, planned: PlannedBlock, frame: WorkFrame | None = None, slot: int = 0, **devices: Plain
     ) -> RunInfo:
-        """The run of a block of a study.
+        """Return the description of the run of a study's block.
 
         Args:
             study: The study.
-            planned: One of its blocks.
-            frame: Where it lies; the origin if None.
-            slot: Its slot.
+            planned: A block of the study.
+            frame: The work frame; a frame at the stage's origin if None.
+            slot: The slot of the tray, from 0.
             **devices: ``stage``, ``gauge`` and ``sensor``.
         """
         return cls(
@@ -129,48 +131,48 @@ class RunInfo:
 
     @property
     def simulated(self) -> tuple[str, ...]:
-        """What of the rig was simulated: ``("sensor: simulated TacTip", ...)``; empty for a real run."""
+        """The simulated devices: ``("sensor: simulated TacTip", ...)``; empty for a real run."""
         devices = (("stage", self.stage), ("gauge", self.gauge), ("sensor", self.sensor))
         return tuple(f"{name}: {device['simulated']}" for name, device in devices if device.get("simulated"))
 
     @property
     def frame_shape(self) -> tuple[int, ...] | None:
-        """Shape of every frame, or None where the sensor does not say."""
+        """The shape of every frame; None if the sensor does not report it."""
         shape = self.sensor.get("shape")
         return tuple(shape) if shape else None
 
     @property
     def plan(self) -> Plan:
-        """What is pressed, and how and where.
+        """The printed block, the protocol, the holder and the work frame.
 
         Raises:
-            InputError: The run was imported, so that not all of it is known.
+            InputError: The run was imported, so some of them are unknown.
         """
         printed, protocol, holder, frame = self.printed, self.protocol, self.holder, self.frame
         if not isinstance(printed, PrintedBlock) or protocol is None or holder is None or frame is None:
-            raise InputError("run", printed.name, "was imported and has no protocol to press it by")
+            raise InputError("run", printed.name, "was imported, so it has no protocol")
         return Plan(printed=printed, protocol=protocol, holder=holder, frame=frame)
 
     @property
     def presses(self) -> tuple[Press, ...]:
-        """Every press of the run in the order of the protocol; none where there is no protocol."""
+        """All presses of the run in the order of the protocol; empty without a protocol."""
         return () if self.protocol is None else plan_presses(self.protocol, self.levels, self.printed.name)
 
     @property
     def version(self) -> int:
-        """The version of the layout that it is written in."""
+        """The version of the layout."""
         return SCHEMA_VERSION if self.protocol else IMPORTED_VERSION
 
     @property
     def middle_press(self) -> Press:
-        """The press of the frames without motion: middle force level, middle position."""
+        """The press for the frames without motion: the middle position at the middle force level."""
         level = self.levels[len(self.levels) // 2]
         presses = (press for press in self.presses if press.force_level == level and press.repeat == 1)
         in_order = sorted(presses, key=lambda press: press.position)
         return in_order[len(in_order) // 2]
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for ``run.json``."""
+        """Return plain values for ``run.json``."""
         values: dict[str, Any] = to_plain(self)
         values["block"] = self.printed.as_dict()
         if self.protocol:
@@ -181,14 +183,14 @@ class RunInfo:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], where: str = "run.json: ") -> RunInfo:
-        """The run that :meth:`as_dict` described.
+        """Make a description from the plain values of :meth:`as_dict`.
 
         Args:
-            values: Its plain values; keys of other things that ``run.json`` says are ignored.
-            where: Prefix of the field in messages.
+            values: The plain values. Other keys of ``run.json`` are ignored.
+            where: The beginning of every error message.
 
         Raises:
-            InputError: A key is missing or has another type or value than this program writes.
+            InputError: A key is missing, or has a type or value that this program does not write.
         """
         keys = [attribute.metadata.get("key", attribute.name) for attribute in fields(cls)]
         known = {key: values[key] for key in keys if key in values}
@@ -196,55 +198,55 @@ class RunInfo:
             known["block"] = printed_from(known["block"], where)
         if isinstance(known.get("frame"), Mapping):
             known["frame"] = {key: value for key, value in known["frame"].items() if key != "meaning"}
-        for key, kind in (("holder", HolderRim), ("frame", WorkFrame)):  # a default is no measured value
+        for key, kind in (("holder", HolderRim), ("frame", WorkFrame)):  # a default must not pass for a measured value
             for attribute in fields(kind):
                 if isinstance(known.get(key), Mapping) and attribute.name not in known[key]:
                     raise InputError(f"{where}[{key}] {attribute.name}", None, "is missing")
         return from_plain(cls, known, where)
 
     def differences(self, other: RunInfo) -> list[str]:
-        """What differs between this run and another: ``sensor.settings.requested.exposure: 5 then, 7 now``.
+        """List the differences between this run and another: ``sensor.settings.requested.exposure was 5, is now 7``.
 
-        Ports, identities and versions (:data:`CHANGING`) may change from one session to the next and are left out.
+        Ports, identities and versions (:data:`CHANGING`) may change from session to session and are left out.
 
         Args:
-            other: The run as it is now; ``self`` is the one that was begun.
+            other: The description of the run now; ``self`` is its description when it was started.
         """
         then, now = dict(_leaves(self.as_dict())), dict(_leaves(other.as_dict()))
         return [
-            f"{key}: {_shown(then, key)} then, {_shown(now, key)} now"
+            f"{key} was {_shown(then, key)}, is now {_shown(now, key)}"
             for key in dict.fromkeys([*then, *now])
             if key not in then or key not in now or then[key] != now[key]
         ]
 
     def require_same(self, other: RunInfo, what: str, advice: str) -> None:
-        """Refuse to resume this run as another one.
+        """Check that this run can be resumed with the present settings.
 
         Args:
-            other: The run as it is now.
-            what: The run's name or folder, for the message.
-            advice: What the user can do.
+            other: The description of the run now.
+            what: The name or the folder of the run, for the message.
+            advice: The user's next step, for the message.
 
         Raises:
-            InputError: The two differ; the message names the first differences.
+            InputError: The descriptions differ. The message names the first differences.
         """
         differences = self.differences(other)
         if differences:
             more = f"; and {len(differences) - MAX_SHOWN} more" if len(differences) > MAX_SHOWN else ""
             shown = "; ".join(differences[:MAX_SHOWN]) + more
-            raise InputError("run", what, f"was begun with other settings: {shown}; {advice}")
+            raise InputError("run", what, f"was started with other settings: {shown}; {advice}")
 
 
 def _plain(name: str, value: Any) -> dict[str, Any]:
     try:
         plain: dict[str, Any] = json.loads(json.dumps(dict(value), allow_nan=False))
     except (TypeError, ValueError) as error:
-        raise InputError(name, None, f"holds what JSON cannot: {error}") from None
+        raise InputError(name, None, f"has a value that JSON cannot store: {error}") from None
     return plain
 
 
 def _leaves(value: Any, where: str = "") -> Iterator[tuple[str, Any]]:
-    """Every value with its path; lists count as one value."""
+    """Yield every value with its path. A list is treated as a single value."""
     if isinstance(value, Mapping):
         for key, inner in value.items():
             if key not in CHANGING:
@@ -255,13 +257,13 @@ def _leaves(value: Any, where: str = "") -> Iterator[tuple[str, Any]]:
 
 def _shown(values: Mapping[str, Any], key: str) -> str:
     if key not in values:
-        return "nothing"
+        return "missing"
     text = json.dumps(values[key])
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def printed_from(values: Any, where: str = "") -> Pressed:
-    """What ``as_dict()`` of a printed block or a specimen described.
+    """Make a printed block or a specimen from the plain values of its ``as_dict()``.
 
     Raises:
         InputError: A key is missing, or a value is not allowed.
@@ -273,13 +275,13 @@ def printed_from(values: Any, where: str = "") -> Pressed:
     if geometry is not None:
         if not isinstance(geometry, Mapping):
             raise InputError(f"{where}[block] geometry", None, "must be a table or null")
-        made = printed_block_from({**geometry, "printer": UNKNOWN, "filament": UNKNOWN, "copy": 1}, where)
-        known["block"] = made.block
+        printed = printed_block_from({**geometry, "printer": UNKNOWN, "filament": UNKNOWN, "copy": 1}, where)
+        known["block"] = printed.block
     return from_plain(Specimen, known, f"{where}[block] ")
 
 
 def printed_block_from(values: Any, where: str = "") -> PrintedBlock:
-    """The printed block of ``PrintedBlock.as_dict()``, its texture made from the waves: it may be a user's own.
+    """Make a printed block from ``PrintedBlock.as_dict()``. The texture is made from its waves, as it may be custom.
 
     Raises:
         InputError: A key is missing, or a value is not allowed.
@@ -301,8 +303,8 @@ def printed_block_from(values: Any, where: str = "") -> PrintedBlock:
             ),
         }
     except KeyError as error:
-        raise InputError(f"{where}[block]", None, f"has no key {error.args[0]!r}") from None
+        raise InputError(f"{where}[block]", None, f"the key {error.args[0]!r} is missing") from None
     except (TypeError, ValueError):
-        raise InputError(f"{where}[block]", None, "is not a block as this program writes it") from None
+        raise InputError(f"{where}[block]", None, "is not a block that this program wrote") from None
     one_of(f"{where}[block] preset", str(block.get("preset")), PRESETS)
     return from_plain(PrintedBlock, {"block": block, **printed}, where)

@@ -1,4 +1,4 @@
-"""The JSON files that TacTip toolchains (tactile_data, tactile_learning) look for beside the targets."""
+"""The JSON files that TacTip toolchains (tactile_data, tactile_learning) expect in the same folder as the targets."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from typing import Any
 from tacbench_cad.lab.runs.info import FRAME_TEXT, RunInfo
 from tacbench_cad.lab.runs.schema import POSE_COLUMNS, SHEAR_COLUMNS
 
-#: How the presses were made.
+#: The file that describes the presses.
 COLLECT_FILE = "collect_params.json"
-#: The rig.
+#: The file that describes the rig.
 ENVIRONMENT_FILE = "env_params.json"
-#: The images as the sensor gave them.
+#: The file that describes the recorded images.
 SENSOR_FILE = "sensor_image_params.json"
-#: The images as they are exported.
+#: The file that describes the exported images.
 PROCESSED_FILE = "processed_image_params.json"
 
 
 def collect_params(info: RunInfo) -> dict[str, Any]:
-    """``collect_params.json``: the objects, and the limits of the poses from which models take the range of labels.
+    """Return the contents of ``collect_params.json``: the objects and the limits of the poses.
 
-    Of an imported run they are unknown, and null.
+    Models scale their labels with these limits. For an imported run they are unknown, so they are null.
     """
     protocol, label = info.protocol, info.printed.object_label
     lowest = highest = shear = pose = None
@@ -44,7 +44,7 @@ def collect_params(info: RunInfo) -> dict[str, Any]:
 
 
 def environment_params(info: RunInfo) -> dict[str, Any]:
-    """``env_params.json``: the robot, what is pressed, and the work frame in the stage's frame."""
+    """Return the contents of ``env_params.json``: the robot, the block, and the work frame in the stage's frame."""
     driver, frame = info.stage.get("settings", {}).get("driver", "stage" if info.stage else None), info.frame
     return {
         "robot": "sim" if info.stage.get("simulated") else driver and str(driver),
@@ -58,7 +58,7 @@ def environment_params(info: RunInfo) -> dict[str, Any]:
 
 
 def sensor_params(info: RunInfo) -> dict[str, Any]:
-    """``sensor_image_params.json``: the sensor, the part of the camera's image that is kept (all) and its size."""
+    """Return the contents of ``sensor_image_params.json``: the sensor, and the size of its images (never cropped)."""
     shape = info.frame_shape
     height, width = shape[:2] if shape and len(shape) in (2, 3) else (None, None)
     settings = info.sensor.get("settings", {})
@@ -73,7 +73,7 @@ def sensor_params(info: RunInfo) -> dict[str, Any]:
     }
 
 
-#: The files of a run, and what writes the contents of each.
+#: The files of a run, with the functions that return their contents.
 PARAMETERS: Mapping[str, Callable[[RunInfo], dict[str, Any]]] = {
     COLLECT_FILE: collect_params,
     ENVIRONMENT_FILE: environment_params,

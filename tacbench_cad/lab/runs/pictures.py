@@ -1,6 +1,6 @@
-"""Frames as bytes: images as PNG (with a word that they are simulated), everything else as NumPy files.
+"""Frames as files: images as PNG (simulated ones are marked), and all other arrays as NumPy files.
 
-Imported JPEG files are read as well; none is written.
+Imported JPEG files are read, but no JPEG files are written.
 """
 
 from __future__ import annotations
@@ -21,30 +21,30 @@ from tacbench_cad.util.door import require_within
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import replacing
 
-#: Keyword of the PNG text that says what was simulated.
+#: The keyword of the PNG text that lists the simulated devices.
 SIMULATED_KEYWORD = "simulated"
-#: What the files begin with.
+#: The first bytes of PNG and JPEG files.
 PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
-#: A PNG's signature and its first chunk, IHDR, take so many bytes; text chunks may follow.
+#: The number of bytes of a PNG's signature and first chunk, IHDR. Text chunks may follow them.
 _HEAD_BYTES = 33
-#: An image with more pixels is refused before it is decoded, in millions.
+#: The largest allowed number of pixels, in millions. A larger image is refused before it is decoded.
 MAX_MEGAPIXELS = 60.0
-#: A JPEG's end mark stands this near to its end; cameras pad.
+#: The end mark of a JPEG must be within this number of bytes from the end, because cameras add padding after it.
 _JPEG_PADDING = 4096
 
 
 def encoded(frame: Frame, simulated: Sequence[str]) -> tuple[bytes, str]:
-    """A frame as the bytes of its file.
+    """Encode a frame as the bytes of a file.
 
-    OpenCV's own settings are used: run lengths after the Sub filter. On images with camera noise they are both
-    quicker and smaller than any level of full compression.
+    PNG files are written with OpenCV's default settings (run-length encoding after the Sub filter). For images with
+    camera noise this is faster than any level of full compression, and the files are smaller.
 
     Args:
         frame: The frame.
-        simulated: What of the rig was simulated; it goes into an image's metadata.
+        simulated: The simulated devices, which are stored in the metadata of an image.
 
     Returns:
-        The bytes, and ``.png`` or ``.npy``, the ending of the file's name.
+        The bytes and the suffix of the file name: ``.png`` or ``.npy``.
     """
     if not is_image(frame):
         stream = io.BytesIO()
@@ -62,7 +62,7 @@ def encoded(frame: Frame, simulated: Sequence[str]) -> tuple[bytes, str]:
 
 
 def write_png(path: Path, image: Frame) -> None:
-    """Write an image as a PNG, whole or not at all.
+    """Write an image as a PNG file, completely or not at all.
 
     Raises:
         InputError: The file cannot be written.
@@ -72,14 +72,15 @@ def write_png(path: Path, image: Frame) -> None:
 
 
 def decoded(data: bytes, name: str) -> Frame:
-    """The frame in the bytes of its file; an image is uint8, (height, width) or (height, width, 3), BGR.
+    """Decode a frame. An image becomes a uint8 array of shape (height, width) or (height, width, 3), in BGR.
 
     Args:
-        data: The bytes.
-        name: The file's name, whose ending says what it is.
+        data: The bytes of the file.
+        name: The name of the file. Its suffix decides the format.
 
     Raises:
-        CheckFailedError: They are no whole PNG or JPEG of at most :data:`MAX_MEGAPIXELS`, or no whole NumPy file.
+        CheckFailedError: The bytes are not a complete PNG or JPEG image of at most :data:`MAX_MEGAPIXELS`, and not a
+            complete NumPy file.
     """
     if name.endswith(".png"):
         return decoded_image(data, _png_size(data), "PNG")
@@ -87,15 +88,15 @@ def decoded(data: bytes, name: str) -> Frame:
 
 
 def decoded_image(data: bytes, size: tuple[int, int] | None, kind: str) -> Frame:
-    """Decode an image that is not too large and has the size that its header says.
+    """Decode an image, and check its size.
 
     Args:
-        data: The bytes of its file.
-        size: Width and height by its header; None if the file is not whole.
-        kind: The name of its format.
+        data: The bytes of the file.
+        size: The width and height in the header; None if the file is incomplete.
+        kind: The name of the format, for error messages.
 
     Raises:
-        CheckFailedError: It is too large, torn or damaged.
+        CheckFailedError: The image is too large, incomplete or damaged.
     """
     import cv2
 
@@ -108,12 +109,12 @@ def decoded_image(data: bytes, size: tuple[int, int] | None, kind: str) -> Frame
         with contextlib.suppress(cv2.error):
             image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None or (image.shape[1], image.shape[0]) != size:
-        raise CheckFailedError(f"is not a readable {kind} image: it is torn or damaged")
+        raise CheckFailedError(f"is not a readable {kind} image; the file is incomplete or damaged")
     return np.asarray(image)
 
 
 def simulated_text(data: bytes) -> str:
-    """What a PNG of ours says that was simulated; empty where it says nothing."""
+    """Return the list of simulated devices in a PNG file of this program; empty if there is none."""
     head = data[_HEAD_BYTES : _HEAD_BYTES + 8]
     if head[4:] != b"tEXt":
         return ""
@@ -122,10 +123,10 @@ def simulated_text(data: bytes) -> str:
 
 
 def _png_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height of a PNG whose chunks are whole, from its header to its end; else None.
+    """Return the width and height of a PNG whose chunks are complete from the header to the end; else None.
 
-    OpenCV decodes what it finds of a truncated file, and allocates what a damaged chunk says of its length: seconds and
-    gigabytes.
+    OpenCV would decode a part of a truncated file. With a wrong length in a damaged chunk, it would allocate gigabytes
+    and take seconds.
     """
     at, kinds = 8, []
     while data.startswith(PNG) and at + 12 <= len(data):
@@ -141,7 +142,7 @@ def _png_size(data: bytes) -> tuple[int, int] | None:
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height of a JPEG that has its end mark; else None."""
+    """Return the width and height of a JPEG that has an end mark; else None."""
     at = 2 if b"\xff\xd9" in data[-_JPEG_PADDING:] else len(data)
     while at + 9 <= len(data) and data[at] == 0xFF:
         mark, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4])
@@ -153,5 +154,5 @@ def _jpeg_size(data: bytes) -> tuple[int, int] | None:
 
 
 def sha256(data: bytes) -> str:
-    """SHA-256 as 64 hexadecimal digits."""
+    """Return the SHA-256 as 64 hexadecimal digits."""
     return hashlib.sha256(data).hexdigest()

@@ -1,13 +1,14 @@
-"""The quality of a run's frames, by themselves and beside each other: light, focus, and whether the camera moved.
+"""The quality of a run's frames: brightness, focus, and whether the camera moved.
 
-Limits and their reasons (measured on five public recordings of TacTips, compressed and not):
+Each frame is checked by itself and compared with the other frames of its run. The limits follow from measurements on
+five public recordings of TacTips, compressed and uncompressed:
 
-* *brightness* 12 %: exposure and lamps changed by up to 10 % within a recording that nobody rejected; the authors of
-  the paper rejected files that were 18 % darker than the others (117 against 143 counts).
-* *saturated* 15 % of the sensor's pixels: at most 6 % were, by reflections.
-* *flicker* 1 %: frames of a sensor at rest differed by at most 0.26 % in their mean.
-* *drift* 5 % over a run: light drifted by up to 1 % a minute, by 0.6 % in 100 presses.
-* *moved* 5 px: the dome moved by at most 1.8 px within a recording; a circle fits an elliptical dome to about 2 px.
+* *brightness* 12 %: exposure and lamps changed by up to 10 % within a recording that was not rejected. The authors of
+  the paper rejected files that were 18 % darker than the others (117 instead of 143 counts).
+* *saturated* 15 % of the sensor's pixels: reflections saturated at most 6 % of them.
+* *flicker* 1 %: the means of frames of a sensor at rest differed by at most 0.26 %.
+* *drift* 5 % over a run: the brightness drifted by up to 1 % per minute, and by 0.6 % in 100 presses.
+* *moved* 5 px: the dome moved by at most 1.8 px within a recording, and a circle fits an elliptical dome to about 2 px.
 """
 
 from __future__ import annotations
@@ -24,31 +25,33 @@ from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.vision.region import Region, circle_near
 from tacbench_cad.util.types import Bools
 
-#: A frame's mean brightness may differ from the run's median by so much, as a fraction.
+#: The largest difference between a frame's mean brightness and the run's median, as a fraction of the median.
 BRIGHTNESS = 0.12
-#: Fraction of the sensor's pixels that may be saturated.
+#: The largest fraction of the sensor's pixels that may be saturated.
 SATURATION = 0.15
-#: Standard deviation of the mean brightness of frames without motion, as a fraction of it.
+#: The largest standard deviation of the mean brightness of frames without motion, as a fraction of their mean.
 FLICKER = 0.01
-#: Change of the mean brightness from a run's first quarter to its last, as a fraction.
+#: The largest change of the mean brightness from the first quarter of a run to the last, as a fraction.
 DRIFT = 0.05
-#: How far the sensor may be from where most frames of a run show it, in pixels.
+#: The largest distance of the sensor's centre from the run's median centre, in pixels.
 MOVED_PX = 5.0
-#: The edge of the region does not count for the focus: a margin, as a fraction of the region's radius, and at least.
+#: The focus is measured without a margin along the edge of the region. The width of the margin is a fraction of the
+#: region's radius, with a minimum in pixels.
 _MARGIN, _MIN_MARGIN_PX = 0.04, 4
-#: Fewer frames have no median, and no drift.
+#: The smallest number of frames for a median or a drift.
 _MIN_FRAMES = 8
-#: Below this mean brightness, in counts, few bright pixels decide it, and their motion is no change of light.
+#: The smallest mean brightness, in counts, for a comparison. In darker frames the mean depends on few bright pixels,
+#: and changes when they move.
 _MIN_MEAN = 20.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """What was measured of a frame of a run.
+    """The measurements of a frame.
 
     Args:
-        quality: The frame inside of the region.
-        centre_px: Where the dome's centre is, None where no dome is looked at.
+        quality: The quality of the frame inside the region.
+        centre_px: The centre of the dome; None without a region.
     """
 
     quality: FrameQuality
@@ -57,11 +60,11 @@ class Measured:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Judge:
-    """Measures and judges the frames of a run.
+    """The checks of single frames of a run.
 
     Args:
-        limits: When a frame is dark or blurred.
-        region: Where the sensor is, None for the whole frame.
+        limits: The limits for dark and blurred frames.
+        region: The region of the sensor; None for the whole frame.
     """
 
     limits: FrameLimits
@@ -69,7 +72,7 @@ class Judge:
 
     @cached_property
     def _inside(self) -> Bools | None:
-        """The region without a margin along its edge; all of one that is too narrow for a margin."""
+        """The region without the margin along its edge. A region that is too narrow for a margin is used completely."""
         import cv2
 
         if self.region is None:
@@ -79,37 +82,42 @@ class Judge:
         return inside if inside.any() else self.region.mask
 
     def measure(self, frame: Frame) -> Measured:
-        """Measure a frame of the region's size."""
+        """Measure a frame, which must have the size of the region's mask."""
         quality = frame_quality(frame, self._inside, edges=self.limits.blur_px > 0.0)
         return Measured(quality=quality, centre_px=None if self.region is None else circle_near(frame, self.region))
 
     def faults(self, measured: Measured) -> Iterator[tuple[str, str]]:
-        """What is wrong with a frame by itself: kinds, and the ends of sentences."""
+        """Yield the faults of a single frame: the kind, and the text as the end of a sentence."""
         quality, limits = measured.quality, self.limits
-        where = "" if self.region is None else " inside of the sensor"
+        where = "" if self.region is None else " inside the sensor's region"
         if quality.bright < limits.dark_counts:
             text = f"is dark: its bright level{where} is {quality.bright:g} counts"
-            yield "dark", f"{text}, the limit is {limits.dark_counts:g}"
+            yield "dark", f"{text} (limit {limits.dark_counts:g})"
         elif limits.blur_px > 0.0 and quality.contrast <= limits.dark_counts:
-            text = f"is blurred: it shows nothing{where}, its contrast is {quality.contrast:g} counts"
-            yield "blurred", f"{text}, the limit is {limits.dark_counts:g}"
+            text = f"is blurred: its contrast{where} is {quality.contrast:g} counts"
+            yield "blurred", f"{text} (limit {limits.dark_counts:g})"
         elif limits.blur_px > 0.0 and quality.edge_px > limits.blur_px:
             text = f"is blurred: its sharpest edges{where} are {quality.edge_px:.1f} px wide"
-            yield "blurred", f"{text}, the limit is {limits.blur_px:g}"
+            yield "blurred", f"{text} (limit {limits.blur_px:g})"
         if self.region is not None and quality.saturated > SATURATION:
-            text = f"has {100 * quality.saturated:.0f} % of the sensor's pixels at {SATURATED} counts or more"
-            yield "saturated", f"{text}, the limit is {100 * SATURATION:g} %"
+            text = (
+                f"is saturated: {100 * quality.saturated:.0f} % of the sensor's pixels have {SATURATED} counts or more"
+            )
+            yield "saturated", f"{text} (limit {100 * SATURATION:g} %)"
 
 
 def beside_each_other(
     measured: Mapping[str, Measured], in_time: Sequence[str], still: Mapping[str, Sequence[str]]
 ) -> Iterator[tuple[str, str, str]]:
-    """What is wrong with frames beside the others of their run: kinds, where, and the ends of sentences.
+    """Compare the frames of a run with each other.
 
     Args:
-        measured: What was measured, by the frame's path.
+        measured: The measurements, by the frame's path.
         in_time: The paths of presses, or of frames without contact, in the order in which they were taken.
-        still: The paths of frames without motion, by the session that they belong to.
+        still: The paths of frames without motion, by group.
+
+    Yields:
+        The kind of each fault, the frame or group, and the text as the end of a sentence.
     """
     yield from _brightness(measured)
     yield from _flicker(measured, still)
@@ -125,8 +133,8 @@ def _brightness(measured: Mapping[str, Measured]) -> Iterator[tuple[str, str, st
     for path, mean in means.items():
         if abs(mean / median - 1.0) > BRIGHTNESS:
             off = f"{100 * abs(mean / median - 1.0):.0f} % {'darker' if mean < median else 'brighter'}"
-            text = f"is {off} than the run's median: {mean:.0f} against {median:.0f} counts"
-            yield "brightness", path, f"{text}, the limit is {100 * BRIGHTNESS:g} %"
+            text = f"is {off} than the run's median: {mean:.0f} instead of {median:.0f} counts"
+            yield "brightness", path, f"{text} (limit {100 * BRIGHTNESS:g} %)"
 
 
 def _flicker(measured: Mapping[str, Measured], still: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, str, str]]:
@@ -136,8 +144,8 @@ def _flicker(measured: Mapping[str, Measured], still: Mapping[str, Sequence[str]
             continue
         flicker = float(means.std(ddof=1) / means.mean())
         if flicker > FLICKER:
-            text = f"the light flickers: {len(means)} frames without motion differ by {100 * flicker:.1f} % in light"
-            yield "flicker", session, f"{text} (standard deviation), the limit is {100 * FLICKER:g} %"
+            text = f"show flickering light: the brightness of {len(means)} frames has a standard deviation of"
+            yield "flicker", session, f"{text} {100 * flicker:.1f} % (limit {100 * FLICKER:g} %)"
 
 
 def _drift(measured: Mapping[str, Measured], in_time: Sequence[str]) -> Iterator[tuple[str, str, str]]:
@@ -148,8 +156,8 @@ def _drift(measured: Mapping[str, Measured], in_time: Sequence[str]) -> Iterator
     first, last = float(np.median(means[:quarter])), float(np.median(means[-quarter:]))
     if abs(last / first - 1.0) > DRIFT:
         text = f"{'fell' if last < first else 'rose'} by {100 * abs(last / first - 1.0):.1f} % during the run"
-        text += f", from {first:.0f} to {last:.0f} counts (medians of the first and the last quarter of the frames)"
-        yield "drift", "light", f"{text}, the limit is {100 * DRIFT:g} %"
+        text += f", from {first:.0f} to {last:.0f} counts (medians of the first and the last quarter of the frames;"
+        yield "drift", "light", f"{text} limit {100 * DRIFT:g} %)"
 
 
 def _moved(measured: Mapping[str, Measured]) -> Iterator[tuple[str, str, str]]:
@@ -160,5 +168,5 @@ def _moved(measured: Mapping[str, Measured]) -> Iterator[tuple[str, str, str]]:
     for path, centre in centres.items():
         away = float(np.hypot(*(np.array(centre) - middle)))
         if away > MOVED_PX:
-            text = f"shows the sensor {away:.1f} px from where most frames show it: the camera or the dome moved"
-            yield "moved", path, f"{text}; the limit is {MOVED_PX:g} px"
+            text = f"shows that the camera or the dome moved: the sensor is {away:.1f} px away from its median position"
+            yield "moved", path, f"{text} (limit {MOVED_PX:g} px)"

@@ -1,4 +1,4 @@
-"""Reading run folders: lazily, typed, and without trust in what lies there. Needs NumPy, and OpenCV for images."""
+"""Lazy, typed and safe reading of run folders. This module needs NumPy, and OpenCV for images."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from tacbench_cad.util.errors import CheckFailedError, InputError
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder. Only ``run.json`` is read at once; rows and frames when they are asked for.
+    """A run folder. ``run.json`` is read when it is opened; rows and frames are read when they are used.
 
     Args:
         folder: The folder.
-        info: What its ``run.json`` says.
+        info: The contents of ``run.json``.
     """
 
     folder: Path
@@ -37,51 +37,51 @@ class Run:
         """Open a run folder.
 
         Raises:
-            InputError: It is no run folder, of another schema version, or its ``run.json`` is damaged.
+            InputError: The folder is not a run folder or has another schema version, or its ``run.json`` is damaged.
         """
         path = folder / schema.RUN_FILE
         _require_folder(folder)
         if not path.is_file():
-            raise InputError("run", str(folder), f"is no run folder: it has no {schema.RUN_FILE}")
+            raise InputError("run", str(folder), f"is not a run folder: it has no {schema.RUN_FILE}")
         document = door.read_document(path, "run", "json", within=folder)
         if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-            raise InputError("run", str(path), f'is of another kind: "schema" must be "{SCHEMA}"')
+            raise InputError("run", str(path), f'does not describe a run: "schema" must be "{SCHEMA}"')
         version = document.get("version")
         if version not in (SCHEMA_VERSION, IMPORTED_VERSION):
             raise InputError(
                 "run",
                 str(path),
-                f"has schema version {version!r}, this program reads {SCHEMA_VERSION} and {IMPORTED_VERSION}; "
-                "use the version that wrote it",
+                f"has schema version {version!r}, but this program reads {SCHEMA_VERSION} and {IMPORTED_VERSION}; "
+                "use the version of tacbench-cad that wrote the run",
             )
         return cls(folder=folder, info=RunInfo.from_dict(document, f"{path}: "))
 
     @cached_property
     def targets(self) -> RunTable[Row]:
-        """``targets.csv``: its rows and their texts; a torn last line is left out.
+        """The rows of ``targets.csv`` and their texts, without an incomplete last line.
 
         Raises:
-            InputError: A row cannot be read, contradicts the run, or occurs twice; the message names its line.
+            InputError: A row cannot be read, contradicts the run, or occurs twice. The message names the line.
         """
         return read_table(self.folder, Row, planned(self.info))
 
     @property
     def rows(self) -> tuple[Row, ...]:
-        """The presses in the order of ``targets.csv``, which may be any.
+        """The presses in the order of ``targets.csv``, which can be any order.
 
         Raises:
-            InputError: As :attr:`targets`.
+            InputError: Same as for :attr:`targets`.
         """
         return self.targets.rows
 
     @cached_property
     def by_key(self) -> dict[PressKey, Row]:
-        """The rows by (force level, repeat, position)."""
+        """The rows, by (force level, repeat, position)."""
         return {row.key: row for row in self.rows}
 
     @cached_property
     def references(self) -> tuple[Reference, ...]:
-        """The frames without contact, the first one first.
+        """The frames without contact, in the order in which they were taken.
 
         Raises:
             InputError: ``references.csv`` cannot be read.
@@ -99,69 +99,69 @@ class Run:
 
     @cached_property
     def print_record(self) -> PrintRecord:
-        """What ``print.toml`` says of the print.
+        """The contents of ``print.toml``.
 
         Raises:
-            InputError: It is missing or damaged.
+            InputError: The file is missing or damaged.
         """
         return read_record(self.folder / schema.PRINT_FILE, within=self.folder)
 
     def parameters(self, name: str) -> Any:
-        """The plain values of one of the JSON files that TacTip toolchains look for.
+        """Read a JSON file for TacTip toolchains as plain values.
 
         Raises:
-            InputError: It is missing or damaged.
+            InputError: The file is missing or damaged.
         """
         return door.read_document(self.folder / name, "parameters", "json", within=self.folder)
 
     def frame(self, row: Row, verify: bool = False) -> Frame:
-        """The frame of a press.
+        """Read the frame of a press.
 
         Args:
-            row: Its row.
-            verify: Compare the file with the row's checksum as well.
+            row: The row of the press.
+            verify: Compare the file with the checksum in the row.
 
         Returns:
-            An array of the sensor's shape; an image is uint8, BGR if it has colours.
+            An array of the sensor's shape; an image is uint8, and in BGR if it has colours.
 
         Raises:
-            CheckFailedError: The file is missing, damaged, or of another shape; with ``verify`` also if it was changed.
+            CheckFailedError: The file is missing or damaged, or has another shape. With ``verify``: it was changed.
         """
         return self.read(row.path, row.image_sha256 if verify else None)
 
     def reference(self, number: int = 0) -> Frame:
-        """A frame without contact: the first one, or a later one.
+        """Read a frame without contact. The first has number 0.
 
         Raises:
-            InputError: There is no such reference.
-            CheckFailedError: As :meth:`frame`.
+            InputError: There is no frame with this number.
+            CheckFailedError: Same as for :meth:`frame`.
         """
         if not 0 <= number < len(self.references):
-            raise InputError("reference", number, f"the run has {len(self.references)} of them, counted from 0")
+            raise InputError("reference", number, f"the run has {len(self.references)} references, counted from 0")
         return self.read(self.references[number].path)
 
     def stationary(self, when: str, in_contact: bool) -> list[Frame]:
-        """The frames without motion of one group, in their order.
+        """Read a group of frames without motion, in their order.
 
         Args:
-            when: ``start`` or ``end`` of the session.
-            in_contact: Of the pressed sensor, or of the free one.
+            when: ``start`` or ``end`` of the run.
+            in_contact: True for the pressed sensor, False for the free sensor.
 
         Raises:
-            CheckFailedError: As :meth:`frame`.
+            CheckFailedError: Same as for :meth:`frame`.
         """
         group = [frame for frame in self.stationary_frames if (frame.when, frame.in_contact) == (when, in_contact)]
         return [self.read(frame.path) for frame in sorted(group, key=lambda frame: frame.index)]
 
     def read(self, path: str, digest: str | None = None) -> Frame:
-        """A frame by its path from the run folder.
+        """Read a frame.
 
         Args:
-            path: The path.
-            digest: The SHA-256 that the file must have.
+            path: The path of the file, relative to the run folder.
+            digest: The expected SHA-256 of the file; None to skip the check.
 
         Raises:
-            CheckFailedError: As :meth:`frame`.
+            CheckFailedError: Same as for :meth:`frame`.
         """
         data = self.read_bytes(path, digest)
         try:
@@ -174,38 +174,38 @@ class Run:
         return frame
 
     def read_bytes(self, path: str, digest: str | None = None) -> bytes:
-        """The bytes of a frame's file, by its path from the run folder.
+        """Read the bytes of a frame's file.
 
         Args:
-            path: The path.
-            digest: The SHA-256 that the file must have.
+            path: The path of the file, relative to the run folder.
+            digest: The expected SHA-256 of the file; None to skip the check.
 
         Raises:
-            CheckFailedError: It cannot be read, is too large, is a link that leads out of the folder, or was changed.
+            CheckFailedError: The file cannot be read, is too large, is a link out of the folder, or was changed.
         """
         try:
             data = door.read_bytes(self.folder / path, "frame", "image", within=self.folder)
         except InputError as error:
             raise CheckFailedError(f"{self.folder / path}: {error.allowed}") from None
         if digest is not None and sha256(data) != digest:
-            raise CheckFailedError(f"{self.folder / path}: is not the file that was written: its checksum differs")
+            raise CheckFailedError(f"{self.folder / path}: was changed: its checksum differs from the recorded one")
         return data
 
 
 def shape_fault(info: RunInfo, frame: Frame) -> str | None:
-    """What is wrong with a frame's shape or type, or None."""
+    """Describe a fault of a frame's shape or type; None if there is none."""
     shape = info.frame_shape
     if shape is not None and frame.shape != shape:
-        return f"has shape {frame.shape}, the sensor gives {shape}"
+        return f"has shape {frame.shape}, but the frames of the sensor have shape {shape}"
     if frame.dtype.kind not in "iufb":
-        return f"holds {frame.dtype}, not real numbers"
+        return f"contains {frame.dtype}; it must contain real numbers"
     return None
 
 
 def planned(info: RunInfo) -> Callable[[int, Any], None]:
-    """A check of one row of ``targets.csv`` after another: it is of the run's plan and block, and not there already.
+    """Return a function that checks the rows of ``targets.csv`` one by one.
 
-    The rows of a run without a protocol are its plan.
+    A row must belong to the run's block and occur only once. If the run has a protocol, the row must agree with it.
     """
     plan = {press.number: press for press in info.presses}
     block = info.printed
@@ -214,7 +214,7 @@ def planned(info: RunInfo) -> Callable[[int, Any], None]:
     def check(line: int, row: Row) -> None:
         press = plan.get(row.number)
         if press is None and info.protocol is not None:
-            raise InputError("sensor_image", row.sensor_image, f"the protocol has {len(plan)} presses")
+            raise InputError("sensor_image", row.sensor_image, f"is not planned: the protocol has {len(plan)} presses")
         empty = next((name for name in schema.PLANNED if getattr(row, name) is None), None)
         if press is not None and empty is not None:
             raise InputError(empty, "", "must not be empty in a run with a protocol")
@@ -226,29 +226,29 @@ def planned(info: RunInfo) -> Callable[[int, Any], None]:
                 f"{(press.force_level, press.repeat, press.position)}",
             )
         if any(getattr(row, name) != getattr(block, name) for name in ("texture", "printer", "filament", "copy")):
-            raise InputError("texture", row.texture, f"the run is of {block.name}")
+            raise InputError("texture", row.texture, f"contradicts run.json, which describes a run of {block.name}")
         for key in (row.key, row.number):
             if seen.setdefault(key, line) != line:
-                raise InputError("sensor_image", row.sensor_image, f"stands in line {seen[key]} already")
+                raise InputError("sensor_image", row.sensor_image, f"is already in line {seen[key]}")
 
     return check
 
 
 def find_runs(folders: Iterable[Path]) -> list[Path]:
-    """The run folders among and below some folders, each once, in order.
+    """Find run folders. Each is returned once, in the order of the folders and their names.
 
     Args:
-        folders: Run folders, or folders that contain some.
+        folders: Run folders, or folders that contain run folders.
 
     Raises:
-        InputError: One is no folder, or has no run in it.
+        InputError: A path is not a folder, or the folder contains no run.
     """
     runs: dict[Path, None] = {}
     for folder in folders:
         _require_folder(folder)
         here = sorted(_walk(folder))
         if not here:
-            raise InputError("run", str(folder), f"has no run folder in it (none has a {schema.RUN_FILE})")
+            raise InputError("run", str(folder), f"contains no run folder (a folder with a {schema.RUN_FILE})")
         runs.update(dict.fromkeys(here))
     return list(runs)
 
@@ -262,4 +262,4 @@ def _walk(folder: Path) -> Iterator[Path]:
 
 def _require_folder(folder: Path) -> None:
     if not folder.is_dir():
-        raise InputError("run", str(folder), "is not a folder" if folder.exists() else "there is no such folder")
+        raise InputError("run", str(folder), "is not a folder" if folder.exists() else "does not exist")

@@ -1,7 +1,7 @@
-"""The files of a run folder: their names, the columns of their three tables, and the rows as dataclasses.
+"""The files of a run folder: their names, the columns of the three tables, and the rows as dataclasses.
 
-A press is identified by force level, repeat and position, or by its number where these are unknown; the order of the
-rows has no meaning. What nobody knows of an imported frame is empty in its row.
+A press is identified by force level, repeat and position, or by its number if these are unknown. The order of the rows
+has no meaning. Unknown values of an imported frame are empty in its row.
 """
 
 from __future__ import annotations
@@ -18,61 +18,62 @@ from typing import Any, ClassVar, Literal, TypeVar, get_args, get_type_hints
 from tacbench_cad.lab.study.spec import Point, Pressed
 from tacbench_cad.util.errors import InputError, one_of
 
-#: What stays the same in a run, one row for each press, and what the person at the printer fills in.
+#: The description of the run, the table with one row for each press, and the print record that the user fills in.
 RUN_FILE, TARGETS_FILE, PRINT_FILE = "run.json", "targets.csv", "print.toml"
-#: Folders of images, of other arrays, and of frames without contact and without motion.
+#: The folders of images, of other arrays, of frames without contact, and of frames without motion.
 IMAGE_FOLDER, DATA_FOLDER = "sensor_images", "sensor_data"
 REFERENCE_FOLDER, STATIONARY_FOLDER = "references", "stationary"
 FRAME_FOLDERS = (IMAGE_FOLDER, DATA_FOLDER, REFERENCE_FOLDER, STATIONARY_FOLDER)
-#: One row for each frame without contact, and for each without motion.
+#: The tables of the frames without contact and of the frames without motion.
 REFERENCES_FILE = f"{REFERENCE_FOLDER}/references.csv"
 STATIONARY_FILE = f"{STATIONARY_FOLDER}/stationary.csv"
 
-#: The pose of a press in mm and degrees, and its shear, which is always 0 here; the TacTip toolchains' names.
+#: The columns of a press's pose, in mm and degrees, and of its shear, which is always 0. The TacTip toolchains use the
+#: same names.
 POSE_COLUMNS = ("pose_x", "pose_y", "pose_z", "pose_Rx", "pose_Ry", "pose_Rz")
 SHEAR_COLUMNS = ("shear_x", "shear_y", "shear_z", "shear_Rx", "shear_Ry", "shear_Rz")
 
-#: (force level, repeat, position), each from 1. An unknown level or position is 0, and the frame's number then stands
-#: for the repeat, as it does where the repeat is unknown.
+#: (force level, repeat, position), each from 1. An unknown level or position is 0. If the position or the repeat is
+#: unknown, the repeat is the number of the frame.
 PressKey = tuple[int, int, int]
 When = Literal["start", "end"]
-#: The four groups of frames without motion in the order in which they are taken: when, and whether in contact.
+#: The four groups of frames without motion, as (when, in contact), in the order in which they are taken.
 STATIONARY: tuple[tuple[When, bool], ...] = (("start", True), ("start", False), ("end", True), ("end", False))
 
-#: Endings of images: PNG, and JPEG for frames that were imported as such. Everything else is a NumPy file.
+#: The suffixes of images: PNG, and JPEG for imported JPEG files. All other frames are NumPy files.
 IMAGE_SUFFIXES = (".png", ".jpg")
 
 _FRAME_NAME = re.compile(r"(?:image_(?P<image>0|[1-9]\d{0,8})\.(?:png|jpg)|reading_(?P<data>0|[1-9]\d{0,8})\.npy)")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
-#: Whole numbers as ``object_label`` and as the other columns have them.
+#: The patterns of a whole number in ``object_label`` and in the other columns.
 _LABEL, _WHOLE = re.compile(r"[1-9]\d{0,2}"), re.compile(r"\d{1,9}")
 
 
 def frame_name(number: int, suffix: str) -> str:
-    """File name of a press's frame: ``image_7.png`` or ``reading_7.npy``; 0 is the first reference."""
+    """Return the file name of a press's frame: ``image_7.png`` or ``reading_7.npy``; 0 is the first reference."""
     return f"{'image' if suffix in IMAGE_SUFFIXES else 'reading'}_{number}{suffix}"
 
 
 def frame_path(name: str) -> str:
-    """Path of a press's frame from the run folder: ``sensor_images/image_7.png``."""
+    """Return the path of a press's frame, relative to the run folder: ``sensor_images/image_7.png``."""
     return f"{IMAGE_FOLDER if name.endswith(IMAGE_SUFFIXES) else DATA_FOLDER}/{name}"
 
 
 def reference_path(count: int, suffix: str) -> str:
-    """Path of a frame without contact: the first one is number 0 of the presses' frames."""
+    """Return the path of a frame without contact. The first is stored with the presses' frames, as number 0."""
     if count == 0:
         return frame_path(frame_name(0, suffix))
     return f"{REFERENCE_FOLDER}/reference_{count}{suffix}"
 
 
 def stationary_path(when: str, in_contact: bool, index: int, suffix: str) -> str:
-    """Path of a frame without motion: ``stationary/start_contact_01.png``, ``stationary/end_free_30.png``."""
+    """Return the path of a frame without motion, for example ``stationary/start_contact_01.png``."""
     contact = "contact" if in_contact else "free"
     return f"{STATIONARY_FOLDER}/{when}_{contact}_{index:02d}{suffix}"
 
 
 class TableRow:
-    """A row of one of a run's tables, whose path in the run folder is ``FILE``."""
+    """A row of a table. ``FILE`` is the path of the table, relative to the run folder."""
 
     FILE: ClassVar[str]
 
@@ -82,32 +83,32 @@ T = TypeVar("T", bound=TableRow)
 
 @dataclass(frozen=True, kw_only=True)
 class Row(TableRow):
-    """One press, as ``targets.csv`` has it; the first fourteen columns are those of the TacTip toolchains.
+    """A row of ``targets.csv``, which describes a press. TacTip toolchains use the same first fourteen columns.
 
-    What is unknown is None.
+    Unknown values are None.
 
     Args:
-        sensor_image: File name of its frame.
+        sensor_image: The file name of the frame.
         object_label: 1 to 6, or the name of another texture.
-        pose_x: Position of the sensor's summit in the work frame, in mm.
-        pose_y: Likewise.
-        pose_z: Likewise.
-        texture: Name of the texture.
+        pose_x: The x of the sensor's summit in the work frame, in mm.
+        pose_y: The y of the sensor's summit in the work frame, in mm.
+        pose_z: The z of the sensor's summit in the work frame, in mm.
+        texture: The name of the texture.
         preset: The block's preset.
         scale: The block's scale.
-        printer: Printer.
-        filament: Filament.
-        copy: Copy, from 1, or what an imported print is called.
-        position: From 1, row by row from low y, each row from low x.
-        force_level: From 1.
-        target_force_n: Target in N, None in depth mode.
-        measured_force_n: Force before the frame in N, None without a gauge.
-        force_after_n: Force after the frame in N, None without a gauge.
-        in_band: Whether the target was reached, None without a gauge.
-        repeat: From 1.
-        time_utc: Time of the frame, None if unknown.
-        image_sha256: SHA-256 of the frame's file.
-        reference_age_s: Age of the last reference, None without one.
+        printer: The printer.
+        filament: The filament.
+        copy: The copy, from 1, or the name of an imported print.
+        position: The position, from 1, row by row from the lowest y, and from the lowest x within a row.
+        force_level: The force level, from 1.
+        target_force_n: The target force in N; None in depth mode.
+        measured_force_n: The force before the frame, in N; None without a gauge.
+        force_after_n: The force after the frame, in N; None without a gauge.
+        in_band: Whether the target force was reached; None without a gauge.
+        repeat: The repeat, from 1.
+        time_utc: The time of the frame.
+        image_sha256: The SHA-256 of the frame's file.
+        reference_age_s: The age of the last reference in s; None without a reference.
     """
 
     FILE = TARGETS_FILE
@@ -145,36 +146,38 @@ class Row(TableRow):
     def __post_init__(self) -> None:
         if not self.number:
             raise InputError(
-                "sensor_image", self.sensor_image, "must be image_<n>.png, image_<n>.jpg or reading_<n>.npy, n from 1"
+                "sensor_image",
+                self.sensor_image,
+                "must be image_<n>.png, image_<n>.jpg or reading_<n>.npy, where <n> is at least 1",
             )
         if not _SHA256.fullmatch(self.image_sha256):
-            raise InputError("image_sha256", self.image_sha256, "must be 64 digits 0-9, a-f")
+            raise InputError("image_sha256", self.image_sha256, "must be 64 hexadecimal digits (0-9, a-f)")
 
     @cached_property
     def number(self) -> int:
-        """The press's number in the plan, from the file name; 0 if it is not such a name."""
+        """The number of the press in the plan, from the file name; 0 if the name has another form."""
         name = _FRAME_NAME.fullmatch(self.sensor_image)
         return int(name["image"] or name["data"]) if name else 0
 
     @property
     def path(self) -> str:
-        """The file of its frame, from the run folder."""
+        """The path of the frame's file, relative to the run folder."""
         return frame_path(self.sensor_image)
 
     @property
     def pose_mm(self) -> Point:
-        """The sensor's summit in the work frame; nan where nobody measured it."""
+        """The position of the sensor's summit in the work frame, in mm; nan if it was not measured."""
         x, y, z = (math.nan if value is None else value for value in (self.pose_x, self.pose_y, self.pose_z))
         return (x, y, z)
 
     @property
     def key(self) -> PressKey:
-        """What makes the row unique."""
+        """The identity of the press, which occurs in only one row."""
         repeat = self.repeat if self.repeat and self.position else self.number
         return (self.force_level or 0, repeat, self.position or 0)
 
 
-#: The fields of a row that are known of every press of a planned run.
+#: The fields of a row that must not be empty in a run with a protocol.
 PLANNED = (
     *("object_label", "pose_x", "pose_y", "texture", "preset", "scale", "printer", "filament", "copy"),
     *("position", "force_level", "repeat"),
@@ -187,7 +190,7 @@ class _FrameRow(TableRow):
     def __post_init__(self) -> None:
         parts = self.path.split("/")
         if len(parts) != 2 or parts[0] not in FRAME_FOLDERS or parts[1] in ("", ".", "..") or "\\" in self.path:
-            raise InputError("path", self.path, "must be a file in one of the run's own folders")
+            raise InputError("path", self.path, f"must be a file in one of the folders {', '.join(FRAME_FOLDERS)}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,10 +198,10 @@ class Reference(_FrameRow):
     """A frame without contact.
 
     Args:
-        path: Its file, from the run folder.
-        time_utc: When it was taken.
-        after_press: Number of the press before it, 0 for none.
-        image_sha256: SHA-256 of the file.
+        path: The path of the file, relative to the run folder.
+        time_utc: The time of the frame.
+        after_press: The number of the press before it; 0 if there is none.
+        image_sha256: The SHA-256 of the file.
     """
 
     FILE = REFERENCES_FILE
@@ -213,11 +216,11 @@ class Stationary(_FrameRow):
     """A frame without motion.
 
     Args:
-        path: Its file, from the run folder.
+        path: The path of the file, relative to the run folder.
         when: ``start`` or ``end`` of the block.
-        in_contact: At the middle force, or without contact.
-        index: From 1.
-        image_sha256: SHA-256 of the file.
+        in_contact: True for a frame at the middle force, False for a frame without contact.
+        index: The number within the group, from 1.
+        image_sha256: The SHA-256 of the file.
     """
 
     FILE = STATIONARY_FILE
@@ -229,12 +232,12 @@ class Stationary(_FrameRow):
 
     @property
     def key(self) -> tuple[str, bool, int]:
-        """What makes the row unique."""
+        """The identity of the frame, which occurs in only one row."""
         return (self.when, self.in_contact, self.index)
 
 
 def block_values(printed: Pressed) -> dict[str, Any]:
-    """What each row of ``targets.csv`` says of the run's block."""
+    """Return the values that describe the run's block in each row of ``targets.csv``."""
     block = printed.block
     names = ("object_label", "texture", "printer", "filament", "copy")
     values = {name: getattr(printed, name) for name in names}
@@ -242,11 +245,11 @@ def block_values(printed: Pressed) -> dict[str, Any]:
 
 
 def columns(kind: type[Any]) -> tuple[str, ...]:
-    """The columns of a table whose rows are of a dataclass."""
+    """Return the columns of a table whose rows have a certain dataclass."""
     return tuple(column.metadata.get("column", column.name) for column in fields(kind))
 
 
-#: What the rows of a run's three tables are.
+#: The dataclasses of the rows of a run's three tables.
 TABLES: tuple[type[Any], ...] = (Row, Reference, Stationary)
 #: The columns of ``targets.csv``.
 COLUMNS = columns(Row)
@@ -256,7 +259,7 @@ def parse_row(kind: type[T], texts: Mapping[str, str]) -> T:
     """Make a row from the texts of its columns.
 
     Raises:
-        InputError: A text is not one that this program writes; the message names the column.
+        InputError: A text is not valid. The message names the column.
     """
     factory: Any = kind
     row: T = factory(**{name: parse(column, texts[column]) for name, column, parse in _parsers(factory)})
@@ -265,7 +268,7 @@ def parse_row(kind: type[T], texts: Mapping[str, str]) -> T:
 
 @cache
 def _parsers(kind: Any) -> tuple[tuple[str, str, Callable[[str, str], Any]], ...]:
-    """Name, column and parser of each field of a row."""
+    """Return the name, column and parser of each field of a row."""
     hints = get_type_hints(kind)
     return tuple(
         (attribute.name, column, _parser(hints[attribute.name], attribute.metadata.get("low", 1)))
@@ -288,12 +291,15 @@ def _parser(hint: Any, low: int) -> Callable[[str, str], Any]:
 
 
 def cells(row: Any) -> list[str]:
-    """The texts of a row in the order of its columns."""
+    """Return the texts of a row, in the order of its columns."""
     return [cell(getattr(row, column.name)) for column in fields(row)]
 
 
 def cell(value: Any) -> str:
-    """The text of a value in a CSV file: empty for None and nan, ``true`` and ``false``, times in ISO 8601 with Z."""
+    """Return the text of a value in a CSV file.
+
+    None and nan become an empty text, booleans ``true`` or ``false``, and times ISO 8601 in UTC (with ``Z``).
+    """
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return ""
     if isinstance(value, bool):
@@ -313,10 +319,10 @@ def _time(column: str, text: str) -> datetime:
     try:
         time = datetime.fromisoformat(text)
         if time.tzinfo is None:
-            raise InputError(column, text, "must name its time zone, as 2026-01-31T12:00:00.000Z")
+            raise InputError(column, text, "must have a time zone, for example 2026-01-31T12:00:00.000Z")
         return time.astimezone(UTC)
     except (ValueError, OverflowError):
-        raise InputError(column, text, "must be a time as 2026-01-31T12:00:00.000Z") from None
+        raise InputError(column, text, "must be a time, for example 2026-01-31T12:00:00.000Z") from None
 
 
 def _number(column: str, text: str) -> float:

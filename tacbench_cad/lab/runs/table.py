@@ -1,4 +1,7 @@
-"""CSV files that only grow: a line is whole and on the disk before the next one begins; a torn last line is known."""
+"""CSV files that rows are only added to. Each line is completely on the disk before the next is written.
+
+An incomplete last line, as a power cut leaves it, is recognised.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +27,9 @@ class TableText:
 
     Args:
         header: The columns.
-        rows: Line number (from 1, the header is line 1) and the columns' texts of every whole line after the header.
-        torn: The bytes behind the last whole line; empty if the file ends as it should.
-        whole_bytes: End of the last whole line.
+        rows: The line number (the header is line 1) and the texts by column of every complete line after the header.
+        torn: The bytes after the last complete line; empty if the file ends with a complete line.
+        whole_bytes: The length of the file up to the end of the last complete line, in bytes.
     """
 
     header: tuple[str, ...]
@@ -40,8 +43,8 @@ class RunTable(Generic[T]):
     """A CSV file of a run.
 
     Args:
-        rows: Its rows.
-        text: Their texts, and what is torn at the end of the file.
+        rows: The rows.
+        text: The text of the file.
     """
 
     rows: tuple[T, ...]
@@ -54,16 +57,17 @@ def read_table(
     check: Callable[[int, T], None] | None = None,
     faults: list[InputError] | None = None,
 ) -> RunTable[T]:
-    """Read a table of a run. A file that does not exist, or is empty, has no rows.
+    """Read a table of a run. A missing or empty file has no rows.
 
     Args:
         folder: The run folder.
-        kind: What its rows are.
-        check: Called with the line number and the row; raises an InputError where the row contradicts the others.
-        faults: A list that takes the faults of single rows instead of their being raised.
+        kind: The dataclass of the rows.
+        check: A function that is called with the line number and the row, and raises an InputError if the row
+            contradicts the run or another row.
+        faults: A list for the faults of single rows; None to raise the first fault.
 
     Raises:
-        InputError: As :func:`read_lines`, or a row cannot be read; the message names its line.
+        InputError: Same as for :func:`read_lines`, or a row cannot be read. The message names the line.
     """
     path = folder / kind.FILE
     text = read_lines(path, columns(kind), faults, within=folder)
@@ -87,17 +91,17 @@ def read_lines(
 ) -> TableText:
     """Read the lines of a CSV file.
 
-    A line counts as torn if its newline is missing, or if zero bytes stand in it: both are what a power cut leaves of
-    a line that was being appended. Only the end of the file can be torn so.
+    A line is incomplete if its newline is missing or if it contains zero bytes. A power cut can leave such a line while
+    it is being written, but only at the end of the file.
 
     Args:
-        path: The file. One that does not exist, or is empty, has no rows.
-        names: The columns that it must have; further ones are ignored.
-        faults: A list that takes the faults of lines with another number of fields instead of their being raised.
-        within: A folder out of which no link may lead.
+        path: The file. A missing or empty file has no rows.
+        names: The columns that the file must have. Other columns are ignored.
+        faults: A list for the faults of lines with a wrong number of fields; None to raise the first fault.
+        within: A folder that the file must lie in, also if ``path`` is a link.
 
     Raises:
-        InputError: It cannot be read, is not UTF-8, lacks a column, or a line has another number of fields.
+        InputError: The file cannot be read, is not UTF-8 or lacks a column, or a line has a wrong number of fields.
     """
     content = door.read_bytes(path, kind="table", within=within) if os.path.lexists(path) else b""
     end = content.rfind(b"\n") + 1
@@ -114,14 +118,16 @@ def read_lines(
     header = parsed[0] if parsed else list(names)
     missing = [name for name in names if name not in header]
     if missing:
-        raise InputError(f"{path} line 1", ",".join(header)[:120], f"lacks the column {missing[0]}")
+        raise InputError(f"{path} line 1", ",".join(header)[:120], f"the column {missing[0]} is missing")
     rows = []
     for number, texts in enumerate(parsed[1:], start=2):
         if len(texts) == len(header):
             rows.append((number, dict(zip(header, texts, strict=True))))
             continue
         fault = InputError(
-            f"{path} line {number}", ",".join(texts)[:120], f"has {len(texts)} fields where {len(header)} belong"
+            f"{path} line {number}",
+            ",".join(texts)[:120],
+            f"has {len(texts)} fields, but the header has {len(header)}",
         )
         if faults is None:
             raise fault
@@ -130,7 +136,7 @@ def read_lines(
 
 
 def cut_torn_line(path: Path, text: TableText) -> None:
-    """Cut off what stands behind the last whole line, and force that to the disk.
+    """Remove the bytes after the last complete line, and force the change to the disk.
 
     Raises:
         InputError: The file cannot be written.
@@ -141,21 +147,21 @@ def cut_torn_line(path: Path, text: TableText) -> None:
 
 
 class GrowingTable(Closing, Generic[T]):
-    """A CSV file to append to; it is made with its header if it does not exist.
+    """A CSV file that rows are added to. If it does not exist, it is created with its header.
 
     Args:
         folder: The run folder.
-        kind: What its rows are.
-        check: As of :func:`read_table`.
+        kind: The dataclass of the rows.
+        check: Same as for :func:`read_table`.
         durable: Force every line to the disk before :meth:`append` returns.
 
     Raises:
-        InputError: What is there cannot be appended to; nothing was changed.
+        InputError: Rows cannot be added to the existing file. Nothing was changed.
 
     Attributes:
         path: The file.
-        rows: The rows that were there.
-        torn: What was cut off its end, as bytes.
+        rows: The rows that the file had when it was opened.
+        torn: The bytes of an incomplete last line, which was removed; empty if there was none.
     """
 
     def __init__(
@@ -175,16 +181,18 @@ class GrowingTable(Closing, Generic[T]):
                     if durable:
                         sync_folder(path.parent)
                 elif table.text.header != columns(kind):
-                    raise InputError(str(path), None, "has its columns in another order than this program appends")
+                    raise InputError(
+                        str(path), None, "has its columns in another order; restore the order that this program wrote"
+                    )
             except BaseException:
                 os.close(self._handle)
                 raise
 
     def append(self, row: T) -> None:
-        """Add a row; it is there as a whole or not at all, and with ``durable`` on the disk.
+        """Add a row, completely or not at all. With ``durable``, the row is then on the disk.
 
         Raises:
-            InputError: The disk is full, or the file cannot be written any more.
+            InputError: The disk is full, or the file can no longer be written.
         """
         with refusing(self.path.parent):
             self._write(cells(row))
@@ -205,17 +213,17 @@ class GrowingTable(Closing, Generic[T]):
             raise
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if self._handle >= 0:
             os.close(self._handle)
             self._handle = -1
 
 
 def sync_folder(folder: Path) -> None:
-    """Force a folder's list of files to the disk, where the system can.
+    """Force a folder's list of files to the disk, if the system can do so.
 
-    Windows needs no such thing; some network file systems cannot, and a folder may be writable without being readable:
-    neither is a reason not to run.
+    Windows does not need this. Some network file systems cannot do it, and a writable folder may not be readable; both
+    are ignored.
     """
     if os.name == "nt":
         return

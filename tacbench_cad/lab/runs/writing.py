@@ -1,7 +1,7 @@
-"""Writing a run folder so that it can be interrupted at any instant and resumed.
+"""Writing of run folders, which can be interrupted at any time and resumed.
 
-A frame's file is forced to the disk, with its folder, before its row is written; the row is forced to the disk before
-the next press may begin. A frame without a row therefore counts as never taken, and its press is made again.
+The file of a frame, and the entry of the file in its folder, are forced to the disk before the row is written. The row
+is forced to the disk before the next press starts. A frame without a row is ignored, and its press is repeated.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ from tacbench_cad.util.packages import version
 
 @dataclass(frozen=True, kw_only=True)
 class FrameFile:
-    """A frame as it is stored.
+    """The file of a frame.
 
     Args:
-        data: The bytes of its file.
-        suffix: The ending of its name: ``.png``, ``.jpg`` or ``.npy``.
-        sha256: Their SHA-256.
+        data: The bytes.
+        suffix: The suffix of the file name: ``.png``, ``.jpg`` or ``.npy``.
+        sha256: The SHA-256 of the bytes.
     """
 
     data: bytes
@@ -53,25 +53,25 @@ class FrameFile:
 
     @classmethod
     def of(cls, data: bytes, suffix: str) -> FrameFile:
-        """The file with some bytes."""
+        """Make a file from its bytes."""
         return cls(data=data, suffix=suffix, sha256=sha256(data))
 
 
 class RunWriter:
-    """A run folder that is being written. Made by :meth:`open`, which holds the folder's lock.
+    """A run folder that is being written. Use :meth:`open`, which holds the folder's lock, to make one.
 
     Args:
         folder: The run folder.
-        info: The run.
-        durable: See :meth:`open`.
-        stack: Closes the tables.
+        info: The description of the run.
+        durable: Same as for :meth:`open`.
+        stack: The exit stack that closes the tables.
 
     Attributes:
-        info: The run.
-        done: Numbers of the presses that are there.
-        notes: What was repaired when the folder was opened, for the person.
-        seconds: Time spent so far in ``encode`` (frames to bytes, checksums) and ``sync`` (writing to the disk).
-        reference_time: Time of the last reference, or None.
+        info: The description of the run.
+        done: The numbers of the presses that the run has.
+        notes: Notes for the user about repairs that were made when the folder was opened.
+        seconds: The time spent so far in ``encode`` (encoding and checksums) and ``sync`` (writing to the disk), in s.
+        reference_time: The time of the last reference; None if there is none.
     """
 
     def __init__(self, folder: Path, info: RunInfo, durable: bool, stack: ExitStack) -> None:
@@ -92,36 +92,39 @@ class RunWriter:
         self.reference_time: datetime | None = references[-1].time_utc if references else None
         self._still = {frame.key for frame in self._stationary.rows}
         self.notes = tuple(
-            f"{table.path.relative_to(folder)}: cut off a torn last row of {len(table.torn)} bytes; it is taken again"
+            f"{table.path.relative_to(folder)}: removed an incomplete last row of {len(table.torn)} bytes; "
+            "its frame is taken again"
             for table in (self._targets, self._references, self._stationary)
             if table.torn
         )
         lost = next((folder / row.path for row in rows if not (folder / row.path).is_file()), None)
         if lost is not None:
-            advice = "put it back, or delete the row to press again"
-            raise InputError(str(lost), None, f"is no file though targets.csv has its row; {advice}")
+            advice = "restore the file, or delete its row to repeat the press"
+            raise InputError(str(lost), None, f"is missing, but targets.csv has a row for it; {advice}")
 
     @classmethod
     @contextmanager
     def open(cls, folder: Path, info: RunInfo, *, durable: bool = True) -> Iterator[RunWriter]:
-        """Begin a run, or resume one.
+        """Start a run or resume it.
 
         Args:
-            folder: The run folder; it is made if it does not exist.
-            info: The run as it is to be made.
-            durable: Force every file to the disk. False for what can be made again from its source (simulations,
-                imports): a kill then still loses nothing, a power cut may.
+            folder: The run folder, which is created if it does not exist.
+            info: The description of the run.
+            durable: Force every file to the disk. Use False for runs that can be made again (simulations, imports):
+                no data are lost if the process is killed, but a power cut may lose some.
 
         Yields:
             The writer.
 
         Raises:
-            InputError: The folder is held by another process, holds a run that differs (the message names what), a
-                run of another schema version or something else, or cannot be written. Nothing is lost.
+            InputError: Another process is writing to the folder; the folder contains a run with other settings (which
+                the message names) or of another schema version, or something else; or it cannot be written. No data
+                are lost.
         """
         with locked(folder), ExitStack() as stack:
             if (folder / schema.RUN_FILE).exists():
-                Run.open(folder).info.require_same(info, info.printed.name, "restore them or name another folder")
+                advice = "restore these settings, or choose another folder"
+                Run.open(folder).info.require_same(info, info.printed.name, advice)
             else:
                 _begin(folder, info, durable)
             with refusing(folder):
@@ -135,19 +138,19 @@ class RunWriter:
             yield writer
 
     def missing(self, plan: Sequence[Press]) -> tuple[Press, ...]:
-        """The presses of a plan that are not there yet, in the plan's order."""
+        """Return the presses of a plan that the run does not have yet, in the order of the plan."""
         return tuple(press for press in plan if press.number not in self.done)
 
     def stationary_missing(self, when: When, in_contact: bool, count: int) -> tuple[int, ...]:
-        """Which of ``count`` frames without motion of one group (numbered from 1) are not there yet."""
+        """Return the numbers, from 1 to ``count``, of a group's frames without motion that are still missing."""
         return tuple(index for index in range(1, count + 1) if (when, in_contact, index) not in self._still)
 
     def reference(self, frame: Frame, time_utc: datetime) -> None:
-        """Keep a frame without contact.
+        """Store a frame without contact.
 
         Args:
             frame: The frame.
-            time_utc: When it was taken.
+            time_utc: The time of the frame.
 
         Raises:
             SensorError: The frame has another shape than the sensor's.
@@ -162,20 +165,20 @@ class RunWriter:
         self.reference_time = time_utc
 
     def stationary(self, when: When, in_contact: bool, index: int, frame: Frame) -> None:
-        """Keep one of the frames without motion.
+        """Store a frame without motion.
 
         Args:
-            when: Before the first press or after the last one.
-            in_contact: At the middle force, or without contact.
-            index: From 1.
+            when: ``start`` (before the first press) or ``end`` (after the last press).
+            in_contact: True for a frame at the middle force, False for a frame without contact.
+            index: The number within the group, from 1.
             frame: The frame.
 
         Raises:
             SensorError: The frame has another shape than the sensor's.
-            InputError: It is there already, the disk is full, or the folder cannot be written.
+            InputError: The run already has this frame, the disk is full, or the folder cannot be written.
         """
         if (when, in_contact, index) in self._still:
-            raise InputError("stationary frame", f"{when} {index}", "is in the run already")
+            raise InputError("stationary frame", f"{when} {index}", "is already in the run")
         file = self._encoded(frame)
         path = schema.stationary_path(when, in_contact, index, file.suffix)
         self._store(file, path)
@@ -193,23 +196,23 @@ class RunWriter:
         in_band: bool | None = None,
         time_utc: datetime | None = None,
     ) -> str:
-        """Keep a press: its frame, then its row.
+        """Store a press: first its frame, then its row.
 
         Args:
             press: The press, from the run's plan.
-            pose_mm: The sensor's summit in the work frame; z is nan where nobody measured it.
+            pose_mm: The position of the sensor's summit in the work frame; z is nan if it was not measured.
             frame: The frame.
-            measured: Force before the frame.
-            after: Force after the frame.
-            in_band: Whether the target was reached; None without a gauge.
-            time_utc: When the frame was taken.
+            measured: The force before the frame.
+            after: The force after the frame.
+            in_band: Whether the target force was reached; None without a gauge.
+            time_utc: The time of the frame.
 
         Returns:
-            The path of the frame's file from the run folder.
+            The path of the frame's file, relative to the run folder.
 
         Raises:
             SensorError: The frame has another shape than the sensor's.
-            InputError: The press is there already, the disk is full, or the folder cannot be written.
+            InputError: The run already has this press, the disk is full, or the folder cannot be written.
         """
         age_s = None
         if time_utc is not None and self.reference_time is not None:
@@ -233,21 +236,21 @@ class RunWriter:
         )
 
     def sample(self, number: int, file: FrameFile, **values: Any) -> str:
-        """Keep a frame as the bytes of its file, then its row.
+        """Store the file of a frame, then its row.
 
         Args:
-            number: Its number, from 1.
+            number: The number of the frame, from 1.
             file: The file.
-            **values: The fields of its row that the run does not say.
+            **values: The fields of the row that do not follow from the run.
 
         Returns:
-            The path of the file from the run folder.
+            The path of the file, relative to the run folder.
 
         Raises:
-            InputError: The number is there already, the disk is full, or the folder cannot be written.
+            InputError: The run already has this number, the disk is full, or the folder cannot be written.
         """
         if number in self.done:
-            raise InputError("press", number, "is in the run already")
+            raise InputError("press", number, "is already in the run")
         name = schema.frame_name(number, file.suffix)
         row = Row(**schema.block_values(self.info.printed), sensor_image=name, image_sha256=file.sha256, **values)
         self._store(file, row.path)
@@ -257,27 +260,27 @@ class RunWriter:
         return row.path
 
     def _encoded(self, frame: Frame) -> FrameFile:
-        """A frame as its file.
+        """Encode a frame.
 
         Raises:
-            SensorError: It has another shape than the sensor's.
+            SensorError: The frame has another shape than the sensor's.
         """
         shape = self.info.frame_shape
         if shape is not None and frame.shape != shape:
-            raise SensorError(f"the sensor gave a frame of shape {frame.shape} where the run has {shape}")
+            raise SensorError(f"the sensor returned a frame of shape {frame.shape}, but the run has frames of {shape}")
         with timed(self.seconds, "encode"):
             return FrameFile.of(*encoded(frame, self.info.simulated))
 
     def _store(self, file: FrameFile, name: str) -> None:
-        """Write a frame's file; with ``durable`` it and its folder's entry are on the disk afterwards.
+        """Write a frame's file. With ``durable``, the file and its entry in the folder are then on the disk.
 
         Args:
             file: The file.
-            name: Its path from the run folder.
+            name: The path, relative to the run folder.
         """
         path = self.folder / name
         with timed(self.seconds, "sync"), refusing(path.parent):
-            # What is no image has a folder of its own, made when the first such frame comes.
+            # Frames that are not images have their own folder. It is created for the first of them.
             if not path.parent.exists():
                 path.parent.mkdir()
                 if self._durable:
@@ -296,15 +299,15 @@ class RunWriter:
 
 @contextmanager
 def timed(seconds: dict[str, float], what: str) -> Iterator[None]:
-    """Add the time that the body takes to one of the sums."""
-    began = time.perf_counter()
+    """Add the time that the body takes to ``seconds[what]``."""
+    start = time.perf_counter()
     yield
-    seconds[what] += time.perf_counter() - began
+    seconds[what] += time.perf_counter() - start
 
 
 @cache
 def software() -> dict[str, str]:
-    """Versions of what a run is made with."""
+    """Return the versions of the software that records a run."""
     versions = {"tacbench-cad": __version__, "python": platform.python_version(), "system": sys.platform}
     for package in ("numpy", "scipy", "opencv-python-headless", "opencv-python", "pyserial"):
         number = version(package)
@@ -314,10 +317,10 @@ def software() -> dict[str, str]:
 
 
 def _begin(folder: Path, info: RunInfo, durable: bool) -> None:
-    """Write what a new run begins with; ``run.json`` comes last and makes the folder a run."""
+    """Write the files of a new run. ``run.json`` is written last, because it makes the folder a run folder."""
     targets = folder / schema.TARGETS_FILE
     if targets.exists() and targets.stat().st_size > 0:
-        raise InputError("run folder", str(folder), "holds a targets.csv but no run.json; name another folder")
+        raise InputError("run folder", str(folder), "has a targets.csv but no run.json; choose another folder")
     for name, parameters in params.PARAMETERS.items():
         write_json(folder / name, parameters(info), durable=durable)
     if not (folder / schema.PRINT_FILE).is_file():
@@ -332,7 +335,7 @@ def _begin(folder: Path, info: RunInfo, durable: bool) -> None:
 
 
 def _record_session(folder: Path, info: RunInfo, durable: bool) -> None:
-    """Note in ``run.json`` when, and with which software and devices, the run was resumed."""
+    """Record in ``run.json`` when the run was started or resumed, and with which software and devices."""
     path = folder / schema.RUN_FILE
     document = door.read_document(path, "run", "json", within=folder)
     sessions = document["sittings"]

@@ -114,11 +114,11 @@ def test_a_study_goes_on_at_the_first_missing_press_of_any_block(tmp_path: Path)
 def test_other_settings_are_refused_before_a_device_is_opened(tmp_path: Path) -> None:
     run(FakeRig(), study_of(short(), 1), tmp_path, Script())
     rig = FakeRig()
-    with pytest.raises(InputError, match=r"protocol\.settle_s: 0\.2 then, 0\.3 now"):
+    with pytest.raises(InputError, match=r"protocol\.settle_s was 0\.2, is now 0\.3"):
         run(rig, study_of(short(settle_s=0.3), 1), tmp_path, Script())
     with pytest.raises(InputError, match=r"frame\.origin_mm"):
         run(rig, study_of(short(), 1), tmp_path, Script(), rig_settings(origin_mm=(0.0, 0.0, 1.0)))
-    with pytest.raises(InputError, match=r"stage\.settings\.approach_mm_s: 2\.0 then, 3\.0 now"):
+    with pytest.raises(InputError, match=r"stage\.settings\.approach_mm_s was 2\.0, is now 3\.0"):
         run(rig, study_of(short(), 1), tmp_path, Script(), rig_settings(approach_mm_s=3.0))
     assert rig.opened == 0
 
@@ -129,7 +129,7 @@ def test_a_run_without_a_press_may_be_deleted_when_settings_change(tmp_path: Pat
         run(FakeRig(), study_of(short(settle_s=0.3), 1), tmp_path, Script())
     table = tmp_path / printed(1).name / "targets.csv"
     table.write_bytes(table.read_bytes().splitlines(keepends=True)[0])
-    with pytest.raises(InputError, match=r"0\.3 now; it holds no press, so delete it or name another folder"):
+    with pytest.raises(InputError, match=r"is now 0\.3; it holds no press, so delete it or name another folder"):
         run(FakeRig(), study_of(short(settle_s=0.3), 1), tmp_path, Script())
 
 

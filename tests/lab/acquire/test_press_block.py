@@ -262,7 +262,7 @@ def test_other_settings_are_refused_before_anything_moves(tmp_path: Path) -> Non
     pressed(rig, tmp_path / "run", protocol)
     moves = len(rig.stage.path)
     rig.sensor.settings["requested"]["exposure"] = 7
-    with pytest.raises(InputError, match=r"sensor\.settings\.requested\.exposure: 5 then, 7 now"):
+    with pytest.raises(InputError, match=r"sensor\.settings\.requested\.exposure was 5, is now 7"):
         pressed(rig, tmp_path / "run", protocol)
     assert len(rig.stage.path) == moves
 

@@ -149,7 +149,7 @@ def test_no_runs_and_an_unwritable_folder_are_named(
     study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["variance", str(tmp_path)]) == 2
-    assert "has no run folder in it" in capsys.readouterr().err
+    assert "contains no run folder" in capsys.readouterr().err
     (tmp_path / "file").touch()
     assert main(["variance", str(study), "-o", str(tmp_path / "file"), "--jobs", "1"]) == 2
     assert "is not a folder" in capsys.readouterr().err

@@ -134,10 +134,10 @@ def test_a_changed_frame_and_an_interruption_leave_nothing(
     with pytest.raises(KeyboardInterrupt):
         published(run_folder, about, tmp_path / name, progress=stop)
     (run_folder / "stationary" / "end_free_01.png").write_bytes(b"x")
-    with pytest.raises(CheckFailedError, match=r"end_free_01.png: is not the file that was written"):
+    with pytest.raises(CheckFailedError, match=r"end_free_01.png: was changed"):
         published(run_folder, about, tmp_path / name)
     (run_folder / "stationary" / "end_free_01.png").unlink()
-    with pytest.raises(CheckFailedError, match=r"end_free_01.png: is missing, but has a row"):
+    with pytest.raises(CheckFailedError, match=r"end_free_01.png: is missing, but a row refers to it"):
         published(run_folder, about, tmp_path / name)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["about.toml", "run"]
 
@@ -159,9 +159,9 @@ def test_the_form_is_refused_until_it_is_filled_in(tmp_path: Path) -> None:
     form = tmp_path / "about.toml"
     write_form(form)
     assert form.read_text() == FORM_FILE.read_text()
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="already exists"):
         write_form(form)
-    with pytest.raises(InputError, match=r"about.toml: .*is empty; only you know it"):
+    with pytest.raises(InputError, match=r"about.toml: .*is empty; fill it in"):
         read_publication(form)
 
 

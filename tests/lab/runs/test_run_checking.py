@@ -167,7 +167,7 @@ def test_only_a_torn_last_row_is_repaired_and_only_when_asked(run_folder: Path) 
     assert kinds == ["torn", "gap", "extra"]
     assert path.read_bytes() == whole[:-30]
     report = check_run(run_folder, repair=True)
-    assert report.repaired[0].startswith("targets.csv: cut off a torn last row")
+    assert report.repaired[0].startswith("targets.csv: removed an incomplete last row")
     assert [one.kind for one in report.findings] == ["gap", "extra"]
     assert path.read_bytes() == b"".join(whole.splitlines(keepends=True)[:-1])
 
@@ -186,7 +186,9 @@ def test_an_unfinished_run_names_its_gaps(tmp_path: Path, make_info: Any, filled
     with RunWriter.open(tmp_path / "run", info) as writer:
         filled(writer, most=5)
     report = check_run(tmp_path / "run")
-    assert [(one.kind, one.text) for one in report.findings] == [("gap", "11 of 16 presses missing: 6 to 16")]
+    assert [(one.kind, one.text) for one in report.findings] == [
+        ("gap", "is not complete: the run lacks 11 of 16 presses (6 to 16)")
+    ]
 
 
 def test_an_empty_run_is_nothing_but_gaps(tmp_path: Path, make_info: Any) -> None:
@@ -206,9 +208,9 @@ def test_folders_of_runs_are_walked(tmp_path: Path, make_info: Any) -> None:
         with RunWriter.open(tmp_path / name, make_info()):
             pass
     assert find_runs([tmp_path, tmp_path / "a"]) == [tmp_path / "a", tmp_path / "b", tmp_path / "deep" / "c"]
-    with pytest.raises(InputError, match="has no run folder in it"):
+    with pytest.raises(InputError, match="contains no run folder"):
         find_runs([tmp_path / "a" / "stationary"])
-    with pytest.raises(InputError, match="there is no such folder"):
+    with pytest.raises(InputError, match="does not exist"):
         find_runs([tmp_path / "nowhere"])
 
 
@@ -238,7 +240,7 @@ def test_the_command_passes_a_sound_folder(run_folder: Path, capsys: Capture) ->
     out = capsys.readouterr().out
     assert next(line for line in out.splitlines() if "16 of 16" in line).split()[-2:] == ["stage", "ok"]
     assert f"1 run, 16 presses: nothing wrong\nNext: tacbench variance {run_folder.parent}\n" in out
-    assert "empty in print.toml (runs): printer_serial (1)" in out
+    assert "print.toml (1 run): 16 empty fields: printer_serial, filament_batch, slicer and 13 more" in out
 
 
 def test_the_command_names_findings_and_fails(run_folder: Path, capsys: Capture) -> None:
@@ -246,7 +248,7 @@ def test_the_command_names_findings_and_fails(run_folder: Path, capsys: Capture)
         (run_folder / "sensor_images" / f"image_{number}.png").unlink()
     assert main(["check-runs", str(run_folder)]) == 1
     out = capsys.readouterr().out
-    assert "run: missing: sensor_images/image_1.png is not there" in out
+    assert "run: missing: sensor_images/image_1.png is missing, but a row refers to it" in out
     assert "run: missing: and 4 more (all with --json)" in out
     assert main(["check-runs", str(run_folder), "--json"]) == 1
     document = json.loads(capsys.readouterr().out)
@@ -258,7 +260,7 @@ def test_the_command_repairs_and_says_so(run_folder: Path, capsys: Capture) -> N
     path = run_folder / "targets.csv"
     path.write_bytes(path.read_bytes()[:-30])
     assert main(["check-runs", str(run_folder), "--repair"]) == 1
-    assert "cut off a torn last row" in capsys.readouterr().err
+    assert "removed an incomplete last row" in capsys.readouterr().err
 
 
 def test_another_schema_version_ends_with_2_and_the_others_are_checked(
@@ -270,7 +272,7 @@ def test_another_schema_version_ends_with_2_and_the_others_are_checked(
     (other / "run.json").write_text((other / "run.json").read_text().replace('"version": 1,', '"version": 3,'))
     assert main(["check-runs", str(run_folder.parent)]) == 2
     said = capsys.readouterr()
-    assert "has schema version 3, this program reads 1 and 2" in said.err
+    assert "has schema version 3, but this program reads 1 and 2" in said.err
     assert "1 run, 16 presses: nothing wrong" in said.out
 
 
@@ -281,4 +283,4 @@ def test_a_missing_command_is_one_line(capsys: Capture) -> None:
 
 def test_the_command_refuses_what_is_no_run(tmp_path: Path, capsys: Capture) -> None:
     assert main(["check-runs", str(tmp_path)]) == 2
-    assert "has no run folder in it" in capsys.readouterr().err
+    assert "contains no run folder" in capsys.readouterr().err

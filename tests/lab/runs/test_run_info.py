@@ -55,16 +55,16 @@ def test_what_differs_is_named_with_both_values(make_info: Any) -> None:
     settings = {"settings": {"requested": {"exposure": 7}, "actual": {"exposure": 5}}}
     other = make_info(sensor=settings, protocol=replace(info.protocol, settle_s=0.5), slot=1)
     assert info.differences(other) == [
-        "protocol.settle_s: 0.2 then, 0.5 now",
-        "slot: 0 then, 1 now",
-        "sensor.settings.requested.exposure: 5 then, 7 now",
+        "protocol.settle_s was 0.2, is now 0.5",
+        "slot was 0, is now 1",
+        "sensor.settings.requested.exposure was 5, is now 7",
     ]
 
 
 def test_a_setting_that_comes_or_goes_is_named(make_info: Any) -> None:
     bare = make_info(gauge={"simulated": ""})
-    assert bare.differences(make_info()) == ["gauge.calibration.scale_n_per_count: nothing then, 0.001 now"]
-    assert make_info().differences(bare) == ["gauge.calibration.scale_n_per_count: 0.001 then, nothing now"]
+    assert bare.differences(make_info()) == ["gauge.calibration.scale_n_per_count was missing, is now 0.001"]
+    assert make_info().differences(bare) == ["gauge.calibration.scale_n_per_count was 0.001, is now missing"]
 
 
 def test_ports_identities_and_versions_may_change(make_info: Any) -> None:
@@ -79,7 +79,7 @@ def test_what_is_simulated_is_said(make_info: Any) -> None:
 
 @pytest.mark.parametrize("value", [float("nan"), {1, 2}, object()])
 def test_what_json_cannot_hold_is_refused(value: object, make_info: Any) -> None:
-    with pytest.raises(InputError, match="gauge: holds what JSON cannot"):
+    with pytest.raises(InputError, match="gauge: has a value that JSON cannot store"):
         make_info(gauge={"simulated": "", "scale": value})
 
 

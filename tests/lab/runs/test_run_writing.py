@@ -153,10 +153,10 @@ def test_no_press_is_kept_twice(tmp_path: Path, make_info: Any, noise: Any) -> N
     info = make_info()
     with RunWriter.open(tmp_path / "run", info) as writer:
         writer.press(info.presses[0], (4.0, 18.0, -1.0), noise(1))
-        with pytest.raises(InputError, match="press = 1: is in the run already"):
+        with pytest.raises(InputError, match="press = 1: is already in the run"):
             writer.press(info.presses[0], (4.0, 18.0, -1.0), noise(2))
         writer.stationary("start", False, 1, noise(3))
-        with pytest.raises(InputError, match="is in the run already"):
+        with pytest.raises(InputError, match="is already in the run"):
             writer.stationary("start", False, 1, noise(4))
     assert len(rows_of(tmp_path / "run")) == 1
 
@@ -177,7 +177,7 @@ def test_a_torn_last_row_is_cut_off_and_said(keep: int, run_folder: Path, make_i
     lines = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(b"".join(lines[:-1]) + lines[-1][:keep])
     with RunWriter.open(run_folder, make_info()) as writer:
-        assert "targets.csv: cut off a torn last row" in writer.notes[0]
+        assert "targets.csv: removed an incomplete last row" in writer.notes[0]
         assert [press.number for press in writer.missing(writer.info.presses)] == [16]
         filled(writer)
     assert check_run(run_folder).ok
@@ -195,7 +195,7 @@ def test_other_settings_are_refused_and_named(run_folder: Path, make_info: Any) 
     other = make_info(sensor={"settings": {"requested": {"exposure": 7}, "actual": {"exposure": 5}}})
     before = {path: path.read_bytes() for path in run_folder.rglob("*") if path.is_file()}
     with (
-        pytest.raises(InputError, match=r"sensor.settings.requested.exposure: 5 then, 7 now"),
+        pytest.raises(InputError, match=r"sensor.settings.requested.exposure was 5, is now 7"),
         RunWriter.open(run_folder, other),
     ):
         pass
@@ -353,7 +353,7 @@ def test_a_file_for_a_folder_or_a_folder_for_a_file_is_told(name: str, tmp_path:
 def test_a_row_without_its_file_is_refused(run_folder: Path, make_info: Any) -> None:
     (run_folder / "sensor_images" / "image_7.png").unlink()
     with (
-        pytest.raises(InputError, match=r"image_7.png: is no file though targets.csv"),
+        pytest.raises(InputError, match=r"image_7.png: is missing, but targets.csv"),
         RunWriter.open(run_folder, make_info()),
     ):
         pass
@@ -363,7 +363,7 @@ def test_an_image_replaced_by_a_folder_is_refused(run_folder: Path, make_info: A
     image = run_folder / "sensor_images" / "image_7.png"
     image.unlink()
     image.mkdir()
-    with pytest.raises(InputError, match=r"image_7.png: is no file"), RunWriter.open(run_folder, make_info()):
+    with pytest.raises(InputError, match=r"image_7.png: is missing"), RunWriter.open(run_folder, make_info()):
         pass
 
 
@@ -394,11 +394,11 @@ def _columns(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (_version, "schema version 99, this program reads 1"),
+        (_version, "schema version 99, but this program reads 1"),
         (lambda folder: (folder / "run.json").write_text("{"), "is not valid JSON"),
-        (lambda folder: (folder / "run.json").write_text('{"schema": "other"}'), "is of another kind"),
-        (lambda folder: (folder / "run.json").unlink(), "holds a targets.csv but no run.json"),
-        (_doubled, "line 18: sensor_image = 'image_3.png': stands in line 4 already"),
+        (lambda folder: (folder / "run.json").write_text('{"schema": "other"}'), "does not describe a run"),
+        (lambda folder: (folder / "run.json").unlink(), "has a targets.csv but no run.json"),
+        (_doubled, "line 18: sensor_image = 'image_3.png': is already in line 4"),
         (_columns, "has its columns in another order"),
         (
             lambda folder: (folder / "stationary" / "stationary.csv").write_text(
@@ -406,7 +406,7 @@ def _columns(folder: Path) -> None:
             ),
             "stationary.csv line 2: index = 'x'",
         ),
-        (lambda folder: (folder / "targets.csv").write_text("a,b\n1,2\n"), "lacks the column sensor_image"),
+        (lambda folder: (folder / "targets.csv").write_text("a,b\n1,2\n"), "the column sensor_image is missing"),
     ],
 )
 def test_a_damaged_folder_is_refused_and_left_alone(

@@ -1,1 +1,1 @@
-"""Runs as other tools read them: a module for each format, one list of formats, one description of the columns."""
+"""Export of runs for other tools. There is one module for each format, a list of formats, and a list of columns."""

@@ -1,4 +1,4 @@
-"""Frames and columns as arrays, for the formats that hold nothing else."""
+"""Frames and columns as arrays, for the formats that store only arrays."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from tacbench_cad.util.text import by
 
 
 class ArrayColumns:
-    """The columns as arrays, filled while the frames pass. A column without any value is left out.
+    """The columns as arrays, which are filled while the frames are read. A column without any value is left out.
 
-    A text that is unknown is empty; an unknown number is nan, which makes a column of whole numbers or flags one of
-    floats. A time is its text.
+    An unknown text is empty. An unknown number is nan, so a column of whole numbers or booleans with unknown values
+    becomes a column of floats. A time is stored as text.
 
     Args:
         samples: The samples.
@@ -37,11 +37,11 @@ class ArrayColumns:
             self.arrays[column.name] = np.empty(len(samples), dtype)
 
     def frames(self) -> Iterator[Frame]:
-        """Each frame, once its columns are kept. All have one shape and type.
+        """Yield each frame after its columns are stored. All frames must have the same shape and type.
 
         Raises:
-            InputError: One has another shape or type than the first.
-            CheckFailedError: One is missing, damaged or changed.
+            InputError: A frame has another shape or type than the first.
+            CheckFailedError: A frame is missing, damaged or changed.
         """
         first: Frame | None = None
         for index, sample in enumerate(self._samples):
@@ -55,7 +55,7 @@ class ArrayColumns:
                 raise InputError(
                     "runs",
                     sample.values["run"],
-                    f"holds frames of {by(*frame.shape)} {frame.dtype} where the others have {by(*first.shape)} "
-                    f"{first.dtype}; export each sensor alone",
+                    f"has frames of {by(*frame.shape)} {frame.dtype}, but the others have {by(*first.shape)} "
+                    f"{first.dtype}; export each sensor separately",
                 )
             yield frame

@@ -1,4 +1,4 @@
-"""The page that lies beside exported data: what they are, what each column says, how to load them."""
+"""The README.md of exported data, which describes the data, the columns, and how to load them."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from tacbench_cad.util.text import counted
 
 
 def summary(samples: Samples) -> str:
-    """What was exported, in three sentences."""
+    """Describe the exported data in three sentences."""
     kind = "data of a sensor" if samples.not_images else "images"
-    told = "; ".join(samples.simulated)
-    origin = f"Simulated data, not measured ones ({told})." if told else "Nothing is marked as simulated."
+    devices = "; ".join(samples.simulated)
+    origin = f"These are simulated data ({devices})." if devices else "Nothing is marked as simulated."
     labels = [label for label in samples.labels if label is not None]
     return (
         f"Tactile {kind}: {counted(len(samples), 'frame')}, from "
         f"{counted(len(samples.runs), 'run')} with {counted(len(labels), 'label')}. {origin} "
-        "Frames without contact are not among them."
+        "Frames without contact are not included."
     )
 
 
 def card(samples: Samples, loading: str) -> str:
-    """The page as Markdown.
+    """Return the README.md.
 
     Args:
-        samples: What was exported.
-        loading: Lines of Python that load it.
+        samples: The exported samples.
+        loading: The lines of Python that load them.
     """
     labels = [
         f"| {'unknown' if label is None else label} | {count} |"
@@ -45,8 +45,9 @@ def card(samples: Samples, loading: str) -> str:
             loading,
             "```",
             "",
-            "Everything is in one split. Frames of one print are alike: a test set drawn at random from them holds "
-            "what the training set holds already. Keep whole prints (`run`, `printer`, `filament`, `copy`) apart.",
+            "All frames are in one split. The frames of a print resemble each other, so a random test set would "
+            "contain frames much like those of the training set. Put all frames of a print (`run`, `printer`, `filament`, "
+            "`copy`) into the same set.",
             "",
             "| label | frames |",
             "|---|---|",

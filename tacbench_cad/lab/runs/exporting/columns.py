@@ -1,4 +1,4 @@
-"""What every format says of a frame: the columns of ``targets.csv``, and what else is known of its run."""
+"""The columns of every export format: those of ``targets.csv``, and some values of the run."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class Column:
     """A column.
 
     Args:
-        name: Its name.
+        name: The name.
         kind: ``str``, ``int``, ``float``, ``bool`` or ``datetime``.
-        description: What it says.
+        description: The meaning of the values.
     """
 
     name: str
@@ -41,18 +41,18 @@ def _row_columns() -> tuple[Column, ...]:
 
 
 _ROW_COLUMNS = _row_columns()
-#: The columns of every export; what is unknown of a frame is null.
+#: The columns of every export. Unknown values are null.
 COLUMNS = (
-    Column(name="run", kind=str, description="The run folder: one for each recording of a print."),
-    Column(name="label", kind=str, description="What classifiers learn: the name of the texture."),
+    Column(name="run", kind=str, description="The run folder; each recording of a print has its own."),
+    Column(name="label", kind=str, description="The name of the texture, which classifiers learn."),
     *_ROW_COLUMNS,
-    Column(name="simulated", kind=str, description="What of the rig was simulated; empty where nothing is marked so."),
+    Column(name="simulated", kind=str, description="The simulated devices of the rig; empty if none is marked."),
 )
 _ATTRIBUTES = tuple(zip((attribute.name for attribute in fields(Row)), _ROW_COLUMNS, strict=True))
 
 
 def values_of(run: str, row: Row, simulated: tuple[str, ...]) -> dict[str, Any]:
-    """The values of a row by the names of :data:`COLUMNS`, each of its column's kind, or None."""
+    """Return the values of a row by the names of :data:`COLUMNS`. A value has its column's type, or is None."""
     values: dict[str, Any] = {"run": run, "label": row.texture}
     for attribute, column in _ATTRIBUTES:
         value = getattr(row, attribute)
@@ -62,5 +62,5 @@ def values_of(run: str, row: Row, simulated: tuple[str, ...]) -> dict[str, Any]:
 
 
 def json_values(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The same for JSON: a time is its text in ISO 8601."""
+    """Return the same values for JSON, with times as texts in ISO 8601."""
     return {name: cell(value) if isinstance(value, datetime) else value for name, value in values.items()}

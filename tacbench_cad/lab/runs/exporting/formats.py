@@ -1,4 +1,4 @@
-"""Every format that runs are exported to, and the one function that writes any of them."""
+"""The list of export formats, and the function that writes them."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ from tacbench_cad.util.errors import one_of
 from tacbench_cad.util.files import replacing_folder
 from tacbench_cad.util.packages import require
 
-#: What tactile_learning reads: no folder of its own, and images that are changed
-#: (:func:`~tacbench_cad.lab.runs.exporting.tactile_data.export_tactile_data`).
+#: The format that tactile_learning reads. It is written by
+#: :func:`~tacbench_cad.lab.runs.exporting.tactile_data.export_tactile_data`, because it changes the images and can be
+#: written into the run folder.
 TACTILE_DATA = "tactile-data"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExportFormat:
-    """A format.
+    """An export format.
 
     Args:
-        write: Writes samples into an empty folder.
-        loading: Lines of Python that load them there.
-        modules: What it needs to be written.
-        head: What its README.md begins with.
+        write: The function that writes samples into an empty folder.
+        loading: The lines of Python that load the data from the folder.
+        modules: The Python modules that writing needs.
+        head: The function that returns the beginning of README.md.
     """
 
     write: Callable[[Samples, Path], None]
@@ -35,7 +36,7 @@ class ExportFormat:
     head: Callable[[Samples], str] = lambda samples: ""
 
 
-#: The formats by their names.
+#: The formats, by name.
 FORMATS = {
     "huggingface": ExportFormat(
         write=hugging_face.write, loading=hugging_face.LOADING, modules=("pyarrow",), head=hugging_face.card_head
@@ -50,20 +51,20 @@ FORMATS = {
 def export_runs(folders: Iterable[Path], to: str, out: Path, progress: Progress = lambda done, count: None) -> Samples:
     """Write the frames of runs with their columns in another format.
 
-    Each frame is compared with its checksum on the way, and no more than a few are in memory. The folder is whole or
-    not there.
+    Each frame is compared with its checksum, and only a few frames are in memory at a time. The folder is written
+    completely or not at all.
 
     Args:
-        folders: Run folders, or folders that hold some.
-        to: One of :data:`FORMATS`.
+        folders: Run folders, or folders that contain run folders.
+        to: The format, a key of :data:`FORMATS`.
         out: A folder that does not exist yet.
-        progress: Receives the number of frames written so far and the number of all.
+        progress: A function that is called with the number of frames written so far and the number of all frames.
 
     Returns:
-        What was written.
+        The written samples.
 
     Raises:
-        InputError: The format is unknown, a run cannot be read or has frames that the format cannot hold, or ``out``
+        InputError: The format is unknown, a run cannot be read or has frames that the format cannot store, or ``out``
             exists or cannot be written.
         CheckFailedError: A frame is missing, damaged or changed.
         MissingToolError: The format needs a package that is not installed.

@@ -1,4 +1,4 @@
-"""``huggingface``: Parquet files with the images, a dataset card and Croissant metadata, as ``datasets`` loads them."""
+"""``huggingface``: Parquet files with the images, a dataset card and Croissant metadata, for ``datasets``."""
 
 from __future__ import annotations
 
@@ -13,23 +13,24 @@ from tacbench_cad.lab.runs.exporting.columns import COLUMNS
 from tacbench_cad.lab.runs.exporting.samples import Samples
 from tacbench_cad.util.files import write_json
 
-#: A new file is begun after so many bytes of images; a group of rows, which is what memory holds, is much smaller.
+#: The sizes of a file and of a group of rows in bytes of images, and the largest number of rows of a group. Only one
+#: group is in memory at a time.
 SHARD_BYTES, GROUP_BYTES, GROUP_ROWS = 500_000_000, 16_000_000, 1000
-#: Folder of the Parquet files, and the metadata.
+#: The folder of the Parquet files, and the file of the metadata.
 FOLDER, CROISSANT_FILE = "data", "croissant.json"
-#: The column of the images: a record of their bytes and their name.
+#: The column of the images. Each value has the bytes and the name of the image.
 IMAGE = "image"
 LOADING = (
     'from datasets import load_dataset\n\ndataset = load_dataset(".", split="train")\n'
     'dataset[0]["image"], dataset[0]["label"]'
 )
-#: Names of the kinds of columns: Arrow's, which are also those of ``datasets``, and schema.org's.
+#: The names of the column types in Arrow (and ``datasets``), and in schema.org.
 ARROW = {str: "string", int: "int64", float: "float64", bool: "bool", datetime: "timestamp[ms, tz=UTC]"}
 SCHEMA_ORG = {str: "sc:Text", int: "sc:Integer", float: "sc:Float", bool: "sc:Boolean", datetime: "sc:DateTime"}
 
 
 def write(samples: Samples, folder: Path, shard_bytes: int = SHARD_BYTES) -> None:
-    """Write the files and the metadata; the images' bytes stay as they are."""
+    """Write the files and the metadata. The bytes of the images are not changed."""
     samples.require_images("huggingface")
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -58,7 +59,7 @@ def write(samples: Samples, folder: Path, shard_bytes: int = SHARD_BYTES) -> Non
 
 
 def card_head(samples: Samples) -> str:
-    """The YAML that a dataset card begins with. JSON texts are YAML texts."""
+    """Return the YAML header of a dataset card. Strings are written as JSON, which is also valid YAML."""
     size = next((text for limit, text in _SIZES if len(samples) < limit), "n>1M")
     tags = ["tactile", "robotics", "tacbench-cad", *(["simulated"] if samples.simulated else [])]
     return "\n".join(
@@ -98,7 +99,7 @@ def _schema(pa: Any, samples: Samples) -> Any:
 
 
 def croissant(samples: Samples) -> dict[str, Any]:
-    """The Croissant metadata: which files there are, and what each column is. It says nothing that is not known."""
+    """Return the Croissant metadata, which describe the files and the columns."""
     described = [
         (IMAGE, "sc:ImageObject", "The frame.", {"extract": {"column": IMAGE}, "transform": {"jsonPath": "bytes"}})
     ]
@@ -143,7 +144,7 @@ def croissant(samples: Samples) -> dict[str, Any]:
     }
 
 
-#: The names that Croissant 1.0 prescribes for a file's context.
+#: The context that Croissant 1.0 prescribes.
 _CONTEXT = {
     "@language": "en",
     "@vocab": "https://schema.org/",

@@ -11,9 +11,9 @@ from tacbench_cad.lab.runs.exporting.columns import COLUMNS
 from tacbench_cad.lab.runs.exporting.samples import Samples
 from tacbench_cad.lab.runs.schema import cell
 
-#: The table; ``datasets`` looks for a file of this name and its first column.
+#: The table and its first column; ``datasets`` requires these names.
 FILE, FILE_COLUMN = "metadata.csv", "file_name"
-#: The folder of images whose label is unknown.
+#: The folder for images with an unknown label.
 UNLABELLED = "_unlabelled"
 LOADING = (
     'from datasets import load_dataset\n\ndataset = load_dataset("imagefolder", data_dir=".")["train"]\n'
@@ -22,7 +22,7 @@ LOADING = (
 
 
 def write(samples: Samples, folder: Path) -> None:
-    """Write the images as they are, and the table."""
+    """Write the unchanged images and the table."""
     samples.require_images("imagefolder")
     with (folder / FILE).open("w", encoding="utf-8", newline="") as stream:
         table = csv.writer(stream, lineterminator="\n")
@@ -36,7 +36,7 @@ def write(samples: Samples, folder: Path) -> None:
 
 
 def folder_name(label: str | None) -> str:
-    """A label as the name of a folder; a hash is added where that changes it."""
+    """Return the folder name of a label. A hash is added if the label has characters that a folder name cannot have."""
     if label is None:
         return UNLABELLED
     plain = re.sub(r"[^A-Za-z0-9.+_-]+", "-", label).strip(".-")[:60]

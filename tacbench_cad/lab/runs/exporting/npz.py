@@ -1,4 +1,4 @@
-"""``npz``: all frames as one array, each column as another, in a file that NumPy reads."""
+"""``npz``: a NumPy file with an array of all frames and an array for each column."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 from tacbench_cad.lab.runs.exporting.arrays import ArrayColumns
 from tacbench_cad.lab.runs.exporting.samples import Samples
 
-#: The file, and the array with the frames.
+#: The names of the file and of the array with the frames.
 FILE, FRAMES = "frames.npz", "frames"
 LOADING = f'import numpy as np\n\ndata = np.load("{FILE}")\ndata["{FRAMES}"], data["label"]'
 
 
 def write(samples: Samples, folder: Path) -> None:
-    """Write the file. It is stored without compression: frames with noise hardly shrink."""
+    """Write the file without compression, because compression hardly shrinks frames with noise."""
     columns = ArrayColumns(samples)
     with zipfile.ZipFile(folder / FILE, "w", allowZip64=True) as archive:
         with archive.open(f"{FRAMES}.npy", "w", force_zip64=True) as stream:
@@ -29,5 +29,5 @@ def write(samples: Samples, folder: Path) -> None:
                 stream.write(np.ascontiguousarray(frame).tobytes())
         for name, array in columns.arrays.items():
             with archive.open(f"{name}.npy", "w") as stream:
-                plain = np.array(array.tolist()) if array.dtype.kind == "T" else array  # of one width, as .npy has it
+                plain = np.array(array.tolist()) if array.dtype.kind == "T" else array  # .npy needs a fixed width
                 np.lib.format.write_array(stream, plain, allow_pickle=False)

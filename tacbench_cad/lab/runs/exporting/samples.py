@@ -1,4 +1,4 @@
-"""The frames of runs one after another, as the bytes of their files, each with its columns. None is kept."""
+"""The frames of runs, which are read one by one as the bytes of their files, with their columns."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from tacbench_cad.lab.runs.reading import Run, find_runs
 from tacbench_cad.lab.runs.schema import IMAGE_SUFFIXES, Row
 from tacbench_cad.util.errors import InputError
 
-#: Called with the number of frames written so far and the number of all.
+#: A function that is called with the number of frames written so far and the number of all frames.
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sample:
-    """A frame.
+    """A frame with its columns.
 
     Args:
-        key: Its number among all, from ``00000001``: a name that no other has.
-        data: The bytes of its file, which have the checksum of their row.
-        suffix: The ending of its name.
-        values: Its columns.
+        key: A unique name: the frame's number in the export, from ``00000001``.
+        data: The bytes of the file. They were compared with the checksum in the row.
+        suffix: The suffix of the file name.
+        values: The values by column.
     """
 
     key: str
@@ -37,28 +37,28 @@ class Sample:
     values: dict[str, Any]
 
     def decoded(self) -> Frame:
-        """The frame as an array.
+        """Return the frame as an array.
 
         Raises:
-            CheckFailedError: It cannot be decoded.
+            CheckFailedError: The file cannot be decoded.
         """
         return decoded(self.data, self.suffix)
 
 
 class Samples:
-    """The frames of all presses of some runs, in the order of the folders' names and of the presses' numbers.
+    """The frames of all presses of some runs, in the order of the folder names and of the press numbers.
 
     Args:
-        folders: Run folders, or folders that hold some.
-        progress: Receives how many were taken.
+        folders: Run folders, or folders that contain run folders.
+        progress: A function that is called after each frame.
 
     Raises:
-        InputError: There is none, or a run cannot be read.
+        InputError: There are no frames, or a run cannot be read.
 
     Attributes:
-        labels: How many frames have a label; None counts those without one.
-        unknown: How many frames lack a column's value.
-        simulated: What of the rigs was simulated, each once.
+        labels: The number of frames with each label; the key None counts frames without a label.
+        unknown: The number of frames without a value, by column.
+        simulated: The simulated devices, as keys.
     """
 
     def __init__(self, folders: Iterable[Path], progress: Progress = lambda done, count: None) -> None:
@@ -80,13 +80,13 @@ class Samples:
             if not row.sensor_image.endswith(IMAGE_SUFFIXES):
                 self.not_images.append(row.sensor_image)
         if not self.labels:
-            raise InputError("runs", str(self._folders[0]), "holds no press yet")
+            raise InputError("runs", str(self._folders[0]), "has no press yet")
 
     def __len__(self) -> int:
         return self.labels.total()
 
     def __iter__(self) -> Iterator[Sample]:
-        """The samples; each is compared with its checksum.
+        """Yield the samples. Each is compared with its checksum.
 
         Raises:
             CheckFailedError: A frame is missing, damaged or changed.
@@ -98,17 +98,17 @@ class Samples:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """The columns that have a value for some frame."""
+        """The columns that have a value for at least one frame."""
         return tuple(column for column in COLUMNS if self.unknown[column.name] < len(self))
 
     def require_images(self, what: str) -> None:
-        """Refuse readings that are no images.
+        """Check that all frames are images.
 
         Raises:
-            InputError: There are some.
+            InputError: A frame is not an image.
         """
         if self.not_images:
-            raise InputError("to", what, f"is for images, and a run holds {self.not_images[0]}: use zarr or npz")
+            raise InputError("to", what, f"is for images, but a run has {self.not_images[0]}; use zarr or npz")
 
     def _rows(self) -> Iterator[tuple[Run, Row, dict[str, Any]]]:
         for folder, name in zip(self._folders, self.runs, strict=True):

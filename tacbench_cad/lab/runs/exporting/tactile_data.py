@@ -1,7 +1,7 @@
-"""Run folders as the TacTip toolchains read them: ``processed_images/`` and ``targets_images.csv``.
+"""Export for TacTip toolchains: ``processed_images/`` and ``targets_images.csv``.
 
-``tactile_learning`` takes a folder's ``processed_images/`` with the names in ``targets_images.csv`` if there are any,
-and the JSON files beside them for the range of the labels and for what was done to the images.
+``tactile_learning`` reads the images in ``processed_images/`` that ``targets_images.csv`` lists. It reads the range of
+the labels and the processing of the images from JSON files in the same folder.
 """
 
 from __future__ import annotations
@@ -19,20 +19,21 @@ from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked, refusing, replacing, write_json
 from tacbench_cad.util.packages import require
 
-#: Where the toolchains look for images.
+#: The folder in which the toolchains look for images.
 PROCESSED_FOLDER = "processed_images"
-#: Where they look for the presses.
+#: The table in which they look for the presses.
 TARGETS_IMAGES_FILE = "targets_images.csv"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Processing:
-    """What is done to every image.
+    """The processing of every image.
 
     Args:
-        bbox: Lowest x, y and highest x, y of the part that is kept, in pixels; None for the largest centred square.
-        size: Width and height in pixels afterwards.
-        grey: Make it grey (BT.601).
+        bbox: The lowest x and y and the highest x and y of the cropped image, in pixels; None for the largest centred
+            square.
+        size: The width and height after scaling, in pixels.
+        grey: Whether to convert the image to grey (BT.601).
     """
 
     bbox: tuple[int, int, int, int] | None = None
@@ -48,10 +49,10 @@ class Processing:
             raise InputError("size", list(self.size), "must be from 1x1 to 10000x10000 pixels")
 
     def bbox_for(self, shape: tuple[int, ...]) -> tuple[int, int, int, int]:
-        """The part that is kept of images of a shape.
+        """Return the crop of images of a certain shape.
 
         Raises:
-            InputError: It leaves the image.
+            InputError: The crop is larger than the image.
         """
         height, width = shape[:2]
         if self.bbox is None:
@@ -59,11 +60,11 @@ class Processing:
             x, y = (width - side) // 2, (height - side) // 2
             return (x, y, x + side, y + side)
         if self.bbox[2] > width or self.bbox[3] > height:
-            raise InputError("bbox", list(self.bbox), f"leaves the image of {width} x {height} pixels")
+            raise InputError("bbox", list(self.bbox), f"must lie within the image of {width} x {height} pixels")
         return self.bbox
 
     def __call__(self, image: Frame) -> Frame:
-        """The processed image, uint8."""
+        """Return the processed image, uint8."""
         import cv2
         import numpy as np
 
@@ -82,22 +83,21 @@ def export_tactile_data(
     processing: Processing | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> int:
-    """Write what ``tactile_learning`` reads.
+    """Write the files that ``tactile_learning`` reads.
 
-    The images come first and the table last, so that a table never names what is not there. Run again, it writes
-    everything anew.
+    The table is written after the images, so it never lists a missing image. Existing files are overwritten.
 
     Args:
         folder: A run folder.
-        out: Folder for the result; None for the run folder itself, where those toolchains put it.
-        processing: What is done to every image.
-        progress: Called with the number of images written so far and the number of all.
+        out: The output folder; None for the run folder itself, which the toolchains use.
+        processing: The processing of every image; the default if None.
+        progress: A function that is called with the number of images written so far and the number of all images.
 
     Returns:
-        Number of images of presses.
+        The number of images of presses.
 
     Raises:
-        InputError: It is no run folder, holds no images, or the result cannot be written.
+        InputError: The folder is not a run folder or has no images, or the result cannot be written.
         CheckFailedError: An image is missing, damaged or changed.
         MissingToolError: OpenCV is not installed.
     """
@@ -109,7 +109,7 @@ def export_tactile_data(
         raise InputError("run", str(folder), "has no press yet")
     other = next((name for name in names if not name.endswith(schema.IMAGE_SUFFIXES)), None)
     if other is not None:
-        raise InputError("run", str(folder), f"holds {other}: tactile-data is for sensors that give images")
+        raise InputError("run", str(folder), f"has {other}, but tactile-data is for sensors whose frames are images")
     with locked(target):
         images = target / PROCESSED_FOLDER
         with refusing(target):
@@ -132,7 +132,7 @@ def export_tactile_data(
 def _process(run: Run, row: schema.Row | schema.Reference, images: Path, processing: Processing) -> tuple[int, ...]:
     image = run.read(row.path, row.image_sha256)
     if not is_image(image):
-        raise CheckFailedError(f"{run.folder / row.path}: is no image of uint8, grey or BGR")
+        raise CheckFailedError(f"{run.folder / row.path}: is not a uint8 image in grey or in BGR colours")
     data, _ = encoded(processing(image), run.info.simulated)
     with refusing(images):
         (images / Path(row.path).name).write_bytes(data)
@@ -145,7 +145,7 @@ def _parameters(run: Run, target: Path, processing: Processing, shape: tuple[int
         try:
             document = run.parameters(name)
         except InputError:
-            raise InputError("run", str(path), "is missing or damaged; put a copy of it back") from None
+            raise InputError("run", str(path), "is missing or damaged; restore it from a copy") from None
         if not isinstance(document, dict):
             raise InputError("run", str(path), "must be a JSON object")
         if target != run.folder:

@@ -12,7 +12,7 @@ from tacbench_cad.lab.runs.exporting.card import summary
 from tacbench_cad.lab.runs.exporting.columns import json_values
 from tacbench_cad.lab.runs.exporting.samples import Samples
 
-#: A new tar file is begun after so many bytes.
+#: The size at which a new tar file is started, in bytes.
 SHARD_BYTES = 500_000_000
 LOADING = (
     'import glob\n\nimport webdataset\n\nfiles = sorted(glob.glob("frames-*.tar"))\n'
@@ -23,7 +23,7 @@ LOADING = (
 
 
 def write(samples: Samples, folder: Path, shard_bytes: int = SHARD_BYTES) -> None:
-    """Write the tar files. What the frames are, and whether they are simulated, stands in each one's header too."""
+    """Write the tar files. The header of each file describes the data, and says whether they are simulated."""
     shard: tarfile.TarFile | None = None
     number = 0
     with contextlib.ExitStack() as shards:
@@ -38,4 +38,4 @@ def write(samples: Samples, folder: Path, shard_bytes: int = SHARD_BYTES) -> Non
                 member = tarfile.TarInfo(sample.key + suffix)
                 member.size = len(data)
                 shard.addfile(member, io.BytesIO(data))
-            shard.members.clear()  # type: ignore[attr-defined] # the list of what was written would only grow
+            shard.members.clear()  # type: ignore[attr-defined] # otherwise the list of members would grow without end

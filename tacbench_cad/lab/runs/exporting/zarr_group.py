@@ -1,4 +1,4 @@
-"""``zarr``: a group (version 3) with the frames as one chunked array and each column as another."""
+"""``zarr``: a group (version 3) with a chunked array of all frames and an array for each column."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from tacbench_cad.lab.runs.exporting.arrays import ArrayColumns
 from tacbench_cad.lab.runs.exporting.card import summary
 from tacbench_cad.lab.runs.exporting.samples import Samples
 
-#: The group, and the array with the frames.
+#: The names of the group and of the array with the frames.
 GROUP, FRAMES = "frames.zarr", "frames"
-#: Bytes of frames in a chunk, about.
+#: The approximate size of a chunk of frames, in bytes.
 CHUNK_BYTES = 8_000_000
 LOADING = f'import zarr\n\ngroup = zarr.open_group("{GROUP}", mode="r")\ngroup["{FRAMES}"][:10], group["label"][:10]'
 
@@ -28,7 +28,7 @@ def write(samples: Samples, folder: Path) -> None:
     group = zarr.open_group(folder / GROUP, mode="w", zarr_format=3, attributes=about)
     array: Any = None
     waiting: list[Frame] = []
-    begun = 0
+    written = 0
     for frame in columns.frames():
         if array is None:
             size = max(1, min(len(samples), CHUNK_BYTES // max(1, frame.nbytes)))
@@ -36,9 +36,9 @@ def write(samples: Samples, folder: Path) -> None:
             names = ["sample", *("y", "x", "colour")[: frame.ndim]] if frame.ndim > 1 else ["sample", "channel"]
             array = group.create_array(FRAMES, shape=shape, chunks=chunks, dtype=frame.dtype, dimension_names=names)
         waiting.append(frame)
-        if len(waiting) == array.chunks[0] or begun + len(waiting) == len(samples):
-            array[begun : begun + len(waiting)] = np.stack(waiting)
-            begun += len(waiting)
+        if len(waiting) == array.chunks[0] or written + len(waiting) == len(samples):
+            array[written : written + len(waiting)] = np.stack(waiting)
+            written += len(waiting)
             waiting.clear()
     descriptions = {column.name: column.description for column in samples.columns}
     for name, values in columns.arrays.items():

@@ -172,7 +172,7 @@ def test_another_file_under_the_same_name_is_left_out(tmp_path: Path) -> None:
     assert import_samples([path], tmp_path / "out").ok
     save(tmp_path, path.name, images(2))
     report = import_samples([path], tmp_path / "out")
-    assert "was begun with other settings: source.files" in report.left_out[0].reason
+    assert "was started with other settings: source.files" in report.left_out[0].reason
 
 
 @pytest.mark.parametrize(
@@ -203,7 +203,7 @@ def test_objects_are_never_unpickled(tmp_path: Path) -> None:
         return left_out.reason
 
     np.save(path, np.array([{}], dtype=object), allow_pickle=True)
-    assert "holds pickled objects" in reason()
+    assert "contains pickled objects" in reason()
     path.write_bytes(pickle.dumps(images(1)))
     assert "is pickled" in reason()
     np.save(path, images(1))

@@ -85,7 +85,9 @@ def test_jpeg_files_are_kept_as_they_are(images: Any, tmp_path: Path) -> None:
     whole = (folder / "2.jpg").read_bytes()
     (folder / "2.jpg").write_bytes(whole[: len(whole) // 2])
     report = import_samples([folder], tmp_path / "out")
-    assert [each.reason for each in report.left_out] == ["is not a readable JPEG image: it is torn or damaged"]
+    assert [each.reason for each in report.left_out] == [
+        "is not a readable JPEG image; the file is incomplete or damaged"
+    ]
     run = Run.open(tmp_path / "out" / "unknown")
     assert [row.path for row in run.rows] == ["sensor_images/image_1.jpg", "sensor_images/image_2.jpg"]
     for number, row in enumerate(run.rows):
