@@ -162,7 +162,11 @@ def _summary(runs: Sequence[Run]) -> str:
     known = [counted(len(labels), "label")] if labels else []
     known += [counted(len(combinations), "combination") + " of printer and filament"] if combinations else []
     simulated = sum(bool(run.info.simulated) for run in runs)
-    origin = f"Simulated runs: {simulated} of {len(runs)}." if simulated else "Nothing is marked as simulated."
+    origin = (
+        f"Simulated data: {simulated} of {counted(len(runs), 'run')}."
+        if simulated
+        else "Nothing is marked as simulated."
+    )
     details = f" ({', '.join(known)})" if known else ""
     return f"{text}{details}. {origin}"
 

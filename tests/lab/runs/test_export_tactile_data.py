@@ -92,7 +92,7 @@ def test_a_changed_image_stops_the_export(run_folder: Path) -> None:
 def test_a_sensor_without_images_is_refused(tmp_path: Path, make_info: Any, filled: Any) -> None:
     with RunWriter.open(tmp_path / "run", make_info(shape=(16,))) as writer:
         filled(writer)
-    with pytest.raises(InputError, match="is for sensors that give images"):
+    with pytest.raises(InputError, match="is for sensors whose frames are images"):
         export_tactile_data(tmp_path / "run")
 
 

@@ -61,7 +61,7 @@ def test_the_tar_holds_the_images_bytes_and_a_document_for_each(run_folder: Path
     samples = export_runs([run_folder], "webdataset", tmp_path / "out")
     assert len(samples) == 16
     with tarfile.open(tmp_path / "out" / "frames-000000.tar") as shard:
-        assert "Simulated data" in shard.pax_headers["comment"]
+        assert "simulated data" in shard.pax_headers["comment"]
         members = {member.name: shard.extractfile(member).read() for member in shard}  # type: ignore[union-attr]
     assert len(members) == 32
     for number, row in enumerate(rows_of(run_folder), start=1):
@@ -172,7 +172,7 @@ def test_a_page_lies_beside_the_data(to: str, run_folder: Path, tmp_path: Path) 
     needs(to)
     export_runs([run_folder], to, tmp_path / "out")
     page = (tmp_path / "out" / "README.md").read_text()
-    assert "16 frames" in page and "Simulated data" in page and "| texture-4 | 16 |" in page
+    assert "16 frames" in page and "simulated data" in page and "| texture-4 | 16 |" in page
     assert page.startswith("---\n") is (to == "huggingface")
 
 

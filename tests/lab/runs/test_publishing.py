@@ -171,7 +171,7 @@ def test_the_form_is_refused_until_it_is_filled_in(tmp_path: Path) -> None:
         ('title = "Presses on one block"', 'title = " "', "title is empty|title: is empty"),
         ('licence = "CC-BY-4.0"\n', "", "licence"),
         ('licence = "CC-BY-4.0"', 'licence = "all rights reserved"', "SPDX"),
-        ("year = 2026", "year = 26", "from 1900"),
+        ("year = 2026", "year = 26", "1900 or later"),
         ('affiliation = "An Institute"', 'affiliation = ""', "affiliation"),
         ("0000-0002-1825-0097", "0000-0002-1825-0098", "ORCID"),
         ("10.1000/182", "see the paper", "must be a DOI"),

@@ -46,8 +46,8 @@ def card(samples: Samples, loading: str) -> str:
             "```",
             "",
             "All frames are in one split. The frames of a print resemble each other, so a random test set would "
-            "contain frames much like those of the training set. Put all frames of a print (`run`, `printer`, `filament`, "
-            "`copy`) into the same set.",
+            "contain frames much like those of the training set. Put all frames of a print (`run`, `printer`, "
+            "`filament`, `copy`) into the same set.",
             "",
             "| label | frames |",
             "|---|---|",

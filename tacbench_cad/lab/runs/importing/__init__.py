@@ -1,1 +1,1 @@
-"""Import of anybody's data as run folders: a module for each kind of source, one for columns, one for groups."""
+"""Import of other people's data as run folders. There is one module for each kind of source."""

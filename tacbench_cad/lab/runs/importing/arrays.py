@@ -1,4 +1,4 @@
-"""Arrays of many frames: ``.npy``, ``.npz`` and HDF5, with a row of a table for each frame."""
+"""Import of arrays of frames: ``.npy``, ``.npz`` and HDF5 files, with a row of a table for each frame."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from tacbench_cad.util import door
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_of
 from tacbench_cad.util.packages import require
 
-#: Endings of files that hold arrays.
+#: The suffixes of files with arrays.
 SUFFIXES = (".npy", ".npz", ".h5", ".hdf5")
-#: A frame may take as much memory as a file of an image, in megabytes.
+#: The largest allowed size of a frame, in MB; the same as for the file of an image.
 MAX_FRAME_MB = door.MAX_MB["image"]
 
 
@@ -30,9 +30,9 @@ class Frames:
     """An array of frames that is read one frame at a time.
 
     Args:
-        shape: Shape of the whole array; the first axis counts the frames.
-        frame: Gives the frame of an index.
-        columns: What the file says of each frame by itself.
+        shape: The shape of the whole array. The first axis counts the frames.
+        frame: A function that returns the frame with an index.
+        columns: The columns in the file itself, with a value for each frame.
     """
 
     shape: tuple[int, ...]
@@ -41,11 +41,11 @@ class Frames:
 
 
 def of_array(path: Path, table: Path | None, columns: Mapping[str, str]) -> Source:
-    """The frames of a file, with a table that has a row for each, or that names the frames by their ``index`` from 0.
+    """Read a file of frames. Its table has a row for each frame, or a column ``index`` with the frame's number from 0.
 
     Raises:
-        InputError: The file cannot be read, holds no array of frames, or fits its table badly; or it says nothing of
-            its frames and there is no table.
+        InputError: The file cannot be read, has no array of frames, or does not match its table; or there is no table
+            and the file does not describe its frames.
     """
     frames = opened(path, columns.get("array", ""))
     count = frames.shape[0]
@@ -60,17 +60,19 @@ def of_array(path: Path, table: Path | None, columns: Mapping[str, str]) -> Sour
         raise InputError(
             "array",
             str(path),
-            f"holds {count:,} frames, and nothing says what they show; name a table (CSV) with a row for each",
+            f"has {count:,} frames without a description; also give a table (CSV) with a row for each frame",
         )
     if "index" not in rows.columns and len(rows.rows) != count:
-        raise InputError("table", rows.name, f"has {len(rows.rows):,} rows, {path.name} holds {count:,} frames")
+        raise InputError("table", rows.name, f"has {len(rows.rows):,} rows, but {path.name} has {count:,} frames")
     samples: list[Sample] = []
     left_out: list[LeftOut] = []
     for number, (where, fields) in enumerate(rows.rows):
         word = fields.pop("index", str(number) if "index" not in rows.columns else "")
         if not word.isdecimal() or len(word) > 12 or int(word) >= count:
             left_out.append(
-                LeftOut(where=f"{where} ({word})", reason=f"is no frame of {path.name}: 0 to {count - 1:,}")
+                LeftOut(
+                    where=f"{where} ({word})", reason=f"is not a frame of {path.name}, which has 0 to {count - 1:,}"
+                )
             )
             continue
         load: Callable[[], Loaded] = partial(frames.frame, int(word))
@@ -87,14 +89,14 @@ def of_array(path: Path, table: Path | None, columns: Mapping[str, str]) -> Sour
 
 
 def opened(path: Path, name: str = "") -> Frames:
-    """The array of frames in a file.
+    """Open the array of frames in a file.
 
     Args:
         path: The file.
-        name: Name of the array in a ``.npz`` or HDF5 file; empty for the only one that can be frames.
+        name: The name of the array in a ``.npz`` or HDF5 file; empty for the only array that can have frames.
 
     Raises:
-        InputError: It cannot be read, or holds none or several.
+        InputError: The file cannot be read, or has no array of frames, or several.
         MissingToolError: h5py is not installed.
     """
     if path.suffix.lower() == ".npy":
@@ -110,7 +112,7 @@ def _require_frames(path: Path, shape: tuple[int, ...]) -> None:
 
 
 def _chosen(path: Path, shapes: Mapping[str, tuple[int, ...]], name: str) -> str:
-    """The name of the array of frames: as chosen, else the only one with the most axes."""
+    """Return the name of the array of frames: the given name, or else the only array with the most axes."""
     if name:
         return one_of("columns array", name, shapes)
     most = max((len(shape) for shape in shapes.values()), default=0)
@@ -118,13 +120,13 @@ def _chosen(path: Path, shapes: Mapping[str, tuple[int, ...]], name: str) -> str
     if len(fitting) != 1:
         words = ", ".join(f"{word} {shape}" for word, shape in list(shapes.items())[:8]) or "none"
         raise InputError(
-            "array", str(path), f"must hold one array of frames, or say which: --columns array=NAME ({words})"
+            "array", str(path), f"has no single array of frames; choose one with --columns array=NAME ({words})"
         )
     return fitting[0]
 
 
 class _Member:
-    """An array in a zip file, read frame by frame: in order at once, backwards from its beginning again."""
+    """An array in a zip file that is read frame by frame. Reading an earlier frame starts again at the beginning."""
 
     def __init__(self, archive: zipfile.ZipFile, name: str) -> None:
         self._archive, self._name = archive, name
@@ -155,7 +157,7 @@ class _Member:
         assert self._stream is not None
         data = self._stream.read(length)
         if len(data) != length:
-            raise EOFError("the array is torn")
+            raise EOFError("the array is incomplete")
         self._next += 1
         return data
 
@@ -172,7 +174,7 @@ def _of_zip(path: Path, name: str) -> Frames:
                 except CheckFailedError as error:
                     raise InputError("array", str(path), f"{entry} {error}") from None
     except (OSError, EOFError, ValueError, RuntimeError, NotImplementedError, zipfile.BadZipFile) as error:
-        raise InputError("file", str(path), f"is no whole .npz file: {error}") from None
+        raise InputError("file", str(path), f"is not a complete .npz file: {error}") from None
     numbers = {word: member.shape for word, member in members.items() if member.dtype.kind in "biuf"}
     chosen = members[_chosen(path, numbers, name)]
     columns = {}
@@ -199,14 +201,14 @@ def _of_hdf5(path: Path, name: str) -> Frames:
     try:
         file = h5py.File(path, "r")
         sets: dict[str, Any] = {}
-        # Links out of the file are not followed.
+        # visititems does not follow links out of the file.
         file.visititems(lambda word, item: sets.update({word: item}) if isinstance(item, h5py.Dataset) else None)
         for word, item in sets.items():
             if item.external or item.is_virtual:
-                raise InputError("array", str(path), f"{word} lies in other files; copy it into this one")
+                raise InputError("array", str(path), f"{word} is stored in other files; copy it into this file")
         shapes = {word: item.shape for word, item in sets.items() if item.shape and item.dtype.kind in "biuf"}
         if not shapes and any(item.dtype.hasobject for item in sets.values()):
-            raise InputError("array", str(path), "holds objects or texts, no array of numbers")
+            raise InputError("array", str(path), "has objects or texts, but no array of numbers")
         frames = sets[_chosen(path, shapes, name.strip("/"))]
         columns = {
             word: _texts(item.asstr()[:] if h5py.check_string_dtype(item.dtype) else item[:])
@@ -215,8 +217,8 @@ def _of_hdf5(path: Path, name: str) -> Frames:
         }
     except InputError:
         raise
-    except Exception as error:  # h5py raises almost anything on damaged files
-        raise InputError("file", str(path), f"is no whole HDF5 file: {str(error)[:120]}") from None
+    except Exception as error:  # h5py can raise almost any exception for a damaged file
+        raise InputError("file", str(path), f"is not a complete HDF5 file: {str(error)[:120]}") from None
     _require_frames(path, frames.shape)
 
     def frame(index: int) -> NDArray[Any]:

@@ -1,14 +1,18 @@
-"""The paper's authors' arrays: one NumPy file for each block, printer, filament and force level.
+"""Import of the arrays of the paper's authors: one NumPy file for each block, printer, filament and force level.
 
-``PLAminus_z0_P30_Bambu.npy`` is ``<filament>_z<number>[.<copy>]_P<level>_<printer>.npy``; z0 to z5 are textures 1 to 6,
-further ones occur, and ``flat`` in place of the number. An array is (1, repeats, 5, 5, height, width, 3) or
-(repeats * 25, height, width[, 3]), of uint8 or of other real numbers. Which axis of the 5 x 5 positions is x is written
-nowhere. It is read as ours are: the first index counts the rows (y), the second the columns (x), both rising; the
-scripts that the authors publish for their sliding tests loop so too (y outside, x inside, there with x falling). The
-other order is an option. The contact forces are the paper's nominal ones; nobody measured them for each press.
+The file names have the form ``<filament>_z<number>[.<copy>]_P<level>_<printer>.npy``, for example
+``PLAminus_z0_P30_Bambu.npy``. z0 to z5 are textures 1 to 6. Other numbers occur too, and ``flat`` instead of
+``z<number>``. An array has the shape (1, repeats, 5, 5, height, width, 3) or (repeats * 25, height, width[, 3]), and
+contains uint8 or other real numbers.
 
-Which printers ``Ender``, ``creality`` and ``crealty`` are is written nowhere either, so names stay as they are. A set
-without a number is a print of its own. What z0 to z5 look like is known: the authors published the files of the blocks.
+The authors do not state which axis of the 5 x 5 positions is x. By default, the first index counts the rows (y) and
+the second counts the columns (x), both in increasing order, as in our own runs. The scripts that the authors published
+for their sliding tests loop in the same way (y outside, x inside), but with decreasing x. The other order is an option.
+The contact forces are the nominal forces of the paper; they were not measured for each press.
+
+The authors also do not state which printers ``Ender``, ``creality`` and ``crealty`` are, so these names are kept. A
+file without a copy number is a separate print. The geometry of z0 to z5 is known, because the authors published the
+files of the blocks.
 """
 
 from __future__ import annotations
@@ -30,11 +34,11 @@ from tacbench_cad.spec.protocol import FORCES_N, PER_SIDE, PressGrid, Spacing
 from tacbench_cad.util.errors import InputError
 
 FirstAxis = Literal["x", "y"]
-#: The force levels of the authors' file names.
+#: The force levels, by their names in the authors' file names.
 LEVELS: Mapping[str, int] = {"P30": 1, "P40": 2, "P50": 3}
-#: Press positions of a block.
+#: The number of press positions of a block.
 POSITIONS = PER_SIDE * PER_SIDE
-#: What a print without a number is called.
+#: The name of a print without a number.
 UNNUMBERED = "unnumbered"
 _NAME = re.compile(
     r"(?P<filament>[^_]+)_(?P<texture>z\d{1,4}|flat)(?:\.(?P<copy>\d{1,3}))?_(?P<level>[Pp]\d+)_(?P<printer>[^_]+)\.npy"
@@ -43,13 +47,13 @@ _NAME = re.compile(
 
 @dataclass(frozen=True, kw_only=True)
 class AuthorsOptions:
-    """How the authors' files are read where they leave it open.
+    """Options for the files of the paper's authors.
 
     Args:
-        force_levels: What the file names call each force level, and its number from 1.
-        first_axis: Which axis of the block the first index of the 5 x 5 positions runs along.
-        preset: The geometry of textures 1 to 6; the authors printed what they ``released``.
-        spacing: Which reading of the press grid is taken along y.
+        force_levels: The number of each force level (from 1), by its name in the file names.
+        first_axis: The axis of the block along which the first index of the 5 x 5 positions counts.
+        preset: The geometry of textures 1 to 6. The authors printed the files that they ``released``.
+        spacing: The interpretation of the press grid along y.
     """
 
     force_levels: Mapping[str, int] = field(default_factory=lambda: dict(LEVELS))
@@ -62,24 +66,24 @@ class AuthorsOptions:
             raise InputError("first-axis", self.first_axis, "allowed: x, y")
         numbers = list(self.force_levels.values())
         if not numbers or len(set(numbers)) < len(numbers):
-            raise InputError("force-levels", dict(self.force_levels), "must name each level's number once")
+            raise InputError("force-levels", dict(self.force_levels), "must have each number only once")
         for word, number in self.force_levels.items():
             if not re.fullmatch(r"P\d+", word):
-                raise InputError("force-levels", word, "must be as P30")
+                raise InputError("force-levels", word, "must be P and a number, for example P30")
             if not 1 <= number <= len(FORCES_N):
-                raise InputError("force-levels", number, f"must be from 1 to {len(FORCES_N)}, the paper's forces")
+                raise InputError("force-levels", number, f"must be from 1 to {len(FORCES_N)}, as the paper's forces")
 
 
 def is_authors_file(path: Path) -> bool:
-    """Whether a file has a name of the authors'."""
+    """Return whether a file has a name of the form that the authors use."""
     return _NAME.fullmatch(path.name) is not None
 
 
 def of_authors(path: Path, options: AuthorsOptions) -> Source:
-    """One of the authors' files; its images are not read yet.
+    """Open a file of the authors. Its images are not read yet.
 
     Raises:
-        InputError: The level in its name is unknown, or the array is damaged or has another shape.
+        InputError: The level in the file name is unknown, or the array is damaged or has another shape.
     """
     name = _NAME.fullmatch(path.name)
     if name is None:
@@ -87,7 +91,7 @@ def of_authors(path: Path, options: AuthorsOptions) -> Source:
     level = options.force_levels.get(name["level"].upper())
     if level is None:
         known = ", ".join(f"{word}={number}" for word, number in options.force_levels.items())
-        raise InputError("file", str(path), f"{name['level']} is no known force level; --force-levels has {known}")
+        raise InputError("file", str(path), f"{name['level']} is not a force level; --force-levels has {known}")
     number = int(name["texture"][1:]) + 1 if name["texture"] != "flat" else 0
     block = _block(number, options.preset) if 1 <= number <= 6 else None
     shape = _frames_shape(path)
@@ -134,7 +138,7 @@ _block = cache(Block.of)
 
 
 def _frames_shape(path: Path) -> tuple[int, ...]:
-    """Shape of a file's array as (repeats, 5, 5, height, width[, 3])."""
+    """Return the shape of a file's array as (repeats, 5, 5, height, width[, 3])."""
     array = mapped(path)
     shape, grid = array.shape, (PER_SIDE, PER_SIDE)
     if len(shape) in (6, 7) and shape[0] == 1 and shape[2:4] == grid:
@@ -144,8 +148,8 @@ def _frames_shape(path: Path) -> tuple[int, ...]:
     else:
         frames = ()
     if not frames or not array.flags.c_contiguous or (len(frames) == 6 and frames[-1] != 3) or min(frames[3:5]) < 8:
-        what = f"has shape {shape}; (1, 2, 5, 5, 480, 640, 3), (50, 480, 640, 3) and (50, 192, 256) are the authors'"
-        raise InputError("file", str(path), what)
+        what = f"has shape {shape}; allowed are shapes such as (1, 2, 5, 5, 480, 640, 3), (50, 480, 640, 3) and"
+        raise InputError("file", str(path), f"{what} (50, 192, 256)")
     return frames
 
 

@@ -1,4 +1,4 @@
-"""From what a source loads to the file of a run folder: checked, decoded, and kept byte for byte where it can be."""
+"""Conversion of loaded frames to files of a run folder. PNG and JPEG files are kept byte for byte if possible."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _BMP, _TIFF = b"BM", (b"II*\0", b"MM\0*")
 
 
 class Prepared(NamedTuple):
-    """A frame as it will be stored: its file, its shape, and what of it was simulated."""
+    """A frame as it will be stored: its file, its shape, and its simulated devices."""
 
     file: FrameFile
     shape: tuple[int, ...]
@@ -27,10 +27,12 @@ class Prepared(NamedTuple):
 
 
 def prepared(loaded: Loaded) -> Prepared:
-    """The file of a frame. PNG and JPEG files of grey or BGR pixels are kept as they are; the rest loses nothing.
+    """Return the file of a frame.
+
+    PNG and JPEG files with grey or colour pixels of 8 bits are kept unchanged. Other frames are converted without loss.
 
     Raises:
-        CheckFailedError: It is no whole image, is too large, or holds no real numbers.
+        CheckFailedError: The image is incomplete or too large, or the array does not contain real numbers.
     """
     if not isinstance(loaded, bytes):
         frame, simulated = loaded, ""
@@ -42,26 +44,26 @@ def prepared(loaded: Loaded) -> Prepared:
             return Prepared(FrameFile.of(loaded, suffix), frame.shape, simulated)
         if frame.ndim == 3 and frame.shape[2] == 4:
             if not (frame[..., 3] == np.iinfo(frame.dtype).max).all():
-                raise CheckFailedError("has transparent pixels, whose colour is not known")
+                raise CheckFailedError("has transparent pixels, whose colour is unknown")
             frame = np.ascontiguousarray(frame[..., :3])
     if frame.dtype.kind not in "iufb" or not frame.size:
-        raise CheckFailedError(f"holds {frame.dtype} of shape {frame.shape}; real numbers are needed")
+        raise CheckFailedError(f"contains {frame.dtype} of shape {frame.shape}; it must contain real numbers")
     file = FrameFile.of(*encoded(np.ascontiguousarray(frame), (simulated,) if simulated else ()))
     return Prepared(file, frame.shape, simulated)
 
 
 def _other_image(data: bytes) -> NDArray[Any]:
-    """A BMP or TIFF image, refused if it is torn or too large before it is decoded."""
+    """Decode a BMP or TIFF image. An incomplete or too large image is refused before it is decoded."""
     if data.startswith(_BMP) and len(data) >= 26:
         length, width, height = struct.unpack("<2xI12xii", data[:26])
         return decoded_image(data, (width, abs(height)) if length <= len(data) else None, "BMP")
     if data[:4] in _TIFF:
         return decoded_image(data, _tiff_size(data), "TIFF")
-    raise CheckFailedError("is no readable image (PNG, JPEG, BMP or TIFF)")
+    raise CheckFailedError("is not a readable image (PNG, JPEG, BMP or TIFF)")
 
 
 def _tiff_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height in the first directory of a TIFF."""
+    """Return the width and height in the first directory of a TIFF; None if it is incomplete."""
     order = "<" if data[:2] == b"II" else ">"
     stream, sides = io.BytesIO(data), {}
     try:

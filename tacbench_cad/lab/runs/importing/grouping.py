@@ -1,4 +1,4 @@
-"""Which samples make up a run, and what words such as positions and forces are as numbers."""
+"""Grouping of samples into runs, and conversion of positions, repeats and forces from words to numbers."""
 
 from __future__ import annotations
 
@@ -18,21 +18,22 @@ from tacbench_cad.spec.protocol import FORCES_N
 from tacbench_cad.util.convert import Word, read_toml
 from tacbench_cad.util.errors import InputError
 
-#: More different forces than this, and more than one for every two samples, are no levels but measured forces.
+#: The largest number of force levels. If there are more different forces than this, and more than one for every two
+#: samples, they are taken for measured forces.
 MAX_FORCES = 20
-#: The longest word for a label, a print or a name.
+#: The largest number of characters of a label, a print or a name.
 MAX_WORD = 100
 _NUMBER, _DECIMAL_COMMA = re.compile(r"[1-9]\d{0,5}"), re.compile(r"[+-]?\d+,\d+")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Names:
-    """What names in the data mean: a word of the data, in any case, and the name that is to be used.
+    """The names to use for the words in the data. Upper and lower case of the words do not matter.
 
     Args:
-        printers: Printers by their words.
-        filaments: Filaments.
-        labels: Labels.
+        printers: The names of printers, by word.
+        filaments: The names of filaments, by word.
+        labels: The labels, by word.
     """
 
     printers: Mapping[str, Word] = field(default_factory=dict)
@@ -41,23 +42,23 @@ class Names:
 
     @classmethod
     def read(cls, path: Path) -> Names:
-        """Those of a TOML file with the tables ``printers``, ``filaments`` and ``labels``.
+        """Read the names from a TOML file with the tables ``printers``, ``filaments`` and ``labels``.
 
         Raises:
-            InputError: It cannot be read, or has other tables.
+            InputError: The file cannot be read, or has other tables.
         """
         return read_toml(path, cls, "names")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Group:
-    """The samples of one run.
+    """The samples of a run.
 
     Args:
-        specimen: What was pressed.
-        samples: Each sample's number from 1, the sample, and the fields of its row.
-        sources: Where they come from.
-        source: What ``run.json`` says of that, without the checksums of files.
+        specimen: The pressed specimen.
+        samples: The number of each sample (from 1), the sample, and the fields of its row.
+        sources: The sources of the samples.
+        source: The description of the sources for ``run.json``, without the checksums of files.
     """
 
     specimen: Specimen
@@ -67,24 +68,26 @@ class Group:
 
     @property
     def levels(self) -> tuple[int, ...]:
-        """The force levels that are known."""
+        """The known force levels."""
         levels = {row["force_level"] for _, _, row in self.samples}
         return tuple(sorted(levels - {None}))
 
 
 def grouped(sources: Sequence[Source], names: Names) -> tuple[list[Group], list[LeftOut]]:
-    """The runs that some sources become: one for each print that is known apart, else one for each label.
+    """Group the samples of sources into runs.
+
+    There is one run for each print if the data tell the prints apart, otherwise one for each label.
 
     Args:
         sources: The sources.
-        names: What names mean.
+        names: The names to use for the words in the data.
 
     Returns:
-        The groups, and the samples that cannot be in one.
+        The groups, and the samples that belong to no group.
 
     Raises:
-        InputError: Labels differ in case only, two printers or filaments have names that become one, or what stands as
-            force is no level.
+        InputError: Two labels differ only in case, two printers or filaments get the same name, or the column of forces
+            has measured forces instead of levels.
     """
     left_out = [fault for source in sources for fault in source.left_out]
     pairs: list[tuple[Source, Sample]] = []
@@ -100,17 +103,17 @@ def grouped(sources: Sequence[Source], names: Names) -> tuple[list[Group], list[
     printer, filament = _names("printer", samples, names.printers), _names("filament", samples, names.filaments)
     positions, repeats = (numbered(_words(samples, name)) for name in ("position", "repeat"))
     forces = force_levels(_words(samples, "force"), len(samples))
-    from_zero = "0" in _words(samples, "print")  # then these numbers are names: copies are counted from 1
+    from_zero = "0" in _words(samples, "print")  # copies are counted from 1, so these numbers are only names
     groups: dict[Specimen, list[tuple[Source, Sample]]] = defaultdict(list)
     for source, sample in pairs:
-        said = sample.fields
-        copy = said.get("print")
+        fields = sample.fields
+        copy = fields.get("print")
         specimen = Specimen(
-            label=label(said.get("label")),
-            printer=printer(said.get("printer")),
-            filament=filament(said.get("filament")),
+            label=label(fields.get("label")),
+            printer=printer(fields.get("printer")),
+            filament=filament(fields.get("filament")),
             copy=int(copy) if copy and not from_zero and re.fullmatch(r"[1-9]\d{0,2}", copy) else copy,
-            session=said.get("session"),
+            session=fields.get("session"),
             block=sample.block,
         )
         groups[specimen].append((source, sample))
@@ -122,13 +125,13 @@ def grouped(sources: Sequence[Source], names: Names) -> tuple[list[Group], list[
             row = _row(sample, positions, repeats, forces)
             key = (row["position"], row["force_level"], row["repeat"])
             if row["position"] and row["repeat"] and numbers.setdefault(key, sample.where) != sample.where:
-                what = f"has the print, position, force and repeat of {numbers[key]}"
+                what = f"has the same print, position, force and repeat as {numbers[key]}"
                 left_out.append(LeftOut(where=sample.where, reason=what))
             else:
                 kept.append((number, sample, row))
         mine = list(dict.fromkeys(map(id, (source for source, _ in members))))
         of_group = [source for source in sources if id(source) in mine]
-        said_of = [[sample.name, dict(sample.fields)] for _, sample, _ in kept]
+        described = [[sample.name, dict(sample.fields)] for _, sample, _ in kept]
         document: dict[str, Any] = {"kind": "; ".join(dict.fromkeys(source.kind for source in of_group))}
         for source in of_group:
             document |= source.facts
@@ -136,34 +139,34 @@ def grouped(sources: Sequence[Source], names: Names) -> tuple[list[Group], list[
         document["codes"] = {
             name: {word: code for word, code in of.items() if word != str(code)} for name, of in codes.items()
         }
-        document["samples_sha256"] = hashlib.sha256(json.dumps(said_of).encode()).hexdigest()
+        document["samples_sha256"] = hashlib.sha256(json.dumps(described).encode()).hexdigest()
         result.append(Group(specimen=specimen, samples=kept, sources=of_group, source=document))
     _require_apart(result)
     return result, left_out
 
 
 def _require_apart(groups: Iterable[Group]) -> None:
-    """Refuse two groups whose folders would have the same name on some file system."""
+    """Check that no two groups have folders with the same name on a file system that ignores case."""
     folders: dict[str, Specimen] = {}
     for group in groups:
         other = folders.setdefault(group.specimen.name.lower(), group.specimen)
         if other is not group.specimen:
-            raise InputError("print", group.specimen.name, f"cannot be told from {other.name} by its name; rename one")
+            raise InputError("print", group.specimen.name, f"has the same folder name as {other.name}; rename one")
 
 
 def _fault(sample: Sample) -> str:
-    """Why a sample's fields are refused; empty if they are not."""
+    """Return why a sample's fields are refused; an empty text if they are allowed."""
     for name, text in sample.fields.items():
         if len(text) > MAX_WORD or not text.isprintable():
-            return f"{name} has more than {MAX_WORD} characters, or a line break or the like in it"
+            return f"{name} has more than {MAX_WORD} characters, or characters that cannot be printed (a line break)"
     for name in ("x", "y", "z", "measured_force"):
         if name in sample.fields and _number(sample.fields[name]) is None:
-            return f"{name} = {sample.fields[name]!r} is no number"
+            return f"{name} = {sample.fields[name]!r} is not a number"
     return ""
 
 
 def _words(samples: Iterable[Sample], name: str) -> list[str]:
-    """The different words of a field in the order of the samples."""
+    """Return the different words of a field, in the order of the samples."""
     return list(dict.fromkeys(sample.fields[name] for sample in samples if name in sample.fields))
 
 
@@ -176,7 +179,10 @@ def _number(text: str) -> float | None:
 
 
 def numbered(words: Sequence[str]) -> dict[str, int]:
-    """Numbers from 1 for words: whole numbers from 1 stay, other numbers and words are counted in their order."""
+    """Return a number from 1 for each word.
+
+    Whole numbers from 1 are kept. Other numbers are numbered in increasing order, and words in alphabetical order.
+    """
     if all(_NUMBER.fullmatch(word) for word in words):
         return {word: int(word) for word in words}
     values = [_number(word) for word in words]
@@ -187,16 +193,17 @@ def numbered(words: Sequence[str]) -> dict[str, int]:
 
 
 def force_levels(words: Sequence[str], samples: int) -> dict[str, tuple[int, float | None]]:
-    """The level of each word for a force, and its newtons if it is a number.
+    """Return the level of each word for a force, with the force in N if the word is a number.
 
-    Levels rise with the force. The paper's forces have the paper's levels, whichever of them are there.
+    A higher force has a higher level. The forces of the paper always have the levels of the paper, even if some of them
+    are missing.
 
     Raises:
-        InputError: There are so many that they must be measured forces.
+        InputError: There are too many forces, so they must be measured forces.
     """
     if len(words) > MAX_FORCES and 2 * len(words) > samples:
-        what = f"has {len(words):,} different values in {samples:,} samples, so these are measured forces and no levels"
-        raise InputError("columns force", None, f"{what}; map them as --columns measured_force=COLUMN")
+        what = f"has {len(words):,} different values in {samples:,} samples, so these are measured forces, not levels"
+        raise InputError("columns force", None, f"{what}; use --columns measured_force=COLUMN")
     values = {word: _number(word) for word in words}
     if None in values.values():
         return {word: (level, None) for word, level in numbered(words).items()}
@@ -211,17 +218,17 @@ def _row(
     repeats: Mapping[str, int],
     forces: Mapping[str, tuple[int, float | None]],
 ) -> dict[str, Any]:
-    """What a sample's row of ``targets.csv`` says beside what its run says."""
-    said = sample.fields
-    level, force_n = forces[said["force"]] if "force" in said else (None, None)
-    measured = {name: _number(said[name]) if name in said else None for name in ("x", "y", "z", "measured_force")}
+    """Return the values in a sample's row of ``targets.csv`` that do not follow from its run."""
+    known = sample.fields
+    level, force_n = forces[known["force"]] if "force" in known else (None, None)
+    measured = {name: _number(known[name]) if name in known else None for name in ("x", "y", "z", "measured_force")}
     turns = dict.fromkeys(f"{what}_r{axis}" for what in ("pose", "shear") for axis in "xyz")
     return {
         **{f"pose_{axis}": measured[axis] for axis in "xyz"},
         **turns,
         **dict.fromkeys(f"shear_{axis}" for axis in "xyz"),
-        "position": positions.get(said.get("position", "")),
-        "repeat": repeats.get(said.get("repeat", "")),
+        "position": positions.get(known.get("position", "")),
+        "repeat": repeats.get(known.get("repeat", "")),
         "force_level": level,
         "target_force_n": force_n,
         "measured_force_n": measured["measured_force"],
@@ -230,10 +237,10 @@ def _row(
 
 
 def _labels(samples: Sequence[Sample], mapping: Mapping[str, str]) -> Callable[[str | None], str | None]:
-    """What becomes of a label.
+    """Return the function that converts labels.
 
     Raises:
-        InputError: Two labels differ in case only.
+        InputError: Two labels differ only in case.
     """
     chosen = {word.casefold(): name for word, name in mapping.items()}
     seen: dict[str, tuple[str, str]] = {}
@@ -242,16 +249,16 @@ def _labels(samples: Sequence[Sample], mapping: Mapping[str, str]) -> Callable[[
         if word is not None and word.casefold() not in chosen:
             first, where = seen.setdefault(word.casefold(), (word, sample.where))
             if first != word:
-                what = f"differs in case only from {first!r} in {where}; write one of them, or map both with --names"
+                what = f"differs only in case from {first!r} in {where}; write both alike, or map both with --names"
                 raise InputError(f"{sample.where}: label", word, what)
     return lambda word: None if word is None else chosen.get(word.casefold(), word)
 
 
 def _names(what: str, samples: Sequence[Sample], mapping: Mapping[str, str]) -> Callable[[str | None], str | None]:
-    """What becomes of the name of a printer or a filament: spellings that differ in case only are one.
+    """Return the function that converts names of printers or filaments. Case does not matter.
 
     Raises:
-        InputError: Two that differ in more than case become the same name.
+        InputError: Two different names would become the same name.
     """
     words = _words(samples, what)
     chosen = {word.casefold(): name for word, name in mapping.items()}
@@ -260,9 +267,9 @@ def _names(what: str, samples: Sequence[Sample], mapping: Mapping[str, str]) -> 
     for word in words:
         name = re.sub(r"[^\w.+-]+|_", "-", chosen.get(word.casefold(), word).casefold()).strip("-.")
         if not name:
-            raise InputError(what, word, "has no letter or digit")
+            raise InputError(what, word, "must have at least one letter or digit")
         other = spelled.setdefault(name, word)
         if other.casefold() != word.casefold() and not {word.casefold(), other.casefold()} <= set(chosen):
-            raise InputError(what, word, f"and {other!r} would both become {name}; say with --names what they are")
+            raise InputError(what, word, f"and {other!r} would both become {name}; give their names with --names")
         result[word] = name
     return lambda word: None if word is None else result[word]

@@ -1,4 +1,4 @@
-"""Data sets that ``datasets`` (Hugging Face) saved on the disk."""
+"""Import of data sets that ``datasets`` (Hugging Face) saved on the disk."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from tacbench_cad.util import door
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_line
 from tacbench_cad.util.packages import require
 
-#: Files by which such a folder is known: of one split, and of several.
+#: The files that identify such a folder: with a single split, and with several splits.
 SPLIT_FILE, SPLITS_FILE = "dataset_info.json", "dataset_dict.json"
 
 
 def of_dataset(folder: Path, columns: Mapping[str, str]) -> Source:
-    """The samples of all splits.
+    """Read the samples of all splits.
 
     Raises:
         InputError: The folder cannot be read, or has no column of images or arrays.
@@ -32,8 +32,8 @@ def of_dataset(folder: Path, columns: Mapping[str, str]) -> Source:
         loaded = datasets.load_from_disk(str(folder))
         splits = dict(loaded) if isinstance(loaded, datasets.DatasetDict) else {"": loaded}
         for split in splits.values():
-            split.data.validate(full=True)  # Arrow trusts the offsets in a file, and crashes where they lead out of it
-    except Exception as error:  # datasets and Arrow raise almost anything on damaged files
+            split.data.validate(full=True)  # Arrow trusts the offsets in a file, and crashes if they lie outside it
+    except Exception as error:  # datasets and Arrow can raise almost any exception for damaged files
         raise InputError("data set", str(folder), f"cannot be read: {one_line(error, 200)}") from None
     for file in (file for split in splits.values() for file in split.cache_files):
         door.open_input(Path(file["filename"]), "data set", "array", within=folder).close()
@@ -66,7 +66,7 @@ def _image_column(folder: Path, split: Any, columns: Mapping[str, str]) -> str:
     images = [name for name in split.column_names if isinstance(split.features[name], datasets.Image)]
     name = chosen if chosen in images or "image" in columns else next(iter(images), chosen)
     if name is None:
-        what = f"has no column of images; say which: --columns image=COLUMN (of {', '.join(split.column_names)})"
+        what = f"has no column of images; choose one with --columns image=COLUMN ({', '.join(split.column_names)})"
         raise InputError("data set", str(folder), what)
     return name
 
@@ -90,10 +90,10 @@ def _frame(split: Any, column: str, index: int, folder: Path) -> Loaded:
         raise CheckFailedError(f"cannot be read: {one_line(error, 200)}") from None
     if array is not None:
         if array.dtype.kind not in "biuf":
-            raise CheckFailedError(f"holds {array.dtype}, no image and no array of numbers")
+            raise CheckFailedError(f"contains {array.dtype}; it must be an image or an array of numbers")
         return array
     if value.get("bytes"):
         return bytes(value["bytes"])
     if not value.get("path"):
-        raise CheckFailedError("holds no image")
+        raise CheckFailedError("has no image")
     return door.read_bytes(folder / value["path"], "image", "image", within=folder)

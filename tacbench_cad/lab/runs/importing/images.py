@@ -1,4 +1,4 @@
-"""Folders of images: with a table beside them, with one folder for each class, or as TacTip toolchains write them."""
+"""Import of folders of images: with a table, with a folder for each class, or written by a TacTip toolchain."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from tacbench_cad.lab.runs.importing.samples import LeftOut, Loaded, Rows, Sampl
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import InputError
 
-#: Endings of images that can be read.
+#: The suffixes of images that can be read.
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
-#: Folders of a split, which are no classes.
+#: The names of folders that are parts of a split, not classes.
 SPLITS = ("train", "training", "val", "valid", "validation", "dev", "test")
-#: The tables and folders of TacTip toolchains, in the order in which they are looked for.
+#: The tables and folders of TacTip toolchains. The first that exists is used.
 TACTIP_TABLES = ("targets_images.csv", "targets.csv")
 TACTIP_FOLDERS = ("processed_images", "sensor_images")
 
 
 def is_image_file(path: Path) -> bool:
-    """Whether a file's ending is that of an image."""
+    """Return whether a file has the suffix of an image."""
     return path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
 
 
 def with_table(table: Path, folder: Path, columns: Mapping[str, str], kind: str = "images with a table") -> Source:
-    """Images that a table names by their paths from a folder.
+    """Read images that a table lists by their paths, relative to a folder.
 
     Raises:
-        InputError: The table cannot be read or names no images.
+        InputError: The table cannot be read, or has no column of images.
     """
     rows = Rows.read(table, columns)
     if "image" not in rows.columns:
-        what = f"has no column of images; say which it is: --columns image=COLUMN (of {', '.join(rows.unused)})"
+        what = f"has no column of images; choose one with --columns image=COLUMN ({', '.join(rows.unused)})"
         raise InputError("table", str(table), what)
     samples: list[Sample] = []
     left_out: list[LeftOut] = []
@@ -41,7 +41,7 @@ def with_table(table: Path, folder: Path, columns: Mapping[str, str], kind: str 
         name = _inside(fields.pop("image", ""), folder)
         reason = name_fault(name, "image")
         if not reason and seen.setdefault(name, where) != where:
-            reason = f"names the image of {seen[name]} again"
+            reason = f"has the same image as {seen[name]}"
         if reason:
             left_out.append(LeftOut(where=f"{where} ({name})", reason=reason))
         else:
@@ -58,7 +58,7 @@ def with_table(table: Path, folder: Path, columns: Mapping[str, str], kind: str 
 
 
 def of_toolchain(folder: Path, columns: Mapping[str, str]) -> Source:
-    """A folder of a TacTip toolchain: a table of targets beside a folder of images.
+    """Read a folder of a TacTip toolchain, which contains a table of targets and a folder of images.
 
     Raises:
         InputError: The table cannot be read.
@@ -69,9 +69,10 @@ def of_toolchain(folder: Path, columns: Mapping[str, str]) -> Source:
 
 
 def of_classes(folder: Path) -> Source:
-    """One folder of images for each class, whose name is the label; images beside them have no label.
+    """Read a folder that contains a folder of images for each class, whose name is the label.
 
-    Where the folders are those of a split (``train``, ``test`` and so on), the classes are the folders within them.
+    Images directly in the folder have no label. If the inner folders are parts of a split (``train``, ``test`` and so
+    on), the folders within them are the classes.
 
     Raises:
         InputError: The folder cannot be listed.
@@ -81,24 +82,24 @@ def of_classes(folder: Path) -> Source:
     files = sorted(files_below(folder))
     folders = {path.relative_to(folder).parts[0] for path in files if path.parent != folder}
     depth = 1 if folders and all(name.lower() in SPLITS for name in folders) else 0
-    note = f"{folder.name}: {', '.join(sorted(folders))} are taken as parts of a split; the classes lie in them"
+    note = f"{folder.name}: {', '.join(sorted(folders))} are parts of a split; the folders within them are the classes"
     for path in files:
         name = path.relative_to(folder)
         if is_image_file(path):
             fields = {"label": name.parts[depth]} if len(name.parts) > depth + 1 else {}
             samples.append(_sample(str(name), fields, path, folder))
         elif not path.name.startswith("."):
-            left_out.append(LeftOut(where=str(name), reason=f"is no image ({', '.join(SUFFIXES)})"))
+            left_out.append(LeftOut(where=str(name), reason=f"is not an image ({', '.join(SUFFIXES)})"))
     kind = "one folder of images for each class" if any(sample.fields for sample in samples) else "a folder of images"
     notes = (note,) if depth else ()
     return Source(kind=kind, path=folder, samples=samples, left_out=tuple(left_out), notes=notes, threads=True)
 
 
 def files_below(folder: Path) -> Iterator[Path]:
-    """The files in a folder and in folders within it; links to folders are not followed.
+    """Yield the files in a folder and in all folders within it. Links to folders are not followed.
 
     Raises:
-        InputError: It cannot be listed.
+        InputError: A folder cannot be listed.
     """
     try:
         for path in folder.iterdir():
@@ -111,17 +112,17 @@ def files_below(folder: Path) -> Iterator[Path]:
 
 
 def name_fault(name: str, what: str) -> str:
-    """Why a table's name of a file is refused; empty if it is not."""
+    """Return why a file name in a table is refused; an empty text if it is allowed."""
     if not name:
-        return f"names no {what}"
+        return f"has no {what}"
     path = PurePosixPath(name.replace("\\", "/"))
     if path.is_absolute() or ".." in path.parts or Path(name).is_absolute() or "\0" in name:
-        return "is a path that leads out of the folder"
+        return "is a path outside the folder"
     return ""
 
 
 def _inside(name: str, folder: Path) -> str:
-    """A file's name from a folder, of an absolute path in that folder; every other name as it is."""
+    """Make an absolute path in a folder relative to the folder. Other names are returned unchanged."""
     path = Path(name)
     return str(path.relative_to(folder.absolute())) if path.is_relative_to(folder.absolute()) else name
 

@@ -1,4 +1,4 @@
-"""The import: sources become groups, and each group a run folder, which an interruption leaves fit to be resumed."""
+"""The import of sources as run folders. An interrupted import can be resumed."""
 
 from __future__ import annotations
 
@@ -24,30 +24,30 @@ from tacbench_cad.util.files import sha256
 from tacbench_cad.util.packages import quiet_opencv, require
 from tacbench_cad.util.processes import cpu_count
 
-#: So many frames are loaded, decoded and checked at once, and so many more may wait to be written.
+#: The number of threads that load frames, and the number of loaded frames that may wait to be written.
 MAX_THREADS, MAX_WAITING = 4, 4
-#: Frames that are looked at to see which shape most frames of a run have.
+#: The number of frames that determine the shape of a run's frames.
 PROBES = 3
 
-#: Samples of a run that are left out for the same reason and named one by one; more share one line.
+#: The number of samples of a run that are listed with the same reason for being left out. More samples share a line.
 MAX_ALIKE = 10
 
-#: A frame, or what is wrong with it.
+#: A frame, or its fault.
 Outcome = Prepared | InputError | CheckFailedError
-#: Called with what is done, how much of it and of how much.
+#: A function that is called with a description of the step, the finished number of samples and the total number.
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImportedRun:
-    """What became of the samples of one run.
+    """The result of importing a run.
 
     Args:
         folder: The run folder.
-        kind: What it was imported from.
-        imported: Samples that were written now.
-        present: Samples that were there already.
-        left_out: Samples that could not be imported.
+        kind: The kind of source.
+        imported: The number of samples that were written.
+        present: The number of samples that the run folder already had.
+        left_out: The number of samples that could not be imported.
     """
 
     folder: Path
@@ -59,12 +59,12 @@ class ImportedRun:
 
 @dataclass(frozen=True, kw_only=True)
 class ImportReport:
-    """What became of an import.
+    """The result of an import.
 
     Args:
         runs: The runs, in the order in which they were written.
-        left_out: Everything that could not be imported, with its reason.
-        notes: What the person should know: which columns were taken as what.
+        left_out: Everything that could not be imported, with the reasons.
+        notes: Notes for the user: the meaning that was given to each column.
     """
 
     runs: tuple[ImportedRun, ...]
@@ -83,21 +83,27 @@ def import_samples(
     options: ImportOptions | None = None,
     progress: Progress = lambda what, done, total: None,
 ) -> ImportReport:
-    """Import what lies at some paths as run folders, or what of it is missing.
+    """Import frames as run folders. Samples that an earlier import has written are skipped.
 
-    Folders of images with a table, of one folder for each class or of a TacTip toolchain, files of arrays and videos
-    with a table, Hugging Face data sets, and the paper's authors' arrays are recognised. There is one run for each
-    print that is known apart, else one for each label. What is not known stays unknown. What cannot be imported is in
-    the report and stops nothing else. Few frames are in memory at a time, however many there are.
+    These kinds of sources are recognised:
+
+    - folders of images with a table, with a folder for each class, or written by a TacTip toolchain
+    - files of arrays, and videos, with a table
+    - Hugging Face data sets
+    - the arrays of the paper's authors
+
+    There is one run for each print if the data tell the prints apart, otherwise one for each label. Unknown values
+    stay unknown. The report lists everything that cannot be imported; the rest is imported. Only a few frames are in
+    memory at a time.
 
     Args:
         paths: Files and folders.
         out: The folder for the run folders.
-        options: How they are read.
-        progress: Receives updates.
+        options: The options for reading.
+        progress: A function that receives progress updates.
 
     Raises:
-        InputError: What was asked for contradicts itself or the data (nothing was written then), or ``out`` cannot be
+        InputError: The options contradict each other or the data (nothing is written then), or ``out`` cannot be
             written.
         MissingToolError: A package that a kind needs is not installed.
     """
@@ -108,7 +114,7 @@ def import_samples(
     sources: list[Source] = []
     left_out: list[LeftOut] = []
     for item in sources_of(paths, chosen):
-        progress("reading what is there", len(sources) + len(left_out), 0)
+        progress("reading the sources", len(sources) + len(left_out), 0)
         if isinstance(item, Source):
             sources.append(item)
         else:
@@ -126,20 +132,20 @@ def import_samples(
 
 
 class _Work:
-    """An import under way: what was done and left out so far."""
+    """The state of an import."""
 
     def __init__(self, out: Path, progress: Progress, total: int) -> None:
         self.out, self.progress, self.total = out, progress, total
         self.left_out: list[LeftOut] = []
         self._done = 0
         self._digests: dict[Path, str] = {}
-        #: The frames of the run that were looked at for their shape, by the identity of their samples.
+        #: The frames of the run that were loaded to determine the shape, by the identity of their samples.
         self._probed: dict[int, Outcome] = {}
-        #: The run folder of each file that holds frames of one print only, by its checksum.
+        #: The run folder of each file that has only frames of a single print, by the checksum of the file.
         self._whole = dict(_imported_files(out))
 
     def run(self, group: Group, pool: Executor) -> ImportedRun | None:
-        """Write a group's run folder; None if nothing of it can be imported."""
+        """Write a group's run folder. The result is None if none of its samples can be imported."""
         folder, done = self.out / group.specimen.name, self._done
         left_out: list[LeftOut] = []
         imported = present = 0
@@ -174,17 +180,17 @@ class _Work:
         return ImportedRun(folder=folder, kind=kind, imported=imported, present=present, left_out=lacking)
 
     def _info(self, group: Group, folder: Path, pool: Executor) -> RunInfo:
-        """What ``run.json`` says of a group's run.
+        """Return the contents of ``run.json`` for a group.
 
         Raises:
-            InputError: No frame can be read, or a file is there already as another print.
+            InputError: No frame can be read, or a file was already imported as another print.
         """
         files = [{"name": path.name, "sha256": self._digest(path)} for source in group.sources for path in source.files]
         for source in group.sources:
             for path in source.files if source.whole else ():
                 other = self._whole.setdefault(self._digest(path), folder)
                 if other.name != folder.name:
-                    raise InputError("file", str(path), f"is there already, as {other}")
+                    raise InputError("file", str(path), f"was already imported as {other}")
         there = (folder / RUN_FILE).is_file()
         sensor = Run.open(folder).info.sensor if there else self._sensor(group, pool)
         return RunInfo(
@@ -202,17 +208,17 @@ class _Work:
         )
 
     def _sensor(self, group: Group, pool: Executor) -> Mapping[str, Any]:
-        """What the frames say of their sensor: the shape that most of some have."""
+        """Describe the sensor by some of the frames, with the shape that most of these have."""
         count = len(group.samples)
         firsts = [group.samples[i] for i in sorted({i * (count - 1) // max(1, PROBES - 1) for i in range(PROBES)})]
         self._probed = {id(sample): frame for (_, sample, _), frame in _loaded(firsts, pool, 1)}
         good = [frame for frame in self._probed.values() if isinstance(frame, Prepared)]
-        if not good:  # those are damaged; there may be others
+        if not good:  # these frames are damaged, so try the others
             others = _loaded((each for each in group.samples if each not in firsts), pool, 1)
             good = list(islice((frame for _, frame in others if isinstance(frame, Prepared)), 1))
         if not good:
             _, sample, _ = firsts[0]
-            what = f"none can be read; the first, {sample.where}: {self._probed[id(sample)]}"
+            what = f"no frame can be read; the first is {sample.where}: {self._probed[id(sample)]}"
             raise InputError("frames", None, what)
         shape = Counter(frame.shape for frame in good).most_common(1)[0][0]
         first = next(frame for frame in good if frame.shape == shape)
@@ -236,12 +242,12 @@ def _loaded(
     waiting: int,
     known: Mapping[int, Outcome] = MappingProxyType({}),
 ) -> Iterator[tuple[tuple[int, Sample, Mapping[str, Any]], Outcome]]:
-    """Samples with their frames, or what is wrong with them, in order.
+    """Yield the samples in order, each with its frame or its fault.
 
     Args:
         samples: The samples.
-        pool: Loads them.
-        waiting: How many of them are under way at most.
+        pool: The executor that loads the frames.
+        waiting: The largest number of frames that are being loaded or wait.
         known: Frames that were loaded before, by the identity of their samples.
     """
     under_way: deque[tuple[Any, Future[Outcome]]] = deque()
@@ -269,20 +275,20 @@ def _load(sample: Sample, known: Mapping[int, Outcome]) -> Outcome:
 
 
 def _fault(frame: Outcome, info: RunInfo) -> str:
-    """Why a frame is left out; empty if it is not."""
+    """Return why a frame is left out; an empty text if it is imported."""
     if isinstance(frame, InputError):
         return frame.allowed
     if isinstance(frame, CheckFailedError):
         return str(frame)
     if frame.shape != info.frame_shape:
-        return f"has shape {frame.shape} where the run has {info.frame_shape}"
+        return f"has shape {frame.shape}, but the run has {info.frame_shape}"
     if frame.simulated != info.sensor.get("simulated"):
-        return "is simulated where the run is not, or the other way round"
+        return "cannot be in this run, because either the frame or the run is simulated, but not both"
     return ""
 
 
 def _summarised(left_out: Sequence[LeftOut]) -> Iterator[LeftOut]:
-    """One entry for many samples of a run with the same reason."""
+    """Replace many samples with the same reason by a single entry."""
     alike: dict[str, list[LeftOut]] = defaultdict(list)
     for each in left_out:
         alike[each.reason].append(each)
@@ -295,11 +301,11 @@ def _summarised(left_out: Sequence[LeftOut]) -> Iterator[LeftOut]:
 
 
 def _imported_files(out: Path) -> Iterator[tuple[str, Path]]:
-    """The checksums of files that were imported into a folder as one print, and the run folder of each."""
+    """Yield the checksums of files that were imported into a folder as a single print, with their run folders."""
     for path in sorted(out.glob(f"*/{RUN_FILE}")):
         try:
             source = Run.open(path.parent).info.source
-        except InputError:  # `tacbench check-runs` says what is wrong with it
+        except InputError:  # `tacbench check-runs` reports the fault
             continue
         files = source.get("files") if "authors" in str(source.get("kind")) else ()
         for entry in files if isinstance(files, list) else ():

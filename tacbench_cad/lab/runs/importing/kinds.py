@@ -1,4 +1,4 @@
-"""What lies at a path: the kinds of sources, and how each is recognised."""
+"""The kinds of sources that can be imported, and how each is recognised."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from tacbench_cad.util.errors import CheckFailedError, InputError, TacbenchError
 
 @dataclass(frozen=True, kw_only=True)
 class ImportOptions:
-    """How sources are read where they leave it open.
+    """Options for reading sources.
 
     Args:
-        kind: One of :data:`KINDS`; None to recognise it.
-        columns: Columns of tables by what they mean: ``{"label": "material"}``; see
-            :data:`~tacbench_cad.lab.runs.importing.samples.FIELDS`.
-        names: A TOML file that says which printers, filaments and labels the words of the data mean.
-        authors: How the paper's authors' files are read.
+        kind: A key of :data:`KINDS`; None to recognise the kind.
+        columns: The columns of tables, by field: ``{"label": "material"}``. See
+            :data:`~tacbench_cad.lab.runs.importing.samples.FIELDS` for the fields.
+        names: A TOML file that gives the names of the printers, filaments and labels for the words in the data.
+        authors: The options for files of the paper's authors.
     """
 
     kind: str | None = None
@@ -36,13 +36,17 @@ class ImportOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class Paths:
-    """What was named: the table that belongs to a path, and the videos beside it."""
+    """The tables and the videos among the paths that the user gave."""
 
     tables: tuple[Path, ...]
     videos: tuple[Path, ...]
 
     def table(self, path: Path) -> Path | None:
-        """The one table that was named, else the one with the path's name, else the only one in its folder."""
+        """Return the table that belongs to a path.
+
+        This is the table that the user gave, else the only table in the path if it is a folder, else the table with the
+        name of the file. The result is None if there is no such table.
+        """
         if self.tables:
             return self.tables[0]
         if path.is_dir():
@@ -54,7 +58,7 @@ class Paths:
 def _with_table(path: Path, paths: Paths, options: ImportOptions) -> Source:
     table = path if path.suffix.lower() == ".csv" else paths.table(path)
     if table is None:
-        raise InputError("images", str(path), "has no table (CSV) of the images; name one, or use --kind folders")
+        raise InputError("images", str(path), "has no table (CSV) of the images; add one, or use --kind folders")
     return images.with_table(table, path if path.is_dir() else table.parent, options.columns)
 
 
@@ -66,7 +70,7 @@ def _of_videos(path: Path, paths: Paths, options: ImportOptions) -> Source:
     return videos.of_videos(named, table, options.columns)
 
 
-#: What can be imported, by the words of ``--kind``.
+#: The functions that read a source, by the values of ``--kind``.
 KINDS: Mapping[str, Callable[[Path, Paths, ImportOptions], Source]] = {
     "images": _with_table,
     "folders": lambda path, paths, options: images.of_classes(path),
@@ -79,16 +83,16 @@ KINDS: Mapping[str, Callable[[Path, Paths, ImportOptions], Source]] = {
 
 
 def sources_of(paths: Sequence[Path], options: ImportOptions) -> Iterator[Source | LeftOut]:
-    """The sources at some paths, or why there is none.
+    """Yield the source at each path, or the reason why it cannot be imported.
 
-    A table (CSV) that is named beside images, arrays or videos is theirs.
+    If the paths contain a table (CSV) together with images, arrays or videos, the table describes these.
 
     Args:
         paths: Files and folders.
-        options: How they are read.
+        options: The options for reading.
 
     Raises:
-        InputError: There is no path, or several tables are named beside what is to be read with one.
+        InputError: There is no path, or there are several tables together with other data.
         MissingToolError: A package that a kind needs is not installed.
     """
     tables = tuple(path for path in paths if path.suffix.lower() == ".csv")
@@ -96,9 +100,9 @@ def sources_of(paths: Sequence[Path], options: ImportOptions) -> Iterator[Source
     rest = [path for path in paths if path not in tables and path not in of_videos]
     named = Paths(tables=tables, videos=of_videos)
     if not paths:
-        raise InputError("paths", None, "name what is to be imported: folders or files")
+        raise InputError("paths", None, "there are none; give the folders or files to import")
     if len(tables) > 1 and (rest or of_videos):
-        raise InputError("paths", str(tables[1]), "is a second table; import one table with its images at a time")
+        raise InputError("paths", str(tables[1]), "is a second table; import each table with its images separately")
     units = [*rest, *of_videos[:1]] or list(tables)
     for unit in units:
         try:
@@ -113,45 +117,45 @@ def sources_of(paths: Sequence[Path], options: ImportOptions) -> Iterator[Source
 
 
 def _left_out(path: Path, error: TacbenchError) -> LeftOut:
-    """Why a path is left out; its name is not said twice."""
+    """Return why a path is left out, without repeating its name."""
     repeated = isinstance(error, InputError) and error.value == str(path)
     return LeftOut(where=str(path), reason=error.allowed if repeated and isinstance(error, InputError) else str(error))
 
 
 def _unfolded(path: Path, options: ImportOptions) -> list[Path]:
-    """A folder of arrays as its files, everything else as it is."""
+    """Return the files of a folder of arrays, or else the path itself."""
     if not path.is_dir() or options.kind not in (None, "arrays", "authors"):
         return [path]
     files = [each for each in sorted(path.iterdir()) if not each.name.startswith(".")]
     of_arrays = [each for each in files if each.suffix.lower() in arrays.SUFFIXES]
-    # Tables may lie beside them; anything else makes the folder something else.
+    # The folder may also contain tables. If it contains anything else, it is not a folder of arrays.
     return of_arrays if of_arrays and all(each in of_arrays or each.suffix == ".csv" for each in files) else [path]
 
 
 def _only_table(folder: Path) -> Path | None:
-    """The only table in a folder.
+    """Return the only table in a folder; None if there is none.
 
     Raises:
-        InputError: There are several.
+        InputError: There are several tables.
     """
     tables = sorted(path for path in folder.glob("[!.]*.csv") if path.is_file())
     if len(tables) > 1:
         names = ", ".join(table.name for table in tables[:6])
-        raise InputError("folder", str(folder), f"has several tables ({names}); name the one to use beside it")
+        raise InputError("folder", str(folder), f"has several tables ({names}); also give the path of the one to use")
     return tables[0] if tables else None
 
 
 def _recognised(path: Path, paths: Paths, options: ImportOptions) -> str:
-    """The kind of what lies at a path.
+    """Recognise the kind of source at a path.
 
     Raises:
-        InputError: It is none that is known.
+        InputError: The kind is unknown.
     """
     suffix = path.suffix.lower()
     if path.is_dir():
         return _recognised_folder(path, paths, options)
     if not path.exists():
-        raise InputError("path", str(path), "there is no such file or folder")
+        raise InputError("path", str(path), "does not exist")
     if suffix == ".csv":
         return "videos" if _names_videos(path, options) else "images"
     if suffix in arrays.SUFFIXES:
@@ -161,14 +165,14 @@ def _recognised(path: Path, paths: Paths, options: ImportOptions) -> str:
     raise InputError(
         "path",
         str(path),
-        "is nothing that can be imported: a folder, a table (.csv), arrays "
+        "cannot be imported; it must be a folder, a table (.csv), arrays "
         f"({', '.join(arrays.SUFFIXES)}) or videos ({', '.join(videos.SUFFIXES)})",
     )
 
 
 def _recognised_folder(folder: Path, paths: Paths, options: ImportOptions) -> str:
     if (folder / schema.RUN_FILE).is_file():
-        raise InputError("path", str(folder), "is a run folder already")
+        raise InputError("path", str(folder), "is already a run folder")
     if any((folder / name).is_file() for name in (huggingface.SPLIT_FILE, huggingface.SPLITS_FILE)):
         return "huggingface"
     tables = any((folder / name).is_file() for name in images.TACTIP_TABLES)
@@ -178,7 +182,7 @@ def _recognised_folder(folder: Path, paths: Paths, options: ImportOptions) -> st
     if table is not None:
         return "videos" if _names_videos(table, options) else "images"
     if not any(map(images.is_image_file, images.files_below(folder))):
-        raise InputError("path", str(folder), "holds nothing that can be imported: no images and no table")
+        raise InputError("path", str(folder), "contains nothing to import: no images and no table")
     return "folders"
 
 

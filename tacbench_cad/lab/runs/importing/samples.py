@@ -1,4 +1,4 @@
-"""What every kind of source gives: samples with their fields as texts, each with a function that loads its frame."""
+"""The samples of a source: their fields as texts, with functions that load their frames."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tacbench_cad.spec.block import Block
 from tacbench_cad.util.door import read_table
 from tacbench_cad.util.errors import InputError, nearest, one_line
 
-#: What may be said of a sample, each with the names of columns that are recognised without being mapped, best first.
+#: The fields of a sample, each with the column names that are recognised automatically, in order of preference.
 FIELDS: Mapping[str, tuple[str, ...]] = {
     "image": ("image", "file", "file_name", "filename", "path", "sensor_image", "image_name"),
     "label": ("label", "labels", "texture", "class", "class_name", "object_label", "obj_lbl", "obj_id"),
@@ -33,26 +33,26 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
     "time": ("time_s", "time"),
     "array": (),
 }
-#: Other words for fields in ``--columns``.
+#: Other names of fields in ``--columns``.
 SYNONYMS = {"texture": "label", "copy": "print"}
 
-#: The longest line about something that was left out, and about a table's columns.
+#: The largest number of characters of a line of the report.
 MAX_LINE = 1500
 
-#: The bytes of an image's file, or an array.
+#: A loaded frame: the bytes of an image's file, or an array.
 Loaded = bytes | NDArray[Any]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sample:
-    """One frame of a source.
+    """A frame of a source.
 
     Args:
-        name: What is loaded: ``img_3.png``.
-        row: What says so: ``labels.csv line 7``; empty if nothing does.
-        fields: What is said of it, by the names of :data:`FIELDS`; never an empty text.
-        load: Gives its frame; raises an InputError or a CheckFailedError.
-        block: The geometry of what was pressed, where the source's authors published it.
+        name: The name of the frame: ``img_3.png``.
+        row: The row of a table that lists it: ``labels.csv line 7``; empty if there is none.
+        fields: The values by the names of :data:`FIELDS`; never an empty text.
+        load: A function that returns the frame, or raises an InputError or a CheckFailedError.
+        block: The geometry of the block, if it was published.
     """
 
     name: str
@@ -63,18 +63,18 @@ class Sample:
 
     @property
     def where(self) -> str:
-        """Where it stands, for messages: ``labels.csv line 7 (img_3.png)``."""
+        """The row and the name, for messages: ``labels.csv line 7 (img_3.png)``."""
         return f"{self.row} ({self.name})" if self.row else self.name
 
 
 @dataclass(frozen=True, kw_only=True)
 class LeftOut:
-    """Something that was not imported.
+    """One or more samples that were not imported.
 
     Args:
-        where: Where it stands.
-        reason: Why it was left out.
-        count: Samples that it stands for.
+        where: The file, or the row of a table.
+        reason: The reason why it was left out.
+        count: The number of samples.
     """
 
     where: str
@@ -83,7 +83,7 @@ class LeftOut:
 
     @property
     def line(self) -> str:
-        """Both as a line of bounded length, whatever a file has in place of a name."""
+        """The place and the reason as a line of at most :data:`MAX_LINE` characters."""
         return one_line(f"{self.where}: {self.reason}", MAX_LINE)
 
 
@@ -92,15 +92,15 @@ class Source:
     """A folder or file that was recognised.
 
     Args:
-        kind: What it is, in words for ``run.json``.
+        kind: A description of the kind of source for ``run.json``.
         path: The folder or file.
-        samples: Its samples in order.
-        left_out: What of it cannot be imported.
-        files: Files that hold many frames; their checksums go into ``run.json``.
+        samples: The samples, in order.
+        left_out: The parts that cannot be imported.
+        files: The files with many frames. Their checksums are stored in ``run.json``.
         facts: Further plain values for ``run.json``.
-        notes: What the person should know: which columns were taken as what.
-        threads: Whether frames may be loaded by several threads in any order.
-        whole: Whether a file holds frames of one print only, so that the same file must not become two prints.
+        notes: Notes for the user: the meaning that was given to each column.
+        threads: Whether several threads may load frames, in any order.
+        whole: Whether each file has only frames of a single print, so that it must not be imported as two prints.
     """
 
     kind: str
@@ -119,10 +119,10 @@ class Rows:
     """A table with its columns mapped.
 
     Args:
-        name: What it is called in messages.
-        rows: For each row where it stands, and its fields that are not empty.
-        columns: The column behind each field.
-        unused: Columns that are not used.
+        name: The name of the table, for messages.
+        rows: The place of each row, for messages, and its non-empty fields.
+        columns: The column of each field.
+        unused: The columns that are not used.
     """
 
     name: str
@@ -137,11 +137,11 @@ class Rows:
         """Map the columns of a table.
 
         Args:
-            name: What it is called.
-            header: Its columns.
-            rows: The texts of its rows.
-            chosen: Columns by field, as the user maps them.
-            line: Number of the first row in messages.
+            name: The name of the table, for messages.
+            header: The names of the columns.
+            rows: The texts of the rows.
+            chosen: The columns that the user chose, by field.
+            line: The number of the first row, for messages.
 
         Raises:
             InputError: A field or a column is unknown, or a column occurs twice.
@@ -163,28 +163,28 @@ class Rows:
         """Read a CSV file and map its columns.
 
         Raises:
-            InputError: It cannot be read, or as :meth:`of`.
+            InputError: The file cannot be read, or same as for :meth:`of`.
         """
         header, rows = read_table(path, "table", within=within)
         return cls.of(path.name, [column.strip() for column in header], rows, chosen)
 
     @property
     def note(self) -> str:
-        """Which columns were taken as what."""
-        taken = ", ".join(f"{field}={column}" for field, column in self.columns.items())
+        """A note for the user with the column of each field."""
+        used = ", ".join(f"{field}={column}" for field, column in self.columns.items())
         rest = f"; not used: {', '.join(self.unused[:12])}" if self.unused else ""
-        return one_line(f"{self.name}: {taken or 'no column'}{rest}", MAX_LINE)
+        return one_line(f"{self.name}: {used or 'no column'}{rest}", MAX_LINE)
 
 
 def columns_of(name: str, header: Sequence[str], chosen: Mapping[str, str]) -> dict[str, str]:
-    """The column of each field: as mapped, else one that has a usual name.
+    """Return the column of each field: the user's choice, or else a column with a usual name.
 
     Raises:
         InputError: A field or a column is unknown, or a column occurs twice.
     """
     twice = next((column for column in header if header.count(column) > 1), None)
     if twice is not None:
-        raise InputError(f"{name} header", twice, "is the name of two columns; rename one")
+        raise InputError(f"{name} header", twice, "is the name of two columns; rename one of them")
     columns: dict[str, str] = {}
     for word, column in chosen.items():
         if field_of(word) == "array":
@@ -194,17 +194,17 @@ def columns_of(name: str, header: Sequence[str], chosen: Mapping[str, str]) -> d
         columns[field_of(word)] = column
     lowered = {column.lower(): column for column in header if column not in columns.values()}
     for name_of_field, usual in FIELDS.items():
-        found = next((lowered.pop(word) for word in usual if word in lowered), None)
-        if found is not None and name_of_field not in columns:
-            columns[name_of_field] = found
+        match = next((lowered.pop(word) for word in usual if word in lowered), None)
+        if match is not None and name_of_field not in columns:
+            columns[name_of_field] = match
     return {field: columns[field] for field in FIELDS if field in columns}
 
 
 def field_of(word: str) -> str:
-    """The field that a word of ``--columns`` means.
+    """Return the field for a name in ``--columns``.
 
     Raises:
-        InputError: There is no such field.
+        InputError: The field is unknown.
     """
     name = SYNONYMS.get(word, word)
     if name not in FIELDS:

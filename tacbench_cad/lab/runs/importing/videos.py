@@ -1,4 +1,4 @@
-"""Videos, with a table of times: each row is one frame."""
+"""Import of frames of videos, with a table of their times."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from tacbench_cad.util import door
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.packages import require
 
-#: Endings of videos.
+#: The suffixes of videos.
 SUFFIXES = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".mpg", ".mpeg", ".webm")
 
 
 class Video:
-    """A video whose frames are read in order; an earlier one opens it again.
+    """A video whose frames are read in order. Reading an earlier frame opens the video again.
 
     Args:
         path: The file.
 
     Raises:
-        InputError: It cannot be read.
+        InputError: The file cannot be read.
         MissingToolError: OpenCV is not installed.
     """
 
@@ -42,7 +42,7 @@ class Video:
 
         self.frames_per_s = float(self._capture.get(cv2.CAP_PROP_FPS))
         if not 0.0 < self.frames_per_s < 1e5:
-            raise InputError("video", str(path), "does not say how many frames a second it has")
+            raise InputError("video", str(path), "does not state its number of frames per second")
 
     def _open(self) -> None:
         import cv2
@@ -50,13 +50,13 @@ class Video:
         self._capture = cv2.VideoCapture(str(self.path.absolute()))
         self._next = 0
         if not self._capture.isOpened():
-            raise InputError("video", str(self.path), "is no video that OpenCV can read")
+            raise InputError("video", str(self.path), "is not a video that OpenCV can read")
 
     def frame(self, time_s: float) -> NDArray[Any]:
-        """The frame that is shown at a time: uint8, (height, width, 3), BGR.
+        """Return the frame at a time, in s: uint8, (height, width, 3), BGR.
 
         Raises:
-            CheckFailedError: The video has ended by then, or is damaged.
+            CheckFailedError: The video is shorter, or is damaged.
         """
         index = int(time_s * self.frames_per_s + 1e-6)
         with self._lock:
@@ -73,24 +73,26 @@ class Video:
 
 
 def of_videos(paths: Sequence[Path], table: Path | None, columns: Mapping[str, str]) -> Source:
-    """The frames of videos at the times of a table.
+    """Read the frames of videos at the times in a table.
 
     Args:
-        paths: The videos; the table's column ``video`` names theirs. None: the videos lie beside the table.
+        paths: The videos. If there is no path, the videos are in the folder of the table, and its column ``video`` has
+            their names.
         table: The table.
-        columns: Columns by field.
+        columns: The columns, by field.
 
     Raises:
-        InputError: There is no table, it has no times, or it does not name the videos though there are several.
+        InputError: There is no table, or it has no column of times. There are several videos, and the table has no
+            column with their names.
     """
     first = str(paths[0]) if paths else ""
     if table is None:
-        raise InputError("video", first, "needs a table of times (a row for each frame); name a CSV file with it")
+        raise InputError("video", first, "needs a table of times; also give a CSV file with a row for each frame")
     rows = Rows.read(table, columns)
     if "time" not in rows.columns:
-        raise InputError("table", str(table), "has no column of times in seconds; say which: --columns time=COLUMN")
+        raise InputError("table", str(table), "has no column of times in seconds; choose it with --columns time=COLUMN")
     if "video" not in rows.columns and len(paths) != 1:
-        raise InputError("table", str(table), "has no column that names the videos; say which: --columns video=COLUMN")
+        raise InputError("table", str(table), "has no column of videos; choose it with --columns video=COLUMN")
     named = {path.name: path for path in paths}
     videos: dict[Path, Video | InputError] = {}
     samples: list[Sample] = []
@@ -138,5 +140,5 @@ def _seconds(text: str) -> float:
     except ValueError:
         seconds = -1.0
     if not 0.0 <= seconds < 1e7:
-        raise InputError("time", text, "must be seconds from the beginning of the video")
+        raise InputError("time", text, "must be a number of seconds from the beginning of the video")
     return seconds

@@ -68,7 +68,7 @@ def test_rows_may_name_frames_by_their_index(table: Any, tmp_path: Path) -> None
     np.save(tmp_path / "X.npy", frames())
     table(tmp_path / "X.csv", ("index", "label"), [(11, "a"), (0, "a"), (12, "a"), ("x", "a")])
     report = import_samples([tmp_path / "X.npy"], tmp_path / "out")
-    assert [each.reason for each in report.left_out] == ["is no frame of X.npy: 0 to 11"] * 2
+    assert [each.reason for each in report.left_out] == ["is not a frame of X.npy, which has 0 to 11"] * 2
     run = Run.open(tmp_path / "out" / "a")
     assert np.array_equal(run.frame(run.rows[0]), frames()[11])
 
@@ -84,10 +84,10 @@ def test_bad_arrays_are_left_out(table: Any, tmp_path: Path) -> None:
     names = ("a.npy", "b.npz", "c.npz", "d.npz", "e.npy")
     report = import_samples([tmp_path / name for name in names], tmp_path / "out")
     messages = (
-        "a.csv = .*rows, a.npy holds 13|has 12 rows, a.npy holds 13 frames",
+        "a.csv = .*rows, but a.npy has 13|has 12 rows, but a.npy has 13 frames",
         "pickled objects",
         "--columns array=NAME",
-        "no whole .npz",
+        "not a complete .npz",
         "first axis must count",
     )
     assert not report.runs and len(report.left_out) == len(messages)
@@ -97,7 +97,7 @@ def test_bad_arrays_are_left_out(table: Any, tmp_path: Path) -> None:
         assert re.search(message, each.reason), each
     pytest.importorskip("h5py")
     (left_out,) = import_samples([tmp_path / "f.h5"], tmp_path / "out").left_out
-    assert "no whole HDF5 file" in left_out.reason
+    assert "not a complete HDF5 file" in left_out.reason
     assert not (tmp_path / "out").exists()
 
 
@@ -109,7 +109,7 @@ def test_hdf5_that_points_to_other_files_is_left_out(tmp_path: Path) -> None:
         file.create_dataset("X", (12, 16, 24), dtype=np.uint8, external=where)
         file["other"] = h5py.ExternalLink("other.h5", "/X")
     (left_out,) = import_samples([tmp_path / "X.h5"], tmp_path / "out").left_out
-    assert "lies in other files" in left_out.reason
+    assert "is stored in other files" in left_out.reason
 
 
 @pytest.fixture

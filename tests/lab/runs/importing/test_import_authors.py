@@ -46,7 +46,7 @@ def test_all_names_that_occur_are_known(arrays: Path) -> None:
     left_out = [item for item in items if isinstance(item, LeftOut)]
     assert [Path(each.where).name for each in left_out] == ["X.npy", "petg_z0_P35_bambu.npy"]
     assert "a table (CSV) with a row for each" in left_out[0].reason
-    assert "P35 is no known force level; --force-levels has" in left_out[1].reason
+    assert "P35 is not a force level; --force-levels has" in left_out[1].reason
     groups, faults = grouped([item for item in items if isinstance(item, Source)], Names())
     assert not faults and sum(len(group.samples) for group in groups) == len(NAMES) * 25 == 210 * 25
     printed = [group.specimen for group in groups]
@@ -162,7 +162,7 @@ def test_one_array_cannot_become_two_prints(tmp_path: Path) -> None:
     second = save(tmp_path, "PLAminus_z0.1_P30_bambu.npy", images(1))
     for paths in ([first, second], [second]):
         report = import_samples(paths, tmp_path / "out")
-        assert len(report.left_out) == 1 and "is there already, as" in report.left_out[0].reason
+        assert len(report.left_out) == 1 and "was already imported as" in report.left_out[0].reason
         assert report.left_out[0].count == 50
     assert len(list((tmp_path / "out").iterdir())) == 1
 
@@ -217,10 +217,10 @@ def test_objects_are_never_unpickled(tmp_path: Path) -> None:
     [
         (["--first-axis", "z"], "first axis = 'z': allowed: x, y"),
         (["--force-levels", "P30"], "must be NAME=VALUE"),
-        (["--force-levels", "P30=1,P40=1"], "must name each level's number once"),
+        (["--force-levels", "P30=1,P40=1"], "must have each number only once"),
         (["--force-levels", "P30=4"], "must be from 1 to 3"),
         (["--force-levels", "P30=1,P30=2"], "has P30 twice"),
-        (["--force-levels", "30=1"], "must be as P30"),
+        (["--force-levels", "30=1"], "must be P and a number"),
         (["--preset", "papers"], 'did you mean "paper"'),
     ],
 )

@@ -141,7 +141,7 @@ def test_folders_of_a_split_are_no_classes(images: Any, tmp_path: Path) -> None:
         images(2, name)
     report = import_samples([tmp_path / "split"], tmp_path / "out")
     assert [(run.folder.name, run.imported) for run in report.runs] == [("cork", 4), ("felt", 2)]
-    assert report.notes == ("split: test, train are taken as parts of a split; the classes lie in them",)
+    assert report.notes == ("split: test, train are parts of a split; the folders within them are the classes",)
 
 
 def test_a_table_of_a_german_spreadsheet(images: Any, tmp_path: Path) -> None:
@@ -160,7 +160,7 @@ def test_absolute_paths_in_the_folder_are_its_own(images: Any, table: Any, tmp_p
     labels = table(tmp_path / "labels.csv", ("image", "label"), [(path, "cork") for path in paths])
     report = import_samples([folder, labels], tmp_path / "out")
     assert report.runs[0].imported == 2
-    assert [each.reason for each in report.left_out] == ["is a path that leads out of the folder"]
+    assert [each.reason for each in report.left_out] == ["is a path outside the folder"]
 
 
 def test_a_toolchains_folder_comes_back(run_folder: Path, tmp_path: Path) -> None:
@@ -204,14 +204,14 @@ def pipe(path: Path) -> None:
     ("damage", "message"),
     [
         (torn, "not a readable PNG"),
-        (other_size, r"has shape \(10, 12, 3\) where the run has \(24, 32, 3\)"),
+        (other_size, r"has shape \(10, 12, 3\), but the run has \(24, 32, 3\)"),
         (huge, "megapixels"),
         (Path.unlink, "No such file"),
         (link_out, "is a link to a file outside"),
         (pipe, "pipe"),
-        (lambda path: path.write_text("no image"), "no readable image"),
+        (lambda path: path.write_text("no image"), "not a readable image"),
         (lambda path: path.write_bytes(b"\xff\xd8\xff\xe0"), "not a readable JPEG"),
-        (lambda path: path.write_bytes(b""), "no readable image"),
+        (lambda path: path.write_bytes(b""), "not a readable image"),
     ],
 )
 @pytest.mark.parametrize("number", [0, 5])
@@ -240,8 +240,8 @@ def test_a_path_that_leads_out_of_the_folder_is_left_out(name: str, images: Any,
     labels = table(tmp_path / "labels.csv", ("image", "label"), [("0.png", "a"), (name, "a"), ("0.png", "b")])
     report = import_samples([images(1), labels], tmp_path / "out")
     assert len(report.left_out) == 2 and sum(run.imported for run in report.runs) == 1
-    assert "leads out of the folder" in report.left_out[0].reason or not name
-    assert "names the image of labels.csv line 2 again" in report.left_out[1].reason
+    assert "outside the folder" in report.left_out[0].reason or not name
+    assert "has the same image as labels.csv line 2" in report.left_out[1].reason
 
 
 @pytest.mark.parametrize(
@@ -317,7 +317,7 @@ def test_two_samples_of_one_place_and_repeat(images: Any, table: Any, tmp_path: 
     rows = [(f"{i}.png", "cork", 1, 1, repeat) for i, repeat in enumerate((1, 2, 2))]
     labels = table(tmp_path / "labels.csv", ("image", "label", "print", "position", "repeat"), rows)
     report = import_samples([images(3), labels], tmp_path / "out")
-    assert "has the print, position, force and repeat of labels.csv line 3" in report.left_out[0].reason
+    assert "has the same print, position, force and repeat as labels.csv line 3" in report.left_out[0].reason
 
 
 def test_memory_does_not_grow_with_the_images(tmp_path: Path, noise: Any) -> None:
@@ -350,7 +350,7 @@ def test_the_command_says_what_became_of_it(images: Any, table: Any, tmp_path: P
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["nowhere"], "no such file or folder"),
+        (["nowhere"], "does not exist"),
         (["--kind", "image"], 'did you mean "images"'),
         (["--columns", "label"], "must be NAME=VALUE"),
         (["--columns", "label=a,label=b"], "has label twice"),
