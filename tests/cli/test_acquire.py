@@ -69,7 +69,7 @@ def test_init_writes_a_file_and_never_overwrites(tmp_path: Path, capsys: Capture
     assert "[protocol]" in path.read_text()
     path.write_text("mine")
     assert main(["acquire", "--init", str(path)]) == 2
-    assert "is there already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
     assert path.read_text() == "mine"
 
 
@@ -89,7 +89,7 @@ def test_a_virtual_rig_gives_a_run_and_goes_on_with_it(tmp_path: Path, capsys: C
     targets = folder / "targets.csv"
     targets.write_text("".join(targets.read_text().splitlines(keepends=True)[:-1]))
     assert main(["acquire", str(path)]) == 0
-    assert f"{NAME}: 1 of 2 presses there" in capsys.readouterr().err
+    assert f"{NAME}: 1 of 2 presses done" in capsys.readouterr().err
     assert len(Run.open(folder).rows) == 2
     # Nothing is missing: no device is opened.
     assert main(["acquire", str(path)]) == 0

@@ -1,1 +1,1 @@
-"""Pressing blocks: one press, one block, a whole study, and what keeps sensor and block unharmed."""
+"""Pressing of blocks: one press, one block, a whole study, and the protection of sensor and block."""

@@ -1,4 +1,4 @@
-"""One block: references, stationary frames and every missing press, each on the disk before the next."""
+"""Pressing of one block: references, stationary frames and missing presses, each saved before the next."""
 
 from __future__ import annotations
 
@@ -25,13 +25,14 @@ from tacbench_cad.lab.study.presses import Press
 
 @dataclass(frozen=True, kw_only=True)
 class BlockResult:
-    """What a session at one block gave.
+    """The result of a session at one block.
 
     Args:
-        folder: The run folder, complete.
-        presses: Presses made in this session.
-        missed: Those of them whose force lies outside of its band.
-        seconds: Time in ``encode`` and ``sync``, as :class:`~tacbench_cad.lab.runs.writing.RunWriter` counts it.
+        folder: The complete run folder.
+        presses: The number of presses in this session.
+        missed: The number of presses in this session whose force is outside the band.
+        seconds: The time spent in ``encode`` and ``sync``, as :class:`~tacbench_cad.lab.runs.writing.RunWriter`
+            measures it.
     """
 
     folder: Path
@@ -50,22 +51,22 @@ def press_block(
     taught_mm: Sequence[float] = (),
     durable: bool = True,
 ) -> BlockResult:
-    """Press a block, or resume its run where it was left.
+    """Press a block, or resume its run.
 
     Args:
-        rig: The devices, open; the block lies in its slot.
-        info: The run.
-        folder: Its folder.
-        signals: Go to this block's carriage meanwhile.
+        rig: The open devices; the block is in its slot.
+        info: The description of the run.
+        folder: The run folder.
+        signals: Receives the signals, which then go to this block's carriage.
         progress: Receives progress updates.
-        taught_mm: Heights of first touch that a person found (``touch = "taught"``).
+        taught_mm: The heights of first touch that a person taught (``touch = "taught"``), in mm.
         durable: See :meth:`tacbench_cad.lab.runs.writing.RunWriter.open`.
 
     Raises:
-        RigError: A device failed or a limit was met. The sensor was lifted if the stage still answered, and the run
-            can be resumed.
-        InputError: The folder holds another run, is held by another process, or cannot be written.
-        RunInterruptedError: A signal came; likewise.
+        RigError: A device failed or a limit was exceeded. The sensor was lifted if the stage still answered, and the
+            run can be resumed.
+        InputError: The folder contains another run, is used by another process, or cannot be written.
+        RunInterruptedError: A signal interrupted the run. The sensor was lifted if possible; the run can be resumed.
     """
     with RunWriter.open(folder, info, durable=durable) as run:
         for note in run.notes:
@@ -92,11 +93,11 @@ def press_block(
 
 @dataclass(eq=False)
 class _BlockSession:
-    """The work at one block from the first move to the last.
+    """The work at one block, from the first move to the last.
 
     Args:
         rig: The devices.
-        run: The run, open.
+        run: The open run.
         carriage: Moves the sensor.
         progress: Receives progress updates.
         taught_mm: See :func:`press_block`.
@@ -118,7 +119,7 @@ class _BlockSession:
         self.presser = Presser(self.protocol, self.carriage, self.force, self._touch())
 
     def all(self) -> None:
-        """Everything that is missing; the sensor ends in contact or above, and the caller lifts it."""
+        """Do everything that is missing. The sensor may end in contact; the caller lifts it."""
         plan = self.run.info.presses
         missing = self.run.missing(plan)
         middle = self.run.info.middle_press
@@ -137,7 +138,7 @@ class _BlockSession:
         time_utc = datetime.now(UTC)
         frame = self._read()
         after = None if self.force is None else self.force.again()
-        # Nothing is written while the sensor presses: a disk that waits must not make the dome creep.
+        # Nothing is written while the sensor presses, since a slow disk would let the dome creep.
         self.carriage.lift()
         path = self.run.press(press, contact.pose_mm, frame, contact.measured, after, contact.in_band, time_utc)
         self.presses += 1
@@ -150,9 +151,9 @@ class _BlockSession:
         if self._in_a_row >= self.protocol.misses_allowed:
             assert contact.measured is not None
             raise NotReachedError(
-                f"{self._in_a_row} presses in a row missed their band, the last with {contact.measured.mean_n:.4f} N "
-                f"for {press.target_n:g} +- {press.band_n:g} N; widen bands_n, allow more search_steps, or look at the "
-                "gauge's noise and the stage's resolution"
+                f"{self._in_a_row} presses in a row were outside the force band, the last with "
+                f"{contact.measured.mean_n:.4f} N for {press.target_n:g} +- {press.band_n:g} N; widen bands_n, "
+                "increase search_steps, or check the gauge's noise and the stage's resolution"
             )
 
     def _reference_if_due(self, press: Press) -> None:
@@ -163,13 +164,13 @@ class _BlockSession:
             self._reference()
 
     def _reference(self) -> None:
-        """A frame of the free sensor. Every session begins with one: block and lamp are not what they were."""
+        """Record a frame of the free sensor. Every session begins with one, since block and light may have changed."""
         self.rig.clock.sleep(self.protocol.settle_s)
         time_utc = datetime.now(UTC)
         self.run.reference(self._read(), time_utc)
 
     def _stationary(self, when: Literal["start", "end"], middle: Press) -> None:
-        """The frames without motion that are missing, in contact at the middle force and free."""
+        """Record the missing frames without motion, in contact at the middle force and free."""
         count = self.protocol.stationary_frames
         pressed = self.run.stationary_missing(when, True, count)
         if pressed:
@@ -186,13 +187,13 @@ class _BlockSession:
                 self.run.stationary(when, False, index, self._read())
 
     def _read(self) -> Frame:
-        """A frame of the sensor; an image that repeats the one before shows a sensor that hangs."""
+        """Read a frame. An image identical to the previous one shows that the sensor is stuck."""
         self.carriage.check()
         frame = self.rig.sensor.read()
         previous, self._previous = self._previous, frame
         if previous is not None and is_image(frame) and np.array_equal(previous, frame):
             raise SensorError(
-                "the sensor gave the same image twice, to the last count; it is stuck: open or plug it in again"
+                "the sensor sent the same image twice, so it is stuck; open it again or unplug it and plug it in again"
             )
         return frame
 
@@ -203,5 +204,5 @@ class _BlockSession:
             return taught(self.taught_mm, len(self.protocol.grid.positions_mm))
         if self.protocol.touch == "sensor":
             return by_sensor(self.carriage, self.protocol, self.rig.sensor, self.rig.clock)
-        assert self.force is not None, "touch by the gauge without one is refused before any device is opened"
+        assert self.force is not None, "touch by gauge without a gauge is refused before any device is opened"
         return by_gauge(self.carriage, self.protocol, self.force)

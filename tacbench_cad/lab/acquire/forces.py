@@ -1,4 +1,4 @@
-"""The contact force: the gauge without its zero, and the hard limit whenever it is read."""
+"""The contact force: the reading of the gauge minus its zero, with a check of the hard limit at every reading."""
 
 from __future__ import annotations
 
@@ -11,27 +11,28 @@ from tacbench_cad.lab.rig.errors import ForceLimitError, GaugeError
 from tacbench_cad.lab.rig.gauge import Force, Gauge
 from tacbench_cad.lab.study.spec import Protocol
 
-#: A free sensor that reads more than this fraction of the hard limit is not free, or its gauge is faulty.
+#: The force of a free sensor as a fraction of the hard limit, above which the sensor touches something or the gauge is
+#: faulty.
 FREE_FRACTION = 0.1
-#: The zero follows the free force once that has moved by so much of the narrowest band.
+#: The zero is updated when the free force has drifted by this fraction of the narrowest band.
 DRIFT_FRACTION = 0.25
-#: A force that counts as touch: so many times the noise of the free gauge, and never less than this many newtons.
-TOUCH_SPREADS = 5.0
-#: The least force that counts as touch, in newtons.
+#: The smallest force that counts as touch, as a multiple of the noise of the free gauge, but at least MIN_TOUCH_N.
+TOUCH_DEVIATIONS = 5.0
+#: The smallest force that counts as touch, in N.
 MIN_TOUCH_N = 0.005
 
 
 class ContactForce:
     """Reads the contact force.
 
-    Gauges drift with warmth, by more in ten minutes than the lightest force's band. Before each press the free force
-    is read at the travel height; where it moved by more than a quarter of the narrowest band since the zero was set,
-    it is the new zero. The gauge itself is tared once, when a block is begun.
+    Gauges drift with temperature, in ten minutes by more than the band of the lightest force. Before each press, the
+    free force is read at the travel height. If it has changed by more than a quarter of the narrowest band since the
+    zero was set, it becomes the new zero. The gauge itself is tared once, at the start of a block.
 
     Args:
         gauge: The gauge.
-        carriage: Is asked before the force is read whether a signal came.
-        protocol: Hard limit, bands and window.
+        carriage: Checked for a signal before each reading.
+        protocol: The protocol with hard limit, bands and window.
         clock: Waits until a step has settled.
     """
 
@@ -44,7 +45,7 @@ class ContactForce:
         self.touch_n = MIN_TOUCH_N
 
     def tare(self) -> None:
-        """Zero the gauge; the sensor must be free.
+        """Zero the gauge. The sensor must be free.
 
         Raises:
             RigError: The gauge failed.
@@ -54,10 +55,10 @@ class ContactForce:
         self.follow_zero()
 
     def follow_zero(self) -> None:
-        """Read the free force and take it for the zero where it moved.
+        """Read the free force and use it as the new zero if it has drifted.
 
         Raises:
-            GaugeError: It is no force of a free sensor.
+            GaugeError: The value is too large for a free sensor.
         """
         self.clock.sleep(self.protocol.settle_s)
         free = self._raw(self.protocol.force_window_s)
@@ -65,37 +66,37 @@ class ContactForce:
         if abs(free.mean_n) > max_free_n:
             raise GaugeError(
                 f"the gauge reads {free.mean_n:z.3f} N at the travel height, where the sensor is free (at most "
-                f"{max_free_n:g} N is taken for drift); tare or repair it"
+                f"{max_free_n:g} N counts as drift); tare or repair it"
             )
         if abs(free.mean_n - self.zero_n) > DRIFT_FRACTION * min(self.protocol.bands_n):
             self.zero_n = free.mean_n
-        self.touch_n = max(MIN_TOUCH_N, TOUCH_SPREADS * free.spread_n)
+        self.touch_n = max(MIN_TOUCH_N, TOUCH_DEVIATIONS * free.spread_n)
 
     def glance(self) -> Force:
-        """The newest force, without waiting for the step to settle: it guards the limit between coarse steps.
+        """Return the newest force without waiting for the step to settle, to check the limit between coarse steps.
 
         Raises:
-            ForceLimitError: It lies above the hard limit.
-            GaugeError: It is no number.
+            ForceLimitError: The force is above the hard limit.
+            GaugeError: The force is not a number.
         """
         return self._net(0.0)
 
     def settled(self) -> Force:
-        """The force after the step has settled, averaged over the protocol's window.
+        """Return the force after the step has settled, averaged over the protocol's window.
 
         Raises:
-            ForceLimitError: It lies above the hard limit.
-            GaugeError: It is no number.
+            ForceLimitError: The force is above the hard limit.
+            GaugeError: The force is not a number.
         """
         self.clock.sleep(self.protocol.settle_s)
         return self._net(self.protocol.force_window_s)
 
     def again(self) -> Force:
-        """The force once more, without waiting: after the sensor was read.
+        """Read the force again without waiting, after the sensor was read.
 
         Raises:
-            ForceLimitError: It lies above the hard limit.
-            GaugeError: It is no number.
+            ForceLimitError: The force is above the hard limit.
+            GaugeError: The force is not a number.
         """
         return self._net(self.protocol.force_window_s)
 
@@ -108,7 +109,7 @@ class ContactForce:
         read = self.gauge.read(window_s)
         if not math.isfinite(read.mean_n):
             raise GaugeError(f"the gauge reads {read.mean_n} N")
-        # Pulling harms as pushing does; whichever of the raw and the zeroed force is larger counts.
+        # Pulling is as harmful as pushing. The larger of the raw force and the force minus its zero counts.
         worst = max(abs(read.mean_n), abs(read.mean_n - self.zero_n))
         if worst > self.protocol.hard_limit_n:
             raise ForceLimitError(

@@ -1,4 +1,4 @@
-"""The person at the rig: puts blocks in, reads their labels back, teaches heights."""
+"""The person at the rig, who puts blocks in, confirms their labels and teaches heights."""
 
 from __future__ import annotations
 
@@ -8,34 +8,34 @@ from typing import Protocol
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.util.errors import InputError
 
-#: A wrong label is asked for again so many times.
+#: The number of attempts to type a label.
 TRIES = 5
 
 
 class Person(Protocol):
-    """Who puts the blocks in."""
+    """The interface of the person who puts the blocks in."""
 
     def put_in(self, printed: PrintedBlock, label: str, slot: int | None) -> None:
-        """Have a block put in.
+        """Ask the person to put a block in.
 
         Args:
             printed: The block.
-            label: What stands on its underside.
-            slot: Slot of the tray from 1, or None where there is one only.
+            label: The text on its underside.
+            slot: The slot of the tray, from 1; None if there is only one.
 
         Raises:
-            InputError: It was not confirmed.
+            InputError: The person did not confirm the block.
         """
 
     def first_touch(self, printed: PrintedBlock, positions: int) -> tuple[float, ...]:
-        """Heights of first touch in mm of the work frame: one for all positions, or one for each.
+        """Ask for the heights of first touch in mm of the work frame: one for all positions, or one for each.
 
         Args:
-            printed: The block that lies there.
-            positions: How many positions are pressed.
+            printed: The block in the holder.
+            positions: The number of positions.
 
         Raises:
-            InputError: None was given.
+            InputError: The person entered no valid height.
         """
 
 
@@ -43,7 +43,7 @@ class Typing:
     """A person at a terminal, or a script on the standard input.
 
     Args:
-        ask: Shows a text and returns the line that is typed; raises an ``InputError`` at the input's end.
+        ask: Shows a text and returns the typed line. It raises an ``InputError`` at the end of the input.
         say: Shows a text.
     """
 
@@ -52,7 +52,7 @@ class Typing:
         self.say = say
 
     def put_in(self, printed: PrintedBlock, label: str, slot: int | None) -> None:
-        """See :class:`Person`. The label is compared without case and blanks; the run's name will do as well."""
+        """See :class:`Person`. Case and blanks of the label are ignored; the name of the run is accepted too."""
         where = "the holder" if slot is None else f"slot {slot}"
         self.say(
             f"Put into {where}: {printed.texture}, preset {printed.block.preset}, scale {printed.block.scale:g}, "
@@ -62,18 +62,18 @@ class Typing:
             typed = self.ask(f"Its label ({label}): ")
             if _plain(typed) in (_plain(label), _plain(printed.name)):
                 return
-            self.say(f"{typed!r} is another block; this one says {label}")
+            self.say(f"{typed!r} is the label of another block; this block must have {label}")
         raise InputError("label", typed, f"must be {label}; nothing was pressed")
 
     def first_touch(self, printed: PrintedBlock, positions: int) -> tuple[float, ...]:
         """See :class:`Person`."""
         typed = self.ask(
-            f"First touch on {printed.name}, z in mm of the work frame, one number or {positions} with commas: "
+            f"First touch on {printed.name}, z in mm of the work frame, one number or {positions} separated by commas: "
         )
         try:
             return tuple(float(word) for word in typed.split(","))
         except ValueError:
-            raise InputError("first touch", typed, "must be numbers with commas between them") from None
+            raise InputError("first touch", typed, "must be numbers separated by commas") from None
 
 
 def _plain(text: str) -> str:

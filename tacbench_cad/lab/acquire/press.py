@@ -1,8 +1,8 @@
-"""One press: down by bounded steps until the target is reached, and up again.
+"""One press: down in limited steps until the target is reached, and up again.
 
-The search always comes from above. Printed plastic and a gel-filled dome show hysteresis and creep, and a stage has
-backlash: a height that was reached downwards carries another force than the same height reached upwards. So a press
-that is too hard is lifted past the wanted height, by half an approach step, and lowered to it again.
+The search always approaches from above. Printed plastic and a gel-filled dome show hysteresis and creep, and a stage
+has backlash, so the force at a height depends on the direction of the last motion. After a press that is too hard, the
+sensor is therefore lifted half an approach step above the new height and lowered to it again.
 """
 
 from __future__ import annotations
@@ -16,14 +16,15 @@ from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import Point, Protocol
 
-#: Approach steps above the lowest height that was found free, at which the next approach at the same place begins.
+#: The start of the next approach at the same place, in approach steps above the lowest free height.
 MARGIN_STEPS = 2.0
-#: A coarse step is taken only if the target stays out of reach should the force grow so many times as much as it did
-#: with the step before: contact stiffens with depth, and ``F ~ depth^2`` triples the gain from first to second step.
+#: The assumed growth of the force from one coarse step to the next. A coarse step is taken only if the target would
+#: still not be reached with this growth. Contact stiffens with depth: ``F ~ depth^2`` triples the increase from the
+#: first step to the second.
 GROWTH = 3.0
-#: Far from the band, in its half widths, only this fraction of the predicted step is taken: prediction lags behind.
+#: The distance from the band, in half widths of the band, beyond which a shorter step is taken, since predictions lag.
 FAR_BANDS = 4.0
-#: The fraction of the predicted step that is taken far from the band.
+#: The fraction of the predicted step that is taken there.
 FAR_FRACTION = 0.8
 
 
@@ -32,9 +33,9 @@ class SettledPress:
     """The sensor in contact, ready to be read.
 
     Args:
-        pose_mm: Where the stage reports it, in the work frame.
-        measured: Settled force, or None without a gauge.
-        in_band: Whether the force lies in the target's band; None in depth mode.
+        pose_mm: The position that the stage reports, in mm of the work frame.
+        measured: The settled force, or None without a gauge.
+        in_band: Whether the force is in the target's band; None in depth mode.
     """
 
     pose_mm: Point
@@ -44,12 +45,12 @@ class SettledPress:
 
 @dataclass(kw_only=True)
 class Slope:
-    """The local stiffness: a straight line through the forces that were read near a height.
+    """The local stiffness: a straight line through the forces that were measured near a height.
 
     Args:
-        reach_mm: How far from that height a force still counts.
-        min_mm: Heights that lie closer together than this say nothing.
-        seen: Heights in mm and the forces in newtons that were read there.
+        reach_mm: The largest distance from that height at which a force counts, in mm.
+        min_mm: The smallest useful distance between two heights, in mm.
+        seen: The heights in mm and the forces in N that were measured there.
     """
 
     reach_mm: float
@@ -57,11 +58,11 @@ class Slope:
     seen: list[tuple[float, float]] = field(default_factory=list)
 
     def add(self, z_mm: float, force_n: float) -> None:
-        """Remember a force that was reached downwards."""
+        """Store a force that was reached by moving down."""
         self.seen.append((z_mm, force_n))
 
     def at(self, z_mm: float) -> float | None:
-        """Stiffness in N/mm round a height, or None where too little is known or the force falls with depth."""
+        """Return the stiffness in N/mm around a height; None if unknown or if the force decreases with depth."""
         near = [(z, f) for z, f in self.seen if abs(z - z_mm) <= self.reach_mm]
         if not near or max(z for z, _ in near) - min(z for z, _ in near) < self.min_mm:
             return None
@@ -72,13 +73,13 @@ class Slope:
 
 
 class Presser:
-    """Presses one block, place by place, and remembers where it was free.
+    """Presses one block, position by position, and remembers the heights at which the sensor was free.
 
     Args:
         protocol: The protocol.
         carriage: Moves the sensor.
         force: Reads the force; None on a rig without a gauge.
-        touch: Finds first touch in depth mode; None in force mode.
+        touch: Finds the height of first touch in depth mode; None in force mode.
     """
 
     def __init__(self, protocol: Protocol, carriage: Carriage, force: ContactForce | None, touch: Touch | None) -> None:
@@ -90,16 +91,16 @@ class Presser:
         self._touch_mm: dict[int, float] = {}
 
     def press(self, press: Press) -> SettledPress:
-        """Go over the place, read the free force, and press.
+        """Move over the position, read the free force, and press.
 
         Args:
-            press: Place and target.
+            press: The position and the target.
 
         Returns:
-            The sensor in contact at the best force found, or at the stated depth. It stays there.
+            The contact at the best force, or at the given depth. The sensor stays there.
 
         Raises:
-            RigError: A limit was met or a device failed. The caller lifts the sensor.
+            RigError: A limit was exceeded or a device failed. The caller lifts the sensor.
         """
         self.carriage.over(press.x_mm, press.y_mm)
         if self.force is not None:
@@ -125,7 +126,7 @@ class Presser:
         return self._search(press.target_n, press.band_n, slope)
 
     def _search(self, target_n: float, band_n: float, slope: Slope) -> SettledPress:
-        """Small steps to the target from where the approach ended; the best one is kept."""
+        """Approach the target in small steps from the end of the coarse approach, and keep the best step."""
         protocol, carriage, force = self.protocol, self.carriage, self._gauge
         stiffness: float | None = None
         min_step_mm = protocol.fine_step_mm
@@ -144,7 +145,7 @@ class Presser:
             if miss > 0.0:
                 fraction = FAR_FRACTION if miss > FAR_BANDS * band_n else 1.0
                 self._lower(min(max(fraction * needed_mm, min_step_mm), protocol.approach_step_mm))
-                # A stage with coarser steps than ours does not move at all: the next step is then a longer one.
+                # A stage whose own steps are coarser does not move at all. The next step is then longer.
                 stands = abs(carriage.at[2] - z) < protocol.fine_step_mm / 2.0
                 min_step_mm = 2.0 * min_step_mm if stands else protocol.fine_step_mm
             else:
@@ -169,7 +170,7 @@ class Presser:
         return SettledPress(pose_mm=self.carriage.at, measured=read, in_band=None)
 
     def _start(self, position: int) -> None:
-        """Go where the approach by steps begins: the travel height the first time, later just above the block."""
+        """Move to the start of the stepwise approach: the travel height at first, later just above the block."""
         known = self._free_mm.get(position)
         if known is not None:
             start = known + MARGIN_STEPS * self.protocol.approach_step_mm
@@ -177,7 +178,7 @@ class Presser:
                 self.carriage.to_height(start)
 
     def _down(self, by_mm: float) -> float:
-        """A step down of at most an approach step, with a look at the gauge if there is one."""
+        """Move down by at most an approach step, and read the gauge if there is one."""
         z = self.carriage.to_height(self.carriage.aim_mm - min(by_mm, self.protocol.approach_step_mm))
         if self.force is not None:
             self.force.glance()
@@ -187,7 +188,7 @@ class Presser:
         self.carriage.to_height(self.carriage.at[2] - by_mm)
 
     def _from_above(self, z_mm: float) -> None:
-        """Lift past a height by half an approach step, and come down to it."""
+        """Lift half an approach step above a height and move down to it."""
         extra = self.protocol.approach_step_mm / 2.0
         self.carriage.to_height(max(z_mm, self.carriage.at[2]) + extra)
         while self.carriage.aim_mm - z_mm > self.protocol.approach_step_mm:
@@ -196,5 +197,5 @@ class Presser:
 
     @property
     def _gauge(self) -> ContactForce:
-        assert self.force is not None, "force mode without a gauge is refused by the reader of the study"
+        assert self.force is not None, "the study reader refuses force mode without a gauge"
         return self.force

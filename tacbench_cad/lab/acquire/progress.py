@@ -1,4 +1,4 @@
-"""What a person sees while blocks are pressed."""
+"""Progress messages for the person while blocks are pressed."""
 
 from __future__ import annotations
 
@@ -14,50 +14,50 @@ from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.util.files import TEMPORARY_PREFIX
 from tacbench_cad.util.text import counted
 
-#: A stream that is no terminal gets a line every so many seconds.
+#: The interval between progress lines if the stream is not a terminal, in s.
 PLAIN_EVERY_S = 10.0
 
 
 class PressProgress:
-    """Receives what happens in a run; this one does nothing with it."""
+    """The interface for progress updates of a run. This class ignores them all."""
 
     def begin(self, name: str, done: int, total: int) -> None:
-        """A block's run is begun or resumed.
+        """Report that a block's run begins or is resumed.
 
         Args:
-            name: Name of the run.
-            done: Presses that are there.
-            total: Presses that it will have.
+            name: The name of the run.
+            done: The number of presses that are already saved.
+            total: The number of presses of the run.
         """
 
     def pressed(self, done: int, force: Force | None, in_band: bool | None, image: Path) -> None:
-        """One more press is on the disk.
+        """Report that one more press is saved.
 
         Args:
-            done: Presses that are there now.
-            force: The measured force, None without a gauge.
-            in_band: Whether it lies in its band, None without a gauge.
+            done: The number of saved presses.
+            force: The measured force; None without a gauge.
+            in_band: Whether the force is in its band; None without a gauge.
             image: The file of the sensor's frame.
         """
 
     def end(self) -> None:
-        """The block's run was left, finished or not."""
+        """Report the end of a block's run, complete or not."""
 
     def say(self, message: str) -> None:
-        """Something else that the person should know."""
+        """Report another message for the person."""
 
 
-#: Shows nothing.
+#: Progress updates that show nothing.
 Silent = PressProgress
 
 
 class ProgressLines(PressProgress):
-    """One line that is written over on a terminal, and a new line every ten seconds elsewhere.
+    """One line that is rewritten on a terminal; elsewhere, a new line every ten seconds.
 
     Args:
-        out: Folder of the runs: the last image is copied there as ``last.png``, for a viewer that watches one file.
-        stream: Where to write; the standard error if None.
-        now_s: Seconds, never going back.
+        out: The folder of the runs. The last image is copied there as ``last.png``, for a viewer that shows one file.
+        stream: The output stream; None for the standard error.
+        now_s: Returns a time in seconds that never decreases.
     """
 
     def __init__(self, out: Path, stream: TextIO | None = None, now_s: Callable[[], float] = time.monotonic) -> None:
@@ -74,7 +74,7 @@ class ProgressLines(PressProgress):
         """See :class:`PressProgress`."""
         self._name, self._total = name, total
         self._first, self._written = None, -PLAIN_EVERY_S
-        self.say(f"{name}: {f'{done} of ' if done else ''}{counted(total, 'press')}{' there' if done else ''}")
+        self.say(f"{name}: {f'{done} of ' if done else ''}{counted(total, 'press')}{' done' if done else ''}")
 
     def pressed(self, done: int, force: Force | None, in_band: bool | None, image: Path) -> None:
         """See :class:`PressProgress`."""
@@ -100,7 +100,7 @@ class ProgressLines(PressProgress):
         self.stream.flush()
 
     def _left(self, now: float, done: int) -> str:
-        """The time left at the pace since the session's first press; nothing is known at that press."""
+        """Return the remaining time, at the pace since the session's first press; empty before the second press."""
         if self._first is None:
             self._first = (now, done)
             return ""
@@ -116,7 +116,7 @@ class ProgressLines(PressProgress):
         self.stream.flush()
 
     def _show(self, image: Path) -> None:
-        """Copy the last image. A copy that fails is no reason to stop a run."""
+        """Copy the last image. A failed copy does not stop the run."""
         if image.suffix == ".png":
             with contextlib.suppress(OSError):
                 temporary = self.out / f"{TEMPORARY_PREFIX}last.png"

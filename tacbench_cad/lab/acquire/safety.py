@@ -1,7 +1,6 @@
-"""What keeps sensor and block unharmed: bounds on every move, the lift after any failure, and signals.
+"""Protection of sensor and block: limits on every move, the lift after a failure, and signals.
 
-The carriage is the only thing in the press loop that moves the stage. It works in the work frame, where z = 0 is the
-block's highest point.
+In the press loop only the carriage moves the stage. It uses the work frame, where z = 0 is the block's highest point.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from tacbench_cad.lab.rig.stage import Stage
 from tacbench_cad.lab.study.spec import HolderRim, Point, Protocol, WorkFrame
 from tacbench_cad.util.text import counted
 
-#: How far below the depth limit a reported height may lie: the rounding of firmware that reports micrometres.
+#: The allowed distance of a reported height below the depth limit, in mm, for firmware that rounds to micrometres.
 ROUNDING_MM = 0.002
 
 
@@ -30,8 +29,8 @@ class RunInterruptedError(KeyboardInterrupt):
     Attributes:
         signal: ``SIGINT``, ``SIGTERM`` or ``SIGHUP``.
         lifted: Whether the sensor is lifted off the block.
-        saved: Presses of the study that are on the disk.
-        planned: Presses that it will have.
+        saved: The number of saved presses of the study.
+        planned: The number of presses of the study.
     """
 
     def __init__(self, signal: str) -> None:
@@ -50,12 +49,13 @@ class Carriage:
 
     Args:
         stage: The stage.
-        frame: The block's work frame in the stage's.
-        protocol: Clearance and depth limit.
-        holder: The rim that is travelled over.
-        travel_mm_s: Speed at and to the travel height.
-        approach_mm_s: Speed of every step downwards.
-        may_home: Whether a stage that lost its position may be homed to lift the sensor: homing goes upwards first.
+        frame: The block's work frame in the stage's coordinates.
+        protocol: The protocol with clearance and depth limit.
+        holder: The rim of the holder, over which the sensor travels.
+        travel_mm_s: The speed at the travel height and on the way to it, in mm/s.
+        approach_mm_s: The speed of every step downwards, in mm/s.
+        may_home: Whether a stage that lost its position may be homed to lift the sensor, since homing moves upwards
+            first.
     """
 
     stage: Stage
@@ -69,17 +69,17 @@ class Carriage:
     def __post_init__(self) -> None:
         self.travel_mm = travel_height_mm(self.protocol, self.holder)
         self.lowest_mm = -self.protocol.depth_limit_mm
-        #: Where the stage reports the sensor, and the height that it was last sent to: a stage with coarse steps
-        #: does not report what it was sent to, and steps that are smaller than its own add up only in the latter.
+        #: The position that the stage reports, and the height that was last requested. They differ for a stage with
+        #: coarse steps; steps smaller than its own add up only in the requested height.
         self.at: Point = self.frame.to_work(self.stage.position())
         self.aim_mm = self.at[2]
         self._moving = self._retreating = False
         self._interrupted = ""
 
     def interrupt(self, reason: str) -> None:
-        """Stop at once; the loop is left at its next move or frame. Made for signal handlers.
+        """Stop at once and leave the loop at its next move or frame. Signal handlers may call this method.
 
-        A retreat that is under way is not disturbed.
+        A retreat that has begun is not interrupted.
         """
         self._interrupted = self._interrupted or reason
         if self._moving and not self._retreating:
@@ -89,16 +89,16 @@ class Carriage:
         """Leave the loop if a signal came.
 
         Raises:
-            RunInterruptedError: It did.
+            RunInterruptedError: A signal came.
         """
         if self._interrupted and not self._retreating:
             raise RunInterruptedError(self._interrupted)
 
     def over(self, x_mm: float, y_mm: float) -> None:
-        """Go above a place of the block: up to the travel height first, then sideways, then down to it from above.
+        """Move over a position of the block: up to the travel height, then sideways, then down to the travel height.
 
-        Sideways goes at the height of the start or of the end, whichever is higher: the slots of a tray need not be
-        level.
+        The sideways move uses the travel height of the start or of the end, whichever is higher, since the slots of a
+        tray may differ in height.
 
         Raises:
             RigError: The stage failed.
@@ -109,7 +109,7 @@ class Carriage:
             self._go((x_mm, y_mm, self.travel_mm), self.travel_mm_s)
 
     def lift(self) -> None:
-        """Go straight up to the travel height, if the sensor is not there or higher.
+        """Move straight up to the travel height, unless the sensor is already there or higher.
 
         Raises:
             RigError: The stage failed.
@@ -120,37 +120,39 @@ class Carriage:
             self._go((x, y, self.travel_mm), self.travel_mm_s)
 
     def to_height(self, z_mm: float) -> float:
-        """Go straight up or down to a height of the work frame.
+        """Move straight up or down to a height of the work frame.
 
         Returns:
             The height that the stage reports.
 
         Raises:
-            DepthLimitError: It lies below the depth limit; nothing was sent. Or the stage went there by itself.
+            DepthLimitError: The height is below the depth limit, or the stage reports a height below it.
             RigError: The stage failed.
         """
         if not z_mm >= self.lowest_mm:
             raise DepthLimitError(
-                f"z = {z_mm:.3f} mm lies below the depth limit, {self.lowest_mm:g} mm; is the origin's height right, "
-                "and does the gauge feel the sensor?"
+                f"z = {z_mm:.3f} mm is below the depth limit, {self.lowest_mm:g} mm; check the height of the origin "
+                "and that the gauge measures the sensor's force"
             )
         x, y, _ = self.at
         self._go((x, y, z_mm), self.approach_mm_s)
         if self.at[2] < self.lowest_mm - ROUNDING_MM:
-            raise DepthLimitError(f"the stage reports z = {self.at[2]:.3f} mm, below the limit {self.lowest_mm:g} mm")
+            raise DepthLimitError(
+                f"the stage reports z = {self.at[2]:.3f} mm, below the depth limit {self.lowest_mm:g} mm"
+            )
         return self.at[2]
 
     def retreat(self) -> str:
         """Lift the sensor after a failure, if the stage still answers.
 
-        A stage that is locked or lost its position cannot be sent to a height; where it may be homed it is, since
-        homing begins upwards.
+        A stage that is locked or lost its position cannot move to a height. It is homed instead if that is allowed,
+        since homing begins upwards.
 
         Returns:
-            What went wrong, or an empty text once the sensor is lifted.
+            The problem, or an empty text once the sensor is lifted.
         """
         self._retreating = True
-        # A second try: the first one may find the rest of the exchange that failed.
+        # The lift is tried twice, since the first attempt may receive the rest of the exchange that failed.
         ways = [self.lift, self.lift, *([self.stage.home] if self.may_home else [])]
         failed = ""
         try:
@@ -167,10 +169,10 @@ class Carriage:
 
     @contextlib.contextmanager
     def safely(self, say: Callable[[str], None]) -> Iterator[None]:
-        """Whatever ends the body, the sensor is lifted after it.
+        """Lift the sensor after the body, also after an error.
 
         Args:
-            say: Is told where the lift failed.
+            say: Receives a message if the lift failed.
         """
         try:
             yield
@@ -189,7 +191,7 @@ class Carriage:
         try:
             reported = self.stage.move(self.frame.to_stage(target_mm), speed_mm_s)
         except RigError:
-            # A move that a signal cut short ends in some error of the driver: the signal is the reason.
+            # A move that a signal interrupted ends in some error of the driver. The signal is the cause.
             self.check()
             raise
         finally:
@@ -201,8 +203,8 @@ class Carriage:
 class Signals:
     """Turns SIGINT, SIGTERM and SIGHUP into an orderly end.
 
-    While a block is pressed they go to the carriage, which stops; at any other time (a question to the user, devices
-    being opened) they raise :class:`RunInterruptedError` at once. Outside of the main thread nothing is caught.
+    While a block is pressed, the signals go to the carriage, which stops. At other times (a question to the user, the
+    opening of devices) they raise :class:`RunInterruptedError` at once. Outside the main thread, no signal is handled.
     """
 
     def __init__(self) -> None:
@@ -223,7 +225,7 @@ class Signals:
 
     @contextlib.contextmanager
     def sent_to(self, carriage: Carriage) -> Iterator[None]:
-        """Give the signals to a carriage while the body runs."""
+        """Send the signals to a carriage while the body runs."""
         self._carriage = carriage
         try:
             yield

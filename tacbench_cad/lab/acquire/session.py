@@ -1,4 +1,4 @@
-"""A whole study on one rig: which block is next, which slot it goes to, and where the last session ended."""
+"""Pressing of a whole study on one rig: the next block, its slot, and the end of the last session."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tacbench_cad.util.convert import Length, read_toml
 from tacbench_cad.util.files import locked, write_text
 from tacbench_cad.util.text import counted
 
-#: File in a run folder with the heights of first touch that a person taught.
+#: The file in a run folder with the heights of first touch that a person taught.
 TAUGHT_FILE = "touch.toml"
 
 Opener = Callable[[RigSettings, PrintedBlock, WorkFrame], AbstractContextManager[Rig]]
@@ -33,14 +33,14 @@ Opener = Callable[[RigSettings, PrintedBlock, WorkFrame], AbstractContextManager
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """A block of the study and where it is pressed.
+    """A block of the study and its place on the rig.
 
     Args:
         study: The study, with the holder of the rig.
         planned: The block.
-        slot: Slot of the tray, from 0.
-        frame: Its work frame.
-        folder: Its run folder.
+        slot: The slot of the tray, from 0.
+        frame: The work frame of the block.
+        folder: The run folder.
     """
 
     study: Study
@@ -51,26 +51,26 @@ class Place:
 
     @property
     def printed(self) -> PrintedBlock:
-        """The block itself."""
+        """The printed block."""
         return self.planned.printed
 
     @property
     def label(self) -> str:
-        """What stands on the block's underside if it was printed with its label: ``T4 PAPER X1 02``."""
+        """The text on the underside of a block that was printed with its label: ``T4 PAPER X1 02``."""
         return " ".join(replace(self.printed.block, copy=self.printed.copy).label_words)
 
     @property
     def run(self) -> Run | None:
-        """Its run, if one was begun."""
+        """The run of the block; None before it begins."""
         return Run.open(self.folder) if (self.folder / RUN_FILE).exists() else None
 
     def info(self, **devices: Mapping[str, Any]) -> RunInfo:
-        """What its run should be, with what the devices say of themselves."""
+        """Return the expected description of the run, with the devices' own descriptions."""
         return RunInfo.of(self.study, self.planned, self.frame, self.slot, **devices)
 
 
 def places(study: Study, rig: RigSettings, out: Path) -> tuple[Place, ...]:
-    """Every block of a study in the order of pressing, each with its slot.
+    """Return every block of a study in the order of pressing, each with its slot.
 
     The slots are filled in turn, so a block has the same slot in every session.
     """
@@ -93,26 +93,26 @@ def acquire_study(
 ) -> tuple[BlockResult, ...]:
     """Press every block of a study that is not complete yet.
 
-    Blocks are put in by trays: as many at a time as the stage has slots. The devices stay open from block to block.
-    Nothing is asked where stage and sensor are both simulated: nobody can put a block in there.
+    The person puts in as many blocks at a time as the stage has slots. The devices stay open from block to block.
+    The person is not asked if stage and sensor are both simulated.
 
     Args:
-        study: Blocks and protocol.
+        study: The blocks and the protocol.
         rig: The devices.
-        out: Folder of the run folders.
+        out: The folder of the run folders.
         person: Puts the blocks in.
         progress: Receives progress updates.
         durable: See :meth:`tacbench_cad.lab.runs.writing.RunWriter.open`.
         opener: Opens the devices.
 
     Returns:
-        What was done at each block that was not complete.
+        The results at all blocks that were not complete.
 
     Raises:
         InputError: The study cannot be pressed on this rig, or a run was begun with other settings.
-        RigError: A device failed or a limit was met; the run can be resumed.
-        RunInterruptedError: A signal came; likewise. It says whether the sensor is lifted and how many presses are
-            saved.
+        RigError: A device failed or a limit was exceeded; the run can be resumed.
+        RunInterruptedError: A signal interrupted the run, which can be resumed. The error says whether the sensor is
+            lifted and how many presses are saved.
     """
     rig.require_gauge_for(study.protocol)
     slots = rig.stage.frames
@@ -139,7 +139,7 @@ def acquire_study(
 
 @contextmanager
 def _counting(study: Study, blocks: Sequence[Place]) -> Iterator[None]:
-    """Give an interruption the number of presses that are on the disk."""
+    """Add the number of saved presses to an interruption."""
     try:
         yield
     except RunInterruptedError as error:
@@ -149,7 +149,7 @@ def _counting(study: Study, blocks: Sequence[Place]) -> Iterator[None]:
 
 
 def _trays(blocks: Sequence[Place]) -> Iterator[tuple[Place, ...]]:
-    """Blocks that are put in together: each slot at most once, in order."""
+    """Group the blocks that are put in together: each slot at most once, in order."""
     tray: list[Place] = []
     for place in blocks:
         if any(place.slot == other.slot for other in tray):
@@ -161,7 +161,7 @@ def _trays(blocks: Sequence[Place]) -> Iterator[tuple[Place, ...]]:
 
 
 def _finished(rig: RigSettings, place: Place) -> bool:
-    """Whether a block's run is complete, and refuse one that was begun otherwise, before any device is opened."""
+    """Return whether a block's run is complete. Refuse other settings before any device is opened."""
     run = place.run
     if run is None:
         return False
@@ -172,7 +172,7 @@ def _finished(rig: RigSettings, place: Place) -> bool:
     )
     advice = "restore them or name another folder"
     if not run.rows:
-        advice = "it holds no press, so delete it or name another folder"
+        advice = "it contains no press, so delete it or name another folder"
     run.info.require_same(now, str(place.folder), advice)
     still = [(frame.when, frame.in_contact) for frame in run.stationary_frames]
     count = run.info.plan.protocol.stationary_frames
@@ -183,8 +183,8 @@ def _finished(rig: RigSettings, place: Place) -> bool:
 
 
 def _prepare(rig: RigSettings, place: Place, person: Person, slots: int, blocks: int) -> tuple[float, ...]:
-    """Have the block put in, and its heights of first touch where a person teaches them."""
-    # A single block is taken to lie in the holder.
+    """Have the block put in, and get its heights of first touch if a person teaches them."""
+    # A single block is assumed to be in the holder already.
     if blocks > 1 and not (rig.stage.is_virtual and rig.sensor.driver == "simulated"):
         person.put_in(place.printed, place.label, place.slot + 1 if slots > 1 else None)
     protocol = place.study.protocol

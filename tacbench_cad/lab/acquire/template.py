@@ -1,4 +1,4 @@
-"""The file that ``tacbench acquire --init`` writes: every key, what it means, and its default."""
+"""The file that ``tacbench acquire --init`` writes: every key with its meaning and default."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ def write_template(path: Path) -> None:
     """Write :data:`TEMPLATE_FILE` to a new file.
 
     Raises:
-        InputError: There is something at that path already, or it cannot be written.
+        InputError: The path already exists or cannot be written.
     """
     if path.exists() or path.is_symlink():
-        raise InputError("init", str(path), "is there already; name a new file")
+        raise InputError("init", str(path), "already exists; name a new file")
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, TEMPLATE_FILE.read_text("utf-8"))

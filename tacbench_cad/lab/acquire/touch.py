@@ -1,4 +1,4 @@
-"""First touch in depth mode: felt by the gauge, seen by the sensor, or taught by hand."""
+"""First touch in depth mode: found by the gauge, by the sensor, or taught by hand."""
 
 from __future__ import annotations
 
@@ -14,39 +14,39 @@ from tacbench_cad.lab.study.spec import Protocol
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats32
 
-#: Frames of the free sensor from which its noise is taken.
+#: The number of frames of the free sensor from which its noise is estimated.
 FREE_FRAMES = 8
-#: The change of a frame is the mean of its largest changes, so many of all its numbers (at least one): touch moves a
-#: few markers in the middle of the image first.
+#: The change of a frame is the mean of its largest changes, over this fraction of its values (at least one). A touch
+#: first moves a few markers in the middle of the image.
 LARGEST_FRACTION = 0.001
-#: A frame shows touch if its change is larger than those of the free frames by so many times their scatter, and by
-#: this fraction at the least.
-CHANGE_SPREADS = 6.0
-#: How much larger it is at the least, as a fraction of the free frames' changes.
+#: A frame shows touch if its change exceeds those of the free frames by this multiple of their standard deviation, and
+#: by at least MIN_CHANGE.
+CHANGE_DEVIATIONS = 6.0
+#: The smallest excess of the change, as a fraction of the free frames' changes.
 MIN_CHANGE = 0.2
-#: Touch is found in steps of this fraction of an approach step, once an approach step has met it.
+#: The step of the fine search for touch, as a fraction of an approach step, after an approach step has found it.
 FINE_FRACTION = 0.1
 
-#: Lowers the sensor by so many mm (an approach step at most) and returns the height.
+#: Lowers the sensor by a distance in mm (at most an approach step) and returns the height.
 Down = Callable[[float], float]
 
 
-#: Finds the height of first touch at a place, in mm of the work frame. It gets the place's number, from 1, with the
-#: sensor above it at the travel height, and lowers the sensor by the other argument.
+#: Finds the height of first touch at a position, in mm of the work frame. Its arguments are the number of the position,
+#: from 1, with the sensor above it at the travel height, and the function that lowers the sensor.
 Touch = Callable[[int, Down], float]
 
 
 def _by_steps(carriage: Carriage, protocol: Protocol, begin: Callable[[], None], touches: Callable[[], bool]) -> Touch:
-    """Steps down until something says that the sensor touches, then once more from above in finer steps.
+    """Find touch with steps down, first coarse, then once more from above in finer steps.
 
     Args:
-        carriage: Where the sensor is.
-        protocol: Its approach step.
-        begin: Is called at the travel height, before the first step.
-        touches: Whether the sensor touches where it is.
+        carriage: The carriage of the sensor.
+        protocol: The protocol with the approach step.
+        begin: Called at the travel height, before the first step.
+        touches: Returns whether the sensor touches at its present position.
 
     Returns:
-        What gives the last free height of the fine steps.
+        A function that returns the last free height of the fine steps.
     """
     step = protocol.approach_step_mm
 
@@ -65,12 +65,12 @@ def _by_steps(carriage: Carriage, protocol: Protocol, begin: Callable[[], None],
 
 
 def by_gauge(carriage: Carriage, protocol: Protocol, force: ContactForce) -> Touch:
-    """Touch is where the settled force rises above the free gauge's noise."""
+    """Find touch as the height where the settled force exceeds the free gauge's noise."""
     return _by_steps(carriage, protocol, lambda: None, lambda: force.settled().mean_n > force.touch_n)
 
 
 def by_sensor(carriage: Carriage, protocol: Protocol, sensor: Sensor, clock: Clock) -> Touch:
-    """Touch is where a frame differs from the free sensor's mean by more than free frames do."""
+    """Find touch as the height where a frame differs from the free sensor's mean by more than free frames do."""
     change = SensorChange()
 
     def read() -> Floats32:
@@ -85,44 +85,44 @@ def by_sensor(carriage: Carriage, protocol: Protocol, sensor: Sensor, clock: Clo
 
 
 def taught(heights_mm: Sequence[float], positions: int) -> Touch:
-    """Touch is where a person found it.
+    """Use heights of touch that a person taught.
 
     Args:
         heights_mm: One for all positions, or one for each, in mm of the work frame.
-        positions: How many positions there are.
+        positions: The number of positions.
 
     Raises:
-        InputError: There are neither one nor ``positions`` heights, or one is no finite number.
+        InputError: The number of heights is neither one nor ``positions``, or a height is not a finite number.
     """
     if len(heights_mm) not in (1, positions) or not all(np.isfinite(heights_mm)):
         raise InputError(
-            "first touch", list(heights_mm), f"must be one finite height in mm, or {positions}, one a position"
+            "first touch", list(heights_mm), f"must be one finite height in mm, or {positions}, one for each position"
         )
     return lambda position, _: heights_mm[position - 1 if len(heights_mm) > 1 else 0]
 
 
 class SensorChange:
-    """Tells a touched sensor from a free one by the largest changes of its numbers."""
+    """Distinguishes a touched sensor from a free one by the largest changes of its values."""
 
     def __init__(self) -> None:
         self._mean = np.zeros(0, dtype=np.float32)
         self._limit = 0.0
 
     def learn(self, free: Sequence[Floats32]) -> None:
-        """Take frames of the free sensor, at least three.
+        """Learn the noise from at least three frames of the free sensor.
 
-        Each is compared with the mean of the others, as a later frame is compared with the mean of all.
+        Each frame is compared with the mean of the others, as a later frame is compared with the mean of all.
         """
         count = len(free)
         self._mean = np.mean(free, axis=0, dtype=np.float32)
-        # The mean of the others differs from one frame by count / (count - 1) times what the mean of all does.
+        # The difference to the mean of the others is count / (count - 1) times the difference to the mean of all.
         factor = count / (count - 1.0)
         changes = [factor * self._change(frame) for frame in free]
         middle = float(np.mean(changes))
-        self._limit = middle + max(CHANGE_SPREADS * float(np.std(changes, ddof=1)), MIN_CHANGE * middle)
+        self._limit = middle + max(CHANGE_DEVIATIONS * float(np.std(changes, ddof=1)), MIN_CHANGE * middle)
 
     def seen(self, frame: Floats32) -> bool:
-        """Whether a frame is not one of the free sensor."""
+        """Return whether a frame differs from the free sensor."""
         return self._change(frame) > self._limit
 
     def _change(self, frame: Floats32) -> float:

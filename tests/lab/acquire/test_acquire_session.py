@@ -67,7 +67,7 @@ def test_a_wrong_label_is_asked_for_again_and_then_refused(tmp_path: Path) -> No
     script = Script("T4 PAPER X1 01", printed(1).name, "T5 PAPER X1 01", *["no"] * 9)
     with pytest.raises(InputError, match="must be T4 PAPER X1 01"):
         run(FakeRig(), study_of(short(), 1, 4), tmp_path, script)
-    assert "'T4 PAPER X1 01' is another block; this one says T1 PAPER X1 01" in script.shown
+    assert "'T4 PAPER X1 01' is the label of another block; this block must have T1 PAPER X1 01" in script.shown
     assert len(Run.open(tmp_path / printed(1).name).rows) == 8
     assert not (tmp_path / printed(4).name).exists()
 
@@ -129,7 +129,7 @@ def test_a_run_without_a_press_may_be_deleted_when_settings_change(tmp_path: Pat
         run(FakeRig(), study_of(short(settle_s=0.3), 1), tmp_path, Script())
     table = tmp_path / printed(1).name / "targets.csv"
     table.write_bytes(table.read_bytes().splitlines(keepends=True)[0])
-    with pytest.raises(InputError, match=r"is now 0\.3; it holds no press, so delete it or name another folder"):
+    with pytest.raises(InputError, match=r"is now 0\.3; it contains no press, so delete it or name another folder"):
         run(FakeRig(), study_of(short(settle_s=0.3), 1), tmp_path, Script())
 
 

@@ -16,7 +16,7 @@ from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
 
 #: Begins the keys of a second sensor, which stand in place of those of the first.
-TAXELS = "# Taxels instead:"
+TAXELS = "# For taxels instead:"
 #: Not defaults but examples of what has none.
 EXAMPLES = ("port", "device", "calibration", "key_mm", "baud")
 #: What only the user knows, and something for a test.
@@ -94,9 +94,9 @@ def test_the_defaults_that_it_shows_are_the_true_ones(tmp_path: Path) -> None:
     explicit = read(tmp_path, with_defaults(without_study(READY)))
     assert explicit.study == plain.study
     stage, shown = plain.required_rig.stage, explicit.required_rig.stage
-    for one in fields(StageSettings):
-        if one.name != "options":
-            assert getattr(stage, one.name) == getattr(shown, one.name), one.name
+    for field in fields(StageSettings):
+        if field.name != "options":
+            assert getattr(stage, field.name) == getattr(shown, field.name), field.name
     assert explicit.required_rig.gauge.timeout_s == plain.required_rig.gauge.timeout_s
 
 
@@ -112,9 +112,9 @@ def test_its_study_is_valid_too(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", [Protocol, StageSettings, GaugeSettings, SensorSettings, HolderRim])
 def test_every_key_is_explained(kind: type) -> None:
-    for one in fields(kind):  # type: ignore[arg-type]
-        if (kind, one.name) != (SensorSettings, "options"):
-            assert re.search(rf"(?m)^(?:# )?{one.name} = ", TEMPLATE), one.name
+    for field in fields(kind):  # type: ignore[arg-type]
+        if (kind, field.name) != (SensorSettings, "options"):
+            assert re.search(rf"(?m)^(?:# )?{field.name} = ", TEMPLATE), field.name
 
 
 def test_the_sensors_drivers_know_the_keys_that_are_shown() -> None:
@@ -130,8 +130,8 @@ def test_the_sensors_drivers_know_the_keys_that_are_shown() -> None:
 def test_it_never_overwrites(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("mine")
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="already exists"):
         write_template(path)
     assert path.read_text() == "mine"
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="already exists"):
         write_template(tmp_path)

@@ -112,7 +112,7 @@ def test_a_rig_without_a_gauge(tmp_path: Path, touch: str) -> None:
 
 def test_five_misses_in_a_row_stop_the_run_and_keep_their_rows(tmp_path: Path) -> None:
     rig, protocol = FakeRig(step_mm=0.05), small_protocol(search_steps=6, bands_n=(0.0005, 0.0005))
-    with pytest.raises(NotReachedError, match="5 presses in a row missed their band"):
+    with pytest.raises(NotReachedError, match="5 presses in a row were outside the force band"):
         pressed(rig, tmp_path / "run", protocol)
     assert [row.in_band for row in Run.open(tmp_path / "run").rows] == [False] * 5
     assert rig.stage.at[2] == pytest.approx(TRAVEL_MM, abs=0.05)
