@@ -150,7 +150,7 @@ def command(
     files = [] if out is None else write_all(result, out, seatings)
     view = VarianceView.of(result, seatings)
     if json:
-        took = {"readings": result.passed.readings, "process_seconds": dict(result.passed.seconds)}
+        took = {"readings": result.passed.frames, "process_seconds": dict(result.passed.seconds)}
         print_json({**view.document(), **took, "files": [str(path) for path in files]})
     else:
         _print(view)

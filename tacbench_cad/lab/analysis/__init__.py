@@ -1,1 +1,1 @@
-"""What the runs of a study say: how well printers print, and what a sensor can tell apart."""
+"""The analysis of a study: how repeatable the prints are, and which textures a sensor can tell apart."""

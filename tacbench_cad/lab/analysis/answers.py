@@ -1,14 +1,15 @@
-"""The three questions that a study asks first, each with its figure, its interval and a plain answer.
+"""The three main questions of a study, each with its figure, its 95 % interval and a plain answer.
 
-1. *Is this printer repeatable?* The standard deviation between prints of one texture, as a fraction of that between
-   textures. Gauge studies accept no more than :data:`REPEATABLE`, and call up to 0.1 good (AIAG, Measurement Systems
-   Analysis, 4th edition, 2010: percentage of gauge repeatability and reproducibility).
-2. *Do prints differ more than repeats?* The variance of two prints over that of two repeats on one print: 1 if prints
-   add nothing.
-3. *Which textures can be told apart on a print never seen?* The fraction of a texture's presses that is predicted
-   rightly where its whole print was left out of the training (hold-out level ``copy``).
+1. *Is this printer repeatable?* The figure is the standard deviation between prints of one texture, as a fraction of
+   the standard deviation between textures. Gauge studies accept at most :data:`REPEATABLE`, and call up to 0.1 good
+   (AIAG, Measurement Systems Analysis, 4th edition, 2010: percentage of gauge repeatability and reproducibility).
+2. *Do prints differ more than repeats?* The figure is the variance between two prints, divided by the variance between
+   two repeats on one print. It is 1 if prints add no variance.
+3. *Which textures can be told apart on a print never seen?* The figure is the fraction of a texture's presses that is
+   predicted correctly when the whole print is left out of the training (hold-out level ``copy``).
 
-The answer is yes or no only where the whole 95 % interval says so. Its unit is the print.
+The answer is yes or no only if the whole 95 % interval is on one side of the limit. The unit of the interval is the
+print.
 """
 
 from __future__ import annotations
@@ -26,17 +27,17 @@ from tacbench_cad.lab.analysis.variance.streaming import CellKey, PlaceSums, lev
 from tacbench_cad.lab.analysis.variance.table import VarianceResult, pooled
 from tacbench_cad.util.text import interval, short
 
-#: Prints may differ by this fraction of what textures differ by, as standard deviations.
+#: The limit of question 1: standard deviation between prints, as a fraction of the one between textures.
 REPEATABLE = 0.3
-#: A texture is told apart where more than this fraction of its presses is predicted rightly.
+#: The limit of question 3: fraction of a texture's presses that must be predicted correctly.
 TOLD_APART = 0.5
 
 IS_REPEATABLE = "Is this printer repeatable?"
 PRINTS_DIFFER = "Do prints differ more than repeats?"
 WHICH_TEXTURES = "Which textures can be told apart on a print never seen?"
 
-_OF_TEXTURES = "% of what textures differ by"
-_OF_REPEATS = "times what repeats differ by"
+_OF_TEXTURES = "% of the SD between textures"
+_OF_REPEATS = "times the variance of repeats"
 RIGHT = "% predicted correctly"
 
 #: The columns of ``printer_answers.csv`` and ``texture_answers.csv``.
@@ -49,16 +50,16 @@ COLUMNS: tuple[Column, ...] = (
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """One answer.
+    """The answer to one question about one printer or texture.
 
     Args:
         question: The question.
-        about: Printer and filament, or texture.
-        figure: What was measured, in ``unit``; None if it cannot be said.
-        low: Lower end of its 95 % interval.
-        high: Upper end.
-        unit: What the figure counts.
-        answer: The answer in plain words, or why there is none.
+        about: The printer and filament, or the texture.
+        figure: The measured figure, in ``unit``; None if it is unknown.
+        low: The lower end of its 95 % interval.
+        high: The upper end of its 95 % interval.
+        unit: The unit of the figure, in words.
+        answer: The answer in plain words, or the reason why there is none.
     """
 
     question: str
@@ -71,7 +72,7 @@ class Answer:
 
 
 def shown(table: Table) -> Table:
-    """The rows of ``printer_answers.csv`` and ``texture_answers.csv`` as people see them: each question once."""
+    """Format the rows of ``printer_answers.csv`` or ``texture_answers.csv``; each question appears only once."""
     rows: list[Row] = []
     for row in table.rows:
         again = any(row["question"] == other["question"] for other in table.rows[: len(rows)])
@@ -83,11 +84,11 @@ def shown(table: Table) -> Table:
         )
     heads = {"question": "question", "about": "", "figure": "figure", "ends": "95 % interval", "answer": "answer"}
     columns = tuple(Column(name, head=head) for name, head in heads.items())
-    return Table(columns=columns, rows=tuple(rows), title="the questions first")
+    return Table(columns=columns, rows=tuple(rows), title="answers to the main questions")
 
 
 def print_answers(result: VarianceResult) -> Iterator[Answer]:
-    """Whether each printer of a variance table is repeatable, and whether its prints differ more than repeats."""
+    """Yield the answers to questions 1 and 2 for each printer of a variance table."""
     drawn = levels_with_most_prints(
         {(level, key): cell.design.tolist() for key, of in result.sums.items() for level, cell in of.items()}
     )
@@ -112,16 +113,18 @@ def print_answers(result: VarianceResult) -> Iterator[Answer]:
 
 
 def _no_answer(cells: Sequence[CellSums]) -> str:
-    """Why nothing can be said of prints; empty if something can."""
+    """Return the reason why the questions about prints have no answer; an empty string if they have one."""
     if not cells:
-        return "cannot be said: one print of each texture; press at least two"
-    return "" if sum(cell.dof[1] for cell in cells) else "cannot be said: one repeat; press each place at least twice"
+        return "cannot be said: there is only one print of each texture; press at least two"
+    if not sum(cell.dof[1] for cell in cells):
+        return "cannot be said: there is only one repeat; press each position at least twice"
+    return ""
 
 
 def _repeatable(about: str, cells: Sequence[CellSums], textures: float, seed: int) -> Answer:
-    """Whether what prints differ by is small beside what textures differ by (a variance)."""
+    """Compare the standard deviation between prints with the one between textures (``textures`` is a variance)."""
     if textures <= 0.0:
-        reason = "cannot be said: no differences between textures to compare with"
+        reason = "cannot be said: there are no differences between textures to compare with"
         return Answer(question=IS_REPEATABLE, about=about, answer=reason)
     prints = component_interval(cells, "print", seed=seed)
     figure, low, high = (
@@ -137,7 +140,10 @@ def _repeatable(about: str, cells: Sequence[CellSums], textures: float, seed: in
 def _between_textures(
     places: Iterable[PlaceSums], levels: dict[CellKey, tuple[int, ...]], cells: Sequence[CellSums]
 ) -> float:
-    """The variance between textures of one printer: half the mean squared distance of two, without prints and noise."""
+    """Return the variance between textures of one printer.
+
+    It is half the mean squared distance between two textures, without the parts that prints and noise cause.
+    """
     repeat = sum(cell.within for cell in cells) / sum(cell.dof[1] for cell in cells)
     between, dof, kappa = (sum(values) for values in zip(*((c.between, c.dof[0], c.kappa) for c in cells), strict=True))
     prints = max(0.0, (between - dof * repeat) / kappa)

@@ -1,4 +1,4 @@
-"""The runs of a study as one table of presses; readings stay on the disk until they are asked for."""
+"""The runs of a study as one table of presses. Frames are read from the disk only when they are needed."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Ints
 
 Chosen = Ints | Bools
-#: What may be unknown of an imported press, and the field that has it: of its row, and of what was pressed.
+#: The facts that may be unknown for an imported press, with their fields: in its row, and in the printed block.
 _OF_ROWS = {"position": "position", "force": "force_level", "repeat": "repeat"}
 _OF_PRINTS = {name: name for name in ("printer", "filament", "session")} | {"label": "texture", "print": "copy"}
 
 
 def _of_print(name: str) -> cached_property[NDArray[Any]]:
-    """What each press was made on: an attribute of the printed block."""
+    """Return a property with an attribute of the printed block for each press."""
 
     def values(self: Collection) -> NDArray[Any]:
         words = [getattr(run.info.printed, name, None) for run in self.runs]
@@ -43,7 +43,7 @@ def _of_print(name: str) -> cached_property[NDArray[Any]]:
 
 
 def _of_press(place: int) -> cached_property[NDArray[Any]]:
-    """What each press was: an entry of its row's key."""
+    """Return a property with one entry of the row's key for each press."""
 
     def values(self: Collection) -> NDArray[Any]:
         return np.array([row.key[place] for row in self.rows], dtype=np.int64)
@@ -53,15 +53,15 @@ def _of_press(place: int) -> cached_property[NDArray[Any]]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Collection:
-    """Presses of one or many runs that may be compared: the same protocol, grid, kind of block and sensor.
+    """The presses of one or several comparable runs: same protocol, grid, size and preset of the block, and sensor.
 
-    Every array has one entry a press, in the order of runs and then of press numbers.
+    Every array has one entry for each press, sorted by run and then by press number.
 
     Args:
         runs: The runs.
-        run: Index into ``runs``, shape (n,).
-        number: Press number within the run, shape (n,).
-        features: What is taken of a reading: its numbers, or how far the markers in its image moved.
+        run: The index into ``runs``, shape (n,).
+        number: The press number within the run, shape (n,).
+        features: The features of a frame: its pixel values, or the displacements of the markers in its image.
     """
 
     runs: tuple[Run, ...]
@@ -71,11 +71,11 @@ class Collection:
 
     @classmethod
     def open(cls, folders: Sequence[Path]) -> Collection:
-        """Open the runs in, or below, some folders.
+        """Open the runs in the given folders and in their subfolders.
 
         Raises:
-            InputError: There is no run, one cannot be read or has no press, two are of the same print, or two must not
-                be mixed; the message names both and what differs.
+            InputError: There is no run, a run cannot be read or has no press, two runs have the same print, or two runs
+                are not comparable. The message names both runs and the difference.
         """
         runs = tuple(Run.open(folder) for folder in find_runs(folders))
         _require_mixable(runs)
@@ -88,55 +88,56 @@ class Collection:
             run=np.repeat(np.arange(len(runs)), [len(presses) for presses in numbers]),
             number=np.concatenate([np.array(presses, dtype=np.int64) for presses in numbers]),
         )
-        _ = collection.pressing  # refuses levels that contradict each other
+        _ = collection.pressing  # checks that the force levels of the runs agree
         return collection
 
     def __len__(self) -> int:
         return len(self.run)
 
     def chosen(self, which: Chosen) -> Collection:
-        """The presses at some indices, or where a mask is true."""
+        """Return the presses at some indices, or where a mask is true."""
         return replace(self, run=self.run[which], number=self.number[which])
 
     def at_level(self, level: int) -> Collection:
-        """The presses of one force level.
+        """Return the presses at one force level.
 
         Raises:
-            InputError: There is none.
+            InputError: No press has this level.
         """
         if level not in self.levels:
-            raise InputError("force-level", level, f"the runs have {', '.join(map(str, self.levels))}")
+            raise InputError("force-level", level, f"must be a level of the runs: {', '.join(map(str, self.levels))}")
         return self.chosen(self.level == level)
 
     @property
     def info(self) -> RunInfo:
-        """What all runs have in common: the first one's."""
+        """The information of the first run, for facts that all runs have in common."""
         return self.runs[0].info
 
     @cached_property
     def pressing(self) -> Pressing:
-        """Where, how hard and how often the presses were made, as far as that is known."""
+        """The known positions, forces and repeats of the presses."""
         return Pressing.of(self.runs)
 
     def has(self, what: str) -> bool:
-        """Whether something is known of every press.
+        """Whether a fact is known for every press.
 
         Args:
-            what: ``label``, ``printer``, ``filament``, ``print``, ``session``, ``position``, ``force`` or ``repeat``.
+            what: The fact: ``label``, ``printer``, ``filament``, ``print``, ``session``, ``position``, ``force`` or
+                ``repeat``.
         """
         if what in _OF_ROWS:
             return all(getattr(row, _OF_ROWS[what]) is not None for run in self.runs for row in run.rows)
         return all(getattr(run.info.printed, _OF_PRINTS[what], None) is not None for run in self.runs)
 
     def require(self, purpose: str, *needed: str) -> None:
-        """Refuse an analysis that needs what is unknown.
+        """Check that the facts are known that an analysis needs.
 
         Args:
             purpose: The analysis: ``the variance table``.
-            needed: Words of :meth:`has`; of several in one word (``print or repeat``) one is enough.
+            needed: Facts as in :meth:`has`. An argument such as ``print or repeat`` needs only one of its facts.
 
         Raises:
-            InputError: Something is unknown; the message says which column would be needed.
+            InputError: A fact is unknown. The message says which column is missing.
         """
         for words in needed:
             if not any(self.has(word) for word in words.split(" or ")):
@@ -144,23 +145,27 @@ class Collection:
                 raise InputError(
                     purpose,
                     None,
-                    f"needs the {words} of every sample, which these runs do not have; import them with a column for "
-                    f"it: --columns {first}=COLUMN",
+                    f"needs the {words} of every sample, which is unknown for these runs; import them with a column "
+                    f"for it: --columns {first}=COLUMN",
                 )
 
     @property
     def simulated(self) -> tuple[str, ...]:
-        """What of any run was simulated, each once; empty for real data."""
+        """The simulated parts of the runs, each part once; empty for real data."""
         return tuple(dict.fromkeys(what for run in self.runs for what in run.info.simulated))
 
     @property
     def units(self) -> str:
-        """The unit of a reading's numbers: ``counts`` for images, ``px`` for displacements of their markers."""
+        """The unit of the values: ``counts`` for images, ``px`` for displacements of their markers."""
         return "px" if self.features == "markers" else str(self.info.sensor.get("units", "counts"))
 
     @cached_property
     def beside_paper(self) -> bool:
-        """Whether they can stand beside the paper's: planned here, or of the paper's printers and textures by name."""
+        """Whether a comparison with the paper makes sense.
+
+        It does if the runs follow a protocol, or if the paper has a figure for one of their printers, filaments and
+        textures.
+        """
         return self.info.protocol is not None or any(
             variance_of(*map(str, names)) is not None
             for names in set(zip(self.printer.tolist(), self.filament.tolist(), self.texture.tolist(), strict=True))
@@ -168,41 +173,41 @@ class Collection:
 
     @property
     def in_counts(self) -> bool:
-        """Whether readings are counts of an image, as the paper's are."""
+        """Whether the values are counts of images, as in the paper."""
         return self.units == "counts"
 
     @cached_property
     def data_key(self) -> str:
-        """Names the presses by the checksums of their readings."""
+        """A checksum that identifies the presses and their frames."""
         digest = hashlib.sha256()
         for run, number in zip(self.run.tolist(), self.number.tolist(), strict=True):
             row = self._rows[run][number]
             digest.update(f"{self.runs[run].info.printed.name} {number} {row.image_sha256}\n".encode())
         return digest.hexdigest()
 
-    #: Name of the texture, printer, filament, and both of these (``bambu-p1p_pla-minus``), each (n,).
+    #: The names of the texture, the printer, the filament, and printer_filament (``bambu-p1p_pla-minus``), each (n,).
     texture = _of_print("texture")
     printer = _of_print("printer")
     filament = _of_print("filament")
     combination = _of_print("combination")
-    #: Name of the session in which a press was recorded, (n,).
+    #: The name of the session in which a press was recorded, (n,).
     session = _of_print("session")
-    #: Number of the print's copy, or what the prints are called where one has no number, (n,).
+    #: The copy number of the print, or the names of the prints if some have no number, (n,).
     copy = _of_print("copy")
-    #: Force level and position, each from 1 or 0 where it is unknown, (n,).
+    #: The force level and the position, each from 1, or 0 if unknown, (n,).
     level = _of_press(0)
     position = _of_press(2)
 
     @cached_property
     def print_number(self) -> Ints:
-        """The print's copy as a number from 1, (n,)."""
+        """The copy of the print as a number from 1, (n,)."""
         if self.copy.dtype.kind == "i":
             return self.copy
         return np.unique(self.copy, return_inverse=True)[1] + 1
 
     @cached_property
     def repeat(self) -> Ints:
-        """The repeat from 1, (n,). Where it is unknown, samples of one print, level and position are counted."""
+        """The repeat from 1, (n,). If it is unknown, the samples of one print, level and position are numbered."""
         if self.info.protocol is not None:
             return np.array([row.key[1] for row in self.rows], dtype=np.int64)
         counts: Counter[tuple[Any, ...]] = Counter()
@@ -221,31 +226,31 @@ class Collection:
 
     @property
     def textures(self) -> tuple[str, ...]:
-        """The textures there are, sorted."""
+        """The names of the textures, sorted."""
         return tuple(str(value) for value in np.unique(self.texture))
 
     @property
     def combinations(self) -> tuple[str, ...]:
-        """The printer-filament combinations there are: the paper's in its order, then others by name."""
+        """The printer-filament combinations: first the paper's, in its order, then others by name."""
         order = {f"{printer}_{filament}": i for i, (printer, filament) in enumerate(COMBINATIONS)}
         return tuple(sorted((str(value) for value in np.unique(self.combination)), key=lambda c: (order.get(c, 99), c)))
 
     @property
     def levels(self) -> tuple[int, ...]:
-        """The force levels there are."""
+        """The force levels, sorted."""
         return tuple(int(value) for value in np.unique(self.level))
 
     def frame(self, index: int) -> Frame:
-        """The reading of a press, as it was recorded.
+        """Return the frame of a press, as it was recorded.
 
         Raises:
-            CheckFailedError: Its file is missing or damaged; the message names it.
+            CheckFailedError: The file is missing or damaged; the message names it.
         """
         run = int(self.run[index])
         return self.runs[run].frame(self._rows[run][int(self.number[index])])
 
     def path(self, index: int) -> str:
-        """Where a press's reading lies, from its run folder: ``sensor_images/image_7.png``."""
+        """Return the path of a press's frame, relative to its run folder: ``sensor_images/image_7.png``."""
         return self._rows[int(self.run[index])][int(self.number[index])].path
 
     @cached_property
@@ -254,29 +259,29 @@ class Collection:
 
 
 def _require_mixable(runs: Sequence[Run]) -> None:
-    """Refuse runs that cannot stand in one table.
+    """Check that the runs can be analysed together.
 
     Raises:
-        InputError: Two runs are of the same print, or differ in what makes presses comparable.
+        InputError: Two runs have the same print, or their presses are not comparable.
     """
     first = runs[0]
     seen: dict[str, Run] = {}
     for run in runs:
         known = _common(first.info)
         for what, value in _common(run.info).items():
-            expected = known.get(what, value)  # of an imported run, the block may be known in one and not in another
+            expected = known.get(what, value)  # the block may be known in some imported runs and unknown in others
             if value != expected:
                 raise InputError(
-                    what, value, f"in {run.folder}, but {expected!r} in {first.folder}; analyse them apart"
+                    what, value, f"in {run.folder}, but {expected!r} in {first.folder}; analyse them separately"
                 )
         name = run.info.printed.name
         if name in seen:
-            raise InputError("run", str(run.folder), f"is of the same print as {seen[name].folder}: {name}")
+            raise InputError("run", str(run.folder), f"has the same print as {seen[name].folder}: {name}")
         seen[name] = run
 
 
 def _common(info: RunInfo) -> dict[str, object]:
-    """What must be equal for presses to be comparable."""
+    """Return the facts that must be equal in all runs, so that their presses are comparable."""
     block, protocol, common = info.printed.block, info.protocol, dict[str, object]()
     if protocol is not None:
         levels = "forces_n" if protocol.contact == "force" else "depths_mm"

@@ -1,16 +1,22 @@
-"""Two sensors' studies of the same textures side by side, with the smallest difference that their data can show.
+"""The comparison of two sensors that pressed the same textures, with the smallest difference that the data can show.
 
-The unit is the print. For each hold-out level and each texture, the accuracy on a print (the fraction of its readings
-whose texture was predicted, mean over presses and trials) is one number. Where both sensors pressed the same prints
-(run folders of one name), the difference of each print's two numbers is taken, which leaves out that some prints are
-easier; else two independent samples are compared (Welch 1947). With SE the standard error of the mean difference and
-its degrees of freedom f, the 95 % interval is ``difference +- t(0.975, f) SE``, and::
+The unit is the print. For each hold-out level and each texture, the accuracy on a print (the fraction of its frames
+whose texture was predicted, mean over presses and trials) is one number.
+
+- If both sensors pressed the same prints (run folders with equal names), the difference of the two numbers of each
+  print is used. This removes the effect that some prints are easier than others.
+- Otherwise two independent samples are compared (Welch 1947).
+
+With the standard error SE of the mean difference and its degrees of freedom f, the 95 % interval is
+``difference +- t(0.975, f) SE``. The smallest difference is ::
 
     smallest difference = (t(0.975, f) + t(0.8, f)) SE
 
-is what a study like this one would find, at a level of 5 %, in four of five repetitions. SE is never below what the
-number of presses allows: with h of n presses predicted rightly, p = (h + 1) / (n + 2), and each print's accuracy varies
-by at least p (1 - p) / (presses of the print). Two sensors that are both always right are therefore not called equal.
+A study like this one would detect it, at a level of 5 %, in four of five repetitions.
+
+SE has a lower limit that follows from the number of presses. If h of n presses are predicted correctly, then
+p = (h + 1) / (n + 2), and the variance of the accuracy on each print is at least p (1 - p) / (presses of the print).
+Two sensors that are both always correct are therefore not called equal.
 """
 
 from __future__ import annotations
@@ -34,9 +40,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-#: Level of the intervals, and power of the smallest difference that can be shown.
+#: The level of the intervals, and the power for the smallest difference.
 LEVEL, POWER = 0.95, 0.80
-#: ``texture`` of a row over all textures.
+#: The value of ``texture`` in a row over all textures.
 ALL_TEXTURES = "all"
 
 
@@ -50,10 +56,10 @@ COLUMNS = (
     Column("texture"),
     Column("accuracy_a", float, "A", text=percent),
     Column("accuracy_b", float, "B", text=percent),
-    Column("difference", float, "B less A", text=lambda value: f"{100.0 * value:+.1f}"),
+    Column("difference", float, "B minus A", text=lambda value: f"{100.0 * value:+.1f}"),
     Column("low", float),
     Column("high", float),
-    Column("smallest_difference", float, "smallest shown", text=percent),
+    Column("smallest_difference", float, "detectable", text=percent),
     Column("paired", truth),
     Column("prints_a", int),
     Column("prints_b", int),
@@ -70,25 +76,25 @@ class PrintAccuracy(NamedTuple):
     """The accuracy on one print.
 
     Args:
-        value: Fraction of its readings whose texture was predicted, all trials.
-        presses: Different presses.
+        value: The fraction of its frames whose texture was predicted, over all trials.
+        presses: The number of different presses.
     """
 
     value: float
     presses: int
 
 
-#: By hold-out level and texture, then by print.
+#: Accuracies by hold-out level and texture, then by print.
 Accuracies = Mapping[tuple[str, str], Mapping[str, PrintAccuracy]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Side:
-    """One sensor's classification.
+    """The classification of one sensor's study.
 
     Args:
-        name: What it is called in tables.
-        record: What was asked for, and of which data.
+        name: The name of the sensor in tables.
+        record: The settings and the data of the classification.
         accuracies: The accuracy on each print.
     """
 
@@ -99,20 +105,20 @@ class Side:
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """One line of the comparison; accuracies as fractions.
+    """One row of the comparison; accuracies are fractions.
 
     Args:
-        hold_out: Hold-out level.
-        texture: Texture, or ``all``.
-        accuracy_a: Mean over A's prints.
-        accuracy_b: Mean over B's prints.
-        difference: B less A: over the shared prints if paired.
-        low: Lower end of its 95 % interval, None for fewer than two prints.
-        high: Upper end.
-        smallest_difference: What the data could show; None for fewer than two prints.
-        paired: Whether both pressed the same prints.
-        prints_a: Prints of A that count.
-        prints_b: Prints of B.
+        hold_out: The hold-out level.
+        texture: The texture, or ``all``.
+        accuracy_a: The mean accuracy over A's prints.
+        accuracy_b: The mean accuracy over B's prints.
+        difference: B minus A, over the shared prints if paired.
+        low: The lower end of its 95 % interval; None for fewer than two prints.
+        high: The upper end of its 95 % interval; None for fewer than two prints.
+        smallest_difference: The smallest difference that the data can show; None for fewer than two prints.
+        paired: Whether both sensors pressed the same prints.
+        prints_a: The number of A's prints in the comparison.
+        prints_b: The number of B's prints in the comparison.
     """
 
     hold_out: str
@@ -129,7 +135,7 @@ class Difference:
 
     @property
     def verdict(self) -> str:
-        """Which is better, in a word or two."""
+        """The better sensor, in a few words."""
         if self.low is None or self.high is None:
             return "too few prints"
         return "B better" if self.low > 0.0 else "A better" if self.high < 0.0 else "not told apart"
@@ -137,14 +143,14 @@ class Difference:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
-    """Two sensors side by side.
+    """The comparison of two sensors.
 
     Args:
-        a: The first.
-        b: The second.
-        estimator: The estimator that both were classified with, or the names of both.
-        rows: Lines by hold-out level: all textures, then each.
-        notes: What a reader must know.
+        a: The first sensor.
+        b: The second sensor.
+        estimator: The estimator of both classifications, or the names of two different ones.
+        rows: The rows of each hold-out level: first all textures, then each texture.
+        notes: Remarks that a reader must know.
     """
 
     a: Side
@@ -155,25 +161,25 @@ class Comparison:
 
     @property
     def simulated(self) -> tuple[str, ...]:
-        """What of either was simulated, each once."""
+        """The simulated parts of both studies, each part once."""
         return tuple(dict.fromkeys((*self.a.record.simulated, *self.b.record.simulated)))
 
     @property
     def table(self) -> Table:
-        """The lines as they are stored in ``comparison.csv``."""
+        """The rows as they are stored in ``comparison.csv``."""
         return Table.of(COLUMNS, self.rows)
 
     @property
     def shown(self) -> Table:
-        """The lines as people see them, each with which sensor is better."""
+        """The rows as they are printed, with the better sensor of each row."""
         table = Table.of((*COLUMNS, Column("verdict", head="")), self.rows)
         a, b = (
             f"{letter}: {side.name} ({side.record.sensor})" for letter, side in zip("AB", (self.a, self.b), strict=True)
         )
-        return table.select(*_SHOWN, "verdict", title=f"{a}, {b}; per cent, {self.estimator}")
+        return table.select(*_SHOWN, "verdict", title=f"{a}, {b}; in %, {self.estimator}")
 
     def document(self) -> dict[str, Any]:
-        """The values of ``--json``."""
+        """Return the document of ``--json``."""
         return {
             "a": {"name": self.a.name, "sensor": self.a.record.sensor},
             "b": {"name": self.b.name, "sensor": self.b.record.sensor},
@@ -185,50 +191,53 @@ class Comparison:
 
 
 def read_side(folder: Path, name: str, estimator: str | None = None) -> tuple[Side, str]:
-    """One sensor's classification from a folder of ``tacbench classify``.
+    """Read the classification of one sensor from an output folder of ``tacbench classify``.
 
     Args:
         folder: The folder.
-        name: What it is called.
-        estimator: The estimator to take; None: the first there is.
+        name: The name of the sensor in tables.
+        estimator: The estimator to compare; None for the first one.
 
     Returns:
-        The side and its estimator.
+        The classification and the name of its estimator.
 
     Raises:
-        InputError: The folder is not what ``tacbench classify --protocol leak-free`` wrote, or lacks the estimator.
+        InputError: The folder is not an output folder of ``tacbench classify --protocol leak-free``, or it has no
+            results of the estimator.
     """
     record = ClassificationRecord.read(folder)
     if record.protocol != "leak-free":
-        raise InputError("classification", str(folder), "must be of tacbench classify --protocol leak-free")
+        raise InputError(
+            "classification", str(folder), "must be an output folder of tacbench classify --protocol leak-free"
+        )
     chosen = estimator or record.estimators[0]
     if chosen not in record.estimators:
-        raise InputError("estimator", chosen, f"{folder} has {', '.join(record.estimators)}")
-    readings: dict[tuple[str, str, str], list[Row]] = defaultdict(list)
+        raise InputError("estimator", chosen, f"must be one of {', '.join(record.estimators)}, as in {folder}")
+    predictions: dict[tuple[str, str, str], list[Row]] = defaultdict(list)
     for row in Table.read(folder / "predictions.csv", _PREDICTIONS).rows:
         if row["estimator"] == chosen:
-            readings[row["hold_out"], row["texture"], row["run"]].append(row)
-    if not readings:
+            predictions[row["hold_out"], row["texture"], row["run"]].append(row)
+    if not predictions:
         raise InputError("predictions", str(folder / "predictions.csv"), f"has no row of the estimator {chosen}")
     accuracies: dict[tuple[str, str], dict[str, PrintAccuracy]] = defaultdict(dict)
-    for (hold_out, texture, run), rows in readings.items():
-        right = sum(row["predicted"] == texture for row in rows)
+    for (hold_out, texture, run), rows in predictions.items():
+        correct = sum(row["predicted"] == texture for row in rows)
         presses = len({row["press"] for row in rows})
-        accuracies[hold_out, texture][run] = PrintAccuracy(right / len(rows), presses)
+        accuracies[hold_out, texture][run] = PrintAccuracy(correct / len(rows), presses)
     return Side(name=name, record=record, accuracies=accuracies), chosen
 
 
 def compare(a: Side, b: Side, estimator: str, *, same_prints: bool = True) -> Comparison:
-    """Put two sensors side by side.
+    """Compare two sensors.
 
     Args:
-        a: The first.
-        b: The second.
-        estimator: What both were classified with, or what each was.
-        same_prints: Whether runs of one name are of the same print, and so are compared in pairs.
+        a: The first sensor.
+        b: The second sensor.
+        estimator: The estimator of both classifications, or the names of two different ones.
+        same_prints: Whether runs with equal names used the same print; these are then compared in pairs.
 
     Raises:
-        InputError: They are of different textures, or have no hold-out level in common.
+        InputError: The studies have different textures, or no hold-out level in common.
     """
     textures = a.record.textures
     if textures != b.record.textures:
@@ -236,13 +245,13 @@ def compare(a: Side, b: Side, estimator: str, *, same_prints: bool = True) -> Co
         raise InputError(
             "textures",
             ", ".join(only),
-            f"only one of {a.name} and {b.name} has it; compare studies of the same textures",
+            f"must be in both {a.name} and {b.name}; compare studies of the same textures",
         )
     common = {level for level, _ in b.accuracies}
     levels = [level for level in dict.fromkeys(level for level, _ in a.accuracies) if level in common]
     if not levels:
         raise InputError(
-            "hold-out", None, f"{a.name} and {b.name} share no level; classify both with the same --hold-out"
+            "hold-out", None, f"{a.name} and {b.name} have no level in common; classify both with the same --hold-out"
         )
     rows = []
     for hold_out in levels:
@@ -292,22 +301,22 @@ def _difference(
 
 
 def _error(*samples: Floats) -> tuple[float, float]:
-    """Squared standard error of a mean, or of the difference of two, and its degrees of freedom (Welch 1947).
+    """Return the squared standard error of a mean, or of the difference of two means, and its degrees of freedom.
 
-    There are none where a sample has a single print.
+    The degrees of freedom are those of Welch (1947); they are 0 if a sample has a single print.
     """
-    fewest = min(map(len, samples))
-    if fewest < 2:
+    smallest = min(map(len, samples))
+    if smallest < 2:
         return 0.0, 0.0
     parts = [float(values.var(ddof=1)) / len(values) for values in samples]
     total = sum(parts)
     if total == 0.0 or len(samples) == 1:
-        return total, fewest - 1.0
+        return total, smallest - 1.0
     return total, total**2 / sum(part**2 / (len(values) - 1) for part, values in zip(parts, samples, strict=True))
 
 
 def _min_variance(prints: Mapping[str, PrintAccuracy]) -> float:
-    """Mean over prints of the smallest variance that the accuracy on a print can have with its number of presses."""
+    """Return the smallest variance that the number of presses allows for the accuracy on a print, mean over prints."""
     values = []
     for accuracy in prints.values():
         p = (accuracy.value * accuracy.presses + 1.0) / (accuracy.presses + 2.0)
@@ -319,22 +328,23 @@ def _notes(a: Side, b: Side, rows: Sequence[Difference]) -> list[str]:
     notes = []
     if rows[0].paired:
         notes.append(
-            "the runs of both have the same names, so they are taken to be of the same prints, in pairs (not with "
-            "--unpaired)"
+            "the runs of both studies have the same names, so they are compared in pairs, as runs of the same prints; "
+            "use --unpaired if the prints are different"
         )
     else:
         notes.append(
-            f"the sensors did not press the same prints ({rows[0].prints_a} and {rows[0].prints_b}): that prints "
-            "differ counts against every difference; pressing the same prints with both shows smaller ones"
+            f"the sensors pressed different prints ({rows[0].prints_a} and {rows[0].prints_b}), so differences between "
+            "prints make the intervals wider; smaller differences can be shown if both sensors press the same prints"
         )
     for key in ("resolution", "components", "augmentation", "folds", "trials", "copies", "seed"):
         of_a, of_b = (to_plain(getattr(side.record, key)) for side in (a, b))
         if of_a != of_b:
             notes.append(f"{key}: {of_a} for A, {of_b} for B")
     if any(row.smallest_difference is None for row in rows):
-        notes.append("where a sensor has a single print of a texture at a hold-out level, no difference can be shown")
+        notes.append("no difference can be shown for a texture with a single print at a hold-out level")
     notes.append(
-        f"{len(rows)} differences are looked at: about one in twenty of those that are not there is shown by chance"
+        f"the table has {len(rows)} differences; if the sensors are equally good, about one in twenty intervals "
+        "excludes zero by chance"
     )
     return notes
 
@@ -358,7 +368,7 @@ def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
 
 
 def _figure(comparison: Comparison) -> Figure:
-    """Accuracies on the left, differences of recall by texture on the right."""
+    """Draw the accuracies on the left, and the differences of the recall of each texture on the right."""
     from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure
 
     levels = list(dict.fromkeys(row.hold_out for row in comparison.rows))
@@ -377,12 +387,12 @@ def _figure(comparison: Comparison) -> Figure:
     step = 0.8 / len(levels)
     labels = [ALL_TEXTURES, *textures]
     for i, hold_out in enumerate(levels):
-        for line in (row for row in comparison.rows if row.hold_out == hold_out):
-            y = labels.index(line.texture) + (i - (len(levels) - 1) / 2.0) * step
+        for row in (row for row in comparison.rows if row.hold_out == hold_out):
+            y = labels.index(row.texture) + (i - (len(levels) - 1) / 2.0) * step
             colour = COLOURS[(i + 2) % (len(COLOURS) - 1)]
-            if line.low is not None and line.high is not None:
-                recall.plot([100.0 * line.low, 100.0 * line.high], [y, y], color=colour, linewidth=1.0)
-            recall.plot(100.0 * line.difference, y, "o", color=colour, markersize=3.5)
+            if row.low is not None and row.high is not None:
+                recall.plot([100.0 * row.low, 100.0 * row.high], [y, y], color=colour, linewidth=1.0)
+            recall.plot(100.0 * row.difference, y, "o", color=colour, markersize=3.5)
         recall.plot([], [], "o-", color=COLOURS[(i + 2) % (len(COLOURS) - 1)], markersize=3.5, label=hold_out)
     recall.axvline(0.0, color=INK, linewidth=0.8)
     recall.set_yticks(range(len(labels)), [label.removeprefix("texture-") for label in labels])

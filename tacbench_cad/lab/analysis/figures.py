@@ -1,7 +1,7 @@
-"""What all figures of the analysis have in common: style, colours, and files that say if their data are simulated.
+"""The common parts of all figures of the analysis: style, colours, and files that say if their data are simulated.
 
-Needs matplotlib (extra ``plot``), imported when a figure is made. Every figure becomes a PNG and a PDF, each written
-whole or not at all, with no date in it.
+This module needs matplotlib (extra ``plot``), which is imported when a figure is made. Every figure is written as PNG
+and as PDF. Each file is written completely or not at all, and contains no date.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS, INK = plotting.COLOURS, plotting.INK
-#: Colour map of magnitudes.
+#: The colour map for magnitudes.
 MAP = "viridis"
-#: Colour of the mark of simulated data.
+#: The colour of the mark on figures of simulated data.
 MARK = "#b03a00"
-#: Width of one column and of a page in most journals, in inches.
+#: The width of a column and the width of a page in most journals, in inches.
 COLUMN_IN, PAGE_IN = 3.5, 7.2
-#: Height of the mark, in inches.
+#: The height of the mark, in inches.
 _MARK_IN = 0.16
 
 _STYLE = {
@@ -49,14 +49,14 @@ _STYLE = {
     "image.cmap": MAP,
     "image.interpolation": "nearest",
     "lines.linewidth": 1.2,
-    # Letters in a PDF stay letters, so that a journal can search them.
+    # The text in a PDF file stays text, so that it can be searched.
     "pdf.fonttype": 42,
 }
 
 
 @contextlib.contextmanager
 def styled() -> Iterator[None]:
-    """Draw in our own style, whatever the user's settings say.
+    """Draw in the project's style and ignore the user's matplotlib settings.
 
     Raises:
         MissingToolError: matplotlib is not installed.
@@ -70,7 +70,7 @@ def styled() -> Iterator[None]:
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
-    """A figure of its own, which no window knows of, with matplotlib's constrained layout."""
+    """Return a new figure without a window, with matplotlib's constrained layout."""
     return plotting.new_figure((width_in, height_in), layout="constrained")
 
 
@@ -78,13 +78,13 @@ def save(figure: Figure, stem: Path, simulated: Sequence[str]) -> tuple[Path, Pa
     """Write a figure as PNG and as PDF.
 
     Args:
-        figure: The figure, inside :func:`styled`.
-        stem: The files' path without suffix. Its folder must exist.
-        simulated: What of the data was simulated (``Collection.simulated``): it stands in the files' metadata, and
-            below everything that is drawn stands "simulated data". Empty for real data.
+        figure: The figure. Call this function inside :func:`styled`.
+        stem: The path of the files without suffix. The folder must exist.
+        simulated: The simulated parts of the data (``Collection.simulated``); empty for real data. They are written
+            into the files' metadata, and the text "simulated data" is added below the figure.
 
     Returns:
-        The PNG's and the PDF's path.
+        The path of the PNG file and the path of the PDF file.
 
     Raises:
         InputError: A file cannot be written.
@@ -103,7 +103,7 @@ def save(figure: Figure, stem: Path, simulated: Sequence[str]) -> tuple[Path, Pa
     try:
         for path in paths:
             plotting.save_figure(figure, path, box, about)
-            figure.set_layout_engine("none")  # the first file's places serve for the second
+            figure.set_layout_engine("none")  # the second file uses the same layout as the first
     finally:
         if mark is not None:
             mark.remove()

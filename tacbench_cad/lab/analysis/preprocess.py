@@ -1,6 +1,6 @@
-"""What is done to a reading before any statistics: grey, resolution, the part that shows the sensor, or its markers.
+"""The steps before the statistics: grey values, lower resolution, a region of interest, or marker displacements.
 
-Other sensors' arrays pass as they are.
+Frames that are not images are only converted to float64.
 """
 
 from __future__ import annotations
@@ -22,22 +22,23 @@ from tacbench_cad.util.convert import Bounds, check_fields
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Bytes, Floats
 
-#: Weights of the channels of a stored image in the authors' notebooks: BT.601's for red, green and blue. The frames are
-#: stored as blue, green, red, so that red and blue have each other's weight.
+#: The weights of the channels of a stored image in the authors' notebooks: those of BT.601 for red, green and blue. The
+#: frames are stored as blue, green, red, so the weights of red and blue are exchanged.
 NOTEBOOK_GREY = (0.2989, 0.5870, 0.1140)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Preprocess:
-    """Steps from a recorded reading to the numbers that are analysed.
+    """The steps from a recorded frame to the numbers that are analysed.
 
     Args:
-        colour: Keep the colours of an image; else it is made grey and rounded to whole counts, as the usual tools do.
-        resolution: Fraction of the image's width and height that is kept, by averaging areas; 1 keeps every pixel.
-        region: Only its pixels are kept; None keeps all.
-        markers: How far these moved is kept instead of the pixels.
-        notebook: Make an image grey as the authors' notebooks do (:data:`NOTEBOOK_GREY`) and do not round it.
-        edges: Replace each pixel by the magnitude of its Sobel derivatives, rounded and cut at 255.
+        colour: Whether an image keeps its colours. Otherwise it is converted to grey and rounded to whole counts.
+        resolution: The fraction of the image's width and height that remains after averaging areas; 1 keeps every
+            pixel.
+        region: The region whose pixels are analysed; None for all pixels.
+        markers: The markers whose displacements are analysed instead of the pixels.
+        notebook: Convert an image to grey as the authors' notebooks do (:data:`NOTEBOOK_GREY`), without rounding.
+        edges: Replace each pixel by the magnitude of its Sobel derivatives, rounded and limited to 255.
     """
 
     colour: bool = False
@@ -52,27 +53,27 @@ class Preprocess:
 
     @property
     def features(self) -> Literal["pixels", "markers"]:
-        """What is taken of a reading."""
+        """The features of a frame."""
         return "pixels" if self.markers is None else "markers"
 
-    def __call__(self, reading: Frame) -> Bytes | Floats:
-        """The numbers of one reading.
+    def __call__(self, frame: Frame) -> Bytes | Floats:
+        """Preprocess one frame.
 
         Args:
-            reading: An image, uint8 (height, width) or (height, width, 3) in BGR, or any array of real numbers.
+            frame: An image, uint8 (height, width) or (height, width, 3) in BGR, or any array of real numbers.
 
         Returns:
-            uint8 (height', width') or (height', width', 3) for an image, (pixels,) or (pixels, 3) of a region; float64
-            for an image that is not rounded; the same numbers as float64 for the rest.
+            For an image, uint8 with shape (height', width') or (height', width', 3), or (pixels,) or (pixels, 3) with a
+            region; float64 if the image is not rounded. For other frames, the same numbers as float64.
 
         Raises:
-            InputError: The region is for images of another size.
+            InputError: The region belongs to images of another size.
         """
-        if not is_image(reading):
-            return np.asarray(reading, dtype=np.float64)
+        if not is_image(frame):
+            return np.asarray(frame, dtype=np.float64)
         import cv2
 
-        image = reading
+        image = frame
         if self.notebook:
             image = image.astype(np.float64)
             image = image @ NOTEBOOK_GREY if image.ndim == 3 else image
@@ -86,25 +87,25 @@ class Preprocess:
             slopes = (cv2.Sobel(image, cv2.CV_64F, *axis, ksize=3) for axis in ((1, 0), (0, 1)))
             image = cv2.convertScaleAbs(np.hypot(*slopes))
         if self.region is not None:
-            require_size(self.region.mask, reading)
+            require_size(self.region.mask, frame)
             image = image[self.region.scaled(*image.shape[:2])]
         return np.asarray(image)
 
     def of(self, run: Run, path: str) -> Bytes | Floats:
-        """The numbers of a frame of a run: as of calling, or (markers, 2) displacements in pixels.
+        """Read and preprocess a frame of a run; with markers, return their displacements in pixels, (markers, 2).
 
         Raises:
-            CheckFailedError: Its file is missing or damaged, or its markers are not found.
-            InputError: The region is for images of another size.
+            CheckFailedError: The file is missing or damaged, or its markers are not found.
+            InputError: The region belongs to images of another size.
         """
         return self(run.read(path)) if self.markers is None else self.markers.displacement_px(run, path)
 
     def picture(self, values: Floats, shape: tuple[int, ...]) -> Floats:
-        """A value for each number of a reading as a small picture; NaN where there is none.
+        """Arrange one value for each number of a preprocessed frame as a small picture, with NaN at pixels without one.
 
         Args:
-            values: The values, in the order of the numbers.
-            shape: The shape of a reading.
+            values: The values, in the order of the frame's numbers.
+            shape: The shape of a preprocessed frame.
         """
         if self.markers is not None:
             return self.markers.picture(values.reshape(shape).mean(axis=1))
@@ -116,7 +117,7 @@ class Preprocess:
         return small_map(values, shape)
 
 
-#: What the notebooks do to an image before its variance is taken. With ``edges``, before it is classified.
+#: The preprocessing in the authors' notebooks before the variance. Before the classification, ``edges`` is added.
 AS_PUBLISHED = Preprocess(resolution=0.4, notebook=True)
 
 
@@ -129,18 +130,18 @@ def preprocess_of(
     resolution: float = 1.0,
     markers: MarkerSettings | None = None,
 ) -> Preprocess:
-    """What is analysed of a study's readings.
+    """Return the preprocessing of a study's frames.
 
     Args:
         collection: The study.
-        features: The numbers of a reading, or how far the markers in its image moved.
-        roi: The region of interest, or what :func:`~tacbench_cad.lab.vision.resting.region_of` makes one of.
-        colour: Keep the colours.
-        resolution: Fraction of an image's width and height that is kept.
-        markers: What is known of the markers.
+        features: The features of a frame: its pixel values, or the displacements of the markers in its image.
+        roi: The region of interest, or a text that :func:`~tacbench_cad.lab.vision.resting.region_of` understands.
+        colour: Whether images keep their colours.
+        resolution: The fraction of an image's width and height that remains.
+        markers: The known settings of the markers.
 
     Raises:
-        InputError: The region is not allowed or there is none, or no markers can be found.
+        InputError: The region is not allowed or not found, or no markers can be found.
         CheckFailedError: Fewer than half of the markers can be found in a run's frames without contact.
     """
     region = roi if isinstance(roi, Region) else region_of(collection.runs, roi)
@@ -149,12 +150,12 @@ def preprocess_of(
 
 
 def read_usable(run: Run, path: str, preprocess: Preprocess) -> Frame:
-    """A reading, preprocessed.
+    """Read and preprocess a frame, and check that its numbers are finite.
 
     Raises:
-        CheckFailedError: Its file is missing or damaged, or holds NaN or infinity; the message names it.
+        CheckFailedError: The file is missing or damaged, or contains NaN or infinity; the message names it.
     """
     values = preprocess.of(run, path)
     if values.dtype.kind == "f" and not np.isfinite(values).all():
-        raise CheckFailedError(f"{run.folder / path}: holds NaN or infinity")
+        raise CheckFailedError(f"{run.folder / path}: contains NaN or infinity")
     return values

@@ -1,4 +1,4 @@
-"""How the presses of a study were made, as far as that is known: from the protocol of its runs, or from their rows."""
+"""The known positions, forces and repeats of a study's presses, from the protocol of its runs or from their rows."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from tacbench_cad.util.types import Floats
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pressing:
-    """Where, how hard and how often a study was pressed.
+    """The positions, forces and repeats of a study's presses.
 
     Args:
         protocol: The protocol; None for imported runs.
-        contact: Whether the levels are forces or depths; None where nobody said.
-        levels: Force in N, or depth in mm, of each level; None for one of which only the name is known. Level 0 is an
-            unknown one.
-        positions_mm: Place of each position, (n, 2), NaN where it is unknown.
-        grid: The rows and columns that the positions make; None where they make none.
-        repeats: The most samples of one print at one position and level.
+        contact: Whether the levels are forces or depths; None if unknown.
+        levels: The force in N, or the depth in mm, of each level; None if only the name of the level is known. Level 0
+            stands for an unknown level.
+        positions_mm: The coordinates of each position, (n, 2), in mm; NaN if unknown.
+        grid: The grid of the positions; None if they do not form a grid.
+        repeats: The largest number of samples of one print at one position and level.
     """
 
     protocol: Protocol | None
@@ -38,10 +38,10 @@ class Pressing:
 
     @classmethod
     def of(cls, runs: Sequence[Run]) -> Pressing:
-        """That of some runs.
+        """Collect the positions, forces and repeats of some runs.
 
         Raises:
-            InputError: A level is one force in one run and another in the next.
+            InputError: A level has different forces in different runs.
         """
         protocol = runs[0].info.protocol
         if protocol is not None:
@@ -82,7 +82,7 @@ class Pressing:
         )
 
     def level_name(self, level: int | str) -> str:
-        """A level as figures and tables call it: ``1.91 N``, ``1.70 mm deep``, ``mean of all forces``."""
+        """Return the name of a level for figures and tables: ``1.91 N``, ``1.70 mm deep``, ``mean of all forces``."""
         depth = self.contact == "depth"
         if not isinstance(level, int):
             return "mean of all depths" if depth else "mean of all forces"
@@ -93,7 +93,7 @@ class Pressing:
 
 
 def _grid(positions_mm: Floats) -> PressGrid | None:
-    """The grid whose positions, row by row, these are."""
+    """Return the grid that has these positions, row by row; None if there is none."""
     if not len(positions_mm) or not np.isfinite(positions_mm).all():
         return None
     x_mm, y_mm = (tuple(np.unique(places).tolist()) for places in positions_mm.T)

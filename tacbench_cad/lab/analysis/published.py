@@ -1,6 +1,6 @@
-"""The paper's figures that ours are set beside, as data, each with the line of PAPER.md that it stands in.
+"""The paper's figures with which the analyses compare theirs, each with its place in PAPER.md.
 
-Nothing here is corrected. Where the text leaves something open, the note beside the constant says what.
+The figures are not corrected. If the paper's text leaves a point open, the comment of the constant says so.
 """
 
 from __future__ import annotations
@@ -9,16 +9,17 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-#: A row's printer and filament: names as in :mod:`tacbench_cad.lab.study.names`.
+#: The printer and the filament of a row, with names as in :mod:`tacbench_cad.lab.study.names`.
 Combination = tuple[str, str]
 
-#: Variance, mean over pixels and positions, counts^2, textures 1 to 6. PAPER.md, "The tables to reproduce", first
-#: table. By the authors' notebooks it is the repeatability of single prints, not the variance between prints: for each
-#: print the variance over its two repeats (ddof 0), then the mean over prints, positions and pixels, of images made
-#: grey as floating-point numbers and reduced to 40 %, at one force. Known for Bambu PLA- only, whose saved output is
-#: 2.80017674, 2.64039746, 3.61887302, 3.6796849, 3.63699284, 3.51960279 from copies 1 to 4; the printed row is cut
-#: to two decimals. Row numbers were kept in 8 bits, so that from texture 2 on its frames are not of the named texture.
-#: ``tacbench variance --protocol as-published`` computes this quantity, without that fault.
+#: The variance of textures 1 to 6 in counts^2, mean over pixels and positions. Source: PAPER.md, "The tables to
+#: reproduce", first table. According to the authors' notebooks it is the repeatability of single prints, not the
+#: variance between prints. It is the variance over the two repeats of each print (ddof 0), then the mean over prints,
+#: positions and pixels, at one force. The images were converted to grey as floating-point numbers and reduced to 40 %.
+#: This is known for Bambu PLA- only. Its saved output from copies 1 to 4 is 2.80017674, 2.64039746, 3.61887302,
+#: 3.6796849, 3.63699284, 3.51960279; the printed row is cut to two decimals. The notebook stored row numbers in 8 bits,
+#: so from texture 2 on its frames do not show the named texture. ``tacbench variance --protocol as-published`` computes
+#: the same quantity without this error.
 PAPER_VARIANCE: Mapping[Combination, tuple[float, ...]] = {
     ("ender-3-v3-se", "pla-plus"): (2.60, 10.36, 12.12, 10.75, 7.026, 8.28),  # "| Ender-3 V3 SE, PLA+ | ..."
     ("bambu-p1p", "pla-minus"): (2.80, 2.64, 3.61, 3.67, 3.63, 3.51),  # "| Bambu, PLA- | ..."
@@ -27,46 +28,48 @@ PAPER_VARIANCE: Mapping[Combination, tuple[float, ...]] = {
 
 
 def texture_number(texture: str) -> int | None:
-    """The number of one of the paper's textures, None for another."""
+    """Return the number of one of the paper's textures; None for other textures."""
     match = re.fullmatch(r"texture-([1-6])", texture)
     return int(match[1]) if match else None
 
 
 def variance_of(printer: str, filament: str, texture: str) -> float | None:
-    """The paper's variance of a texture of ours on one of its printers, None where it has none."""
+    """Return the paper's variance of a texture on one of its printers; None if the paper has no figure."""
     number, figures = texture_number(texture), PAPER_VARIANCE.get((printer, filament))
     return figures[number - 1] if number and figures else None
 
 
-#: How the paper's rows are called in tables and sentences.
+#: The names of the paper's rows in tables and sentences.
 PAPER_ROW_NAMES: Mapping[Combination, str] = {
     ("ender-3-v3-se", "pla-plus"): "Ender-3 V3 SE PLA+",
     ("bambu-p1p", "pla-minus"): "Bambu P1P PLA-",
     ("form-3", "grey-v4"): "Form 3 resin",
 }
-#: Prints of each texture of the three selected combinations, as the text says. The notebook took the first four.
+#: The number of prints of each texture in the text, for the three selected printers and filaments. The notebook used
+#: the first four prints.
 PRINTS = 6
-#: Repeats at each press place.
+#: The number of repeats at each position.
 REPEATS = 2
-#: The 5 x 5 grid.
+#: The number of positions of the 5 x 5 grid.
 POSITIONS = 25
 
-#: "Stationary sensor: 'average pixel variation' 2.6". PAPER.md, above the first table and weakness 2. It has no unit.
+#: "Stationary sensor: 'average pixel variation' 2.6". Source: PAPER.md, above the first table and weakness 2. The paper
+#: gives no unit.
 FLOOR = 2.6
-#: What :data:`FLOOR` is in counts^2 if it is a variance, and if it is a standard deviation.
+#: :data:`FLOOR` in counts^2, if it is a variance and if it is a standard deviation.
 PAPER_FLOORS: Mapping[str, float] = {"variance": FLOOR, "standard deviation": FLOOR**2}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Accuracy:
-    """One row of the paper's classification table, in per cent.
+    """One row of the paper's classification table, with accuracies in %.
 
     Args:
-        model: ``forest`` or ``network``.
-        train_on: Printer, and the filament that the text names for it (see :data:`CLASSIFICATION`).
-        train: Accuracy on the training images.
-        test: Accuracy on the 20 % split.
-        unseen: Accuracy on every other combination.
+        model: The estimator, ``forest`` or ``network``.
+        train_on: The printer, and the filament that the text names for it (see :data:`CLASSIFICATION`).
+        train: The accuracy on the training images.
+        test: The accuracy on the 20 % split.
+        unseen: The accuracy on all other printers and filaments.
     """
 
     model: str
@@ -76,8 +79,9 @@ class Accuracy:
     unseen: float
 
 
-#: PAPER.md, "Classification (train %, test %, unseen prints %)". The caption of a confusion matrix gives the Bambu
-#: forest 53 % instead of 63.98 %. The text names PLA- for the Ender-3 V3 SE classifiers, the variance table PLA+.
+#: Source: PAPER.md, "Classification (train %, test %, unseen prints %)". The caption of a confusion matrix says 53 %
+#: for the Bambu forest, the table 63.98 %. For the Ender-3 V3 SE classifiers the text names PLA-, the variance table
+#: PLA+.
 CLASSIFICATION: tuple[Accuracy, ...] = (
     Accuracy(model="forest", train_on=("ender-3-v3-se", "pla-plus"), train=100.0, test=99.53, unseen=31.4),
     Accuracy(model="network", train_on=("ender-3-v3-se", "pla-plus"), train=99.7, test=99.3, unseen=33.21),
@@ -86,5 +90,5 @@ CLASSIFICATION: tuple[Accuracy, ...] = (
     Accuracy(model="forest", train_on=("form-3", "grey-v4"), train=100.0, test=99.3, unseen=70.66),
     Accuracy(model="network", train_on=("form-3", "grey-v4"), train=100.0, test=99.9, unseen=61.41),
 )
-#: Trials that each accuracy is the average of.
+#: The number of trials over which each accuracy was averaged.
 TRIALS = 20

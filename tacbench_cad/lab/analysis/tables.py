@@ -1,4 +1,4 @@
-"""Tables of results: put together once, then written as CSV, given as JSON, shown on a screen or set into a page."""
+"""Tables of results, which can be written as CSV or JSON, printed in a terminal, or shown on the page of a report."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from tacbench_cad.util.text import interval
 
 T = TypeVar("T")
 
-#: What columns and settings in the files of earlier versions are called now.
+#: The present names of columns and settings in files of earlier versions.
 FORMER_NAMES = {"rung": "hold_out", "rungs": "hold_out", "share": "fraction", "spread": "standard_deviation"}
 
-#: Values by the names of their columns.
+#: The values of a row; the keys are the names of the columns.
 Row = Mapping[str, Any]
 
 
 def shown(value: Any) -> str:
-    """A value for people: whole numbers with thousands separators, others with four significant digits."""
+    """Format a value: whole numbers with thousands separators, other numbers with four significant digits."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int):
@@ -38,15 +38,15 @@ def shown(value: Any) -> str:
 
 
 def percent(value: float) -> str:
-    """A fraction in per cent with one decimal."""
+    """Format a fraction as a percentage with one decimal, without the % sign."""
     return f"{100.0 * value:.1f}"
 
 
 def truth(text: str) -> bool:
-    """What ``true`` or ``false`` in a CSV file means.
+    """Convert ``true`` or ``false`` from a CSV file.
 
     Raises:
-        ValueError: It is neither.
+        ValueError: The text is neither ``true`` nor ``false``.
     """
     if text not in ("true", "false"):
         raise ValueError(f"{text!r} is neither true nor false")
@@ -58,13 +58,14 @@ class Column:
     """A column of a table.
 
     Args:
-        name: Head in CSV files, key in JSON.
-        kind: Turns a text of a CSV file into a value; an empty text is always None.
-        head: Head for people; None for the name with spaces.
-        source: Attribute of the object behind a row (``outcome.p``), or makes the value from it. Empty for the name.
-        derived: Makes the value from the row's other values. Such a column is shown to people only, not stored.
-        text: Makes the text for people from a value that is not None.
-        right: Whether the column is set flush right; None: if all its values are numbers.
+        name: The column's name in CSV files and its key in JSON.
+        kind: A function that converts a text of a CSV file to a value; an empty text always becomes None.
+        head: The heading in shown tables; None for the name with spaces.
+        source: The attribute of a row's object that has the value (``outcome.p``), or a function that computes the
+            value from the object. If empty, the attribute has the column's name.
+        derived: A function that computes the value from the row's other values. Such a column is shown but not stored.
+        text: A function that formats a value that is not None.
+        right: Whether the column is aligned to the right; if None, a column is if all its values are numbers.
     """
 
     name: str
@@ -76,16 +77,16 @@ class Column:
     right: bool | None = None
 
     def value(self, row: Row) -> Any:
-        """The column's value in a row."""
+        """Return the column's value in a row."""
         return self.derived(row) if self.derived else row[self.name]
 
 
 def interval_column(*, signed: bool = False, empty: str = "none") -> Column:
-    """A column of 95 % intervals in per cent, derived from the fractions in ``low`` and ``high``.
+    """Return a column of 95 % intervals in %, derived from the fractions in ``low`` and ``high``.
 
     Args:
-        signed: Write the sign of positive ends too.
-        empty: What stands where there is no interval.
+        signed: Whether positive ends have a sign.
+        empty: The text of rows without an interval.
     """
 
     def ends(row: Row) -> str:
@@ -97,12 +98,12 @@ def interval_column(*, signed: bool = False, empty: str = "none") -> Column:
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """A table.
+    """A table of results.
 
     Args:
-        columns: Its columns.
-        rows: Values by the names of the columns.
-        title: What it shows.
+        columns: The columns.
+        rows: The rows; each has a value for each stored column.
+        title: The title.
     """
 
     columns: tuple[Column, ...]
@@ -111,12 +112,12 @@ class Table:
 
     @classmethod
     def of(cls, columns: Iterable[Column], items: Iterable[object], title: str = "") -> Table:
-        """The table of some objects, a row for each.
+        """Make a table with a row for each object.
 
         Args:
-            columns: The columns; what is stored in them is read from the objects' attributes.
-            items: The objects, or mappings by the names of the columns.
-            title: What it shows.
+            columns: The columns. Their values are read from the attributes of the objects.
+            items: The objects, or mappings with the names of the columns as keys.
+            title: The title.
         """
         kept = tuple(columns)
         stored = {
@@ -134,32 +135,32 @@ class Table:
 
     @classmethod
     def read(cls, path: Path, columns: Iterable[Column], title: str = "") -> Table:
-        """The table in a CSV file that an analysis wrote; columns that are not asked for are passed over.
+        """Read a table from a CSV file that an analysis wrote; other columns of the file are ignored.
 
         Raises:
-            InputError: The file is missing, lacks a column or holds a wrong value.
+            InputError: The file is missing, has no such column or contains a wrong value.
         """
         kept = tuple(columns)
         stored = [column for column in kept if column.derived is None]
         heads, lines = read_table(path, "table")
         heads = [FORMER_NAMES.get(head, head) for head in heads]
-        lacking = [column.name for column in stored if column.name not in heads]
-        if lacking:
-            raise InputError("table", str(path), f"has no column {lacking[0]}; run the analysis again")
+        missing = [column.name for column in stored if column.name not in heads]
+        if missing:
+            raise InputError("table", str(path), f"has no column {missing[0]}; run the analysis again")
         places = [(column, heads.index(column.name)) for column in stored]
         try:
             rows = [{column.name: column.kind(line[i]) if line[i] else None for column, i in places} for line in lines]
         except ValueError as error:
-            raise InputError("table", str(path), f"holds a wrong value: {error}") from None
+            raise InputError("table", str(path), f"contains a wrong value: {error}; run the analysis again") from None
         return cls(columns=kept, rows=tuple(rows), title=title)
 
     def write(self, path: Path, simulated: Sequence[str] | None = None) -> Path:
-        """Write it as CSV, whole or not at all: numbers with every digit, None and NaN as empty texts.
+        """Write the table as CSV, completely or not at all: numbers with all digits, None and NaN as empty texts.
 
         Args:
             path: The file.
-            simulated: What of the data was simulated. The last column ``simulated`` says in each row whether anything
-                was; without this column if it is None.
+            simulated: The simulated parts of the data. The last column, ``simulated``, is true in every row if there
+                are any. If None, the file has no such column.
 
         Returns:
             The path.
@@ -176,28 +177,28 @@ class Table:
         return path
 
     def records(self) -> list[dict[str, Any]]:
-        """The rows with what is stored of them, as JSON has it."""
+        """Return the stored values of the rows, for JSON."""
         names = [column.name for column in self.columns if column.derived is None]
         return [{name: row[name] for name in names} for row in self.rows]
 
     def select(self, *columns: str | Column, title: str | None = None) -> Table:
-        """The table with some of its columns, or with others made from these, in this order."""
+        """Return the table with some of its columns, or with columns derived from them, in the given order."""
         known = {column.name: column for column in self.columns}
         kept = tuple(known[column] if isinstance(column, str) else column for column in columns)
         return replace(self, columns=kept, title=self.title if title is None else title)
 
     def where(self, chosen: Callable[[Row], bool]) -> Table:
-        """The table with some of its rows."""
+        """Return the table with the chosen rows only."""
         return replace(self, rows=tuple(row for row in self.rows if chosen(row)))
 
     @property
     def heads(self) -> list[str]:
-        """The heads of the columns, for people."""
+        """The headings of the shown columns."""
         return [column.name.replace("_", " ") if column.head is None else column.head for column in self.columns]
 
     @property
     def right(self) -> list[bool]:
-        """Which columns are set flush right: those of numbers."""
+        """Whether each column is aligned to the right; columns of numbers are."""
         return [
             all(isinstance(value, int | float | None) for value in map(column.value, self.rows))
             if column.right is None
@@ -206,10 +207,10 @@ class Table:
         ]
 
     def texts(self, empty: str = "") -> Iterator[list[str]]:
-        """The texts of each row, for people.
+        """Yield the formatted values of each row.
 
         Args:
-            empty: What stands for None.
+            empty: The text for None.
         """
         for row in self.rows:
             values = [(column, column.value(row)) for column in self.columns]
@@ -217,7 +218,7 @@ class Table:
 
 
 def read_settings(path: Path, kind: type[T]) -> T:
-    """What an analysis was asked for, from the file that it left beside its tables.
+    """Read the settings of an analysis from the file that it wrote beside its tables.
 
     Raises:
         InputError: The file is missing or damaged.
@@ -231,7 +232,7 @@ def read_settings(path: Path, kind: type[T]) -> T:
 
 
 def write_settings(path: Path, settings: object) -> Path:
-    """Write what an analysis was asked for, which and of what version first.
+    """Write the settings of an analysis; the name of the analysis and the program's version come first.
 
     Returns:
         The path.

@@ -1,4 +1,4 @@
-"""The questions first: figures of studies whose truth is known, plain answers, and why there is none."""
+"""Test the answers to the main questions with studies whose true answers are known."""
 
 from __future__ import annotations
 
@@ -81,8 +81,8 @@ def test_equal_prints_are_not_shown_to_differ(make_study: MakeStudy) -> None:
 @pytest.mark.parametrize(
     ("plan", "reason"),
     [
-        ({"copies": 1}, "cannot be said: one print of each texture; press at least two"),
-        ({"textures": (1,)}, "cannot be said: no differences between textures to compare with"),
+        ({"copies": 1}, "cannot be said: there is only one print of each texture; press at least two"),
+        ({"textures": (1,)}, "cannot be said: there are no differences between textures to compare with"),
     ],
 )
 def test_what_cannot_be_said_has_its_reason(make_study: MakeStudy, plan: dict[str, object], reason: str) -> None:
@@ -93,7 +93,9 @@ def test_what_cannot_be_said_has_its_reason(make_study: MakeStudy, plan: dict[st
 def test_one_repeat_says_nothing_of_prints(make_study: MakeStudy) -> None:
     study = make_study(still=0)
     found = list(answers.print_answers(variance_table(study.chosen(study.repeat == 1))))
-    assert {answer.answer for answer in found} == {"cannot be said: one repeat; press each place at least twice"}
+    assert {answer.answer for answer in found} == {
+        "cannot be said: there is only one repeat; press each position at least twice"
+    }
 
 
 def textures(make_study: MakeStudy, out: Path, image: Maker, **settings: object) -> list[Answer]:

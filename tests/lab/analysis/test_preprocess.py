@@ -124,7 +124,7 @@ def test_the_commands_say_what_was_analysed(pressed: Path, tmp_path: Path, capsy
     assert main([*report, str(tmp_path / "report.html")]) == 0
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "displacements of 49 markers (px)" in page
-    assert "How far the markers move" in page
+    assert "Displacements of the markers at the largest force" in page
     command = ["classify", str(pressed), "--features", "markers", "--trials", "1", "--hold-out", "copy", "--jobs", "1"]
     assert main([*command, "-o", str(tmp_path / "classes")]) == 0
     assert "100.0" in capsys.readouterr().out

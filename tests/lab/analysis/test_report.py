@@ -190,8 +190,8 @@ def test_every_file_that_the_page_names_is_there(report: Path, page: Page) -> No
 
 
 def test_simulated_data_say_so_once_at_the_top_and_in_each_file(report: Path, page: Page) -> None:
-    assert page.text.count("Simulated data, not a real sensor's: sensor: a <formula> & noise.") == 1
-    described = next(one for one in page.all("meta") if one.get("name") == "description")
+    assert page.text.count("Simulated data, not from a real sensor: sensor: a <formula> & noise.") == 1
+    described = next(meta for meta in page.all("meta") if meta.get("name") == "description")
     assert described["content"] == "simulated data: sensor: a <formula> & noise"
     for path in report.with_name("report_files").rglob("*.csv"):
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -209,21 +209,21 @@ def test_it_can_be_read_on_a_small_screen_and_printed(report: Path, page: Page) 
         if child in ("table", "img"):
             assert tag == "div"
             parents.append(attributes)
-    assert all(one["class"] == "scroll" for one in parents)
-    assert "details::details-content" in report.read_text(encoding="utf-8"), "paper shows what is folded"
+    assert all(attributes["class"] == "scroll" for attributes in parents)
+    assert "details::details-content" in report.read_text(encoding="utf-8"), "folded sections are printed"
     assert page.all("html")[0]["lang"] == "en"
 
 
-def test_the_page_says_what_a_reader_asks_for(page: Page) -> None:
+def test_the_page_has_the_main_facts(page: Page) -> None:
     for words in (
         "64 presses on 8 prints",
         "2 prints of 2 textures on ender-3 in pla-plus",
         "Empty fields of the print records",
         "filament_batch",
-        "64 of 64 planned presses are there",
+        "64 of 64 planned presses are present",
         "with 95 % intervals over prints",
         "protocol leak-free; chance is 50.0 %",
-        "random forest (largest depth 50)",
+        "random forest (maximum depth 50)",
         "ddof = 0",
         "the study's own grid, 4 positions",
         f"tacbench-cad, version {__version__}",
@@ -269,10 +269,10 @@ def test_figures_of_an_earlier_report_do_not_come_back(runs: Path, report: Path,
 def test_folders_of_other_runs_are_refused(runs: Path, report: Path, tmp_path: Path) -> None:
     files = report.with_name("report_files")
     write_study(tmp_path / "runs", image=noise_image, copies=3)
-    with pytest.raises(InputError, match=r"variance = .* is not of these runs"):
+    with pytest.raises(InputError, match=r"variance = .* must be an analysis of all presses of these runs"):
         write_report([tmp_path / "runs"], tmp_path / "r.html", Options(variance=files / "variance"))
     options = Options(variance=None, classifications=(files / "classification",))
-    with pytest.raises(InputError, match=r"classify = .* is not of these runs"):
+    with pytest.raises(InputError, match=r"classify = .* must be an analysis of all presses of these runs"):
         write_report([tmp_path / "runs"], tmp_path / "r.html", options)
     with pytest.raises(InputError, match=r"classification_settings\.json.*cannot be read"):
         write_report([runs], tmp_path / "r.html", Options(classifications=(files / "variance", tmp_path)))
@@ -301,9 +301,11 @@ def test_a_study_that_supports_little_gets_a_page_that_says_why(tmp_path: Path) 
     write_report([tmp_path / "runs"], out)
     text = Page(out.read_text(encoding="utf-8")).text
     assert "These data have no classification: " in text
-    assert "Findings, at most 5 of a run" in text and "dark" in text
+    assert "Findings, at most 5 for each run" in text and "dark" in text
     assert "Simulated" not in text and "simulated data" not in text
-    assert "Nothing can be said about how prints of ender-3 petg differ: one print of each texture" in text
+    assert (
+        "Nothing can be said about how prints of ender-3 petg differ: there is only one print of each texture" in text
+    )
     assert "Look at the problems of texture-1_" in text, "what to do next"
 
 
@@ -330,7 +332,7 @@ def test_a_damaged_record_is_named(runs: Path, tmp_path: Path) -> None:
     out = tmp_path / "page.html"
     write_report([tmp_path / "runs"], out, Options(classify=False))
     text = Page(out.read_text(encoding="utf-8")).text
-    assert "Records that cannot be read:" in text and f"{first.name}/print.toml" in text
+    assert "Print records that cannot be read:" in text and f"{first.name}/print.toml" in text
 
 
 @pytest.mark.parametrize("name", ["report.txt", "report"])
@@ -352,7 +354,7 @@ def test_the_sheet_has_a_good_frame_of_each_texture_and_names_those_without(tmp_
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("matplotlib.axes.Axes.set_title", lambda axes, name, **_: drawn.append((name, axes.images[0])))
         caption = draw_frames(Results(collection=study, reports=(report,)), tmp_path)
-    assert caption.endswith("without a problem. There is none of texture-3.")
+    assert caption.endswith("without a problem. No frame of texture-3 can be shown.")
     assert [name for name, _ in drawn] == ["texture-1", "texture-2"]
     expected = first, study.frame(int(np.flatnonzero(study.texture == "texture-2")[1]))
     assert all(np.array_equal(image.get_array(), frame) for (_, image), frame in zip(drawn, expected, strict=True))
@@ -372,7 +374,7 @@ def test_a_figure_must_be_a_png(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read"):
         read_image(tmp_path / "f.png")
     (tmp_path / "f.png").write_bytes(b"<svg>")
-    with pytest.raises(InputError, match="is no PNG file"):
+    with pytest.raises(InputError, match="is not a PNG file"):
         read_image(tmp_path / "f.png")
 
 
@@ -383,7 +385,7 @@ def test_without_jinja_nothing_is_begun(runs: Path, tmp_path: Path, monkeypatch:
     assert not list(tmp_path.iterdir())
 
 
-def test_depth_mode_is_said_to_be_another_thing(runs: Path) -> None:
+def test_depth_mode_is_not_comparable_with_forces(runs: Path) -> None:
     from dataclasses import replace
 
     collection = Collection.open([runs])
@@ -392,4 +394,4 @@ def test_depth_mode_is_said_to_be_another_thing(runs: Path) -> None:
     first = collection.runs[0]
     info = replace(first.info, protocol=replace(first.info.protocol, contact="depth", touch="sensor"))
     changed = replace(collection, runs=(replace(first, info=info), *collection.runs[1:]))
-    assert "0.35 mm below first touch (found by a change of the sensor)" in design(changed)
+    assert "0.35 mm below first contact (detected by a change of the sensor's frames)" in design(changed)

@@ -37,7 +37,7 @@ from tacbench_cad.spec.protocol import PressGrid
 
 ENDER, BAMBU = ("ender-3", "pla-plus"), ("bambu-p1p", "pla-minus")
 ONE_PLACE = PressGrid(x_mm=(4.0,), y_mm=(18.0,))
-PUBLISH = 'the data set: "tacbench publish" writes it with this report.'
+PUBLISH = 'the data set together with this report: run "tacbench publish".'
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +107,7 @@ def classification(study: Collection, hold_out: str, recall: Sequence[float], *r
     )
 
 
-def told(texture: str, answer: str, figure: float | None) -> Answer:
+def texture_answer(texture: str, answer: str, figure: float | None) -> Answer:
     ends = {} if figure is None else {"low": figure - 10.0, "high": figure + 5.0}
     return Answer(question=WHICH_TEXTURES, about=texture, figure=figure, unit=RIGHT, answer=answer, **ends)
 
@@ -116,7 +116,7 @@ def told(texture: str, answer: str, figure: float | None) -> Answer:
 def complete(study: Collection) -> Results:
     """A study of which everything is known and nothing is wrong."""
     rows = [repeatable(name, "yes, below 30 %", 12.5) for name in ("ender-3 pla-plus", "Bambu P1P PLA-")]
-    apart = [told(texture, "yes", 90.0) for texture in study.textures]
+    apart = [texture_answer(texture, "yes", 90.0) for texture in study.textures]
     return Results(
         collection=study,
         reports=reports(study),
@@ -125,21 +125,22 @@ def complete(study: Collection) -> Results:
     )
 
 
-def test_a_complete_study_is_summed_up_and_published(complete: Results) -> None:
+def test_summary_of_a_complete_study(complete: Results) -> None:
     assert summary(complete) == {
         "What was pressed": "8 prints of 2 textures on ender-3 pla-plus and Bambu P1P PLA- were pressed 16 times "
         "(1 position, 0.08 N, 2 repeats).",
-        "Data quality": "All 16 planned presses are there; the check found no problem; sensor noise alone gives 25 % "
-        "of the variance.",
-        "Printing": "ender-3 pla-plus and Bambu P1P PLA- are repeatable: their prints differ by 12.5 % (6.25 to 25 %) "
-        "and 12.5 % (6.25 to 25 %) of what textures differ by; the limit is 30 %.",
+        "Data quality": "All 16 planned presses are present; the check found no problem; sensor noise alone causes "
+        "25 % of the variance.",
+        "Printing": "ender-3 pla-plus and Bambu P1P PLA- are repeatable: the standard deviation between their "
+        "prints is 12.5 % (6.25 to 25 %) and 12.5 % (6.25 to 25 %) of the standard deviation between textures; "
+        "the limit is 30 %.",
         "Telling apart": "On prints that training has not seen, a random forest predicts 90.0 % (25 to 87.5 %) of the "
         "presses correctly (chance: 50.0 %). All textures can be told apart.",
         "What to do next": f"Publish {PUBLISH}",
     }
 
 
-def test_the_main_table_has_what_is_of_a_texture_once(complete: Results) -> None:
+def test_values_of_a_texture_are_in_its_first_row(complete: Results) -> None:
     table = complete.shown_textures
     assert list(table.texts())[:2] == [
         ["texture-1", "ender-3 pla-plus", "2", "4", "4", "3 to 5", "1", "90.0", "80 to 95"],
@@ -163,10 +164,10 @@ def test_words_are_listed(words: str, text: str) -> None:
         (
             ("dark", "gap", "dark"),
             {"presses": 1},
-            "15 of 16 planned presses are there; the check found 3 problems in 1 of 8 ",
+            "15 of 16 planned presses are present; the check found 3 problems in 1 of 8 ",
         ),
         (("dark", "gap", "dark"), {}, "in 1 of 8 runs (dark 2 and gap 1); sensor noise"),
-        ((), {"out_of_band": 3}, "are there; in 3 of them the force lies outside its band; the check found no problem"),
+        ((), {"out_of_band": 3}, "are present; in 3 of them the force is outside its band; the check found no problem"),
     ],
 )
 def test_quality(complete: Results, kinds: tuple[str, ...], fields: dict[str, int], text: str) -> None:
@@ -181,15 +182,19 @@ def test_quality(complete: Results, kinds: tuple[str, ...], fields: dict[str, in
 @pytest.mark.parametrize(
     ("answer", "sentence", "step"),
     [
-        ("no, above 30 %", "Bambu P1P PLA- is not repeatable: its prints differ by 60 % (30 to 120 %)", "Find out why"),
+        (
+            "no, above 30 %",
+            "Bambu P1P PLA- is not repeatable: the standard deviation between its prints is 60 % (30 to 120 %)",
+            "Find out why",
+        ),
         (
             "unclear",
-            "It is unclear whether Bambu P1P PLA- is repeatable: its prints",
+            "It is unclear whether Bambu P1P PLA- is repeatable: the standard deviation",
             "Press more prints of each texture",
         ),
         (
-            "cannot be said: one repeat; press each place at least twice",
-            "Nothing can be said about how prints of Bambu P1P PLA- differ: one repeat; press each place at least",
+            "cannot be said: there is only one repeat; press each position at least twice",
+            "Nothing can be said about how prints of Bambu P1P PLA- differ: there is only one repeat; press each",
             "",
         ),
     ],
@@ -201,22 +206,22 @@ def test_printers(complete: Results, answer: str, sentence: str, step: str) -> N
     assert printing_sentence(results).startswith("ender-3 pla-plus is repeatable: ")
     assert sentence in printing_sentence(results)
     steps = next_steps(results)[:-1]
-    assert [step] == [one[: len(step)] for one in steps] if step else not steps
-    assert all("Bambu P1P PLA-" in one for one in steps)
+    assert [step] == [text[: len(step)] for text in steps] if step else not steps
+    assert all("Bambu P1P PLA-" in text for text in steps)
 
 
 def test_textures_that_are_confused_and_unclear(complete: Results, study: Collection) -> None:
     first, second = study.textures
-    rows = told(first, "no", 30.0), told(second, "unclear", 60.0)
+    rows = texture_answer(first, "no", 30.0), texture_answer(second, "unclear", 60.0)
     results = replace(complete, classifications=(classification(study, "copy", (0.3, 0.6), *rows),))
     assert textures_sentence(results).endswith("(chance: 50.0 %). Not told apart: 1; unclear: 2.")
     assert [step.partition(":")[0] for step in next_steps(results)[:-1]] == [
         "Press more prints of texture 2",
-        "texture-1 is often taken for texture-2 (70.0 % of its presses)",
+        "texture-1 is often predicted as texture-2 (70.0 % of its presses)",
     ]
 
 
-def test_without_new_prints_the_easier_question_is_answered_and_called_so(complete: Results, study: Collection) -> None:
+def test_without_unseen_prints_the_easier_hold_out_level_is_named(complete: Results, study: Collection) -> None:
     reason = Answer(
         question=WHICH_TEXTURES, about="", answer="cannot be said: level copy is left out: one copy; add one"
     )
@@ -229,7 +234,7 @@ def test_without_new_prints_the_easier_question_is_answered_and_called_so(comple
     assert results.shown_textures.heads[-1] == "predicted correctly, held out: press (%)"
 
 
-def test_what_is_missing_is_said_and_asked_for(study: Collection) -> None:
+def test_steps_for_missing_results(study: Collection) -> None:
     nothing = Results(collection=study, reports=reports(study), no_variance="it needs x; get it", no_classification="y")
     assert printing_sentence(nothing) == "Nothing can be said about the prints: it needs x."
     assert textures_sentence(nothing) == "Nothing was classified: y."
@@ -238,15 +243,15 @@ def test_what_is_missing_is_said_and_asked_for(study: Collection) -> None:
         "There is no classification: y.",
     ]
     left_out = replace(nothing, no_classification="")
-    assert any(step.startswith("Make the report with a classification") for step in next_steps(left_out))
+    assert any(step.startswith("Write the report with a classification") for step in next_steps(left_out))
 
 
 def test_simulated_data_are_not_published(make_study: Callable[..., Collection], complete: Results) -> None:
     single = make_study(simulated="a formula", copies=1, textures=(1,), prints=(ENDER,), grid=ONE_PLACE, still=0)
     results = Results(collection=single, reports=reports(single), variance=variance(single, floor_from=""))
     assert pressed_sentence(results).startswith("1 print of 1 texture on ender-3 pla-plus was pressed 2 times")
-    assert [step.partition(" ")[0] for step in next_steps(results)] == ["Print", "Record", "Make", "These"]
-    assert "sensor noise alone gives at most 25 % of the variance" in quality_sentence(results)
+    assert [step.partition(" ")[0] for step in next_steps(results)] == ["Print", "Record", "Write", "These"]
+    assert "sensor noise alone causes at most 25 % of the variance" in quality_sentence(results)
 
 
 def test_tables_fit_on_paper(complete: Results) -> None:
@@ -265,5 +270,6 @@ def test_many_printers_have_one_range(complete: Results, study: Collection) -> N
     rows = [repeatable(f"printer {n}", "yes, below 30 %", 10.0 + n) for n in range(5)]
     sentence = printing_sentence(replace(complete, variance=variance(study, *rows)))
     assert sentence.startswith(
-        "printer 0, printer 1, printer 2 and 2 more are repeatable: their prints differ by 10 to 14 %"
+        "printer 0, printer 1, printer 2 and 2 more are repeatable: the standard deviation between their "
+        "prints is 10 to 14 % of the standard deviation"
     )

@@ -114,7 +114,7 @@ def test_processes_change_no_digit(study: Collection, done: Pass) -> None:
         assert np.array_equal(ours.nested.squares, theirs.nested.squares)
         for key, cell in ours.cells.items():
             assert np.array_equal(cell.gram, theirs.cells[key].gram)
-    assert other.readings == done.readings == len(study) + 12 * 6
+    assert other.frames == done.frames == len(study) + 12 * 6
 
 
 def test_progress_ends_with_all_readings(study: Collection) -> None:
@@ -142,7 +142,7 @@ def test_any_array_is_taken_and_nan_is_left_out_by_name(tmp_path: Path) -> None:
     found = Collection.open([tmp_path])
     done = passed(found)
     assert len(done.left_out) == 1
-    assert f"{name}/sensor_data/reading_3.npy: holds NaN" in done.left_out[0]
+    assert f"{name}/sensor_data/reading_3.npy: contains NaN" in done.left_out[0]
     cells = {place.position: place.cells["ender-3_pla-plus", "texture-1"] for place in done.places}
     assert [cells[position].presses for position in (1, 2, 3, 4)] == [4, 4, 3, 4]
     here = np.flatnonzero((found.combination == "ender-3_pla-plus") & (found.texture == "texture-1"))

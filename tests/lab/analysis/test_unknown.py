@@ -135,5 +135,5 @@ def test_a_report_states_nothing_that_nobody_said(study: Any) -> None:
     for word in ("preset", " N", " mm", "rim", "stage", "gauge"):
         assert word not in text
     with_prints = str(macro("methods.j2", "design")(study("label", "print")))
-    assert "They show 3 prints of 2 textures." in " ".join(with_prints.split())
+    assert "The samples show 3 prints of 2 textures." in " ".join(with_prints.split())
     assert not open_points(collection, colour=False, ddof=0).rows

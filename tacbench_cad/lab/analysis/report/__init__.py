@@ -1,1 +1,1 @@
-"""One page on a study."""
+"""The report: one HTML page about a study."""

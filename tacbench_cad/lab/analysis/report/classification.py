@@ -1,4 +1,4 @@
-"""What a report shows of a classification, from the files of ``tacbench classify``."""
+"""The classifications that a report shows, read from the files of ``tacbench classify``."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ class Classification:
     """A classification as a report shows it.
 
     Args:
-        folder: Folder of its files within the report's.
-        record: What was asked for.
-        methods: How it was computed: a paragraph.
-        answers: Rows of ``texture_answers.csv``; none where it does not say.
-        scores: Rows of ``classification.csv``.
-        confusion: Rows of ``confusion.csv``.
+        folder: The folder of its files, inside the folder of the report's files.
+        record: The settings and the data of the classification.
+        methods: A paragraph that says how it was computed.
+        answers: The rows of ``texture_answers.csv``; empty if it answers no question.
+        scores: The rows of ``classification.csv``.
+        confusion: The rows of ``confusion.csv``.
     """
 
     folder: Path
@@ -38,10 +38,10 @@ class Classification:
 
     @classmethod
     def read(cls, folder: Path) -> Classification:
-        """The classification in a folder that ``tacbench classify`` wrote.
+        """Read a classification from an output folder of ``tacbench classify``.
 
         Raises:
-            InputError: A file is missing or damaged, or the settings lack something.
+            InputError: A file is missing or damaged, or a setting is missing.
         """
         record = ClassificationRecord.read(folder)
         return cls(
@@ -55,7 +55,7 @@ class Classification:
 
     @property
     def chance(self) -> float:
-        """The accuracy of guessing."""
+        """The accuracy expected from guessing, from 0 to 1."""
         return 1.0 / len(self.record.textures)
 
 
@@ -67,19 +67,21 @@ def classify_into(
     dask: str | None = None,
     progress: Progress = lambda *_: None,
 ) -> None:
-    """Classify with the leak-free protocol as ``tacbench classify`` does without options, or what of it is missing.
+    """Classify with the leak-free protocol and the default settings of ``tacbench classify``.
+
+    Trials whose results are already in the folder are not repeated.
 
     Args:
         collection: The study.
-        folder: Folder of tables, figures and finished trials.
-        trials: Trials; None for the usual number.
-        jobs: Processes of this machine.
-        dask: Address of a Dask scheduler.
+        folder: The folder of the tables, figures and finished trials.
+        trials: The number of trials; None for the default number of the protocol.
+        jobs: The number of worker processes on this machine.
+        dask: The address of a Dask scheduler.
         progress: Receives progress updates.
 
     Raises:
-        InputError: The data do not allow it, or nothing answers at the Dask address.
-        CheckFailedError: A reading is damaged.
+        InputError: The data cannot be classified, or no Dask scheduler answers at the address.
+        CheckFailedError: A frame is damaged.
         MissingToolError: scikit-learn or matplotlib is not installed.
     """
     from tacbench_cad.lab.analysis.classification.classify import TRIALS, classify, write_tables

@@ -1,4 +1,4 @@
-"""The document of a report: plain values of everything that the page shows, and the files that it names."""
+"""The document of a report: everything that the page shows, as plain values, with the names of its files."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from tacbench_cad.lab.analysis.report.sections import sections
 from tacbench_cad.lab.analysis.report.summary import next_steps, summary
 from tacbench_cad.util.files import write_json
 
-#: The document, in the folder beside the page, and the table to quote.
+#: The file names of the document and of the table to quote, in the folder beside the page.
 DOCUMENT_FILE, TABLE_FILE = "report.json", "textures.csv"
 
 
 def write_document(results: Results, files: Path) -> dict[str, Any]:
-    """Write the tables and figures that are the report's own, and the document of everything that the page shows.
+    """Write the report's own tables and figures, and the document with everything that the page shows.
 
     Args:
         results: The results.
-        files: The folder beside the page, with the files of the analyses.
+        files: The folder beside the page. It already contains the files of the analyses.
 
     Returns:
         The document.

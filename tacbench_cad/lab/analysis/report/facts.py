@@ -1,4 +1,4 @@
-"""What a report says of the runs themselves: what was pressed, the print records, the quality of the data."""
+"""The facts of a report about the runs themselves: the presses, the print records and the quality of the data."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
 
-#: Simulated parts that the page names.
+#: The largest number of simulated parts that the page names.
 _MAX_PARTS = 6
 
 
 def title(collection: Collection) -> str:
-    """The title of the page: how many presses of what."""
+    """Return the title of the page: the number of presses and of prints, labels or run folders."""
     of = f"on {counted(len(collection.runs), 'print')}"
     if not collection.has("print"):
         labels, folders = counted(len(collection.textures), "label"), counted(len(collection.runs), "run folder")
@@ -33,12 +33,12 @@ def title(collection: Collection) -> str:
 
 
 def press_words(collection: Collection) -> tuple[str, str]:
-    """What a reading is of, one and several: a press of a protocol, or, where none is known, a sample."""
+    """Return the singular and the plural of the word for a frame: press, or sample if the protocol is unknown."""
     return ("sample", "samples") if collection.info.protocol is None else ("press", "presses")
 
 
 def prints_in_words(collection: Collection) -> str:
-    """The prints of each printer-filament."""
+    """Return a phrase with the number of prints of each printer-filament."""
     groups: dict[str, dict[str, set[int | str | None]]] = defaultdict(lambda: defaultdict(set))
     for run in collection.runs:
         printed = run.info.printed
@@ -57,7 +57,7 @@ def prints_in_words(collection: Collection) -> str:
 
 
 def unknown_names(collection: Collection) -> list[str]:
-    """What is unknown of imported runs; nothing of others."""
+    """Return the names of unknown facts of imported runs; an empty list for other runs."""
     if collection.info.protocol is not None:
         return []
     names = ("label", "print", "printer", "filament", "position", "force", "repeat")
@@ -66,41 +66,41 @@ def unknown_names(collection: Collection) -> list[str]:
 
 
 def unknown_in_words(collection: Collection) -> str:
-    """A sentence that names what is unknown of imported runs; empty where nothing is."""
+    """Return a sentence that names the unknown facts of imported runs; an empty string if there are none."""
     unknown = unknown_names(collection)
-    return f"Unknown, because nobody recorded it: {', '.join(unknown)}." if unknown else ""
+    return f"Not recorded, and therefore unknown: {', '.join(unknown)}." if unknown else ""
 
 
 def simulated_in_words(simulated: Sequence[str]) -> str:
-    """A sentence that says what of the data was simulated; empty for real data."""
+    """Return a sentence that says which parts of the data were simulated; an empty string for real data."""
     parts = list(dict.fromkeys(part for text in simulated for part in text.split("; ")))
     more = f"; and {len(parts) - _MAX_PARTS} more (see run.json)" if len(parts) > _MAX_PARTS else ""
-    return f"Simulated data, not a real sensor's: {'; '.join(parts[:_MAX_PARTS])}{more}." if parts else ""
+    return f"Simulated data, not from a real sensor: {'; '.join(parts[:_MAX_PARTS])}{more}." if parts else ""
 
 
 def sampling_in_words(sampling: Tolerance | SampleGrid) -> str:
-    """How a block's surface was made."""
+    """Return a phrase that says how the mesh of a block's surface was made."""
     if isinstance(sampling, Tolerance):
         return f"within {sampling.mm:g} mm of the formula"
     return f"on a grid of {sampling.nx} x {sampling.ny} samples"
 
 
 def forces_in_words(collection: Collection) -> str:
-    """How hard, or how deep, the blocks were pressed: a sentence."""
+    """Return a sentence about the force, or the depth, at which the blocks were pressed."""
     protocol = collection.info.protocol
     if protocol is None:
         known = [f"{value:.6g}" for level, value in sorted(collection.pressing.levels.items()) if value is not None]
-        return f"The forces were {', '.join(known)} N; which forces were reached is unknown." if known else ""
+        return f"The forces were {', '.join(known)} N; the measured forces are unknown." if known else ""
     if protocol.contact == "depth":
         depths = ", ".join(f"{protocol.depths_mm[level - 1]:g}" for level in collection.levels)
         how = {
-            "gauge": "found by the force gauge",
-            "sensor": "found by a change of the sensor",
+            "gauge": "detected by the force gauge",
+            "sensor": "detected by a change of the sensor's frames",
             "taught": "taught by hand",
         }
         return (
-            f"The sensor's summit went {depths} mm below first touch ({how[protocol.touch]}); no force was controlled, "
-            "so the readings cannot be compared with those at the paper's forces."
+            f"The sensor's highest point was moved {depths} mm below first contact ({how[protocol.touch]}). No force "
+            "was controlled, so the frames cannot be compared with frames at the paper's forces."
         )
     forces = ", ".join(f"{protocol.forces_n[n - 1]:.6g} ± {protocol.bands_n[n - 1]:.3g}" for n in collection.levels)
     measured: dict[int, list[float]] = defaultdict(list)
@@ -111,19 +111,19 @@ def forces_in_words(collection: Collection) -> str:
     if all(len(measured[level]) > 1 for level in collection.levels):
         of_levels = (measured[level] for level in collection.levels)
         shown = ", ".join(f"{np.mean(values):.4f} (SD {np.std(values, ddof=1):.2g})" for values in of_levels)
-        text += f"; measured just before the reading: {shown} N"
+        text += f"; measured just before the frame was taken: {shown} N"
     return text + "."
 
 
 def devices_in_words(collection: Collection, what: str) -> str:
-    """The stages, or gauges, of all runs."""
+    """Return the names of the stages, or of the force gauges, of all runs."""
     devices = [getattr(run.info, what) for run in collection.runs]
     words = ["simulated" if d.get("simulated") else str(d.get("identity") or "not recorded") for d in devices]
     return ", ".join(dict.fromkeys(words))
 
 
 def design_table(collection: Collection) -> Table:
-    """Prints and presses of each printer-filament and texture at each force level."""
+    """Return the numbers of prints and presses of each printer-filament and texture at each force level."""
     rows = []
     for combination in collection.combinations:
         for texture in collection.textures:
@@ -138,11 +138,12 @@ def design_table(collection: Collection) -> Table:
 
 
 def record_tables(collection: Collection) -> dict[str, Any]:
-    """The print records of a study.
+    """Return tables of the print records of a study.
 
     Returns:
-        ``total``: how many can be read; ``all``: every field of each; ``empty``: the fields that are empty in some;
-        ``alike``: what the others say, alike prints together; ``damaged``: why the rest cannot be read.
+        A dict with five entries. ``total`` is the number of readable records; ``all`` is a table of all their fields;
+        ``empty`` is a table of the fields that are empty in some records; ``alike`` is a table of the other fields
+        with one row for all equal records; ``damaged`` is a list of errors, one for each unreadable record.
     """
     records: list[tuple[str, PrintRecord]] = []
     damaged: list[str] = []
@@ -160,11 +161,11 @@ def record_tables(collection: Collection) -> dict[str, Any]:
         "all": Table.of(_columns("run", *FIELDS), rows),
         "empty": _table(
             "Empty fields of the print records",
-            ("field", "what belongs there", "empty in", "of records"),
+            ("field", "expected content", "empty in", "of records"),
             ((field, "; ".join(SCORES.get(field, (FIELDS[field],))), n, len(records)) for field, n in empty.items()),
         ),
         "alike": _table(
-            "What the print records say, alike prints together",
+            "Print records; equal records share a row",
             (*filled, "prints"),
             ((*values, count) for values, count in alike.items()),
         ),
@@ -173,34 +174,38 @@ def record_tables(collection: Collection) -> dict[str, Any]:
 
 
 def quality_table(reports: Iterable[RunReport]) -> Table:
-    """What `tacbench check-runs` says of each run."""
+    """Return a table with the result of `tacbench check-runs` for each run."""
     counts = _columns("planned", "presses", "out_of_band", "references", "stationary")
     findings = Column("findings", source=lambda report: len(report.findings))
-    return Table.of((Column("run", source="name"), *counts, findings), reports, "Runs with something to look at")
+    return Table.of(
+        (Column("run", source="name"), *counts, findings),
+        reports,
+        "Runs with findings, missing presses or forces outside their band",
+    )
 
 
-def findings_table(reports: Iterable[RunReport], most: int | None = None) -> Table:
-    """The findings of all runs, or at most so many of each."""
-    findings = [{"run": report.name, **to_plain(finding)} for report in reports for finding in report.findings[:most]]
-    return Table.of(_columns("run", "kind", "where", "text"), findings, f"Findings, at most {most} of a run")
+def findings_table(reports: Iterable[RunReport], limit: int | None = None) -> Table:
+    """Return the findings of all runs, at most ``limit`` of each run."""
+    findings = [{"run": report.name, **to_plain(finding)} for report in reports for finding in report.findings[:limit]]
+    return Table.of(_columns("run", "kind", "where", "text"), findings, f"Findings, at most {limit} for each run")
 
 
 def open_points(collection: Collection, colour: bool, ddof: int) -> Table:
-    """Where the paper's text leaves something open, what was taken, and what leads to the other reading.
+    """Return the points that the paper's text leaves open, the choice made here, and the option of the other choice.
 
-    What is unknown of imported runs was not taken in any way, and has no row.
+    Points that are unknown for imported runs have no row.
     """
     info = collection.info
     positions = counted(len(collection.pressing.positions_mm), "position")
     spacing = {"even": "18 to 23 mm in 1.25 mm steps", "1mm": "18 to 22 mm in 1 mm steps"}
     block, placed = info.printed.block, collection.has("position")
     preset = block.preset if block else ""
-    sizes = {"paper": "the text's 23.3 x 30 mm", "released": "the released files' 29.3 x 30 mm"}
+    sizes = {"paper": "23.3 x 30 mm as in the text", "released": "29.3 x 30 mm as in the released files"}
     levels = ", ".join(map(str, collection.levels))
     rows = (
         block
         and (
-            "size and scale of the block: the text's numbers cannot all hold",
+            "size and scale of the block: the numbers in the text contradict each other",
             f"preset {preset}: {sizes.get(preset, 'its own size')}",
             "tacbench make --preset paper|released",
         ),
@@ -212,8 +217,8 @@ def open_points(collection: Collection, colour: bool, ddof: int) -> Table:
         ),
         placed
         and (
-            "variance of what: the text has all prints and repeats, the notebooks the repeats on one print",
-            "both, each by itself",
+            "samples of the variance: all prints and repeats (text) or the repeats on one print (notebooks)",
+            "both, in separate tables",
             "tacbench variance --protocol paper|as-published",
         ),
         placed and ("variance of grey or colour images", "colour" if colour else "grey (BT.601)", "--colour"),
@@ -221,12 +226,12 @@ def open_points(collection: Collection, colour: bool, ddof: int) -> Table:
         placed
         and (
             "force of the 300 images of a cell",
-            f"each of the levels {levels}, and their mean; as published: level {collection.levels[0]}",
+            f"each of the levels {levels}, and their mean; protocol as-published: level {collection.levels[0]}",
             "--force-level",
         ),
     )
-    heads = ("what is open", "taken here", "the other reading")
-    return _table("How it was read here", heads, (row for row in rows if row))
+    heads = ("open point", "choice in this report", "option of the other choice")
+    return _table("Choices in this report", heads, (row for row in rows if row))
 
 
 def _columns(*names: str) -> tuple[Column, ...]:

@@ -1,4 +1,4 @@
-"""The figure that a report begins with, and a frame of each texture."""
+"""The figures of the first screen of a report: a summary, and a frame of each texture."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
 
 #: The names of the figures' files.
 SUMMARY, FRAMES = "summary", "frames"
-#: The most frames on the sheet, frames side by side, and pixels of the longer side of each.
+#: The largest number of frames in the figure, the number of frames in a row, and the longer side of each, in pixels.
 MAX_FRAMES, _COLUMNS, _SIDE_PX = 24, 6, 240
 
 
 def draw_summary(results: Results, folder: Path) -> str:
-    """Draw what the first sentences are about: how much each texture varies, and how often each is predicted.
+    """Draw the variance of each texture, and how often each texture is predicted correctly.
 
     Returns:
-        The caption; empty where nothing is known to be drawn.
+        The caption; empty if there is nothing to draw.
     """
     panels = {}
     if results.level is not None and any(cell.variance > 0.0 for cell in results.cells_at(results.level)):
@@ -58,8 +58,8 @@ def draw_summary(results: Results, folder: Path) -> str:
 
 
 def _draw_variance(axes: Axes, results: Results) -> None:
-    """The variance of each texture and printer at the quoted level, and what sensor noise alone gives."""
-    assert results.variance is not None and results.level is not None  # there are cells
+    """Draw the variance of each texture and printer at the quoted level, and the variance from sensor noise alone."""
+    assert results.variance is not None and results.level is not None  # because there are cells
     study, cells = results.collection, results.cells_at(results.level)
     step = 0.8 / len(study.combinations)
     top = MAX_OVER_ESTIMATE * max(cell.variance for cell in cells)
@@ -77,8 +77,8 @@ def _draw_variance(axes: Axes, results: Results) -> None:
 
 
 def _draw_recall(axes: Axes, results: Results) -> None:
-    """How many presses of each texture the first estimator predicts at the quoted hold-out level."""
-    assert results.leak_free is not None  # there is a confusion
+    """Draw how many presses of each texture the first estimator predicts correctly at the quoted hold-out level."""
+    assert results.leak_free is not None  # because there is a confusion matrix
     names = results.collection.textures
     rows = {row["texture"]: row for row in results.textures.rows}
     for x, row in enumerate(rows[name] for name in names):
@@ -98,10 +98,10 @@ def _draw_recall(axes: Axes, results: Results) -> None:
 
 
 def draw_frames(results: Results, folder: Path) -> str:
-    """Draw a frame of each texture, at the largest force there is.
+    """Draw a frame of each texture at the largest force.
 
     Returns:
-        The caption; empty where no frame can be drawn.
+        The caption; empty if no frame can be drawn.
     """
     textures = results.collection.textures
     level = results.collection.levels[-1]
@@ -133,12 +133,12 @@ def draw_frames(results: Results, folder: Path) -> str:
     at = f" at {study.pressing.level_name(level)}" if level and study.has("force") else ""
     caption = f"A frame of each texture: the first {press_words(study)[0]}{at} without a problem."
     without = [name for name in textures[:MAX_FRAMES] if name not in frames]
-    caption += f" There is none of {', '.join(without)}." if without else ""
+    caption += f" No frame of {', '.join(without)} can be shown." if without else ""
     return caption + (f" The first {MAX_FRAMES} of {len(textures)} are shown." if len(textures) > MAX_FRAMES else "")
 
 
 def _good_frames(study: Collection, texture: str, level: int, bad: set[tuple[Path, str]]) -> Iterator[Frame]:
-    """The first frame of a texture that can be read and drawn, made small; nothing if there is none."""
+    """Yield the first frame of a texture that can be read and drawn, reduced in size; nothing if there is none."""
     import cv2
 
     for at in np.flatnonzero((study.texture == texture) & (study.level == level)).tolist():

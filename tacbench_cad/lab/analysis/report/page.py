@@ -1,9 +1,9 @@
-"""One page on a study: five sentences, a figure, the table to quote; then everything that was computed, folded.
+"""The page of a report: five sentences, a figure and the table to quote, then all other results in folded sections.
 
-The analyses write their tables and figures into a folder beside the page (``report.html`` and ``report_files``), or
-they are copied there from the folders of ``tacbench variance`` and ``tacbench classify``. From what stands in that
-folder comes one document of plain values, ``report.json``, and the page shows that document. So page, JSON, figures and
-CSV never disagree.
+The analyses write their tables and figures into a folder beside the page (``report.html`` and ``report_files``).
+Results that ``tacbench variance`` or ``tacbench classify`` computed earlier are copied into that folder instead. The
+files of that folder are collected in one document of plain values, ``report.json``, and the page shows that document.
+The page, the JSON document, the figures and the CSV files therefore always agree.
 """
 
 from __future__ import annotations
@@ -31,21 +31,22 @@ from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked, refusing, replacing
 from tacbench_cad.util.packages import require
 
-#: Kinds of files that an analysis writes and a report copies.
+#: The types of files that an analysis writes and that a report copies.
 SUFFIXES = (".csv", ".png", ".pdf", ".json")
+_OTHER_PROTOCOL = "must be computed with --protocol paper; the report itself adds the table of the other protocol"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What a report is made of.
+    """The options of a report.
 
     Args:
-        variance: A folder of ``tacbench variance`` for these runs; None: computed.
-        classifications: Folders of ``tacbench classify`` for these runs; none: computed with the leak-free
-            protocol, unless ``classify`` is false.
-        classify: Whether there is a section on classification.
-        jobs: Processes of this machine.
-        dask: Address of a Dask scheduler.
+        variance: The output folder of ``tacbench variance`` for these runs; if None, the table is computed.
+        classifications: Output folders of ``tacbench classify`` for these runs. If empty, a classification with the
+            leak-free protocol is computed, unless ``classify`` is false.
+        classify: Whether the report has a section on classification.
+        jobs: The number of worker processes on this machine.
+        dask: The address of a Dask scheduler.
     """
 
     variance: Path | None = None
@@ -58,21 +59,21 @@ class Options:
 def write_report(
     runs: Sequence[Path], out: Path, options: Options | None = None, progress: Progress = lambda *_: None
 ) -> list[Path]:
-    """Write a study's report.
+    """Write the report of a study.
 
     Args:
-        runs: Run folders, or folders that hold some.
-        out: The page, ``.html``. Its tables and figures go to a folder beside it.
-        options: What it is made of.
-        progress: Receives what is done, how much of it and of how much.
+        runs: Run folders, or folders that contain run folders.
+        out: The HTML file of the page. Its tables and figures are written into a folder beside it.
+        options: The options of the report; None for the defaults.
+        progress: Receives progress updates: the name of the step, the steps done and their total number.
 
     Returns:
-        The page, then the document that it shows, then the other files beside it.
+        The path of the page, then the path of its document, then the paths of the other files beside it.
 
     Raises:
-        InputError: ``out`` is no HTML file or cannot be written, the runs cannot be read or mixed, or a folder of an
-            analysis is not of these runs.
-        MissingToolError: What it needs is not installed; nothing is written then.
+        InputError: The name ``out`` does not end in .html, the file cannot be written, the runs cannot be read or
+            cannot be analysed together, or the folder of an analysis belongs to other runs.
+        MissingToolError: A package that the report needs is not installed. Nothing is written then.
     """
     chosen = options or Options()
     if out.suffix.lower() not in (".html", ".htm"):
@@ -80,11 +81,11 @@ def write_report(
     classified_here = chosen.classify and not chosen.classifications
     require("the report", "jinja2", *(name for name in MODULES if classified_here or name != "sklearn"))
     collection = Collection.open(runs)
-    # Folders that are not of these runs are refused before anything is computed.
+    # Folders that belong to other runs are refused before anything is computed.
     if chosen.variance is not None:
         settings = read_settings(chosen.variance / SETTINGS_FILE, Settings)
         if settings.protocol != "paper":
-            raise InputError("variance", str(chosen.variance), "must be of --protocol paper; the report adds the other")
+            raise InputError("variance", str(chosen.variance), _OTHER_PROTOCOL)
         _require_same("variance", chosen.variance, settings.data, collection)
     for folder in chosen.classifications:
         _require_same("classify", folder, ClassificationRecord.read(folder).data, collection)
@@ -107,23 +108,23 @@ def write_report(
 
 def _checked(collection: Collection, progress: Progress) -> Iterator[RunReport]:
     for i, run in enumerate(collection.runs):
-        progress("examining the runs", i, len(collection.runs))
+        progress("checking the runs", i, len(collection.runs))
         yield check_run(run.folder)
 
 
 def _require_same(option: str, folder: Path, data: str, collection: Collection) -> None:
-    """Refuse the folder of an analysis that is not of these presses, all of them or those of one force level.
+    """Check that an analysis used the presses of this study: all presses, or all presses at one force level.
 
     Raises:
-        InputError: It is of others.
+        InputError: The analysis used other presses.
     """
     parts = (collection, *(collection.at_level(level) for level in collection.levels))
     if all(data != part.data_key for part in parts):
-        raise InputError(option, str(folder), "is not of these runs, all of their presses; run the analysis on them")
+        raise InputError(option, str(folder), "must be an analysis of all presses of these runs; repeat the analysis")
 
 
 def _variance(collection: Collection, folder: Path, options: Options, progress: Progress) -> dict[str, Any]:
-    """Have the files of the variance table, and give what :class:`Results` has of them, or why these data have none."""
+    """Write or copy the files of the variance table; return the fields of :class:`Results` about it."""
     from tacbench_cad.lab.analysis.preprocess import preprocess_of
     from tacbench_cad.lab.analysis.variance.table import variance_table
     from tacbench_cad.lab.analysis.variance.view import write_all
@@ -147,7 +148,7 @@ def _variance(collection: Collection, folder: Path, options: Options, progress: 
 
 
 def _beside_the_paper(collection: Collection, folder: Path, options: Options, progress: Progress) -> dict[str, Any]:
-    """Have the files of what the paper's printed figures are, and give these beside them, or why there are none."""
+    """Write the table of the paper's own quantity; return the fields of :class:`Results` about it."""
     from tacbench_cad.lab.analysis.variance.table import variance_table
     from tacbench_cad.lab.analysis.variance.view import write_all
 
@@ -170,7 +171,7 @@ def _beside_the_paper(collection: Collection, folder: Path, options: Options, pr
 
 
 def _classifications(collection: Collection, files: Path, options: Options, progress: Progress) -> dict[str, Any]:
-    """Have the files of classifications, and give what :class:`Results` has of them, or why these data have none."""
+    """Write or copy the files of the classifications; return the fields of :class:`Results` about them."""
     refusal, folders = "", []
     if options.classifications:
         for i, source in enumerate(options.classifications, start=1):
@@ -189,10 +190,10 @@ def _classifications(collection: Collection, files: Path, options: Options, prog
 
 
 def _refusal_of(error: InputError | CheckFailedError) -> str:
-    """Why these data do not have a result, as the end of a sentence.
+    """Return the reason why these data have no such result, as the end of a sentence.
 
     Raises:
-        InputError: The error is none of the data's.
+        InputError: The data are not the cause of the error.
     """
     if isinstance(error, InputError) and error.field in ("dask", "jobs", "output folder", "output file"):
         raise error
@@ -202,7 +203,7 @@ def _refusal_of(error: InputError | CheckFailedError) -> str:
 
 
 def copy_files(source: Path, folder: Path) -> None:
-    """Copy tables and figures of an analysis, each whole or not at all.
+    """Copy the tables and figures of an analysis, each file completely or not at all.
 
     Raises:
         InputError: A file cannot be read or written.
@@ -220,10 +221,10 @@ def copy_files(source: Path, folder: Path) -> None:
 
 
 def clear(folder: Path) -> None:
-    """Have a folder without the tables and figures of an earlier report; what lies in folders within it stays.
+    """Create a folder, or remove the tables and figures of an earlier report from it, but not from its subfolders.
 
     Raises:
-        InputError: It cannot be written.
+        InputError: The folder cannot be written.
     """
     with refusing(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -232,5 +233,5 @@ def clear(folder: Path) -> None:
 
 
 def _results(folder: Path) -> list[Path]:
-    """Tables, figures and settings in a folder."""
+    """Return the files of tables, figures and settings in a folder."""
     return sorted(path for path in folder.glob("[!.]*") if path.suffix in SUFFIXES and path.is_file())

@@ -1,4 +1,4 @@
-"""The pieces that a page is made of, as plain values: the document of ``--json`` holds them, the page shows them."""
+"""The parts of a page as plain values. The document of ``--json`` contains them, and the page shows them."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ from typing import Any
 
 from tacbench_cad.lab.analysis.tables import Table
 
-#: Columns of numbers that fit on paper side by side, and rows of a long table that people are shown.
+#: The number of columns of numbers that fit on a sheet of paper, and the number of rows shown of a long table.
 _MAX_COLUMNS, MAX_ROWS = 8, 50
-#: A piece of a page. Its ``kind`` is ``text``, ``heading``, ``code``, ``list``, ``table`` or ``figure``.
+#: A part of a page. Its ``kind`` is ``text``, ``heading``, ``code``, ``list``, ``table`` or ``figure``.
 Part = dict[str, Any]
 
 
 def text_part(words: object, kind: str = "text") -> Part:
-    """A paragraph, a heading, or, kept as it is, ``code``."""
+    """Return a paragraph or a heading with normalized spaces, or ``code`` unchanged."""
     return {"kind": kind, "text": str(words) if kind == "code" else " ".join(str(words).split())}
 
 
 def list_part(texts: Iterable[str]) -> Part:
-    """A list."""
+    """Return a list with one item for each text."""
     return {"kind": "list", "items": list(texts)}
 
 
 def table_part(table: Table, file: str = "") -> Part:
-    """A table as people see it.
+    """Return a table with formatted values.
 
     Args:
         table: The table.
-        file: The CSV file that has it with every digit, from the folder of the page's files.
+        file: The CSV file with all digits of the values, relative to the folder of the page's files.
     """
     return {
         "kind": "table",
@@ -42,14 +42,14 @@ def table_part(table: Table, file: str = "") -> Part:
 
 
 def long_part(table: Table, file: str) -> Part:
-    """The first rows of a table that may be very long."""
+    """Return a table with at most ``MAX_ROWS`` rows."""
     count = len(table.rows)
     title = table.title if count <= MAX_ROWS else f"{table.title} (the first {MAX_ROWS} of {count:,})"
     return table_part(replace(table, rows=table.rows[:MAX_ROWS], title=title), file)
 
 
 def wide_parts(table: Table, file: str) -> Iterator[Part]:
-    """A table with a column for each texture: as many tables one below the other as it takes to fit on paper."""
+    """Split a table with a column for each texture into several tables that are narrow enough for a sheet of paper."""
     first = [*table.right, True].index(True)
     for start in range(first, max(len(table.columns), first + 1), _MAX_COLUMNS):
         columns = (*table.columns[:first], *table.columns[start : start + _MAX_COLUMNS])
@@ -57,11 +57,11 @@ def wide_parts(table: Table, file: str) -> Iterator[Part]:
 
 
 def figure_part(stem: str, caption: str, *tables: str) -> Part:
-    """A figure, by its path without suffix from the folder of the page's files, and the tables that it was drawn from.
+    """Return a figure. All paths are relative to the folder of the page's files.
 
     Args:
-        stem: The path without suffix.
-        caption: What it shows.
-        tables: The tables' paths.
+        stem: The path of the figure without suffix.
+        caption: The caption.
+        tables: The paths of the tables from which the figure was drawn.
     """
     return {"kind": "figure", "caption": caption, "files": [f"{stem}.png", f"{stem}.pdf", *tables]}

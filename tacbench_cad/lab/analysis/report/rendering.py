@@ -1,8 +1,8 @@
-"""The templates of the page, and what they can call.
+"""The templates of the page and the functions that they can call.
 
-The page has no script, no font of its own and no address in it; pictures stand in it as base64. Sections are folded on
-a screen and open on paper. On a narrow screen wide tables and figures scroll in their own box, so that letters keep
-their size; on paper they fit the page.
+The page is a single file: it has no scripts, no fonts and no web addresses, and its pictures are embedded as base64.
+Sections are folded on a screen and open when printed. On a narrow screen, wide tables and figures scroll in their own
+boxes, so that their text keeps its size. On paper they are scaled to the page.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from tacbench_cad.util.text import counted
 if TYPE_CHECKING:
     from jinja2 import Template
 
-#: Pixels of a screen for one of a figure: figures have 150 an inch, a page of HTML counts 96.
+#: Screen pixels per pixel of a figure: figures have 150 pixels per inch, and an HTML page has 96.
 _SCALE = 96.0 / 150.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Image:
-    """A PNG in base64, and the width and height in pixels at which it is shown."""
+    """A PNG file in base64, with the width and height at which it is shown, in screen pixels."""
 
     data: str
     width: int
@@ -37,24 +37,24 @@ class Image:
 
 
 def read_image(path: Path) -> Image:
-    """A figure's PNG.
+    """Read the PNG file of a figure.
 
     Raises:
-        InputError: It cannot be read, or is no PNG.
+        InputError: The file cannot be read, or it is not a PNG file.
     """
     data = read_bytes(path, "figure", "image")
     if not data.startswith(PNG) or len(data) < 24:
-        raise InputError("figure", str(path), "is no PNG file; have it drawn again")
+        raise InputError("figure", str(path), "is not a PNG file; run the analysis again")
     width, height = (round(side * _SCALE) for side in struct.unpack(">II", data[16:24]))
     return Image(data=base64.b64encode(data).decode(), width=width, height=height)
 
 
 def render_page(document: Mapping[str, Any], base: Path) -> str:
-    """The page that shows a document of ``tacbench report --json``.
+    """Return the HTML page that shows a document of ``tacbench report --json``.
 
     Args:
         document: The document.
-        base: Where the folder of its files lies.
+        base: The folder that contains the folder of the report's files.
 
     Raises:
         InputError: A figure cannot be read.
@@ -64,7 +64,7 @@ def render_page(document: Mapping[str, Any], base: Path) -> str:
 
 
 def template(name: str) -> Template:
-    """One of the templates in this folder; what HTML shows is escaped, and a name that is missing refused."""
+    """Return one of the templates in this folder. It escapes values in HTML, and a missing name is an error."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
@@ -86,5 +86,5 @@ def template(name: str) -> Template:
 
 
 def macro(name: str, function: str) -> Any:
-    """A macro of a template, to be called from here."""
+    """Return a macro of a template as a function."""
     return getattr(template(name).make_module(), function)

@@ -1,4 +1,4 @@
-"""What a report is made of: the runs and their checks, the tables of the variance, the classifications."""
+"""The results that a report shows: the runs and their checks, the variance tables and the classifications."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.runs.checking import RunReport
 from tacbench_cad.util.text import interval, short
 
-#: The hold-out level of prints that training has not seen.
+#: The hold-out level at which training has not seen the tested prints.
 UNSEEN = "copy"
 _OF_CELL = ("force_level", "variance", "low", "high", "noise_alone")
-#: The columns of ``textures.csv``, which everybody quotes.
+#: The columns of ``textures.csv``, the table to quote.
 COLUMNS = (
     *(Column("texture"), Column("printer"), Column("filament")),
     *(Column("prints", int), Column("presses", int)),
@@ -34,18 +34,18 @@ COLUMNS = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Results:
-    """What a report is made of.
+    """The results that a report shows.
 
     Args:
         collection: The study.
-        reports: What the check of each run found.
+        reports: The results of the check of each run.
         variance: The variance table; None if there is none.
-        no_variance: Why there is none.
+        no_variance: The reason why there is no variance table.
         published: The table of the quantity that the paper printed; None if there is none.
-        no_published: Why there is none.
-        grades: Each printer beside the paper's.
+        no_published: The reason why there is no such table.
+        grades: The comparison of each printer with the paper's printers.
         classifications: The classifications.
-        no_classification: Why there is none.
+        no_classification: The reason why there is no classification.
     """
 
     collection: Collection
@@ -60,8 +60,8 @@ class Results:
 
     @property
     def leak_free(self) -> Classification | None:
-        """The first classification that keeps all of the test set out of training."""
-        return next((one for one in self.classifications if one.record.protocol == "leak-free"), None)
+        """The first classification with the leak-free protocol; None if there is none."""
+        return next((result for result in self.classifications if result.record.protocol == "leak-free"), None)
 
     @cached_property
     def records(self) -> Mapping[str, Any]:
@@ -70,24 +70,24 @@ class Results:
 
     @cached_property
     def level(self) -> Level | None:
-        """The force level that is quoted: that of most intervals, and of these the mean of all forces."""
+        """The force level to quote: the level with the most intervals, preferably the mean of all forces."""
         levels = shown_levels(self.variance.cells) if self.variance else ()
         return max(
             reversed(levels), key=lambda level: sum(c.low is not None for c in self.cells_at(level)), default=None
         )
 
     def cells_at(self, level: Level) -> list[Cell]:
-        """The cells of the variance table at a level."""
+        """Return the cells of the variance table at a force level."""
         return [cell for cell in self.variance.cells if cell.force_level == level] if self.variance else []
 
     @cached_property
     def hold_out(self) -> str:
-        """The hold-out level that is quoted: prints that training has not seen, or the easiest there is."""
+        """The hold-out level to quote: prints that training has not seen, or else the easiest computed level."""
         levels = {row["hold_out"] for row in self.leak_free.scores.rows} if self.leak_free else set()
         return UNSEEN if UNSEEN in levels else next((level for level in UNITS if level in levels), "")
 
     def score(self, hold_out: str) -> Row | None:
-        """The accuracy of the first estimator at a hold-out level, all of its groups together."""
+        """Return the accuracy of the first estimator at a hold-out level, over all held-out groups; None if missing."""
         first = self.leak_free.record.estimators[0] if self.leak_free else ""
         rows = self.leak_free.scores.rows if self.leak_free else ()
         whole = (row for row in rows if row["estimator"] == first and is_whole(row["tested_on"], row["train_on"]))
@@ -95,7 +95,7 @@ class Results:
 
     @cached_property
     def confusion(self) -> Mapping[str, Mapping[str, float]]:
-        """For each texture, the fractions of its presses by what the first estimator predicted at the quoted level."""
+        """For each texture, the fraction of its presses by predicted texture: first estimator, quoted level."""
         fractions: dict[str, dict[str, float]] = {}
         if self.leak_free:
             for row in self.leak_free.confusion.rows:
@@ -106,13 +106,13 @@ class Results:
 
     @cached_property
     def texture_answers(self) -> Mapping[str, Row]:
-        """What is known of each texture on unseen prints; a single answer of the texture "" says why nothing is."""
+        """The answer for each texture on unseen prints. If nothing is known, the only key is "", with the reason."""
         rows = self.leak_free.answers.rows if self.leak_free else ()
         return {row["about"] or "": row for row in rows if row["question"] == WHICH_TEXTURES}
 
     @cached_property
     def textures(self) -> Table:
-        """The main table: a row for each texture and printer-filament."""
+        """The main table, with a row for each texture and printer-filament."""
         study = self.collection
         cells = {(cell.texture, cell.combination): cell for cell in self.cells_at(self.level or 0)}
         rows: list[Row] = []
@@ -142,7 +142,7 @@ class Results:
 
     @property
     def shown_textures(self) -> Table:
-        """The main table as people see it, without columns of which nothing is known."""
+        """The main table as the page shows it, without empty columns."""
         study = self.collection
         rows = self.textures.rows
         firsts = {row["texture"]: row for row in reversed(rows)}
@@ -150,7 +150,7 @@ class Results:
         held_out = "on unseen prints" if self.hold_out == UNSEEN else f"held out: {self.hold_out}"
 
         def once(name: str, text: Callable[[Row], str]) -> Callable[[Row], str]:
-            """What is of a texture, not of a printer, stands in the texture's first row."""
+            """Show a value that belongs to the texture, not to the printer, only in the first row of the texture."""
             return lambda row: text(row) if row[name] is not None and firsts[row["texture"]] is row else ""
 
         def printer(row: Row) -> str:

@@ -1,4 +1,4 @@
-"""The sections of a report below its main table: everything that was computed, and the files that have it."""
+"""The sections of a report below its main table: all results, with the names of the files that contain them."""
 
 from __future__ import annotations
 
@@ -26,32 +26,33 @@ from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.report.summary import next_steps
 from tacbench_cad.util.text import counted
 
-#: Findings of a run that the page shows; all of them stand in the CSV file.
+#: The largest number of findings of a run on the page; the CSV file contains all of them.
 MAX_FINDINGS = 5
 _SCORES = ("estimator", "hold_out", "train_on", "tested_on", "accuracy", "low", "high", "trials", "images")
 #: The figures of a classification, by their files' names.
 _CLASSIFICATION_FIGURES = {
-    "hold_out_levels": "Accuracy as what is held out grows: presses, positions, forces, copies, printers.",
-    "paper_table": "Accuracy on training rows, on split-off rows (inflated) and on other combinations.",
-    "published_table": "What the authors' cells compute, beside the paper's classification table.",
-    "confusion": "Which texture (rows) was taken for which (columns).",
-    "sweep": "Accuracy along one setting.",
+    "hold_out_levels": "Accuracy at the hold-out levels, from easy to hard: presses, positions, forces, copies, "
+    "printers.",
+    "paper_table": "Accuracy on training rows, on split-off rows (inflated) and on other printers and filaments.",
+    "published_table": "Accuracy computed as in the authors' notebooks, beside the paper's classification table.",
+    "confusion": "How often each texture (rows) was predicted as each texture (columns).",
+    "sweep": "Accuracy for the values of one setting.",
 }
 
 
 def sections(results: Results, folder: Path) -> list[dict[str, Any]]:
-    """Every section that has something to show, those that few people read last.
+    """Return all sections that are not empty. Sections that few people read are last.
 
     Args:
         results: The results.
-        folder: The folder of the page's files, which are all written.
+        folder: The folder of the page's files. All files of the analyses must already be in it.
     """
     contents = {
         "steps": ("What to do next", _steps(results)),
         "design": ("What was pressed on what", _design(results)),
         "quality": ("Data quality", _quality(results)),
-        "variance": ("How well it printed", _variance(results)),
-        "published": ("Beside the paper's figures", _published(results)),
+        "variance": ("How repeatable the prints are", _variance(results)),
+        "published": ("Comparison with the paper's figures", _published(results)),
         "maps": ("Which pixels, positions and textures vary", _maps(results)),
         "classification": ("What the sensor can tell apart", _classification(results, folder)),
         "methods": ("Methods and citations", _methods(results)),
@@ -81,12 +82,13 @@ def _quality(results: Results) -> Iterator[Part]:
             sum(getattr(report, name) for report in reports) for name in ("presses", "planned", "out_of_band")
         )
         yield text_part(
-            f"{present:,} of {planned:,} planned presses are there; in {outside:,} of them the force lay outside its "
-            "band (they are marked and kept)."
+            f"{present:,} of {planned:,} planned presses are present. In {outside:,} of them the force was outside its "
+            "band; these presses are marked and kept."
         )
     yield text_part(
-        "Every reading was compared with its checksum and judged for darkness, blur and being stuck: "
-        f"{without} of {counted(len(reports), 'run')} have no finding, {counted(findings, 'finding')} in all."
+        "The checksum of every frame was verified, and every frame was tested for darkness, blur and being identical "
+        f"to earlier frames. Of {counted(len(reports), 'run')}, {without} {'has' if without == 1 else 'have'} no "
+        f"finding; there {'is' if findings == 1 else 'are'} {counted(findings, 'finding')} in total."
     )
     if findings:
         yield long_part(facts.findings_table(reports, MAX_FINDINGS), "findings.csv")
@@ -101,7 +103,7 @@ def _variance(results: Results) -> Iterator[Part]:
         yield text_part(f"These data have no variance table: {results.no_variance}.")
         return
     if view.warnings:
-        yield text_part("To know before reading it", "heading")
+        yield text_part("Limits of this table", "heading")
         yield list_part(view.warnings)
     shown = list(view.shown())
     for number, (name, table) in enumerate(shown):
@@ -118,7 +120,7 @@ def _published(results: Results) -> Iterator[Part]:
     view = results.published
     if view is None:
         if results.variance is not None:
-            yield text_part(f"These data cannot be set beside the paper's figures: {results.no_published}.")
+            yield text_part(f"These data cannot be compared with the paper's figures: {results.no_published}.")
         return
     for name, table in view.shown():
         yield from wide_parts(table, f"variance_as_published/{name}.csv")
@@ -132,14 +134,14 @@ def _published(results: Results) -> Iterator[Part]:
     limits = [grade.limits for grade in results.grades]
     common = [limit for limit in (limits[0] if limits else ()) if all(limit in others for others in limits)]
     for grade in results.grades:
-        yield text_part(f"{grade.printer} {grade.filament} beside the published table", "heading")
+        yield text_part(f"{grade.printer} {grade.filament} compared with the published table", "heading")
         yield list_part(verdict.text for verdict in grade.verdicts)
         own = [limit for limit in grade.limits if limit not in common]
         if own:
-            yield text_part("What limits this:")
+            yield text_part("Limits of this comparison:")
             yield list_part(own)
     if common:
-        yield text_part("What limits these comparisons" if len(results.grades) > 1 else "What limits this", "heading")
+        yield text_part(f"Limits of {'these comparisons' if len(results.grades) > 1 else 'this comparison'}", "heading")
         yield list_part(common)
 
 
@@ -149,20 +151,19 @@ def _maps(results: Results) -> Iterator[Part]:
     settings = results.variance.settings
     markers = settings.features == "markers"
     if settings.roi:
-        where = (
-            f"The region of interest, {settings.roi}, in a frame without contact; only its pixels are in the figures."
-        )
+        where = f"The region of interest, {settings.roi}, in a frame without contact. Only its pixels are analysed."
         yield figure_part("variance/region", where)
     if markers:
-        moved = "How far the markers move at the largest force, mean over positions, prints and repeats."
-        yield figure_part("variance/displacements", moved, "variance/displacements.csv")
+        caption = "Displacements of the markers at the largest force, mean over positions, prints and repeats."
+        yield figure_part("variance/displacements", caption, "variance/displacements.csv")
     what = "markers" if markers else "pixels"
-    yield figure_part("variance/variance_pixels", f"Which {what} vary: mean over positions and forces.")
-    caption = "Which positions vary: mean over forces."
+    yield figure_part("variance/variance_pixels", f"Variance of the {what}: mean over positions and forces.")
+    caption = "Variance at the positions: mean over forces."
     yield figure_part("variance/variance_positions", caption, "variance/positions.csv")
     caption = (
-        "Variance of each pixel over both textures' readings at the same position, mean over pixels and positions; on "
-        "the diagonal the table's own. A pair far above both of its diagonal figures can be told apart."
+        "Variance of each pixel over the frames of two textures at the same position, mean over pixels and positions. "
+        "The diagonal shows the variance of one texture, as in the table. Two textures can be told apart if their "
+        "variance is far above both of their diagonal values."
     )
     yield figure_part("variance/between_textures", caption, "variance/between_textures.csv")
 
@@ -183,7 +184,7 @@ def _one_classification(classification: Classification, folder: Path) -> Iterato
     if classification.answers.rows:
         yield table_part(answers.shown(classification.answers), f"{name}/texture_answers.csv")
     chance = f"chance is {100.0 * classification.chance:.1f} %"
-    title = f"Accuracy in per cent with 95 % intervals, protocol {record.protocol}; {chance}"
+    title = f"Accuracy (%) with 95 % intervals, protocol {record.protocol}; {chance}"
     yield table_part(classification.scores.select(*_SCORES, title=title), f"{name}/classification.csv")
     yield from wide_parts(recall_table(classification.confusion), f"{name}/confusion.csv")
     for stem, caption in _CLASSIFICATION_FIGURES.items():
@@ -192,7 +193,7 @@ def _one_classification(classification: Classification, folder: Path) -> Iterato
 
 
 def _methods(results: Results) -> Iterator[Part]:
-    yield text_part("To be pasted into a paper:")
+    yield text_part("You can copy these paragraphs into a paper:")
     yield text_part(macro("methods.j2", "design")(results.collection))
     if results.variance is not None:
         yield text_part(macro("methods.j2", "variance")(results.variance))
@@ -206,7 +207,7 @@ def _methods(results: Results) -> Iterator[Part]:
     colour, ddof = (settings.colour, settings.ddof) if settings else (False, 0)
     points = facts.open_points(results.collection, colour, ddof)
     if points.rows:
-        yield text_part("Where the paper's text leaves something open", "heading")
+        yield text_part("Points that the paper's text leaves open", "heading")
         yield table_part(points)
     yield text_part("Citations", "heading")
     yield text_part(citations("bibtex"), "code")
@@ -215,13 +216,13 @@ def _methods(results: Results) -> Iterator[Part]:
 def _records(results: Results) -> Iterator[Part]:
     records = results.records
     if records["damaged"]:
-        yield text_part("Records that cannot be read:")
+        yield text_part("Print records that cannot be read:")
         yield list_part(records["damaged"])
     if records["alike"].rows:
         yield table_part(records["alike"], "print_records.csv")
     if records["empty"].rows:
         yield text_part(
-            f"Of {counted(records['total'], 'print record')} these fields are empty in some. What nobody wrote down "
+            f"Some of {counted(records['total'], 'print record')} have empty fields. A fact that was not written down "
             "cannot explain a difference between prints later."
         )
         yield table_part(records["empty"], "print_records.csv")

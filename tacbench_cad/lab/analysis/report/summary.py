@@ -1,4 +1,4 @@
-"""The first screen of a report: five sentences, from the numbers of its tables, and what follows from them."""
+"""The first screen of a report: five sentences with the main numbers of its tables, and the next steps."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from tacbench_cad.lab.analysis.variance.cells import FRAMES, name_of, short_text
 from tacbench_cad.lab.runs.checking import RunReport
 from tacbench_cad.util.text import counted, interval, short
 
-#: Names that a sentence lists before it counts the rest.
+#: The largest number of names in a sentence; the sentence only counts the others.
 _MAX_NAMES = 3
 _ESTIMATORS = {"forest": "a random forest", "network": "a network"}
 _UNSAID = "cannot be said: "
-#: What a sentence says of textures, by how the answer begins.
+#: The words of the sentence about the textures, by the first words of the answer.
 _TOLD_APART = {"yes": "told apart", "no": "not told apart", "unclear": "unclear", _UNSAID: "no print held out"}
 
 
 def summary(results: Results) -> dict[str, str]:
-    """The five sentences, by what each is about."""
+    """Return the five sentences; the keys are their topics."""
     first, *others = next_steps(results)
     more = f" {counted(len(others), 'more step')} below." if others else ""
     return {
@@ -34,16 +34,16 @@ def summary(results: Results) -> dict[str, str]:
     }
 
 
-def listed(words: Iterable[object], most: int = _MAX_NAMES) -> str:
-    """Words as a sentence lists them: ``a, b and c``; ``a, b, c and 4 more``."""
+def listed(words: Iterable[object], limit: int = _MAX_NAMES) -> str:
+    """Join words as in a sentence: ``a, b and c``; ``a, b, c and 4 more`` if there are more than ``limit + 1``."""
     names = [str(word) for word in words]
-    if len(names) > most + 1:
-        names = [*names[:most], f"{len(names) - most} more"]
+    if len(names) > limit + 1:
+        names = [*names[:limit], f"{len(names) - limit} more"]
     return " and ".join([*([", ".join(names[:-1])] if len(names) > 1 else []), *names[-1:]])
 
 
 def pressed_sentence(results: Results) -> str:
-    """What was pressed, and how; of imported samples only what is known."""
+    """Return the sentence about the presses. For imported samples it contains only the known facts."""
     study = results.collection
     names = [name_of(combination) for combination in study.combinations]
     on = f" on {listed(names)}" if study.has("printer") or study.has("filament") else ""
@@ -59,23 +59,23 @@ def pressed_sentence(results: Results) -> str:
     where = f", at {counted(positions, 'position')}" if study.has("position") else ""
     where += f", {listed(levels, 4)}" if study.has("force") else ""
     unknown = unknown_names(study)
-    end = f"; nobody recorded the {listed(unknown, 9)}" if unknown else ""
+    end = f"; the {listed(unknown, 9)} {_were(len(unknown))} not recorded" if unknown else ""
     return f"{counted(len(study), 'sample')} of {what}{where} {_were(len(study))} imported{end}."
 
 
 def quality_sentence(results: Results) -> str:
-    """How complete the data are, what their check found, and how much of the variance is noise."""
+    """Return the sentence about completeness, the problems that the check found, and the noise in the variance."""
     reports = results.reports
     present, planned = sum(report.presses for report in reports), sum(report.planned for report in reports)
     if results.collection.info.protocol is None:
-        parts = [f"{counted(present, 'sample')} {_were(present)} examined"]
+        parts = [f"{counted(present, 'sample')} {_were(present)} checked"]
     elif present == planned:
-        parts = [f"All {planned:,} planned presses are there" if planned > 1 else "The planned press is there"]
+        parts = [f"All {planned:,} planned presses are present" if planned > 1 else "The planned press is present"]
     else:
-        parts = [f"{present:,} of {planned:,} planned presses are there"]
+        parts = [f"{present:,} of {planned:,} planned presses are present"]
     outside = sum(report.out_of_band for report in reports)
     if outside:
-        parts.append(f"in {outside:,} of them the force lies outside its band")
+        parts.append(f"in {outside:,} of them the force is outside its band")
     findings = Counter(finding.kind for report in reports for finding in report.findings)
     if findings:
         kinds = listed(f"{kind} {count:,}" for kind, count in findings.most_common())
@@ -86,15 +86,15 @@ def quality_sentence(results: Results) -> str:
     rows = [row for row in results.textures.rows if row["noise_alone"] is not None and row["variance"]]
     if rows and results.variance:
         fraction = sum(row["noise_alone"] for row in rows) / sum(row["variance"] for row in rows)
-        most = "" if results.variance.floor_sources == [FRAMES] else "at most "
-        parts.append(f"sensor noise alone gives {most}{min(100.0, 100.0 * fraction):.0f} % of the variance")
+        bound = "" if results.variance.floor_sources == [FRAMES] else "at most "
+        parts.append(f"sensor noise alone causes {bound}{min(100.0, 100.0 * fraction):.0f} % of the variance")
     elif results.variance:
         parts.append("how much of the variance is sensor noise is unknown")
     return f"{'; '.join(parts)}."
 
 
 def printing_sentence(results: Results) -> str:
-    """Whether each printer is repeatable, printers with the same answer together."""
+    """Return the sentences that say whether each printer is repeatable; printers with the same answer share one."""
     if results.variance is None:
         return f"Nothing can be said about the prints: {_cause(results.no_variance)}."
     sentences = []
@@ -105,7 +105,7 @@ def printing_sentence(results: Results) -> str:
         if len(figures) > _MAX_NAMES:
             values = f"{interval(min(figures), max(figures))} %"
         many, their = len(rows) > 1, "their" if len(rows) > 1 else "its"
-        differ = f"{their} prints differ by {values} of what textures differ by"
+        differ = f"the standard deviation between {their} prints is {values} of the standard deviation between textures"
         limit = f"the limit is {100.0 * REPEATABLE:g} %"
         if answer.startswith(_UNSAID):
             of = "" if "unknown" in names else f" of {names}"
@@ -120,7 +120,7 @@ def printing_sentence(results: Results) -> str:
 
 
 def textures_sentence(results: Results) -> str:
-    """What can be told apart on prints that training has not seen, or what else is known."""
+    """Return the sentences that say which textures can be told apart on prints that training has not seen."""
     if results.leak_free is None:
         of = " without leakage" if results.classifications else ""
         return f"Nothing was classified{of}" + (f": {results.no_classification}." if results.no_classification else ".")
@@ -155,12 +155,12 @@ def textures_sentence(results: Results) -> str:
 
 
 def next_steps(results: Results) -> list[str]:
-    """What follows from the data, the most urgent first; the last one is what is done with finished data."""
+    """Return the next steps, the most urgent first. The last step is the one for a finished study."""
     steps = list(_open_steps(results))
     if results.collection.simulated:
         return [*steps, 'These data are simulated: press real prints with "tacbench acquire".']
     publish = "Then publish" if steps else "Publish"
-    return [*steps, f'{publish} the data set: "tacbench publish" writes it with this report.']
+    return [*steps, f'{publish} the data set together with this report: run "tacbench publish".']
 
 
 def _open_steps(results: Results) -> Iterator[str]:
@@ -168,29 +168,39 @@ def _open_steps(results: Results) -> Iterator[str]:
     planned = study.info.protocol is not None
     broken = [report.folder.name for report in _with_findings(results.reports)]
     if broken:
-        mend = "repair them or press again" if planned else "repair them or leave them out"
+        repair = "repair them or press again" if planned else "repair them or leave them out"
         runs = broken[0] if len(broken) == 1 else f"{len(broken):,} runs (listed below under data quality)"
-        yield f'Look at the problems of {runs} with "tacbench check-runs"; {mend}.'
+        yield f'Look at the problems of {runs} with "tacbench check-runs"; {repair}.'
     if results.no_variance:
         yield f"There is no variance table: {results.no_variance}."
     if results.no_classification:
         yield f"There is no classification: {results.no_classification}."
     if planned and study.pressing.repeats == 1:
-        yield "Press each place at least twice: without repeats, prints cannot be separated from chance."
+        yield (
+            "Press each position at least twice: without repeats, differences between prints cannot be separated from "
+            "chance."
+        )
     prints = {c: max(len(set(study.copy[study.combination == c].tolist())), 1) for c in study.combinations}
     answers = {row["about"]: str(row["answer"]) for row in _printer_rows(results)}
     single = [c for c in study.combinations if study.has("print") and prints[c] == 1]
     if single:
-        yield f"Print and press each texture at least twice more on {_printers(single)}: one print is no sample."
+        yield (
+            f"Print and press each texture at least twice more on {_printers(single)}: one print does not show how "
+            "much prints differ."
+        )
     unclear = [c for c in study.combinations if answers.get(name_of(c), "").startswith("unclear")]
     if unclear:
         counts = listed(sorted({prints[c] for c in unclear}))
-        yield f"Press more prints of each texture on {_printers(unclear)}: {counts} are too few for a clear answer."
+        yield (
+            f"Press more prints of each texture on {_printers(unclear)}: a clear answer needs more than {counts} "
+            "prints."
+        )
     for combination in study.combinations:
         if answers.get(name_of(combination), "").startswith("no,"):
             yield (
-                f"Find out why the prints of {name_of(combination)} differ: compare their records and the maps below, "
-                'and separate placement from printing with "tacbench variance --register".'
+                f"Find out why the prints of {name_of(combination)} differ: compare their print records and the maps "
+                "below, and separate differences in placement from differences in printing with "
+                '"tacbench variance --register".'
             )
     unseen = {texture: str(row["answer"]) for texture, row in results.texture_answers.items() if texture}
     open_textures = [short_texture(texture) for texture, answer in unseen.items() if answer.startswith("unclear")]
@@ -201,22 +211,28 @@ def _open_steps(results: Results) -> Iterator[str]:
         if answer == "no" and others:
             other = max(others, key=lambda name: others[name])
             yield (
-                f"{texture} is often taken for {other} ({percent(others[other])} % of its presses): try more positions "
-                "or a larger force, or use only one of the two."
+                f"{texture} is often predicted as {other} ({percent(others[other])} % of its presses): try more "
+                "positions or a larger force, or use only one of the two."
             )
     if planned and results.variance and results.variance.floor_sources != [FRAMES]:
-        yield "Record stationary frames in contact (stationary_frames in the study's file): they give the noise floor."
+        yield "Record stationary frames in contact (stationary_frames in the study file): they give the noise floor."
     if results.leak_free and results.hold_out != UNSEEN and not study.has("print"):
-        yield "Import the samples again with their prints (--columns print=COLUMN): only then is a new print predicted."
+        yield (
+            "Import the samples again with their prints (--columns print=COLUMN): only then can the classifier be "
+            "tested on prints that training has not seen."
+        )
     if not results.classifications and not results.no_classification:
-        yield "Make the report with a classification: this one says nothing about what can be told apart."
+        yield ("Write the report with a classification: this report does not say which textures can be told apart.")
     unfilled = sum(bool(report.empty_fields) for report in results.reports)
     if planned and unfilled and not study.simulated:
-        yield f"Fill in the empty fields of {counted(unfilled, 'print record')} (print.toml) while somebody remembers."
+        yield (
+            f"Fill in the empty fields of {counted(unfilled, 'print record')} (print.toml) while somebody still knows "
+            "the values."
+        )
 
 
 def _printer_rows(results: Results) -> list[Row]:
-    """The answers whether each printer is repeatable."""
+    """Return the answers to the question whether each printer is repeatable."""
     rows = results.variance.tables["printer_answers"].rows if results.variance else ()
     return [row for row in rows if row["question"] == IS_REPEATABLE]
 
@@ -237,12 +253,12 @@ def _printers(combinations: Sequence[str]) -> str:
 
 
 def _cause(reason: str) -> str:
-    """What a reason says before it says what to do."""
+    """Return the first part of a reason, without the advice that follows it."""
     return reason.partition(";")[0]
 
 
 def _named(printer: str) -> str:
-    """A printer in a sentence, where nobody said which it is too."""
+    """Return the name of a printer in a sentence, also if the printer is unknown."""
     return "the printer" if printer == "unknown printer" else printer
 
 

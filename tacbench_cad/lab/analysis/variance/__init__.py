@@ -1,1 +1,1 @@
-"""How well it printed: the variance table, its intervals, components and tests."""
+"""How repeatable the prints are: the variance table, its intervals, components and tests."""

@@ -1,14 +1,15 @@
-"""The matrix between textures: how far the readings of two textures lie apart, in the unit of the variance table.
+"""The matrix between textures: the difference between the frames of two textures, in the unit of the variance table.
 
-For two textures that one printer-filament printed: the variance of each pixel over both textures' readings at the same
-position, then the mean over pixels and positions (the paper's figure). On the diagonal stands the table's own variance.
-With n_a and n_b readings, their sums of squares Q and means m, the union's variance is::
+An entry belongs to two textures from one printer-filament. It is the variance of each pixel over the frames of both
+textures at the same position, then the mean over pixels and positions (the paper's figure). The diagonal has the
+variances of the variance table. With n_a and n_b frames, their sums of squares Q and means m, the variance of both
+together is::
 
     (Q_a + Q_b + n_a n_b / (n_a + n_b) |m_a - m_b|^2) / (n_a + n_b - ddof)
 
-so that nothing but the sums of each texture and the distances of the means is needed. Readings of one texture differ
-by print and noise, those of two by the texture as well: an entry well above both of its diagonal entries is a pair that
-a sensor can tell apart.
+It is computed from the sums of each texture and the distances of the means alone. Frames of one texture differ because
+of prints and noise; frames of two textures also differ because of the texture. If an entry is much larger than both of
+its diagonal entries, a sensor can tell the two textures apart.
 """
 
 from __future__ import annotations
@@ -29,12 +30,12 @@ class TextureMatrix:
     """The matrix of one printer-filament at one force level.
 
     Args:
-        combination: Printer and filament.
-        force_level: Level from 1, or ``all`` for the mean over the levels.
-        textures: Names, in the order of rows and columns.
-        variance: Variance over two textures' readings, the table's own on the diagonal, NaN where there is none,
-            shape (t, t).
-        presses: Presses behind each entry, shape (t, t).
+        combination: The printer and the filament.
+        force_level: The level from 1, or ``all`` for the mean over the levels.
+        textures: The names of the textures, in the order of rows and columns.
+        variance: The variance over the frames of two textures, shape (t, t). The diagonal has the variances of the
+            table; unknown entries are NaN.
+        presses: The number of presses used for each entry, shape (t, t).
     """
 
     combination: str
@@ -52,14 +53,14 @@ def texture_matrices(
     textures: Sequence[str],
     ddof: int,
 ) -> list[TextureMatrix]:
-    """The matrices of all combinations, for each level, then for all levels.
+    """Return the matrices of all combinations: for each combination those of the levels, then their mean.
 
     Args:
-        places: Sums of each place.
-        variances: The table's variance by level and cell: the diagonal.
-        combinations: Their order.
-        textures: Their order.
-        ddof: As for the table.
+        places: The sums of each place (a force level and a position).
+        variances: The variances of the table, by level and cell, for the diagonal.
+        combinations: The combinations in the order of the result.
+        textures: The textures in the order of rows and columns.
+        ddof: The ddof of the variance table.
     """
     size = len(textures)
     at = {name: i for i, name in enumerate(textures)}
@@ -109,7 +110,7 @@ def _squares(cell: CellSums) -> float:
 
 
 def _pooled(of_levels: Sequence[TextureMatrix]) -> TextureMatrix:
-    """The mean over levels, where every level has an entry."""
+    """Return the mean over the levels, for entries that every level has."""
     counts = np.array([matrix.presses for matrix in of_levels])
     return TextureMatrix(
         combination=of_levels[0].combination,

@@ -1,24 +1,24 @@
 """Variance components of the nested design: repeat within print, print within printer, printer within texture, texture.
 
-What the streaming pass hands over. For each (force level, position), with n presses, each pixel holds one value a
-press; all sums are over presses and means over pixels (so the unit is the reading's, squared). The four sums of squares
-are those of nested means, outermost first::
+Input from the streaming pass: at each force level and position there are n presses, and each pixel has one value for
+each press. All sums are over presses, and all means over pixels, so the unit is the squared unit of the frames. There
+are four sums of squares of nested means, outermost first::
 
     texture   sum over textures  t of n_t |mean_t - mean|^2
     printer   sum over printers  c of n_c |mean_c - mean of its texture|^2     (a "printer" is a printer-filament)
     print     sum over prints    b of n_b |mean_b - mean of its printer|^2
     repeat    sum over presses     of     |press  - mean of its print|^2
 
-where ``|.|^2`` is the mean over pixels. They come out of merging Welford accumulators in the order of nesting and need
-one image for each level of nesting. ``NestedSums.of(labels, squares)`` takes them with the labels of the presses that
-were there, and ``+`` pools positions (and force levels): sums of squares, their expected coefficients and degrees of
-freedom all add, so presses may be missing anywhere.
+where ``|.|^2`` is the mean over pixels. They are computed by merging Welford accumulators in the order of nesting, with
+one image in memory for each level of nesting. ``NestedSums.of(labels, squares)`` stores them with the labels of the
+measured presses, and ``+`` pools positions (and force levels). The sums of squares, their expected coefficients and the
+degrees of freedom are all added, so any presses may be missing.
 
-Estimator: each sum of squares has expectation ``sum over levels of coefficient x component``, and the components are
-what solves these equations (ANOVA estimators, Henderson's method 1; Searle, Casella and McCulloch, "Variance
+Estimator: the expectation of each sum of squares is ``sum over levels of coefficient x component``. The components are
+the solution of these equations (ANOVA estimators, Henderson's method 1; Searle, Casella and McCulloch, "Variance
 Components", section 5.3). They are unbiased for any design, balanced or not. An unbiased estimate of a small component
-is negative now and then: it is reported as estimated, since cutting it at 0 would make means over studies too large,
-and beside it ``truncated``, which is what standard deviations are made of.
+is sometimes negative. It is reported unchanged, because setting it to 0 would make means over studies too large. The
+field ``truncated`` is 0 in this case; standard deviations are computed from it.
 """
 
 from __future__ import annotations
@@ -33,21 +33,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from tacbench_cad.util.types import Floats, Ints
 
-#: Levels of the nesting, outermost first.
+#: The levels of the nesting, outermost first.
 LEVELS = ("texture", "printer", "print", "repeat")
-#: 95 % of differences between two readings lie within so many standard deviations (ISO 5725-6: 1.96 x sqrt(2)).
+#: 95 % of the differences between two frames are below this many standard deviations (ISO 5725-6: 1.96 x sqrt(2)).
 LIMIT_FACTOR = 2.8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NestedSums:
-    """Sums of squares of one position, or of many added up.
+    """The sums of squares of one position, or of several positions added up.
 
     Args:
-        squares: Sums of squares by level, shape (4,), in the order of :data:`LEVELS`.
-        coefficients: ``coefficients[m, l]`` is what one unit of component l adds to the expected sum of squares m,
-            shape (4, 4), upper triangular.
-        dof: Degrees of freedom by level, summed over positions, shape (4,).
+        squares: The sums of squares by level, shape (4,), in the order of :data:`LEVELS`.
+        coefficients: The expected sums of squares for unit components, shape (4, 4), upper triangular. One unit of
+            component l adds ``coefficients[m, l]`` to the expected sum of squares m.
+        dof: The degrees of freedom by level, summed over positions, shape (4,).
     """
 
     squares: Floats
@@ -56,12 +56,13 @@ class NestedSums:
 
     @classmethod
     def of(cls, labels: ArrayLike, squares: ArrayLike) -> NestedSums:
-        """The sums of one position.
+        """Make the sums of one position.
 
         Args:
-            labels: Texture, printer-filament and copy of each press as whole numbers, shape (n, 3). Copies and
-                printers may be numbered again within each texture: all three together name a print.
-            squares: Sums of squares by level, shape (4,).
+            labels: The texture, printer-filament and copy of each press as whole numbers, shape (n, 3). Copies and
+                printers may be numbered from the start within each texture: all three numbers together identify a
+                print.
+            squares: The sums of squares by level, shape (4,).
         """
         members = _members(np.asarray(labels))
         totals = np.array(
@@ -83,7 +84,7 @@ class NestedSums:
 
 
 def _members(labels: NDArray[Any]) -> list[Ints]:
-    """Which group each press belongs to, for the whole and for each level, 5 arrays (n,)."""
+    """Return the group of each press for the whole and for each level, 5 arrays (n,)."""
     n = len(labels)
     groups = [np.zeros(n, dtype=np.int64)]
     groups += [np.unique(labels[:, : depth + 1], axis=0, return_inverse=True)[1].reshape(n) for depth in range(3)]
@@ -91,10 +92,10 @@ def _members(labels: NDArray[Any]) -> list[Ints]:
 
 
 def _coefficient(level: Ints, within: Ints) -> float:
-    """What one unit of a level's component adds to the sum over groups g of ``n_g |mean_g|^2``.
+    """Return the amount that one unit of a level's component adds to the sum over groups g of ``n_g |mean_g|^2``.
 
-    For a level finer than g it is the sum over g of ``sum over its h of n_h^2 / n_g``; a level that is as coarse or
-    coarser is the same for all of g, which gives n.
+    For a level with groups h that are finer than g, it is the sum over g of ``sum over the h in g of n_h^2 / n_g``. A
+    level that is as coarse as g, or coarser, is equal within each g; then it is n.
     """
     sizes, outer = np.bincount(level), np.bincount(within)
     parent = np.zeros(len(sizes), dtype=np.int64)
@@ -109,11 +110,11 @@ class Component:
     """One variance component.
 
     Args:
-        name: Its level, one of :data:`LEVELS`.
-        variance: Unbiased estimate, may be negative; None where the design cannot tell it.
-        dof: Degrees of freedom of its level, summed over positions.
-        includes: Finer levels that the design cannot tell from it and that are therefore in it.
-        note: Why there is no estimate, or what stands out; empty otherwise.
+        name: The level, one of :data:`LEVELS`.
+        variance: The unbiased estimate, which may be negative; None if the design does not allow an estimate.
+        dof: The degrees of freedom of the level, summed over positions.
+        includes: The finer levels that the design cannot separate from this level; the estimate includes them.
+        note: The reason why there is no estimate, or a remark on it; empty otherwise.
     """
 
     name: str
@@ -124,18 +125,18 @@ class Component:
 
     @property
     def truncated(self) -> float | None:
-        """The estimate, 0 where it is negative."""
+        """The estimate, or 0 if it is negative."""
         return None if self.variance is None else max(0.0, self.variance)
 
 
 def components(sums: NestedSums) -> tuple[Component, ...]:
-    """The four components, outermost first.
+    """Estimate the four components, outermost first.
 
     A level at which every group has one member (one print of each texture, one repeat, one printer) has no degree of
-    freedom. What it holds is then in the next coarser level that has some, which says so in ``includes``.
+    freedom. Its variance is then part of the next coarser level that has some, and is listed in its ``includes``.
 
     Args:
-        sums: Pooled sums of squares.
+        sums: The pooled sums of squares.
     """
     active = [i for i in range(4) if sums.dof[i] > 0]
     values = np.linalg.solve(sums.coefficients[np.ix_(active, active)], sums.squares[active]).tolist()
@@ -154,13 +155,14 @@ def components(sums: NestedSums) -> tuple[Component, ...]:
 
 
 def _reason(level: int, active: Sequence[int]) -> str:
-    alone = ("one texture only", "one printer-filament only", "one print of each block only", "one repeat only")[level]
+    only = ("only one texture", "only one printer-filament", "only one print of each block", "only one repeat")[level]
     coarser = [LEVELS[j] for j in active if j < level]
-    return f"{alone}; it is in the component of the {coarser[-1]}" if coarser else f"{alone}; no estimate"
+    return f"{only}; included in the component of the {coarser[-1]}" if coarser else f"{only}; no estimate"
 
 
-#: ISO 5725's standard deviations and the components in each: the same print pressed again; another print from the same
-#: printer and filament; another printer or filament. The item is the texture's design and the "laboratory" a printer.
+#: The standard deviations of ISO 5725 and their components: for the same print pressed again; for another print from
+#: the same printer and filament; for another printer or filament. The "item" of the standard is the texture's design,
+#: and its "laboratory" is a printer.
 PRECISION: Mapping[str, tuple[str, ...]] = {
     "repeatability": ("repeat",),
     "intermediate": ("print", "repeat"),
@@ -169,14 +171,14 @@ PRECISION: Mapping[str, tuple[str, ...]] = {
 
 
 def precision(estimates: Sequence[Component]) -> dict[str, float | None]:
-    """The standard deviations of :data:`PRECISION`, in the reading's unit; None where the design cannot tell one.
+    """Return the standard deviations of :data:`PRECISION`, in the unit of the frames; None if one is unknown.
 
-    A negative component counts as 0 (ISO 5725-2, 7.4.5.4). A sum needs each of its components, alone or within a
-    coarser one that is itself in the sum. Two single readings differ by less than :data:`LIMIT_FACTOR` standard
-    deviations in 95 of 100 cases.
+    A negative component counts as 0 (ISO 5725-2, 7.4.5.4). Each component of a sum must be known, either by itself or
+    included in a coarser component that is also in the sum. Two single frames differ by less than
+    :data:`LIMIT_FACTOR` standard deviations in 95 of 100 cases.
 
     Args:
-        estimates: The four of :func:`components`.
+        estimates: The four components of :func:`components`.
     """
     by_name = {component.name: component for component in estimates}
     deviations: dict[str, float | None] = {}
@@ -193,13 +195,13 @@ def component_rows(
     estimates: Sequence[Component],
     intervals: Mapping[str, tuple[float, float]] | None = None,
 ) -> list[dict[str, Any]]:
-    """Rows of ``components.csv``: the components, then ISO 5725's variances as sums of truncated components.
+    """Return the rows of ``components.csv``: the components, then ISO 5725's variances (sums of truncated components).
 
     Args:
-        force_level: Level from 1, or ``all``.
-        estimates: The four of :func:`components`.
-        intervals: Low and high by component, where there are some (print and repeat; printers and textures are chosen
-            and few, so that an interval of their component would say nothing).
+        force_level: The level from 1, or ``all``.
+        estimates: The four components of :func:`components`.
+        intervals: The low and high ends for components that have an interval (print and repeat). Printers and textures
+            are few and deliberately chosen, so an interval of their components would have no meaning.
     """
     ends, nothing = intervals or {}, (None, None)
     rows: list[tuple[Any, ...]] = [

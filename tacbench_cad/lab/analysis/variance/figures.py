@@ -31,22 +31,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-#: Percentile of the values up to which a colour scale reaches; a few stray pixels must not darken all others.
+#: The percentile of the values at the end of a colour scale, so that a few extreme pixels do not darken all others.
 _SPAN = 99.5
-#: The end of an interval so many times above the largest estimate is cut, with an arrow.
+#: The axis ends at this multiple of the largest estimate; longer intervals are cut and end in an arrow.
 MAX_OVER_ESTIMATE = 6.0
 _MARKERS = "osD^vP*X<>"
 
 
 def draw_all(result: VarianceResult, folder: Path) -> list[Path]:
-    """Draw every figure into a folder, each as PNG and PDF.
+    """Draw every figure into a folder, each as PNG and as PDF.
 
     Args:
-        result: The table.
+        result: The variance table.
         folder: The folder, which must exist.
 
     Returns:
-        The files.
+        The paths of the files.
 
     Raises:
         MissingToolError: matplotlib is not installed.
@@ -71,12 +71,12 @@ def draw_all(result: VarianceResult, folder: Path) -> list[Path]:
 
 
 def squared_unit(result: VarianceResult) -> str:
-    """The unit of a variance, for labels."""
+    """Return the unit of a variance for labels."""
     return f"{result.collection.units}$^2$"
 
 
 def compared_levels(result: VarianceResult) -> tuple[Level, ...]:
-    """The levels that figures compare prints at: those with two prints of something, and the mean if all have."""
+    """Return the levels at which figures compare prints: those with two prints of a texture, maybe their mean."""
     singles = sorted(set().union(*result.sums.values()))
     with_prints = [
         level for level in singles if any(cell.prints > 1 for cell in result.cells if cell.force_level == level)
@@ -87,9 +87,9 @@ def compared_levels(result: VarianceResult) -> tuple[Level, ...]:
 
 
 def compared(result: VarianceResult) -> list[str]:
-    """The combinations that figures compare: those with two prints of something; all, if none has.
+    """Return the combinations that figures compare: those with two prints of a texture, or all if there are none.
 
-    One print shows how the sensor repeats, and nothing of how prints differ.
+    A single print shows how well the sensor repeats, but not how prints differ.
     """
     if result.protocol == "as-published":
         return list(dict.fromkeys(cell.combination for cell in result.cells))
@@ -101,14 +101,14 @@ def compared(result: VarianceResult) -> list[str]:
 
 
 def _title(result: VarianceResult, level: Level) -> str:
-    """The level of a panel, and what the figure does not show."""
+    """Return the title of a panel: its level, and the number of combinations that are not shown."""
     count = len({cell.combination for cell in result.cells}) - len(compared(result))
     hidden = f" ({counted(count, 'printer-filament')} with one print not shown)" if count else ""
     return f"{result.collection.pressing.level_name(level)}{hidden}"
 
 
 def table_figure(result: VarianceResult) -> Figure:
-    """The table as points with intervals, a panel a force, with the floor and the paper's own figures."""
+    """Draw the table as points with intervals, one panel for each force, with noise and the paper's own figures."""
     levels, combinations = compared_levels(result), compared(result)
     figure, panels = _panels(len(levels), 2, (PAGE_IN, 0.55), (0.0, 2.35), sharex=True, sharey=True)
     cells = [cell for cell in result.cells if cell.force_level in levels]
@@ -125,10 +125,10 @@ def table_figure(result: VarianceResult) -> Figure:
 
 
 def _panels(
-    count: int, most: int, margins: tuple[float, float], size: tuple[float, float], **options: Any
+    count: int, max_columns: int, margins: tuple[float, float], size: tuple[float, float], **options: Any
 ) -> tuple[Figure, list[Axes]]:
-    """A figure with so many panels, at most ``most`` in a row; sizes in inches."""
-    columns = min(most, count)
+    """Return a figure with ``count`` panels, at most ``max_columns`` in a row; sizes in inches."""
+    columns = min(max_columns, count)
     rows = math.ceil(count / columns)
     figure = new_figure(margins[0] + size[0] * columns, margins[1] + size[1] * rows)
     panels = figure.subplots(rows, columns, squeeze=False, **options).ravel()
@@ -180,7 +180,7 @@ def draw_point(axes: Axes, cell: Cell, x: float, step: float, look: Mapping[str,
 
 
 def look_of(i: int) -> dict[str, Any]:
-    """Colour and marker of the printer-filament number ``i``."""
+    """Return the colour and marker of the printer-filament with index ``i``."""
     return {"color": COLOURS[i % (len(COLOURS) - 1)], "marker": _MARKERS[i % len(_MARKERS)]}
 
 
@@ -200,7 +200,7 @@ def _table_legend(result: VarianceResult, combinations: Sequence[str]) -> list[A
 
 
 def log_axes(axes: Axes, names: Sequence[str]) -> None:
-    """Groups side by side, each with its name and a line between them, over a logarithmic axis of plain numbers."""
+    """Set up a logarithmic axis with plain numbers, and named groups side by side with lines between them."""
     axes.set_yscale("log")
     axes.set_xticks(range(len(names)), names)
     axes.set_xlim(-0.5, len(names) - 0.5)
@@ -211,24 +211,24 @@ def log_axes(axes: Axes, names: Sequence[str]) -> None:
 
 
 def _plain_minor(value: float, _: float) -> str:
-    """Labels of 2 and 5 between powers of ten."""
+    """Return labels for 2 and 5 between powers of ten, and no other labels."""
     lead = value / 10.0 ** math.floor(math.log10(value))
     return f"{value:g}" if round(lead) in (2, 5) else ""
 
 
 def pixel_figure(result: VarianceResult) -> Figure:
-    """Which pixels vary: a map for each combination and texture, mean over positions and forces."""
+    """Draw the variance of the pixels: a map for each combination and texture, mean over positions and forces."""
     pictures = _cropped({key: picture for key, picture in result.maps.items() if key[0] in compared(result)})
     height, width = next(iter(pictures.values())).shape
-    ratio = min(2.0, max(0.25, height / width))  # what fits on a page
+    ratio = min(2.0, max(0.25, height / width))  # the limits fit on a page
     what = "marker" if result.fields else "pixel"
     return _mosaic(result, pictures, f"variance of a {what} ({squared_unit(result)})", ratio=ratio, outline=False)
 
 
 def region_figure(result: VarianceResult) -> Figure:
-    """The region of interest in a frame without contact."""
+    """Draw the region of interest in a frame without contact."""
     region = result.preprocess.region
-    assert region is not None  # there is a region to be drawn
+    assert region is not None  # the figure is only drawn with a region
     figure = new_figure(COLUMN_IN, COLUMN_IN * region.mask.shape[0] / region.mask.shape[1] + 0.1)
     axes = figure.add_subplot()
     for frame in resting_frames(result.collection.runs[0], 1):
@@ -238,23 +238,23 @@ def region_figure(result: VarianceResult) -> Figure:
 
 
 def displacement_figure(result: VarianceResult) -> Figure:
-    """How far the markers move at the largest force: arrows for each combination and texture, mean over positions."""
+    """Draw the displacements at the largest force as arrows, for each combination and texture, mean over positions."""
     markers = result.preprocess.markers
-    assert markers is not None  # there are fields
+    assert markers is not None  # because there are fields
     places = next(iter(markers.references_px.values()))
     textures, combinations = result.collection.textures, compared(result)
     level = max(at for at, _ in result.fields)
-    most = max(float(np.max(np.hypot(*moved.T))) for (at, _), moved in result.fields.items() if at == level)
+    longest = max(float(np.max(np.hypot(*shift.T))) for (at, _), shift in result.fields.items() if at == level)
     spacing = MarkerTracker(reference_px=places).spacing_px
-    longer = float(max(1, round(1.5 * spacing / most))) if most else 1.0  # so that the longest one is well seen
+    longer = float(max(1, round(1.5 * spacing / longest))) if longest else 1.0  # so that the arrows can be seen well
     side = min(2.4, (PAGE_IN - 0.9) / len(textures))
     figure = new_figure(max(4.0, 0.9 + side * len(textures)), 0.5 + side * len(combinations))
     panels = figure.subplots(len(combinations), len(textures), squeeze=False, sharex=True, sharey=True)
     for axes, key in zip(panels.flat, product(combinations, textures), strict=True):
-        moved = result.fields.get((level, key))
-        if moved is not None:
+        shifts = result.fields.get((level, key))
+        if shifts is not None:
             arrows = {"angles": "xy", "scale_units": "xy", "scale": 1.0 / longer, "width": 0.006}
-            axes.quiver(*places.T, *moved.T, np.hypot(*moved.T), clim=(0.0, most), **arrows)
+            axes.quiver(*places.T, *shifts.T, np.hypot(*shifts.T), clim=(0.0, longest), **arrows)
         axes.set(xticks=[], yticks=[], aspect="equal")
         axes.spines[:].set_visible(False)
     low, high = places.min(axis=0) - spacing, places.max(axis=0) + spacing
@@ -270,23 +270,23 @@ def displacement_figure(result: VarianceResult) -> Figure:
 
 
 def _cropped(pictures: dict[tuple[str, str], Floats]) -> dict[tuple[str, str], Floats]:
-    """The pictures without the margins in which no pixel of any of them varies."""
-    most = np.fmax.reduce(list(pictures.values()))  # NaN lies outside of the region of interest
-    strong = most > 0.05 * np.nanpercentile(most, _SPAN)
+    """Remove the margins in which no pixel of any picture varies."""
+    largest = np.fmax.reduce(list(pictures.values()))  # NaN lies outside of the region of interest
+    strong = largest > 0.05 * np.nanpercentile(largest, _SPAN)
     ranges = []
     for axis in (0, 1):
         inside = np.flatnonzero(strong.any(axis=1 - axis))
         margin = max(1, len(inside) // 40)
-        ends = (max(0, inside[0] - margin), inside[-1] + margin + 1) if len(inside) else (0, most.shape[axis])
+        ends = (max(0, inside[0] - margin), inside[-1] + margin + 1) if len(inside) else (0, largest.shape[axis])
         ranges.append(slice(*ends))
     return {key: picture[ranges[0], ranges[1]] for key, picture in pictures.items()}
 
 
 def position_figure(result: VarianceResult) -> Figure:
-    """Which positions vary: the press grid for each combination and texture, mean over forces."""
+    """Draw the variance at the positions: the press grid for each combination and texture, mean over forces."""
     pressing = result.collection.pressing
     grid = pressing.grid
-    # Positions of which nobody said where they are stand in one row.
+    # Positions with unknown coordinates are drawn in one row.
     shape = (len(grid.y_mm), len(grid.x_mm)) if grid else (1, len(pressing.positions_mm))
     pictures: dict[tuple[str, str], Floats] = {}
     drawn = levels_with_most_prints(
@@ -295,7 +295,7 @@ def position_figure(result: VarianceResult) -> Figure:
     for key in (cell for cell in result.maps if cell[0] in compared(result)):
         levels = [result.positions[level, key] for level in drawn[key]]
         if levels:
-            # Rows run from low y: upwards in the figure, as on the block.
+            # The rows start at low y, so they go upwards in the figure, as on the block.
             pictures[key] = np.mean(levels, axis=0).reshape(shape)[::-1]
     figure = _mosaic(result, pictures, f"variance ({squared_unit(result)})", ratio=1.0, outline=True)
     if grid is None:
@@ -312,7 +312,7 @@ def position_figure(result: VarianceResult) -> Figure:
 def _mosaic(
     result: VarianceResult, pictures: dict[tuple[str, str], Floats], what: str, *, ratio: float, outline: bool
 ) -> Figure:
-    """Pictures with one colour scale: a row a combination, a column a texture."""
+    """Draw pictures with one colour scale: a row for each combination, a column for each texture."""
     textures, combinations = result.collection.textures, compared(result)
     columns, rows = len(textures), len(combinations)
     width = min(1.05, (PAGE_IN - 1.6) / columns)
@@ -346,7 +346,7 @@ def _name_panels(panels: Any, textures: Sequence[str], combinations: Sequence[st
 
 
 def _colour_bar(figure: Figure, label: str, **options: Any) -> None:
-    """The scale that all pictures of a figure share, if there are any."""
+    """Add the colour scale of all pictures of a figure, if there are any."""
     pictures = [picture for axes in figure.axes for picture in axes.images]
     if pictures:
         bar = figure.colorbar(pictures[-1], ax=figure.axes, pad=0.01, **options)
@@ -355,7 +355,7 @@ def _colour_bar(figure: Figure, label: str, **options: Any) -> None:
 
 
 def texture_figure(result: VarianceResult) -> Figure:
-    """The matrices between textures, one for each combination, with one colour scale; mean over the forces."""
+    """Draw the matrices between textures, one for each combination, with one colour scale; mean over the forces."""
     level, shown = compared_levels(result)[-1], compared(result)
     matrices = [matrix for matrix in result.matrices if matrix.force_level == level and matrix.combination in shown]
     side = min(2.6, (PAGE_IN - 0.8) / min(3, len(matrices)))
@@ -389,7 +389,7 @@ def _numbers(axes: Axes, values: Floats, high: float) -> None:
 
 
 def component_figure(result: VarianceResult) -> Figure:
-    """Where the variance comes from: the components of the nested design at each force, with their intervals."""
+    """Draw the sources of the variance: the components of the nested design at each force, with their intervals."""
     from matplotlib.lines import Line2D
 
     levels = shown_levels(result.cells)
@@ -399,7 +399,7 @@ def component_figure(result: VarianceResult) -> Figure:
     floor = float(np.mean([cell.floor for cell in result.cells if cell.floor is not None] or [np.nan]))
     shown = [row["truncated"] for key, row in rows.items() if key[1] in LEVELS and row["truncated"]]
     if not shown:
-        axes.text(0.5, 0.5, "the design tells no component apart", ha="center", transform=axes.transAxes)
+        axes.text(0.5, 0.5, "this design cannot separate any components", ha="center", transform=axes.transAxes)
         axes.set_axis_off()
         return figure
     if floor > 0.0:
@@ -422,10 +422,10 @@ def component_figure(result: VarianceResult) -> Figure:
 
 
 def _component(axes: Axes, row: Mapping[str, Any], x: float, number: int, ends: tuple[float, float]) -> None:
-    """One component: its estimate, its interval, and in words what there is no point for."""
+    """Draw one component: its estimate and its interval, or a text if there is no point."""
     value = row["truncated"]
     if not value:
-        text = "not told apart" if value is None else "0"
+        text = "not separable" if value is None else "0"
         axes.text(x, 1.15 * ends[0], text, ha="center", va="bottom", fontsize=6.5, rotation=90 if value is None else 0)
         return
     above = value

@@ -1,15 +1,16 @@
-"""A printer's repeatability beside the published figures: a verdict for each published printer, with its reasons.
+"""The comparison of a printer's repeatability with the published figures: a verdict for each published printer.
 
-The published figures are the variance over the two repeats on one print (:data:`.published.PAPER_VARIANCE`), so ours
-are the same: the table of the protocol ``as-published``. They say how well a print repeats, not how prints differ. A
-published figure has no interval and is taken as it stands; ours has prints as the unit of its interval.
+The published figures are the variance over the two repeats on one print (:data:`.published.PAPER_VARIANCE`). They are
+compared with the same quantity, the table of the protocol ``as-published``. These figures show how well a press on one
+print repeats, but not how prints differ. A published figure has no interval and is used as an exact number. The unit of
+our own intervals is the print.
 
-With ddof 0 the expected figure depends on the number of repeats: R of them show (R-1)/R of their variance. Before it is
-compared, our interval is brought to two repeats.
+With ddof 0 the expected figure depends on the number of repeats: R repeats show (R-1)/R of their variance. Our interval
+is therefore converted to two repeats before the comparison.
 
-A figure contains the sensor's noise too. The verdict is "repeats less well" only where our figure stays above the
-published one once what our noise floor adds to it (the same divisor, the same number of repeats) is taken off; the
-noise in the published figures is unknown.
+A figure also contains sensor noise. The verdict is "repeats less well" only if our figure is above the published figure
+even without the part that our noise floor adds (with the same divisor and the same number of repeats). The noise in the
+published figures is unknown.
 """
 
 from __future__ import annotations
@@ -28,10 +29,10 @@ from tacbench_cad.lab.analysis.variance.grade_limits import limits, to_two_repea
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import interval, short
 
-#: What our figure of a texture is against a published one.
+#: The difference between our figure of a texture and a published one.
 Difference = Literal["less", "more", "unclear"]
 
-#: What can be said of a printer beside a published one.
+#: The result of a comparison of a printer with a published printer.
 Verdict = Literal[
     "repeats as well, or better",
     "repeats less well",
@@ -45,14 +46,14 @@ Verdict = Literal[
 
 @dataclass(frozen=True, kw_only=True)
 class Compared:
-    """A published figure beside ours.
+    """The comparison of a texture's figure with one published figure.
 
     Args:
         printer: The published printer.
         filament: Its filament.
-        variance: Its figure.
-        ours_is: What ours is; None without an interval, or in another unit.
-        ratio: Our interval, brought to two repeats, over the published figure; None without an interval.
+        variance: The published figure.
+        ours_is: Whether our figure is less or more; None without an interval, or in another unit.
+        ratio: Our interval, converted to two repeats, divided by the published figure; None without an interval.
     """
 
     printer: str
@@ -64,7 +65,7 @@ class Compared:
 
 @dataclass(frozen=True, kw_only=True)
 class Texture:
-    """One of the paper's textures as a printer printed it: the cell's numbers, and the published ones beside them."""
+    """The numbers of one of the paper's textures, and their comparison with the published figures."""
 
     texture: int
     variance: float
@@ -78,17 +79,19 @@ class Texture:
 
 @dataclass(frozen=True, kw_only=True)
 class Judgement:
-    """A printer beside one of the published ones.
+    """The comparison of a printer with one published printer.
 
     Args:
         printer: The published printer.
         filament: Its filament.
-        verdict: What can be said.
-        less: Numbers of the textures that vary less.
-        more: Those that vary more.
-        unclear: Those that cannot be told apart.
-        at_least: How many times as much as the published figure the clearest of ``more`` varies at least.
-        at_most: How many times as much the most open of ``unclear`` may vary.
+        verdict: The result of the comparison.
+        less: The numbers of the textures that vary less.
+        more: The numbers of the textures that vary more.
+        unclear: The numbers of the textures without a clear difference.
+        at_least: The largest lower end of a texture in ``more``, as a multiple of the published figure; None if
+            ``more`` is empty.
+        at_most: The largest upper end of a texture in ``unclear``, as a multiple of the published figure; None if
+            ``unclear`` is empty.
     """
 
     printer: str
@@ -118,16 +121,16 @@ class Judgement:
 
 @dataclass(frozen=True, kw_only=True)
 class Grade:
-    """A printer and filament beside the paper's table; the fields are the keys of ``--json``.
+    """The comparison of a printer and filament with the paper's table; the fields are the keys of ``--json``.
 
     Args:
-        printer: Printer.
-        filament: Filament.
-        force_level: The level that was compared.
+        printer: The name of the printer.
+        filament: The name of the filament.
+        force_level: The compared force level.
         units: The unit of the variances: ``counts^2``.
-        textures: The paper's textures that there are, by number.
-        verdicts: What the data say, for each of the paper's rows.
-        limits: What they cannot say, and why: a sentence each.
+        textures: The measured textures that are in the paper, by number.
+        verdicts: The result for each row of the paper.
+        limits: The limits of the comparison, one sentence each.
     """
 
     printer: str
@@ -140,7 +143,7 @@ class Grade:
 
     @property
     def table(self) -> Table:
-        """The textures with the published figures beside them."""
+        """The textures with their figures and the published figures."""
         names = list(published.PAPER_ROW_NAMES.values())
 
         def beside(place: int, texture: Texture) -> str:
@@ -158,24 +161,24 @@ class Grade:
             *(Column(name, source=partial(beside, place), right=True) for place, name in enumerate(names)),
         )
         level = f"force level {self.force_level}"
-        title = f"{self.printer}, {self.filament}: {level}; published figures with what yours is beside them"
+        title = f"{self.printer}, {self.filament}: {level}; published figures, and whether yours is less or more"
         return Table.of(columns, self.textures, title)
 
 
 def grade(cells: Sequence[Cell], collection: Collection, left_out: Sequence[str] = ()) -> tuple[Grade, ...]:
-    """Each printer-filament of a variance table beside the published table.
+    """Compare each printer-filament of a variance table with the published table.
 
     Args:
         cells: The cells of a table of the protocol ``as-published``.
         collection: The study.
-        left_out: Readings that could not be used.
+        left_out: The frames that could not be used.
 
     Returns:
         One grade for each printer and filament, in the order of the cells.
 
     Raises:
-        InputError: The cells are of another quantity than the published figures, none is of one of the paper's
-            textures, or the print, the place or the force of some press is unknown.
+        InputError: The cells have another quantity than the published figures, none of their textures is in the paper,
+            or the print, the position or the force of some press is unknown.
     """
     collection.require("the grade", "print", "position", "force")
     if any(cell.quantity != "repeats of one print" for cell in cells):
@@ -183,7 +186,9 @@ def grade(cells: Sequence[Cell], collection: Collection, left_out: Sequence[str]
         raise InputError("protocol", "paper", what)
     if not any(texture_number(cell.texture) for cell in cells):
         names = ", ".join(dict.fromkeys(cell.texture for cell in cells))
-        raise InputError("texture", names, "none of them is one of the paper's six; `tacbench variance` takes any")
+        raise InputError(
+            "texture", names, "none of them is one of the paper's six textures; for others use `tacbench variance`"
+        )
     grades = []
     for printer, filament in dict.fromkeys((cell.printer, cell.filament) for cell in cells):
         mine = [cell for cell in cells if (cell.printer, cell.filament) == (printer, filament)]
@@ -220,13 +225,13 @@ def _texture(cell: Cell, number: int, collection: Collection) -> Texture:
 
 
 def _judged(row: int, textures: Sequence[Texture], comparable: bool) -> Judgement:
-    """What the textures say of one of the published rows."""
+    """Compare the textures with one of the published rows."""
     by: dict[Difference, list[tuple[Texture, tuple[float, float]]]] = {"less": [], "more": [], "unclear": []}
     for texture in textures:
         of = texture.published[row]
         if of.ours_is and of.ratio:
             by[of.ours_is].append((texture, of.ratio))
-    # What of the lower end the noise cannot explain. Interval and noise are both for ddof 0 and our number of repeats.
+    # Whether noise cannot explain the lower end. Interval and noise are both for ddof 0 and our number of repeats.
     beyond = [
         texture.noise_alone is not None
         and texture.low is not None

@@ -1,57 +1,64 @@
 """Intervals of a cell's variance with prints as the unit.
 
-What is estimated. With sigma_P^2 the variance between prints and sigma_e^2 the variance between repeats on one print,
-each a mean over pixels and positions, the table's figure V (ddof 0, k prints of R repeats, mean over pixels and
+**Estimated quantity.** Let sigma_P^2 be the variance between prints and sigma_e^2 the variance between repeats on one
+print, both means over pixels and positions. The table's figure V (ddof 0, k prints with R repeats, mean over pixels and
 positions) estimates::
 
     E[V] = (1 - 1/k) sigma_P^2 + (1 - 1/(k R)) sigma_e^2
 
-that is what the same statistic would be on average if the k prints were printed again. The interval covers this number.
-With ddof 1 the factors are (1 - (R-1)/(kR-1)) and 1. The floor-removed version is E[V] less the floor times
-(1 - 1/(k R)), 1 for ddof 1; the floor counts as known, since it comes from many more frames than there are prints.
+This is the mean of V over many repetitions of the study with k new prints. The interval covers this number. With ddof 1
+the factors are (1 - (R-1)/(kR-1)) and 1. The floor-removed version is E[V] minus the noise floor times (1 - 1/(k R)),
+or minus the noise floor for ddof 1. The noise floor is treated as known, because it is computed from many more frames
+than there are prints.
 
-What the streaming pass hands over. For each cell (printer-filament, texture) at each (force level, position): the Gram
-matrix of the cell's presses, ``gram[i, j]`` = mean over pixels of the product of the deviations of presses i and j from
-the mean over the cell's presses, shape (n, n), and the copy number of each press, shape (n,).
-``streaming.moments`` makes it; n is 12 in the paper's design, and only the readings of one cell at one position are
-held. ``CellSums.of(gram, prints, design)`` takes it and ``+`` pools positions and force levels, which are not
-independent (the same prints) and are therefore treated as more pixels.
+**Input from the streaming pass.** Each cell (printer-filament, texture) has at each force level and position a Gram
+matrix of its presses, shape (n, n), and the copy number of each press, shape (n,). ``gram[i, j]`` is the mean over
+pixels of the product of the deviations of presses i and j from the mean over the cell's presses.
+``streaming.moments`` computes it. In the paper's design n is 12, and only the frames of one cell at one position are in
+memory. ``CellSums.of(gram, prints, design)`` stores it, and ``+`` pools positions and force levels. These are not
+independent, because they belong to the same prints; they are therefore treated as additional pixels.
 
-How. Pixels and positions of one print move together, so a mean square of prints is not chi-squared with pixels x (k-1)
-degrees of freedom but, in Satterthwaite's approximation (1946), with nu x (k-1), where nu = (tr S)^2 / tr(S^2) of the
-covariance S over pixels is the number of independent parts that an image has: 1 if all pixels move as one. nu is
-estimated from the same few prints, so its error must be carried along. For n contrasts with nu equal parts, the
-fraction::
+**Method.** Pixels and positions of one print vary together. Therefore a mean square of prints is not chi-squared with
+pixels x (k-1) degrees of freedom. In Satterthwaite's approximation (1946) it has nu x (k-1) degrees of freedom, where
+nu = (tr S)^2 / tr(S^2) of the covariance S over pixels is the number of independent parts of an image: 1 if all pixels
+vary together. nu is estimated from the same few prints, so its error must be part of the interval. For n contrasts with
+nu equal parts, the fraction::
 
     u = (tr(G^2) / (tr G)^2 - 1/n) / (1 - 1/n)
 
-of the contrasts' Gram matrix G follows about Beta(a, b), a = (n-1)(n+2)/4, b = a n (nu-1)/(n+2), independently of tr G
-(exactly for n = 2; its mean is exact for every n). What the repeats add to G is taken off first. The interval is a
-fiducial generalized confidence interval (Hannig, Iyer and Patterson 2006, J. Am. Stat. Assoc. 101, 254-269): nu is the
-solution of P(U <= u | nu) = V for uniform V, and with B and W the sums of squares between and within prints and each Q
-a chi-squared variable over its degrees of freedom, the generalized pivotal quantities of the nested design (Weerahandi
-1993, J. Am. Stat. Assoc. 88, 899-905) give both components::
+of the contrasts' Gram matrix G approximately follows Beta(a, b), a = (n-1)(n+2)/4, b = a n (nu-1)/(n+2), independently
+of tr G (exactly for n = 2; its mean is exact for every n). The part of G that comes from repeats is subtracted first.
+
+The interval is a fiducial generalized confidence interval (Hannig, Iyer and Patterson 2006, J. Am. Stat. Assoc. 101,
+254-269). nu is the solution of P(U <= u | nu) = V for uniform V. Let B and W be the sums of squares between and within
+prints, d_B and d_W their degrees of freedom, and each Q a chi-squared variable divided by its degrees of freedom. The
+generalized pivotal quantities of the nested design (Weerahandi 1993, J. Am. Stat. Assoc. 88, 899-905) give both
+components::
 
     sigma_e^2 = W / (d_W Q_W),     sigma_P^2 = max(0, (B - d_B sigma_e^2 Q_e) / (kappa Q_P))
 
-and so E[V]; the ends are quantiles of what is drawn. kappa is sigma_P^2's coefficient in E[B]. Cells of different
-prints are pooled before anything is drawn: B, W, n and a add, and so do the estimated variances of the traces.
+and from them E[V]. kappa is the coefficient of sigma_P^2 in E[B]. The ends of the interval are quantiles of the draws.
+Cells with different prints are pooled before the draws: B, W, n and a are added, and so are the estimated variances of
+the traces.
 
-Measured coverage of the 95 % intervals: 92 to 97 %, and 87 to 93 % for three prints whose images move as one
-(tests/lab/analysis/test_intervals.py: 500 studies for each of 6 and 3 prints, four fields from finely grained to an
-image that moves as one, and repeats with 0.1, 0.5 and 2 times the variance of prints).
+**Measured coverage** of the 95 % intervals: 92 to 97 %, and 87 to 93 % for three prints whose pixels vary together
+(tests/lab/analysis/test_intervals.py: 500 studies for each of 6 and 3 prints, four fields from fine grain to an image
+whose pixels all vary together, and repeats with 0.1, 0.5 and 2 times the variance of prints).
 
-Why not an interval in closed form. The modified large sample intervals of Graybill and Wang (1980) and of Ting et al.
-(1990; both in Burdick and Graybill 1992, Confidence Intervals on Variance Components) take the degrees of freedom as
-known. With Satterthwaite's estimate put in, corrected for bias as Huynh and Feldt do (1976), they cover 72 to 94 % in
-the same studies; with the cautious one of Greenhouse and Geisser (1959) 93 to 100 %, but then the upper end for three
-prints and a coarse field lies at 10 times the true value, where it lies at 4 times here.
+**Why there is no closed form.** The modified large sample intervals of Graybill and Wang (1980) and of Ting et al.
+(1990; both in Burdick and Graybill 1992, Confidence Intervals on Variance Components) need known degrees of freedom.
+With Satterthwaite's estimate, corrected for bias as in Huynh and Feldt (1976), they cover 72 to 94 % in the same
+studies. With the conservative estimate of Greenhouse and Geisser (1959) they cover 93 to 100 %, but then the upper end
+for three prints and a coarse field is 10 times the true value. With the method used here it is 4 times the true value.
 
-Few prints. With k = 1 nothing can be said of other prints: refused. With k = 2 there is one contrast, from which nu
-cannot be seen; it is set to 1, so the interval covers more than it says and its upper end lies hundreds of times above
-the estimate, which is the truth about two prints. With three, single intervals are now and then much too narrow or too
-wide, and only the coverage is kept. With one repeat the two components cannot be told apart, and the interval is that
-of prints and repeats together. Without a position that has all presses nu is set to 1.
+**Few prints.**
+
+- With k = 1, nothing is known about other prints, and the function raises an error.
+- With k = 2, there is one contrast, from which nu cannot be estimated. It is set to 1, so the coverage is above 95 %,
+  and the upper end is hundreds of times the estimate.
+- With k = 3, single intervals are sometimes much too narrow or too wide; only the coverage over many studies is right.
+- With one repeat, the two components cannot be separated, and the interval is for prints and repeats together.
+- If no position has all presses, nu is set to 1.
 """
 
 from __future__ import annotations
@@ -68,37 +75,39 @@ from numpy.typing import ArrayLike
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats, Ints
 
-#: What a variance is over: all presses of a place, or the repeats on each of its prints.
+#: The samples of a variance: all presses at a position, or the repeats on each print.
 OF_ALL, OF_REPEATS = 0, 1
-#: Draws behind an interval. From seed to seed the ends then move by less than 1 %, with two prints by some 10 %.
+#: The number of draws for an interval. The ends then differ by less than 1 % between seeds; with two prints, by 10 %.
 DRAWS = 10_000
-#: Ends of the interval as quantiles of the draws.
+#: The quantiles of the draws that are the ends of the interval.
 TAILS = (0.025, 0.975)
-#: Values of log(nu - 1) among which nu is drawn.
-_LOG_NU_LESS_1 = np.linspace(math.log(1e-3), math.log(1e6), 1500)
-#: Smallest fraction of the variance of the prints' trace that is left once what the repeats add is taken off.
+#: The grid of values of log(nu - 1) from which nu is drawn.
+_LOG_NU_MINUS_1 = np.linspace(math.log(1e-3), math.log(1e6), 1500)
+#: The smallest fraction of the variance of the prints' trace that remains after subtracting the part of the repeats.
 _MIN_LEFT = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CellSums:
-    """What an interval needs to know of one cell, at one position or at many added up.
+    """The sums of one cell that an interval needs, for one position or for several positions added up.
 
     Args:
-        design: Copy number of each press of a whole position, sorted, shape (n,); of two designs the larger one.
-        gram: Sum of the Gram matrices of the whole positions, presses in the order of ``design``, shape (n, n).
-        positions: Positions (times force levels).
-        whole: Positions at which no press is missing: only they show how pixels move together.
-        repeated: Prints that were pressed more than once, summed over positions.
-        presses: Presses.
-        between: Sum over positions of the squares between prints.
-        within: The same within prints.
-        dof: Degrees of freedom between and within prints, summed over positions.
-        kappa: Coefficient of sigma_P^2 in ``between``.
-        variances: A row for each quantity, of two entries for ddof 0 and 1. :data:`OF_ALL`: sum over positions of the
-            variance of all presses, NaN where a position has one. :data:`OF_REPEATS`: sum over positions and prints of
-            the variance of the repeats on the print, where it was pressed more than once. Shape (2, 2).
-        weights: Coefficients of sigma_P^2 and sigma_e^2 in ``variances``, shape (2, 2, 2).
+        design: The copy number of each press at a complete position, sorted, shape (n,). If two designs are added, the
+            larger one is kept.
+        gram: The sum of the Gram matrices of the complete positions, shape (n, n), presses in the order of ``design``.
+        positions: The number of positions (times force levels).
+        whole: The number of complete positions, at which no press is missing. Only they show how pixels vary together.
+        repeated: The number of prints that were pressed more than once, summed over positions.
+        presses: The number of presses.
+        between: The sum of squares between prints, summed over positions.
+        within: The sum of squares within prints, summed over positions.
+        dof: The degrees of freedom between and within prints, summed over positions.
+        kappa: The coefficient of sigma_P^2 in ``between``.
+        variances: A row for each quantity, with entries for ddof 0 and 1, shape (2, 2). For :data:`OF_ALL` it is the
+            variance of all presses, summed over positions; with ddof 1, NaN if a position has one press. For
+            :data:`OF_REPEATS` it is the variance of the repeats on a print, summed over positions and over prints that
+            were pressed more than once.
+        weights: The coefficients of sigma_P^2 and sigma_e^2 in ``variances``, shape (2, 2, 2).
     """
 
     design: Ints
@@ -116,12 +125,12 @@ class CellSums:
 
     @classmethod
     def of(cls, gram: ArrayLike, prints: ArrayLike, design: ArrayLike | None = None) -> CellSums:
-        """The sums of one position.
+        """Make the sums of one position.
 
         Args:
-            gram: Mean over pixels of products of the presses' deviations from their mean, shape (n, n).
-            prints: Copy number of each press, shape (n,).
-            design: Copy numbers of a position without holes; None if this is one.
+            gram: The products of the presses' deviations from their mean, mean over pixels, shape (n, n).
+            prints: The copy number of each press, shape (n,).
+            design: The copy numbers at a complete position; None if this position is complete.
         """
         products, copies = np.asarray(gram, dtype=np.float64), np.asarray(prints, dtype=np.int64)
         n = len(copies)
@@ -157,7 +166,7 @@ class CellSums:
         )
 
     def __add__(self, other: CellSums) -> CellSums:
-        # Where one force level was pressed on fewer prints, its positions are not whole ones of the larger design.
+        # If one force level has fewer prints, its positions are not complete positions of the larger design.
         larger, smaller = (self, other) if len(self.design) >= len(other.design) else (other, self)
         alike = np.array_equal(self.design, other.design)
         return CellSums(
@@ -177,32 +186,32 @@ class CellSums:
 
     @property
     def prints(self) -> int:
-        """Prints in the cell, k."""
+        """The number of prints in the cell, k."""
         return len(np.unique(self.design))
 
     def counts(self, quantity: int) -> int:
-        """What a quantity is the mean over: positions, or positions of prints that were pressed more than once."""
+        """Return the number of terms in a quantity's mean: positions, or positions of repeatedly pressed prints."""
         return self.positions if quantity == OF_ALL else self.repeated
 
     def variance(self, ddof: int = 0, quantity: int = OF_ALL) -> float:
-        """The table's figure: variance over the presses of a position, then the mean over pixels and positions.
+        """Return the table's figure: the variance over the presses at a position, mean over pixels and positions.
 
-        NaN for ``ddof`` 1 where a position has one press.
+        It is NaN for ``ddof`` 1 if a position has one press.
 
         Args:
             ddof: 0 or 1.
-            quantity: :data:`OF_ALL`, or :data:`OF_REPEATS` for the variance over the repeats on each print, then the
-                mean over prints too.
+            quantity: :data:`OF_ALL`, or :data:`OF_REPEATS` for the variance over the repeats on each print; its mean is
+                also over prints.
         """
         return float(self.variances[quantity, ddof]) / self.counts(quantity)
 
     def print_gram(self) -> Floats:
-        """Gram matrix of the prints' mean deviations over the whole positions, each times sqrt(repeats), (k, k)."""
+        """Return the Gram matrix (k, k) of the prints' mean deviations times sqrt(repeats), at complete positions."""
         return _between(self.gram, self.design)
 
 
 def _means(copies: Ints) -> Floats:
-    """The matrix that takes presses to the means of their prints, shape (k, n)."""
+    """Return the matrix that converts presses to the means of their prints, shape (k, n)."""
     members = copies[None, :] == np.unique(copies)[:, None]
     return np.asarray(members / members.sum(axis=1, keepdims=True))
 
@@ -225,10 +234,10 @@ class Interval:
     """An estimate with the ends of its 95 % interval.
 
     Args:
-        estimate: Unbiased estimate of what the interval covers; for a balanced cell the table's figure itself.
-        low: Lower end, never below 0.
-        high: Upper end.
-        parts: Number of independent parts of an image (nu), median of the draws.
+        estimate: The unbiased estimate of the covered quantity; for a balanced cell it is the table's figure.
+        low: The lower end, never below 0.
+        high: The upper end.
+        parts: The number of independent parts of an image (nu), median of the draws.
     """
 
     estimate: float
@@ -240,46 +249,46 @@ class Interval:
 def variance_interval(
     cell: CellSums, *, ddof: int = 0, floor: float = 0.0, seed: int = 0, quantity: int = OF_ALL
 ) -> Interval:
-    """Interval of a cell's variance, or of its variance with the noise floor removed.
+    """Compute the interval of a cell's variance, or of its variance with the noise floor removed.
 
     Args:
-        cell: The cell, its positions (and force levels) added up.
-        ddof: As for the variance.
-        floor: Noise floor to remove, a variance with ddof 1 in the reading's unit squared; 0 removes nothing.
-        seed: Seed of the draws.
+        cell: The sums of the cell, with its positions (and force levels) added up.
+        ddof: The ddof of the variance, 0 or 1.
+        floor: The noise floor to remove, a variance with ddof 1 in the squared unit of the frames; 0 removes nothing.
+        seed: The seed of the draws.
         quantity: :data:`OF_ALL` or :data:`OF_REPEATS`.
 
     Raises:
-        InputError: There is one print.
+        InputError: There is only one print.
     """
     of_print, of_repeat = cell.weights[quantity, ddof] / cell.counts(quantity)
     return _interval([cell], float(of_print), float(of_repeat), float(of_repeat) * floor, seed)
 
 
 def component_interval(cells: Sequence[CellSums], component: Literal["print", "repeat"], *, seed: int = 0) -> Interval:
-    """Interval of the component of prints or of repeats, pooled over cells whose prints are different ones.
+    """Compute the interval of the component of prints or of repeats, pooled over cells with different prints.
 
     Args:
-        cells: Cells, each with its positions added up.
-        component: Which of the two.
-        seed: Seed of the draws.
+        cells: The sums of the cells, each with its positions added up.
+        component: The component.
+        seed: The seed of the draws.
 
     Raises:
-        InputError: No cell has two prints, or there is one repeat and the two components cannot be told apart.
+        InputError: No cell has two prints, or there is one repeat and the two components cannot be separated.
     """
     _require_repeats(cells)
     return _interval(cells, float(component == "print"), float(component == "repeat"), 0.0, seed)
 
 
 def ratio_interval(cells: Sequence[CellSums], *, seed: int = 0) -> Interval:
-    """Interval of how many times the variance of two repeats two prints show: (sigma_P^2 + sigma_e^2) / sigma_e^2.
+    """Compute the interval of the variance of two prints over the one of two repeats, 1 + sigma_P^2 / sigma_e^2.
 
     Args:
-        cells: As for :func:`component_interval`.
-        seed: Seed of the draws.
+        cells: Same as for :func:`component_interval`.
+        seed: The seed of the draws.
 
     Raises:
-        InputError: As there.
+        InputError: Same as for :func:`component_interval`.
     """
     _require_repeats(cells)
     drawn = _Draws.of(cells, seed)
@@ -289,23 +298,23 @@ def ratio_interval(cells: Sequence[CellSums], *, seed: int = 0) -> Interval:
 
 
 def _over(prints: Floats, repeats: Floats) -> Floats:
-    """A component over another; 0 over 0 is 0."""
+    """Divide a component by another; 0 / 0 is 0."""
     with np.errstate(divide="ignore"):
         return np.divide(prints, repeats, out=np.zeros_like(repeats), where=(prints != 0.0) | (repeats != 0.0))
 
 
 def _require_repeats(cells: Sequence[CellSums]) -> None:
-    """Check that prints and repeats can be told apart.
+    """Check that the components of prints and repeats can be separated.
 
     Raises:
-        InputError: They cannot.
+        InputError: They cannot be separated.
     """
     if not sum(cell.dof[1] for cell in cells):
-        raise InputError("repeats", 1, "prints and repeats cannot be told apart; press each place at least twice")
+        raise InputError("repeats", 1, "must be at least 2 to separate prints from repeats; press each position twice")
 
 
 def _interval(cells: Sequence[CellSums], of_print: float, of_repeat: float, floor: float, seed: int) -> Interval:
-    """Interval of ``of_print sigma_P^2 + of_repeat sigma_e^2 - floor``, pooled over cells; see the module's text."""
+    """Compute the interval of ``of_print sigma_P^2 + of_repeat sigma_e^2 - floor``, pooled over cells."""
     drawn = _Draws.of(cells, seed)
     draws = of_print * drawn.prints + of_repeat * drawn.repeats - floor
     low, high = (max(0.0, float(end)) for end in np.quantile(draws, TAILS))
@@ -318,11 +327,12 @@ class _Draws:
     """Draws of both components, pooled over cells, and their unbiased estimates.
 
     Args:
-        prints: Draws of sigma_P^2, (DRAWS,).
-        repeats: Draws of sigma_e^2; 0 without repeats, where it is in sigma_P^2, with which it shares its coefficients.
-        mean_print: Estimate of sigma_P^2.
-        mean_repeat: Estimate of sigma_e^2.
-        parts: Number of independent parts of an image, median of the draws.
+        prints: The draws of sigma_P^2, (DRAWS,).
+        repeats: The draws of sigma_e^2. Without repeats they are 0, and sigma_e^2 is part of sigma_P^2, because both
+            have the same coefficients.
+        mean_print: The estimate of sigma_P^2.
+        mean_repeat: The estimate of sigma_e^2.
+        parts: The number of independent parts of an image, median of the draws.
     """
 
     prints: Floats
@@ -333,15 +343,14 @@ class _Draws:
 
     @classmethod
     def of(cls, cells: Sequence[CellSums], seed: int) -> _Draws:
-        """Draw them.
+        """Draw both components.
 
         Raises:
             InputError: No cell has two prints.
         """
         prints = max((cell.prints for cell in cells), default=0)
         if prints < 2:
-            what = "an interval needs at least 2 prints: one print says nothing about others"
-            raise InputError("prints", prints, what)
+            raise InputError("prints", prints, "must be at least 2: without a second print there is no interval")
         random = np.random.default_rng(seed)
         between, within, kappa = (sum(getattr(cell, name) for cell in cells) for name in ("between", "within", "kappa"))
         dof_between, dof_within = (sum(cell.dof[i] for cell in cells) for i in range(2))
@@ -365,13 +374,13 @@ class _Draws:
 
 @dataclass(frozen=True)
 class _Traces:
-    """What a Gram matrix of contrasts, or several of different prints added up, say of nu.
+    """The traces of a Gram matrix of contrasts, or of several matrices added up, from which nu is estimated.
 
     Args:
-        contrasts: Contrasts, n.
-        trace: tr G, for prints without what repeats add to it.
-        square: Estimate of ``n tr(S^2)``: half the variance of the trace.
-        evidence: Degrees of freedom of ``square``, the a of the Beta distribution.
+        contrasts: The number of contrasts, n.
+        trace: tr G; for prints, without the part of the repeats.
+        square: The estimate of ``n tr(S^2)``: half the variance of the trace.
+        evidence: The degrees of freedom of ``square``, the a of the Beta distribution.
     """
 
     contrasts: int
@@ -381,10 +390,10 @@ class _Traces:
 
     @classmethod
     def of(cls, gram: Floats, n: int) -> _Traces:
-        """The traces of one Gram matrix of n contrasts."""
+        """Compute the traces of one Gram matrix of n contrasts."""
         trace = float(np.trace(gram))
         if n < 2:
-            # One contrast does not show how pixels move together: as one, then.
+            # One contrast does not show how pixels vary together, so nu is set to 1.
             return cls(n, trace, n * trace**2 / 3.0, 0.0)
         weight = (n - 1.0) * (n + 2.0)
         return cls(n, trace, max(0.0, n * float((gram**2).sum()) - trace**2) / weight, weight / 4.0)
@@ -393,23 +402,23 @@ class _Traces:
         return _Traces(*map(operator.add, astuple(self), astuple(other)))
 
     def draw_parts(self, random: np.random.Generator) -> Floats:
-        """Draws of nu, shape (DRAWS,); 1 where it cannot be seen."""
+        """Draw nu, shape (DRAWS,); it is 1 if it cannot be estimated."""
         from scipy.special import betainc
 
         if not self.evidence:
             return np.ones(DRAWS)
         n, a = self.contrasts, self.evidence
         u = min(1.0 - 1e-9, (n + 2) * self.square / self.trace**2) if self.trace > 0.0 else 1.0 - 1e-9
-        below = betainc(a, a * n * np.exp(_LOG_NU_LESS_1) / (n + 2), u)
+        below = betainc(a, a * n * np.exp(_LOG_NU_MINUS_1) / (n + 2), u)
         levels = (random.permutation(DRAWS) + 0.5) / DRAWS
-        return 1.0 + np.exp(np.interp(levels, below, _LOG_NU_LESS_1))
+        return 1.0 + np.exp(np.interp(levels, below, _LOG_NU_MINUS_1))
 
 
 _NOTHING = _Traces(0, 0.0, 0.0, 0.0)
 
 
 def _traces(cell: CellSums) -> tuple[_Traces, _Traces]:
-    """The traces of the contrasts between prints, less what the repeats add to them on average, and of the repeats."""
+    """Return the traces of the contrasts between prints, minus the mean part of the repeats, and those of repeats."""
     if not cell.whole:
         return _NOTHING, _NOTHING
     prints = _Traces.of(cell.print_gram(), cell.prints - 1)
@@ -424,5 +433,5 @@ def _traces(cell: CellSums) -> tuple[_Traces, _Traces]:
 
 
 def _chi2_ratio(dof: Floats, random: np.random.Generator) -> Floats:
-    """Chi-squared over its degrees of freedom, a draw for each entry."""
+    """Draw a chi-squared variable divided by its degrees of freedom, for each entry."""
     return np.asarray(random.standard_gamma(dof / 2.0) / (dof / 2.0))

@@ -1,4 +1,4 @@
-"""Means, variances and covariances of readings that need not all be in memory, and pictures of them."""
+"""Means, variances and covariances of frames that need not all be in memory, and small maps of them."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from numpy.typing import NDArray
 
 from tacbench_cad.util.types import Floats
 
-#: Numbers that are converted at a time, 1 MB of them: they stay in the processor's cache.
+#: The number of values that are converted at a time: 1 MB, which fits into the processor's cache.
 CHUNK = 1 << 17
-#: Stationary frames in memory at a time.
+#: The number of stationary frames in memory at a time.
 FRAMES = 32
-#: Longest side of a map for figures, in pixels.
+#: The longest side of a map for figures, in pixels.
 MAP_SIDE = 320
 
 
 @dataclass(eq=False)
 class Running:
-    """Count, mean and mean square sum of what was added so far, of arrays that need not be kept.
+    """The count, mean and sum of squares of all arrays added so far. The arrays themselves are not kept.
 
     Args:
-        count: Arrays.
-        mean: Their mean, shape (pixels,).
-        squares: Mean over pixels of the sum of squared deviations from the mean.
-        merged: The part of ``squares`` that lies between the groups that were added.
+        count: The number of arrays.
+        mean: The mean of the arrays, shape (pixels,).
+        squares: The sum of squared deviations from the mean, mean over pixels.
+        merged: The part of ``squares`` that comes from differences between the added groups.
     """
 
     count: int = 0
@@ -36,7 +36,7 @@ class Running:
     merged: float = 0.0
 
     def add(self, count: int, mean: Floats, squares: float) -> None:
-        """Add a group with its own count, mean and squares."""
+        """Add a group of arrays with its count, mean and squares."""
         if not self.count:
             self.count, self.mean, self.squares = count, mean.copy(), squares
             return
@@ -56,12 +56,12 @@ class Running:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Moments:
-    """Mean, variance and covariance of a few readings.
+    """The mean, variance and covariance of a few frames.
 
     Args:
-        mean: Mean reading, shape (pixels,).
-        squares: Sum of squared deviations of each pixel, shape (pixels,).
-        gram: Mean over pixels of products of the readings' deviations, shape (n, n).
+        mean: The mean frame, shape (pixels,).
+        squares: The sum of squared deviations of each pixel, shape (pixels,).
+        gram: The products of the frames' deviations, mean over pixels, shape (n, n).
     """
 
     mean: Floats
@@ -69,39 +69,39 @@ class Moments:
     gram: Floats
 
 
-def _pieces(readings: Sequence[NDArray[Any]]) -> Iterator[tuple[slice, Floats, Floats]]:
-    """Some pixels of all readings at a time: which, their mean (p,) and the deviations from it (n, p)."""
-    flat = [reading.reshape(-1) for reading in readings]
+def _pieces(frames: Sequence[NDArray[Any]]) -> Iterator[tuple[slice, Floats, Floats]]:
+    """Yield a range of pixels of all frames at a time: the slice, its mean (p,) and the deviations from it (n, p)."""
+    flat = [frame.reshape(-1) for frame in frames]
     pixels = flat[0].size
     width = min(max(1, CHUNK // len(flat)), pixels)
     buffer = np.empty((len(flat), width))
     for begin in range(0, pixels, width):
         which = slice(begin, min(begin + width, pixels))
         piece = buffer[:, : which.stop - begin]
-        for row, reading in zip(piece, flat, strict=True):
-            row[:] = reading[which]
+        for row, frame in zip(piece, flat, strict=True):
+            row[:] = frame[which]
         mean = piece.mean(axis=0)
         piece -= mean
         yield which, mean, piece
 
 
-def moments(readings: Sequence[NDArray[Any]]) -> Moments:
-    """Moments of readings of one shape, in two passes over a few thousand pixels at a time.
+def moments(frames: Sequence[NDArray[Any]]) -> Moments:
+    """Compute the moments of frames of one shape, in two passes over a few thousand pixels at a time.
 
     Args:
-        readings: n arrays of finite numbers.
+        frames: A list of n arrays of finite numbers.
     """
-    n, pixels = len(readings), readings[0].size
+    n, pixels = len(frames), frames[0].size
     mean, squares, gram = np.empty(pixels), np.empty(pixels), np.zeros((n, n))
-    for which, middle, piece in _pieces(readings):
+    for which, middle, piece in _pieces(frames):
         mean[which] = middle
         gram += piece @ piece.T
         np.einsum("ij,ij->j", piece, piece, out=squares[which])
     return Moments(mean=mean, squares=squares, gram=gram / pixels)
 
 
-def running_moments(readings: Iterable[NDArray[Any]]) -> Running:
-    """Count, mean and squares of any number of readings, of which :data:`FRAMES` are in memory at a time."""
+def running_moments(frames: Iterable[NDArray[Any]]) -> Running:
+    """Compute count, mean and squares of any number of frames, with at most :data:`FRAMES` in memory at a time."""
     running, held = Running(), list[NDArray[Any]]()
 
     def add() -> None:
@@ -112,8 +112,8 @@ def running_moments(readings: Iterable[NDArray[Any]]) -> Running:
         running.add(len(held), mean, squares / len(mean))
         held.clear()
 
-    for reading in readings:
-        held.append(reading)
+    for frame in frames:
+        held.append(frame)
         if len(held) == FRAMES:
             add()
     if held:
@@ -122,11 +122,13 @@ def running_moments(readings: Iterable[NDArray[Any]]) -> Running:
 
 
 def small_map(values: Floats, shape: Sequence[int]) -> Floats:
-    """A value for each pixel as a picture of at most :data:`MAP_SIDE` a side; channels and the like are averaged.
+    """Arrange one value for each pixel as a map of at most :data:`MAP_SIDE` pixels a side.
+
+    Channels and further axes are averaged.
 
     Args:
-        values: One value a number of the reading, in its order.
-        shape: The reading's shape; one axis gives a single row.
+        values: One value for each number of the frame, in the frame's order.
+        shape: The shape of the frame; a frame with one axis gives a single row.
     """
     picture = values.reshape(shape if len(shape) > 1 else (1, -1))
     if picture.ndim > 2:
@@ -135,7 +137,7 @@ def small_map(values: Floats, shape: Sequence[int]) -> Floats:
 
 
 def _averaged(picture: Floats) -> Floats:
-    """Means of as many neighbouring rows as leave at most :data:`MAP_SIDE`; the last one may be of fewer."""
+    """Average neighbouring rows so that at most :data:`MAP_SIDE` rows remain; the last mean may have fewer rows."""
     rows = len(picture)
     step = -(-rows // MAP_SIDE)
     means = picture[::step].copy()

@@ -1,18 +1,18 @@
-"""A permutation test between printers (printer-filaments): does one vary more from print to print than the other?
+"""A permutation test between printers (printer-filaments): is the variance between prints larger for one of them?
 
-It takes Gram matrices of prints, pooled over pixels, positions and force levels, so that what a print does at one place
-and at another is never counted as independent, and keeps textures apart: what is exchanged between two printers stays
-in its texture.
+The test uses Gram matrices of prints, pooled over pixels, positions and force levels. The values of one print at
+different positions are therefore never counted as independent. Textures are kept separate: values are only exchanged
+between prints of the same texture.
 
-Deviations of k prints from their mean are no independent units (they add to zero): permuting them would find
-differences too often (in simulated studies of six textures in 9 % of cases with six prints and in 14 % with three,
-where 5 % are meant). What is permuted instead is the k - 1 contrasts that the prints of a cell give, which are
-independent and alike if both printers vary alike. In which directions contrasts are taken is drawn again for every
-permutation, so that no order of the prints matters.
+The deviations of k prints from their mean are not independent, because their sum is zero. If they were permuted, the
+test would find differences too often: in simulated studies of six textures it did so in 9 % of cases with six prints
+and in 14 % with three, instead of 5 %. Therefore the k - 1 contrasts of the prints of a cell are permuted. They are
+independent, and they have equal distributions if both printers vary equally. The directions of the contrasts are drawn
+again for every permutation, so the order of the prints does not matter.
 
-p counts the data as one of the permutations: (1 + as extreme) / (1 + drawn), both directions. The least p that a design
-can reach depends on its number of arrangements and is given: three prints of one texture cannot reach 5 % whatever
-they do.
+p counts the data as one of the permutations: (1 + number as extreme) / (1 + number drawn), for both directions. The
+smallest p that a design can reach depends on its number of arrangements, and is part of the result. Three prints of one
+texture, for example, can never reach 5 %.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from numpy.typing import ArrayLike
 
 from tacbench_cad.util.types import Floats
 
-#: Permutations drawn.
+#: The number of permutations drawn.
 DRAWS = 4999
-#: Values of the statistic that differ by less are the same one, rounded differently.
+#: A relative difference between two values of the statistic that is only a rounding error.
 _SAME = 1e-9
 
 
@@ -37,14 +37,14 @@ class PermutationTest:
     """The outcome of a test between two printers.
 
     Args:
-        statistic: Mean over textures of (a - b) / (a + b), a and b being the two variances between prints (of mean
-            readings, so that part of the repeats' variance is in both); from -1 to 1, above 0 where the first varies
-            more.
-        ratio: Geometric mean over textures of a / b; None where one of them is 0.
-        p: Fraction of permutations at least as far from 0.
-        least_p: The least p that this design could have given.
-        textures: Textures that entered.
-        prints: Prints of the first and of the second printer.
+        statistic: The mean over textures of (a - b) / (a + b), from -1 to 1; a and b are the variances between prints
+            of the first and the second printer. They are variances of mean frames, so both contain a part of the
+            variance between repeats. The statistic is above 0 if the first printer varies more.
+        ratio: The geometric mean over textures of a / b; None if one of them is 0.
+        p: The fraction of permutations whose statistic is at least as far from 0.
+        least_p: The smallest p that this design can give.
+        textures: The number of textures used.
+        prints: The number of prints of the first and of the second printer.
     """
 
     statistic: float
@@ -58,15 +58,14 @@ class PermutationTest:
 def dispersion_test(
     first: Sequence[ArrayLike], second: Sequence[ArrayLike], *, draws: int = DRAWS, seed: int = 0
 ) -> PermutationTest:
-    """Whether two printers vary alike from print to print.
+    """Test whether two printers have the same variance between prints.
 
     Args:
-        first: For each texture the Gram matrix of the first printer's prints about their mean, shape (k, k) with k of
-            at least 2:
-            :meth:`tacbench_cad.lab.analysis.variance.intervals.CellSums.print_gram`.
-        second: The second printer's, for the same textures in the same order.
-        draws: Permutations.
-        seed: Seed of the permutations.
+        first: For each texture, the Gram matrix of the first printer's prints about their mean, shape (k, k) with k of
+            at least 2; see :meth:`tacbench_cad.lab.analysis.variance.intervals.CellSums.print_gram`.
+        second: The matrices of the second printer, for the same textures in the same order.
+        draws: The number of permutations.
+        seed: The seed of the permutations.
     """
     random = np.random.default_rng(seed)
     observed, drawn, logs, arrangements, mirrored = 0.0, np.zeros(draws), [], 1, True
@@ -83,13 +82,13 @@ def dispersion_test(
         a, b = (float(np.trace(gram)) / len(gram) for gram in both)
         logs.append(math.log(a / b) if a > 0.0 and b > 0.0 else math.nan)
     ratio = math.exp(float(np.mean(logs)))
-    # With as many prints on both sides, changing all of them over turns the sign and is as extreme.
+    # With equal numbers of prints, exchanging all prints changes only the sign, so it is as extreme.
     smallest_p = min(1.0, max((2 if mirrored else 1) / arrangements, 1.0 / (1.0 + draws)))
     extreme = float((np.abs(drawn) >= abs(observed) * (1.0 - _SAME)).sum())
     return PermutationTest(
         statistic=observed / len(first),
         ratio=None if math.isnan(ratio) else ratio,
-        # Drawn permutations may by chance be less often extreme than all of them would be.
+        # By chance, the drawn permutations may be extreme less often than all possible permutations.
         p=max(smallest_p, (1.0 + extreme) / (1.0 + draws)),
         least_p=smallest_p,
         textures=len(first),
@@ -98,7 +97,7 @@ def dispersion_test(
 
 
 def _contrasts(gram: Floats) -> Floats:
-    """Gram matrix of the k - 1 Helmert contrasts of k prints, (k-1, k-1)."""
+    """Return the Gram matrix of the k - 1 Helmert contrasts of k prints, (k-1, k-1)."""
     k = len(gram)
     helmert = np.array([[1.0] * i + [-float(i)] + [0.0] * (k - i - 1) for i in range(1, k)])
     helmert /= np.linalg.norm(helmert, axis=1, keepdims=True)
@@ -106,14 +105,14 @@ def _contrasts(gram: Floats) -> Floats:
 
 
 def _squares(gram: Floats, draws: int, random: np.random.Generator) -> Floats:
-    """Squares of the contrasts, in directions drawn again for each permutation, (draws, k-1)."""
+    """Return the squares of the contrasts, in new random directions for each permutation, (draws, k-1)."""
     n = len(gram)
     turns = np.linalg.qr(random.standard_normal((draws, n, n)))[0]
     return np.asarray(np.einsum("dij,ik,dkj->dj", turns, gram, turns, optimize=True))
 
 
 def _balance(units: Floats, n: int) -> Floats:
-    """(a - b) / (a + b) for the means a of the first n units and b of the others; 0 where nothing varies; (draws,)."""
+    """Return (a - b) / (a + b), (draws,), with the mean a of the first n units and b of the others; 0 if both are 0."""
     a, b = units[:, :n].mean(axis=1), units[:, n:].mean(axis=1)
     total = a + b
     return np.asarray(np.divide(a - b, total, out=np.zeros_like(total), where=total > 0.0))

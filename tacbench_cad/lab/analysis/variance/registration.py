@@ -1,19 +1,24 @@
-"""How much of a cell's variance is the block's seat in its holder, and how much its print.
+"""Separate differences in placement (the block's seat in its holder) from differences in printing.
 
-A block that lies a little off in its pocket is pressed a little off at *every* position, while errors of printing
-change from place to place. The grid itself shows what a reading does when the sensor moves along x and y: the slopes of
-the cell's mean reading from position to position. So each print gets one offset (x, y) for all of its presses at a
-force: the one that explains most of the deviations D of its mean readings from the cell's::
+If a block is shifted in its pocket, it is pressed with the same shift at *every* position, while errors of printing
+change from position to position. The press grid itself shows how a frame changes when the sensor moves along x and y:
+by the slopes of the cell's mean frame m from position to position. Each print gets one offset (x, y) for all of its
+presses at a force. It is the offset that explains most of the deviations D of the print's mean frames from the mean
+frames of the cell::
 
     D(position) = dx dm/dx(position) + dy dm/dy(position) + rest,
 
-by least squares over all pixels and positions. What it explains is the seating part of the variance. Images are not
-shifted: the sensor's camera does not move with the block, and arrays of taxels have no image to shift.
+by least squares over all pixels and positions. The variance that the offsets explain is the seating part. Images are
+not shifted: the sensor's camera does not move with the block, and arrays of taxels have no image to shift.
 
-Limits, which all make the seating part too small rather than too large: slopes are differences over the grid's spacing,
-so texture that changes much within 2 spacings is smoothed; a print that is shifted as a whole (walls printed out of
-place) counts as seating too, the exception. An axis along which readings hardly change (textures 1, 5 and 6 along y) is
-not fitted. All presses are read twice more; at a time one cell's mean readings at all positions are in memory.
+The method has these limits:
+
+- The slopes are differences over the spacing of the grid, so a texture that changes much within 2 spacings is smoothed.
+  This makes the seating part too small.
+- An axis along which frames hardly change (textures 1, 5 and 6 along y) is not fitted. This makes it too small as well.
+- If a print is shifted as a whole (walls printed out of place), the shift counts as seating. This makes it too large.
+
+All presses are read twice more. The mean frames of one cell at all positions are in memory at a time.
 """
 
 from __future__ import annotations
@@ -38,25 +43,25 @@ from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.types import Floats32, Ints
 
-#: An axis is fitted if its slopes have at least this fraction of the other axis's square.
+#: An axis is fitted if the sum of its squared slopes is at least this fraction of the larger sum.
 _MIN_SLOPE = 0.01
-#: How far a block lies from the mean of the cell's, along x and y; None along an axis that cannot be seen.
+#: The offset of a block from the mean of the cell's blocks along x and y, in mm; None along an axis that is not fitted.
 Offset = tuple[float | None, float | None]
-_Reading = tuple[int, int, Floats32]
+_Frame = tuple[int, int, Floats32]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Seating:
-    """The seats of one cell's prints at one force level.
+    """The offsets of one cell's prints at one force level.
 
     Args:
-        printer: Printer.
-        filament: Filament.
-        texture: Texture.
-        force_level: Level from 1.
-        offsets_mm: For each copy how far its block lies from the mean of the cell's.
+        printer: The name of the printer.
+        filament: The name of the filament.
+        texture: The name of the texture.
+        force_level: The level from 1.
+        offsets_mm: For each copy, the offset of its block from the mean of the cell's blocks.
         variance: The cell's variance at this level (as in the table).
-        seating: The part of it that offsets explain.
+        seating: The part of the variance that the offsets explain.
     """
 
     printer: str
@@ -73,7 +78,7 @@ class Seating:
         return max(0.0, self.variance - self.seating)
 
     def rows(self) -> Iterator[dict[str, Any]]:
-        """Rows of ``registration.csv``."""
+        """Yield the rows of ``registration.csv``."""
         for copy, (x, y) in self.offsets_mm.items():
             offsets = {"copy": copy, "x_mm": x, "y_mm": y}
             yield {**vars(self), **offsets, "variance_without_seating": self.remaining}
@@ -87,28 +92,26 @@ def register(
     jobs: int = 1,
     dask: str | None = None,
 ) -> tuple[Seating, ...]:
-    """The seats of all prints, by level, combination and texture.
+    """Estimate the offsets of all prints, sorted by level, combination and texture.
 
     Args:
         collection: The study.
-        preprocess: What is done to a reading first.
-        ddof: As for the table.
-        jobs: Processes of this machine.
-        dask: Address of a Dask scheduler whose workers do the work instead.
+        preprocess: The preprocessing of the frames; None for grey at full size.
+        ddof: The ddof of the variance table.
+        jobs: The number of worker processes on this machine.
+        dask: The address of a Dask scheduler, whose workers are then used instead.
 
     Raises:
-        InputError: The grid has one row and one column, or no cell has two prints.
+        InputError: The positions are unknown, the grid has one row and one column, or no cell has two prints.
     """
     grid = collection.pressing.grid
     if grid is None:
-        raise InputError("register", None, "needs the places of the positions in mm, which these runs do not have")
+        raise InputError("register", None, "needs the coordinates of the positions in mm, unknown for these runs")
     if len(grid.x_mm) < 2 and len(grid.y_mm) < 2:
-        raise InputError("register", len(grid.positions_mm), "needs positions in two columns or rows to see a shift")
+        raise InputError("register", len(grid.positions_mm), "needs positions in at least two columns or two rows")
     cells = list(_cells(collection))
     if not cells:
-        raise InputError(
-            "register", None, "no printer-filament has two prints of one texture that could lie differently"
-        )
+        raise InputError("register", None, "needs a printer-filament with at least two prints of one texture")
     runs = runs_to_send(collection)
     work = partial(_seating, runs=runs, grid=grid, preprocess=preprocess or Preprocess(), ddof=ddof)
     with workers(jobs, dask, [run.folder for run in collection.runs]) as executor:
@@ -116,7 +119,7 @@ def register(
 
 
 def _cells(collection: Collection) -> Iterator[list[Press]]:
-    """The presses of each cell of two or more prints at each level, position by position."""
+    """Yield the presses of each cell with two or more prints at each level, sorted by position."""
     cells: dict[tuple[int, str, str], list[Press]] = defaultdict(list)
     for press in sorted(presses_of(collection), key=lambda press: (press.position, press.copy)):
         cells[press.level, press.combination, press.texture].append(press)
@@ -128,12 +131,12 @@ def _cells(collection: Collection) -> Iterator[list[Press]]:
 def _seating(
     presses: Sequence[Press], *, runs: Sequence[Run], grid: PressGrid, preprocess: Preprocess, ddof: int
 ) -> Seating | None:
-    """One cell; None if too little of it can be read."""
+    """Estimate the offsets of one cell; return None if too few of its frames can be read."""
     count = len(grid.positions_mm)
     sums: Floats32 | None = None
     numbers = np.zeros(count, dtype=np.int64)
     squares = np.zeros(count)
-    for _, position, values in _readings(presses, runs, preprocess):
+    for _, position, values in _frames(presses, runs, preprocess):
         if sums is None:
             sums = np.zeros((count, values.size), dtype=np.float32)
         sums[position] += values
@@ -142,10 +145,10 @@ def _seating(
     if sums is None or not (numbers > ddof).all():
         return None
     sums /= numbers[:, None]
-    # Sums of squares about the mean; 32 bits are enough for a fraction, the table itself is computed in 64.
+    # These are sums of squares about the mean. 32 bits are enough for a fraction; the table is computed in 64 bits.
     squares -= numbers * np.einsum("ij,ij->i", sums, sums, dtype=np.float64) / sums.shape[1]
     copies = sorted({press.copy for press in presses})
-    offsets, explained = _fit(_readings(presses, runs, preprocess), sums, grid, copies, numbers - ddof)
+    offsets, explained = _fit(_frames(presses, runs, preprocess), sums, grid, copies, numbers - ddof)
     printed = runs[presses[0].run].info.printed
     return Seating(
         printer=printed.printer or UNKNOWN,
@@ -158,25 +161,25 @@ def _seating(
     )
 
 
-def _readings(presses: Sequence[Press], runs: Sequence[Run], preprocess: Preprocess) -> Iterator[_Reading]:
-    """Copy, position from 0 and numbers of each reading; those that cannot be used are left out."""
+def _frames(presses: Sequence[Press], runs: Sequence[Run], preprocess: Preprocess) -> Iterator[_Frame]:
+    """Yield the copy, the position from 0 and the numbers of each frame; unusable frames are left out."""
     for press in presses:
-        with contextlib.suppress(CheckFailedError):  # the pass for the table has named it
+        with contextlib.suppress(CheckFailedError):  # the computation of the table has already named it
             values = read_usable(runs[press.run], press.path, preprocess)
             yield press.copy, press.position - 1, values.reshape(-1).astype(np.float32)
 
 
 def _fit(
-    readings: Iterable[_Reading], means: Floats32, grid: PressGrid, copies: Sequence[int], divisors: Ints
+    frames: Iterable[_Frame], means: Floats32, grid: PressGrid, copies: Sequence[int], divisors: Ints
 ) -> tuple[dict[int, Offset], float]:
-    """Offsets of all prints by least squares, and the variance that they explain.
+    """Return the offsets of all prints by least squares, and the variance that they explain.
 
     Presses are weighted as in the table's mean over positions.
     """
     count, pixels = means.shape
     normal, right = np.zeros((len(copies), 2, 2)), np.zeros((len(copies), 2))
     at, slopes, products = -1, np.zeros((2, pixels), dtype=np.float32), np.zeros((2, 2))
-    for copy, position, values in readings:
+    for copy, position, values in frames:
         if position != at:
             at, slopes = position, _slopes(means, grid, position)
             products = (slopes @ slopes.T).astype(np.float64) / pixels
@@ -193,13 +196,13 @@ def _fit(
             shift = np.linalg.lstsq(normal[i][np.ix_(axes, axes)], right[i][axes], rcond=None)[0]
             explained += float(shift @ right[i][axes])
             for axis, value in zip(axes, shift, strict=True):
-                offset[axis] = -float(value)  # a block that lies further along is pressed at a place before
+                offset[axis] = -float(value)  # a block with a positive offset is pressed nearer to its start
         offsets[copy] = (offset[0], offset[1])
     return offsets, max(0.0, explained)
 
 
 def _slopes(means: Floats32, grid: PressGrid, position: int) -> Floats32:
-    """Change of the mean reading along x and y at a position, per mm, shape (2, pixels)."""
+    """Return the change of the mean frame along x and y at a position, per mm, shape (2, pixels)."""
     columns = len(grid.x_mm)
     row, column = divmod(position, columns)
     slopes = np.zeros((2, means.shape[1]), dtype=np.float32)

@@ -1,21 +1,27 @@
-"""One pass over the readings of a study, in an order that keeps memory the same however many there are.
+"""One pass over the frames of a study, in an order that needs the same memory for any number of frames.
 
-A *place* is a force level and a position. At each place the presses are taken combination by combination (printer and
-filament), texture by texture, print by print, repeat by repeat. A *cell* is what one combination pressed of one
-texture. In memory at any time: the readings of one cell at one place (twelve images of bytes in the paper's design),
-the means of one combination's textures, and the running means of all textures and of everything. None of this grows
-with positions, forces or printers. Places are independent and are handed out to processes.
+A *place* is a force level and a position. At each place the presses are sorted by combination (printer and filament),
+texture, print and repeat. A *cell* contains all presses of one combination and one texture. These are in memory at any
+time:
 
-What comes out is enough for every statistic of :mod:`tacbench_cad.lab.analysis.variance.table`:
+* the frames of one cell at one place (twelve images of bytes in the paper's design);
+* the means of the textures of one combination;
+* the running means of all textures and of all frames.
 
-* each cell's Gram matrix of deviations at each place (its diagonal holds the table's variance, and it splits into
-  prints and repeats), as :class:`~tacbench_cad.lab.analysis.variance.intervals.CellSums`;
-* the nested sums of squares of all presses of a place, the outer two merged as Welford's and Chan's recursions do
-  (Chan, Golub and LeVeque 1983), as :class:`~tacbench_cad.lab.analysis.variance.components.NestedSums`;
-* squared distances between the texture means of a combination;
+This memory does not grow with positions, forces or printers. Places are independent and are distributed over processes.
+
+The result is sufficient for every statistic of :mod:`tacbench_cad.lab.analysis.variance.table`:
+
+* each cell's Gram matrix of deviations at each place, as
+  :class:`~tacbench_cad.lab.analysis.variance.intervals.CellSums`. The table's variance follows from its diagonal, and
+  the matrix can be split into prints and repeats;
+* the nested sums of squares of all presses at a place, as
+  :class:`~tacbench_cad.lab.analysis.variance.components.NestedSums`. The outer two are merged with the recursions of
+  Welford and Chan (Chan, Golub and LeVeque 1983);
+* the squared distances between the texture means of a combination;
 * the variance of each pixel, summed over places, at a resolution for figures.
 
-A reading that is damaged, or holds NaN, is left out and named; everything else is computed.
+A frame that is damaged or contains NaN is left out and listed; the rest is computed without it.
 """
 
 from __future__ import annotations
@@ -41,24 +47,24 @@ from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Floats
 
-#: Printer-filament and texture.
+#: The printer-filament and the texture of a cell.
 CellKey = tuple[str, str]
 
-#: Tasks for each process: some more than one, so that all end at about the same time.
+#: The number of tasks for each process: more than one, so that all processes end at about the same time.
 TASKS_PER_JOB = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlaceSums:
-    """What the presses of one force level at one position come to.
+    """The sums of all presses at one force level and one position.
 
     Args:
-        level: Force level.
-        position: Position.
-        cells: Each cell's sums.
-        nested: Sums of squares of the nested design over all presses of the place.
-        distances: For each combination its textures, and the mean over pixels of the squared difference of two
-            textures' means, shape (t, t).
+        level: The force level.
+        position: The position.
+        cells: The sums of each cell.
+        nested: The sums of squares of the nested design over all presses at the place.
+        distances: For each combination, its textures, and the squared differences between the means of two textures,
+            mean over pixels, shape (t, t).
     """
 
     level: int
@@ -70,12 +76,12 @@ class PlaceSums:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Floor:
-    """Stationary frames in contact of one run.
+    """The sums of the stationary frames in contact of one run.
 
     Args:
-        run: Index of the run.
-        squares: Mean over pixels of squared deviations from the mean of their session (start, end), summed.
-        dof: Degrees of freedom of the sum.
+        run: The index of the run.
+        squares: The sum of squared deviations from the mean of their session (start, end), mean over pixels.
+        dof: The degrees of freedom of the sum.
     """
 
     run: int
@@ -85,18 +91,18 @@ class Floor:
 
 @dataclass(kw_only=True, eq=False)
 class Pass:
-    """What one pass over a study gives, or a part of it.
+    """The result of one pass over a study, or of a part of it.
 
     Args:
-        places: Sums of each place, by level and position.
-        maps: For each cell the variance of each pixel (ddof 0) summed over the places of the levels with the most
+        places: The sums of each place, by level and position.
+        maps: For each cell, the variance of each pixel (ddof 0), summed over the places of the levels with the most
             prints, at a resolution for figures, and the number of places.
-        floors: Stationary frames, by run; runs without such frames are missing.
-        left_out: Readings that could not be used, with the reason.
-        fields: For each level and cell the mean reading, summed over places, and the number of places. Only of markers,
-            whose displacements are drawn.
-        readings: Readings that were decoded.
-        seconds: Time of all processes: ``decode`` (reading and decoding files, grey), ``sums``.
+        floors: The stationary frames, by run; runs without such frames are missing.
+        left_out: The frames that could not be used, with the reason.
+        fields: For each level and cell, the mean frame, summed over places, and the number of places. Only for markers,
+            because their displacements are drawn.
+        frames: The number of decoded frames.
+        seconds: The time of all processes, in s: ``decode`` (reading and decoding files, grey), ``sums``.
     """
 
     places: list[PlaceSums] = field(default_factory=list)
@@ -104,7 +110,7 @@ class Pass:
     floors: list[Floor] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
     fields: dict[tuple[int, CellKey], tuple[Floats, int]] = field(default_factory=dict)
-    readings: int = 0
+    frames: int = 0
     seconds: dict[str, float] = field(default_factory=lambda: {"decode": 0.0, "sums": 0.0})
 
     def add_map(self, key: CellKey, picture: Floats, count: int = 1) -> None:
@@ -113,7 +119,7 @@ class Pass:
         self.maps[key] = (before + picture, places + count)
 
     def add_field(self, key: tuple[int, CellKey], mean: Floats, count: int = 1) -> None:
-        """Add a mean reading."""
+        """Add a mean frame."""
         before, places = self.fields.get(key, (0.0, 0))
         self.fields[key] = (before + mean, places + count)
 
@@ -122,7 +128,7 @@ class Pass:
         self.places += part.places
         self.floors += part.floors
         self.left_out += part.left_out
-        self.readings += part.readings
+        self.frames += part.frames
         for name, seconds in part.seconds.items():
             self.seconds[name] += seconds
         for key, (picture, count) in part.maps.items():
@@ -132,7 +138,7 @@ class Pass:
 
 
 class Press(NamedTuple):
-    """A press as it is handed to other processes."""
+    """A press as it is sent to other processes."""
 
     level: int
     position: int
@@ -145,21 +151,21 @@ class Press(NamedTuple):
 
     @property
     def cell(self) -> CellKey:
-        """Printer-filament and texture."""
+        """The printer-filament and the texture."""
         return (self.combination, self.texture)
 
 
 @dataclass(kw_only=True, eq=False)
 class _Task:
-    """A part of the work that a process can do on its own.
+    """A part of the work that a process can do alone.
 
     Args:
-        runs: The runs, with nothing read of them.
-        preprocess: What is done to a reading.
-        designs: Copy numbers of the presses of a place without holes, by level and cell.
-        places: The presses of each place to pass over.
-        still: Indices of runs whose stationary frames are read.
-        passed: What the task gives.
+        runs: The runs, without any data that was read from them.
+        preprocess: The preprocessing of the frames.
+        designs: The copy numbers of the presses at a place without missing presses, by level and cell.
+        places: The presses of each place of the task.
+        still: The indices of the runs whose stationary frames are read.
+        passed: The result of the task.
     """
 
     runs: tuple[Run, ...]
@@ -175,19 +181,19 @@ class _Task:
         return levels_with_most_prints(self.designs)
 
     def frame(self, run: int, path: str) -> Frame | None:
-        """A reading, or None (and a line in ``left_out``) if it cannot be used."""
+        """Return a frame; if it cannot be used, return None and add a line to ``left_out``."""
         began = time.perf_counter()
         values: Frame | None = None
         try:
             values = read_usable(self.runs[run], path, self.preprocess)
         except CheckFailedError as error:
             self.passed.left_out.append(str(error))
-        self.passed.readings += values is not None
+        self.passed.frames += values is not None
         self.passed.seconds["decode"] += time.perf_counter() - began
         return values
 
     def place(self, presses: Sequence[Press]) -> None:
-        """Add the sums of a place, unless none of its readings can be used."""
+        """Add the sums of a place, unless none of its frames can be used."""
         level, position = presses[0].level, presses[0].position
         names = {what: i for i, what in enumerate(sorted({press.texture for press in presses}))}
         cells: dict[CellKey, CellSums] = {}
@@ -232,7 +238,7 @@ class _Task:
         )
 
     def floor(self, number: int) -> None:
-        """Add the stationary frames of a run; each session has its own mean, since the sensor was lifted in between."""
+        """Add the stationary frames of a run. Each session has its own mean, because the sensor was lifted between."""
         run = self.runs[number]
         squares, dof = 0.0, 0
         for when in ("start", "end"):
@@ -267,9 +273,9 @@ def stream(
 
     Args:
         collection: The study.
-        preprocess: What is done to a reading first.
-        executor: The processes that do it.
-        progress: Called with the readings that were passed and with all of them.
+        preprocess: The preprocessing of the frames.
+        executor: The worker processes.
+        progress: Receives progress updates: the number of frames done and their total number.
     """
     tasks = _tasks(collection, preprocess, executor.jobs)
     total = len(collection) + sum(_still_frames(run) for run in collection.runs)
@@ -277,14 +283,14 @@ def stream(
     for part in executor.map(_Task.done, tasks):
         passed.add(part)
         if progress is not None:
-            progress(passed.readings + len(passed.left_out), total)
+            progress(passed.frames + len(passed.left_out), total)
     passed.places.sort(key=lambda place: (place.level, place.position))
     passed.floors.sort(key=lambda floor: floor.run)
     return passed
 
 
 def presses_of(collection: Collection) -> list[Press]:
-    """The presses of a study, in its own order."""
+    """Return the presses of a study, in the order of the study."""
     columns = (
         *(collection.level, collection.position, collection.combination, collection.texture),
         *(collection.print_number, collection.repeat, collection.run),
@@ -294,15 +300,15 @@ def presses_of(collection: Collection) -> list[Press]:
 
 
 def runs_to_send(collection: Collection) -> tuple[Run, ...]:
-    """The runs as other processes get them: what this process has read of them is not sent along.
+    """Return the runs for other processes, without the data that this process has already read.
 
-    They have whole paths, since the workers of a cluster stand in other folders.
+    Their paths are absolute, because the workers of a cluster have other working folders.
     """
     return tuple(Run(folder=run.folder.absolute(), info=run.info) for run in collection.runs)
 
 
 def levels_with_most_prints(designs: Mapping[tuple[int, CellKey], Sequence[int]]) -> dict[CellKey, tuple[int, ...]]:
-    """The force levels at which each cell has the most prints: what figures that pool levels are made of."""
+    """Return the force levels at which each cell has the most prints. Figures of several levels use only these."""
     prints: dict[CellKey, dict[int, int]] = defaultdict(dict)
     for (level, cell), copies in sorted(designs.items()):
         prints[cell][level] = len(set(copies))
@@ -336,7 +342,7 @@ def _tasks(collection: Collection, preprocess: Preprocess, jobs: int) -> list[_T
 
 
 def _distances(means: Sequence[Floats]) -> Floats:
-    """Mean over pixels of squared differences between images, shape (t, t)."""
+    """Return the squared differences between images, mean over pixels, shape (t, t)."""
     gram = moments(means).gram
     squares = np.diag(gram)
     return np.asarray(np.maximum(0.0, squares[:, None] + squares[None, :] - 2.0 * gram))

@@ -1,18 +1,20 @@
-"""How well it printed: the paper's variance table, with its noise floor, intervals, components and tests.
+"""The paper's variance table, with its noise floor, intervals, components and tests.
 
 The table's figure V is the variance of each pixel over prints x repeats at each position, then the mean over pixels and
-positions; ``all`` is the mean of the levels' figures. A print that came out differently, a press that landed elsewhere
-and the sensor's own noise are all in it, so the noise floor stands beside it, in the same unit:
+positions; ``all`` is the mean of the levels' figures. V contains differences between prints, differences in where and
+how the sensor presses, and sensor noise. Therefore the table also has the noise floor, in the same unit:
 
-* from the stationary frames in contact (the sensor does not move between them), variance over the frames of a session
-  with ddof 1, pooled over the runs of a cell. They are taken at the protocol's middle force and used for all levels;
-* where there are none, from the repeats on one print. The sensor was lifted and pressed again between them, so this is
-  an upper bound of the noise, and is named so.
+* It is computed from the stationary frames in contact, between which the sensor does not move: the variance over the
+  frames of a session with ddof 1, pooled over the runs of a cell. These frames are recorded at the protocol's middle
+  force, and are used for all levels.
+* If there are no such frames, it is computed from the repeats on one print. The sensor was lifted and pressed again
+  between them, so this is an upper bound of the noise, and the table says so.
 
-The estimate with the floor removed is the variance with ddof 1 less the floor; it is unbiased and may be negative.
+The estimate with the noise floor removed is the variance with ddof 1 minus the noise floor. It is unbiased and may be
+negative.
 
 The figures that the paper printed are another quantity: the variance of the repeats on one print, then the mean over
-prints, positions and pixels. With the protocol ``as-published`` V is that.
+prints, positions and pixels. With the protocol ``as-published``, V is this quantity.
 """
 
 from __future__ import annotations
@@ -49,28 +51,29 @@ from tacbench_cad.lab.vision.resting import found_region
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.types import Floats
 
-#: Sums over positions by cell, in the study's order, and by level, rising.
+#: The sums over positions, by cell in the study's order, then by level from low to high.
 _Sums = Mapping[CellKey, Mapping[int, CellSums]]
 
-#: ``paper``: the variance of prints and repeats, as the text says; ``as-published``: what the printed figures are.
+#: ``paper``: the variance of prints and repeats, as in the paper's text; ``as-published``: the quantity of the paper's
+#: printed figures.
 Protocol = Literal["paper", "as-published"]
-#: Why there is no table, for each quantity.
+#: The reason why there is no table, for each quantity.
 _NOT_REPEATED = (
-    "no place was pressed more than once; a variance needs a second repeat or a second print",
-    "no print was pressed twice at one place; the published quantity is the variance over the repeats on a print",
+    "no position was pressed more than once; a variance needs a second repeat or a second print",
+    "no print was pressed twice at one position; the published quantity is the variance over the repeats on a print",
 )
 
 
 @dataclass(frozen=True, kw_only=True)
 class PrinterTest:
-    """Whether two printer-filaments vary alike from print to print.
+    """A test whether two printer-filaments have the same variance between prints.
 
     Args:
-        force_level: Level, or ``all``.
-        first: Printer and filament.
-        second: Likewise.
-        outcome: The permutation test.
-        p_holm: Its p, adjusted for all pairs of its level (Holm 1979).
+        force_level: The level, or ``all``.
+        first: The first printer and filament.
+        second: The second printer and filament.
+        outcome: The result of the permutation test.
+        p_holm: The p of the test, adjusted for all pairs at its level (Holm 1979).
     """
 
     force_level: Level
@@ -82,28 +85,28 @@ class PrinterTest:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VarianceResult:
-    """Everything that ``tacbench variance`` says.
+    """All results of ``tacbench variance``.
 
     Args:
-        collection: The study; with the protocol ``as-published`` its presses at one force level.
-        protocol: Which quantity the table holds.
-        preprocess: What was done to a reading first.
+        collection: The study; with the protocol ``as-published``, its presses at one force level.
+        protocol: The protocol, which defines the quantity of the table.
+        preprocess: The preprocessing of the frames.
         ddof: 0 as in the paper, or 1.
-        seed: Seed of intervals and permutations.
-        cells: The table, by level (``all`` last), combination and texture.
-        components: Rows of ``components.csv``.
-        matrices: Between textures, by combination and level.
-        tests: Permutation tests between printers, by level.
-        positions: Variance at each position by level and cell, shape (positions,); NaN where there is none.
-        maps: Variance of each pixel (ddof as the table), mean over positions and those levels at which the cell has
-            the most prints, at a resolution for figures.
-        fields: Mean displacement of each marker over positions, prints and repeats, by level and cell, shape (n, 2);
-            empty for pixels.
-        outside: Fraction of the pixels that lie outside of the sensor, where no region of interest leaves them out and
-            it is sure; else None.
-        sums: What intervals are made of, by cell and level.
-        left_out: Readings that could not be used.
-        passed: The pass over the readings: counts and times.
+        seed: The seed of the intervals and permutations.
+        cells: The cells of the table, by level (``all`` last), combination and texture.
+        components: The rows of ``components.csv``.
+        matrices: The matrices between textures, by combination and level.
+        tests: The permutation tests between printers, by level.
+        positions: The variance at each position, by level and cell, shape (positions,); NaN if unknown.
+        maps: The variance of each pixel (same ddof as the table), mean over positions and over the levels at which the
+            cell has the most prints, at a resolution for figures.
+        fields: The mean displacement of each marker over positions, prints and repeats, by level and cell, shape
+            (n, 2); empty for pixels.
+        outside: The fraction of the pixels that lie outside of the sensor. None if a region of interest leaves them
+            out, or if the program is not sure where the sensor is.
+        sums: The sums from which intervals are computed, by cell and level.
+        left_out: The frames that could not be used.
+        passed: The pass over the frames, with counts and times.
     """
 
     collection: Collection
@@ -124,7 +127,7 @@ class VarianceResult:
     passed: Pass
 
     def cell(self, level: Level, combination: str, texture: str) -> Cell | None:
-        """A cell of the table, or None if there is no such one."""
+        """Return a cell of the table, or None if the table does not have it."""
         return self._by_key.get((level, combination, texture))
 
     @cached_property
@@ -143,26 +146,26 @@ def variance_table(
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> VarianceResult:
-    """The variance table of a study and everything beside it.
+    """Compute the variance table of a study, with its components, matrices, tests and maps.
 
     Args:
         collection: The study.
-        preprocess: What is done to a reading first; None for grey at full size.
+        preprocess: The preprocessing of the frames; None for grey at full size.
         protocol: ``paper`` for the variance over prints and repeats; ``as-published`` for the quantity that the paper
-            printed: the variance over the repeats on one print, at the lowest force level that there is, of images at
-            40 % that were made grey and not rounded, ``ddof`` 0.
+            printed: the variance over the repeats on one print at the lowest force level, for images at 40 % of their
+            size, in grey without rounding, ``ddof`` 0.
         ddof: 0 as in the paper, or 1.
-        jobs: Processes of this machine.
-        dask: Address of a Dask scheduler whose workers do the work instead.
-        seed: Seed of intervals and permutations.
-        progress: Called with the readings that were passed and with all of them.
+        jobs: The number of worker processes on this machine.
+        dask: The address of a Dask scheduler, whose workers are then used instead.
+        seed: The seed of the intervals and permutations.
+        progress: Receives progress updates: the number of frames done and their total number.
 
     Raises:
-        InputError: The place or the print of the presses is unknown, no place was pressed more than once, or a
+        InputError: The position or the print of the presses is unknown, no position was pressed more than once, or a
             setting is not allowed.
     """
     if ddof not in (0, 1):
-        raise InputError("ddof", ddof, "allowed: 0, 1")
+        raise InputError("ddof", ddof, "must be 0 or 1")
     one_of("protocol", protocol, get_args(Protocol))
     collection.require("the variance", "position", "print or repeat")
     settings, quantity = preprocess or Preprocess(), OF_ALL
@@ -226,18 +229,18 @@ def variance_table(
 
 
 def _outside(collection: Collection, preprocess: Preprocess) -> float | None:
-    """The fraction of the pixels in the table that do not show the sensor, if it is sure where that lies."""
+    """Return the fraction of the pixels that do not show the sensor; None if its place in the images is not sure."""
     if preprocess.region is not None or not collection.in_counts:
         return None
     try:
         region = found_region(collection.runs)
     except InputError:
-        return None  # no images, or nothing to be seen in them
+        return None  # there are no images, or they show no region
     return region.outside if region.sureness >= SURE else None
 
 
 def _summed(collection: Collection, places: Sequence[PlaceSums], quantity: int) -> _Sums:
-    """Each cell's sums over positions. A place with one press says nothing of variance and is left out."""
+    """Return each cell's sums over positions. A position with one press has no variance and is left out."""
     sums: dict[CellKey, dict[int, CellSums]] = {}
     for key in product(collection.combinations, collection.textures):
         for place in places:
@@ -252,7 +255,7 @@ def _summed(collection: Collection, places: Sequence[PlaceSums], quantity: int) 
     return {key: of_levels for key, of_levels in measured.items() if of_levels}
 
 
-#: Noise floor of a cell by level, None for a level without one; and where it comes from.
+#: The noise floor of a cell by level, None for a level without one; and its source.
 _CellFloor = tuple[Mapping[int, float | None], str]
 
 
@@ -269,9 +272,9 @@ def _floors(collection: Collection, frames: Sequence[Floor], sums: _Sums, quanti
         if key in dof:
             floors[key] = (dict.fromkeys(of_levels, squares[key] / dof[key]), FRAMES)
         elif quantity == OF_REPEATS:
-            floors[key] = (dict.fromkeys(of_levels), "")  # the repeats are what the table shows
+            floors[key] = (dict.fromkeys(of_levels), "")  # the table itself shows the variance of the repeats
         else:
-            # Variance between repeats on one print, pooled over prints and positions.
+            # This is the variance between repeats on one print, pooled over prints and positions.
             repeats = {at: cell.within / cell.dof[1] if cell.dof[1] else None for at, cell in of_levels.items()}
             floors[key] = (repeats, REPEATS)
     return floors
@@ -287,7 +290,7 @@ def _cell(
     quantity: int,
     in_counts: bool,
 ) -> Cell:
-    """One cell of the table: of one level, or of several whose figures are averaged."""
+    """Compute one cell of the table for one level, or for several levels whose figures are averaged."""
     combination, texture = key
     levels = list(sums.values())
     known = [floor for at in sums if (floor := floors[0][at]) is not None]
@@ -298,7 +301,7 @@ def _cell(
         interval = variance_interval(whole, ddof=ddof, seed=seed, quantity=quantity)
         if floor is not None:
             removed = variance_interval(whole, ddof=1, floor=floor, seed=seed, quantity=quantity)
-    # ``weights`` holds the fraction of a repeat's variance in the figure, summed over positions: 1 for ddof 1.
+    # ``weights`` contains the fraction of a repeat's variance in the figure, summed over positions; it is 1 for ddof 1.
     weights = [sums.weights[quantity, 0, 1] / sums.counts(quantity) for sums in levels]
     of_noise = 1.0 if ddof else float(np.mean(weights))
     unbiased = float(np.mean([level.variance(1, quantity) for level in levels]))
@@ -328,14 +331,14 @@ def _cell(
 
 
 def pooled(levels: Sequence[CellSums]) -> CellSums | None:
-    """The sums of several force levels added up, or None where the levels have different prints or repeats."""
+    """Add the sums of several force levels; return None if the levels have different prints or repeats."""
     if any(not np.array_equal(level.design, levels[0].design) for level in levels):
         return None
     return reduce(operator.add, levels)
 
 
 def _pools(levels: Iterable[Iterable[int]]) -> list[tuple[Level, list[int]]]:
-    """Each of the levels on its own, then all of them."""
+    """Return each level alone, then all levels together."""
     each = sorted(set(chain.from_iterable(levels)))
     return [*((level, [level]) for level in each), (ALL_LEVELS, each)]
 
@@ -351,7 +354,7 @@ def _components(places: Sequence[PlaceSums], sums: _Sums, seed: int) -> list[dic
 
 
 def _component_intervals(cells: Sequence[CellSums | None], seed: int) -> dict[str, tuple[float, float]]:
-    """Intervals of the components of prints and of repeats, where the design has some."""
+    """Return the intervals of the components of prints and of repeats; empty if the design does not allow them."""
     usable = [cell for cell in cells if cell is not None and cell.prints > 1]
     if any(cell is None for cell in cells) or not sum(cell.dof[1] for cell in usable):
         return {}
@@ -383,7 +386,10 @@ def _tests(collection: Collection, sums: _Sums, seed: int) -> list[PrinterTest]:
 
 
 def holm(values: Sequence[float]) -> list[float]:
-    """Values of p adjusted for their number: any of them below 5 % is wrong in 5 % of studies at most (Holm 1979)."""
+    """Adjust values of p for their number (Holm 1979).
+
+    If none of the differences exist, an adjusted value is below 5 % in at most 5 % of all studies.
+    """
     adjusted, highest = [0.0] * len(values), 0.0
     for rank, i in enumerate(sorted(range(len(values)), key=lambda i: values[i])):
         highest = max(highest, min(1.0, (len(values) - rank) * values[i]))
@@ -405,6 +411,6 @@ def _positions(
 
 
 def _map(picture: Floats, count: int, levels: Iterable[CellSums], ddof: int) -> Floats:
-    """Mean map of a cell. ``ddof`` rescales it as a whole: all pixels have the same presses."""
+    """Return the mean map of a cell. ``ddof`` scales all pixels by the same factor, as they have the same presses."""
     plain, unbiased = np.sum([level.variances[OF_ALL] for level in levels], axis=0)
     return picture / count * (unbiased / plain if ddof else 1.0)

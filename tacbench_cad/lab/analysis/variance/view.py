@@ -1,7 +1,7 @@
-"""What people, files and other programs see of a variance table: put together here, rendered elsewhere.
+"""The tables and notes of a variance table, for terminal, JSON, CSV files and report.
 
-The command prints these tables, ``--json`` has their records, the folder of results their CSV files, and the report
-reads those files again and shows the same tables.
+The command prints these tables, ``--json`` contains their records, and the results folder has their CSV files. The
+report reads the CSV files again and shows the same tables.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked
 from tacbench_cad.util.text import interval, short
 
-#: What was asked for, beside the tables.
+#: The name of the settings file beside the tables.
 SETTINGS_FILE = "variance_settings.json"
 
 
@@ -49,7 +49,7 @@ def _level(text: str) -> Level:
 
 _PRINTER = (Column("printer"), Column("filament"))
 _CELL = (*_PRINTER, Column("texture"), Column("force_level", _level))
-#: Fields of a cell by their columns in ``floor_removed.csv``, where these have other names.
+#: The columns of ``floor_removed.csv`` whose fields in a cell have other names.
 _REMOVED = {"variance": "unbiased", "low": "floor_removed_low", "high": "floor_removed_high"}
 #: The columns of each CSV file, by its name without suffix.
 COLUMNS: Mapping[str, tuple[Column, ...]] = {
@@ -62,7 +62,7 @@ COLUMNS: Mapping[str, tuple[Column, ...]] = {
         Column("quantity"),
         Column("published", float),
     ),
-    # Everything in it is for ddof 1.
+    # All values of this file are for ddof 1.
     "floor_removed": (
         *_CELL,
         Column("variance", float, source=_REMOVED["variance"]),
@@ -106,7 +106,7 @@ COLUMNS: Mapping[str, tuple[Column, ...]] = {
         Column("prints_second", int, source=lambda test: test.outcome.prints[1]),
         *(Column(name, float, source=f"outcome.{name}", text=short) for name in ("ratio", "statistic", "p")),
         Column("p_holm", float, "p for all pairs", text=short),
-        Column("least_p", float, "least p possible", source="outcome.least_p", text=short),
+        Column("least_p", float, "smallest possible p", source="outcome.least_p", text=short),
     ),
     "registration": (
         *_CELL,
@@ -116,14 +116,14 @@ COLUMNS: Mapping[str, tuple[Column, ...]] = {
         Column("variance_without_seating", float, "without seating", text=short),
     ),
 }
-#: The files that hold the quantity of the protocol ``as-published``; the others are of the text's.
+#: The files that the protocol ``as-published`` writes; the other files exist only for the protocol ``paper``.
 AS_PUBLISHED_FILES = ("variance", "floor_removed", "positions")
 _COMPONENTS = {"texture": "texture", "printer": "printer-filament", "print": "print", "repeat": "repeat on one print"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What was asked for: a report's methods paragraph names it. The fields are the keys of the settings file."""
+    """The settings of a variance table. The fields are the keys of the settings file."""
 
     analysis: Literal["variance"] = "variance"
     version: str = __version__
@@ -143,13 +143,14 @@ class Settings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VarianceView:
-    """A variance table as it is shown.
+    """A variance table in the form in which it is shown and stored.
 
     Args:
         collection: The study.
-        settings: What was asked for.
+        settings: The settings.
         cells: The cells.
-        tables: By the names of :data:`COLUMNS`; read from files without those that nobody is shown.
+        tables: The tables by the names in :data:`COLUMNS`. If they were read from files, tables that are never shown
+            are missing.
     """
 
     collection: Collection
@@ -159,11 +160,11 @@ class VarianceView:
 
     @classmethod
     def of(cls, result: VarianceResult, seatings: Sequence[Seating] = ()) -> VarianceView:
-        """The view of a result.
+        """Make the view of a result.
 
         Args:
             result: The result.
-            seatings: What registration gave, if it was asked for.
+            seatings: The offsets of the prints, if registration was computed.
         """
         items: dict[str, Sequence[object]] = {
             "printer_answers": list(answers.print_answers(result)) if result.protocol == "paper" else (),
@@ -203,7 +204,7 @@ class VarianceView:
 
     @classmethod
     def read(cls, folder: Path, collection: Collection) -> VarianceView:
-        """The view in a folder that ``tacbench variance`` wrote.
+        """Read the view from an output folder of ``tacbench variance``.
 
         Raises:
             InputError: A file is missing or damaged.
@@ -224,12 +225,12 @@ class VarianceView:
                 for cell, removed in zip(tables["variance"].rows, tables["floor_removed"].rows, strict=True)
             )
         except (InputError, TypeError, ValueError) as error:
-            raise InputError("table", str(folder / "variance.csv"), f"holds a wrong value: {error}") from None
+            raise InputError("table", str(folder / "variance.csv"), f"contains a wrong value: {error}") from None
         collection = replace(collection, features=settings.features)
         return cls(collection=collection, settings=settings, cells=cells, tables=tables)
 
     def write(self, folder: Path) -> list[Path]:
-        """Write every table as CSV, and the settings.
+        """Write every table as CSV, and the settings as JSON.
 
         Raises:
             InputError: A file cannot be written.
@@ -240,7 +241,7 @@ class VarianceView:
         return [*paths, write_settings(folder / SETTINGS_FILE, self.settings)]
 
     def document(self) -> dict[str, Any]:
-        """The values of ``--json``."""
+        """Return the document of ``--json``."""
         keys = [column.name for column in COLUMNS["variance"]]
         return {
             "simulated": list(self.collection.simulated),
@@ -272,67 +273,67 @@ class VarianceView:
 
     @property
     def floor_sources(self) -> list[str]:
-        """Where the noise floors come from."""
+        """The sources of the noise floors."""
         return sorted({cell.floor_from for cell in self.cells if cell.floor_from})
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a reader must know, a sentence each."""
+        """The warnings about the data, one sentence each."""
         return variance_warnings(self.collection, self.cells, self.settings.left_out)
 
     @property
     def notes(self) -> list[str]:
-        """How the tables are to be read, a sentence or two each."""
+        """Notes that explain the tables."""
         words = {
             FRAMES: "stationary frames in contact, at the middle force",
             REPEATS: "repeats on one print, an upper bound",
         }
         sources = "; or ".join(words[source] for source in self.floor_sources if source in words)
         notes = [
-            "Noise alone: what the table would show if a cell's readings differed by the sensor's noise only"
-            f"{f' ({sources})' if sources else ''}. Interval: prints are its unit. Floor removed: variance with ddof 1 "
-            "less the floor."
+            f"Noise alone is the variance expected from sensor noise alone{f' ({sources})' if sources else ''}. The "
+            "unit of the intervals is the print. Floor removed is the variance with ddof 1 minus the noise floor."
         ]
         if self.settings.features == "markers":
             notes.append(
-                f"Variance of displacement: of each of {self.settings.markers} markers from its place without contact, "
-                "mean over the markers and both axes of the image. Where one is hidden, its neighbours predict it. "
-                "Lighting does not change these figures, and the paper's in counts^2 cannot be compared with them."
+                f"The figures are variances of displacements: of each of {self.settings.markers} markers from its "
+                "position without contact, mean over the markers and both axes of the image. The position of a hidden "
+                "marker is predicted from its neighbours. Lighting does not change these figures. They cannot be "
+                "compared with the paper's figures in counts^2."
             )
         if self.settings.roi:
-            notes.append(f"Region of interest: {self.settings.roi}; what lies outside of it is not in any figure.")
+            notes.append(f"The region of interest is {self.settings.roi}; pixels outside of it are not used.")
         elif self.settings.outside is not None:
-            how = ": --roi auto leaves them out" if self.settings.protocol == "paper" else ""
+            advice = "; --roi auto leaves them out" if self.settings.protocol == "paper" else ""
             outside = f"{100 * self.settings.outside:.0f} %"
-            notes.append(f"{outside} of the pixels lie outside the sensor and are in each variance{how}.")
+            notes.append(f"{outside} of the pixels do not show the sensor, but are part of each variance{advice}.")
         if self.collection.in_counts and self.collection.beside_paper:
             notes.append(self._on_the_paper)
         return notes
 
     @property
     def _on_the_paper(self) -> str:
-        """What the paper's figures are beside these: of images, since its own are counts."""
+        """The relation between these figures and the paper's, for images in counts."""
         if self.settings.protocol == "paper":
             return (
-                "The paper's printed figures are another quantity, the variance over the two repeats on one print; "
-                '"tacbench variance --protocol as-published" computes it and sets them beside it.'
+                "The paper's printed figures are another quantity, the variance over the two repeats on one print. "
+                'Use "tacbench variance --protocol as-published" to compute this quantity and compare it with them.'
             )
-        readings = ", ".join(f"{value:.3g} counts^2 if it is a {what}" for what, value in PAPER_FLOORS.items())
+        meanings = ", ".join(f"{value:.3g} counts^2 if it is a {what}" for what, value in PAPER_FLOORS.items())
         return (
-            "The variance over the repeats on one print, then the mean over prints, positions and pixels, is what the "
-            "paper's printed figures are by the authors' notebooks; it says nothing of how prints differ. The printed "
-            "figures are of four prints at the lowest force, from frames of other textures too (row numbers were kept "
-            f"in 8 bits). The paper gives the average pixel variation of a stationary sensor as {FLOOR:g}, without a "
-            f"unit: {readings}."
+            "According to the authors' notebooks, the paper's printed figures are the variance over the repeats on one "
+            "print, then the mean over prints, positions and pixels. They do not show how prints differ. They were "
+            "computed from four prints at the lowest force, and include frames of other textures (row numbers were "
+            f"stored in 8 bits). The paper gives the average pixel variation of a stationary sensor as {FLOOR:g}, "
+            f"without a unit: {meanings}."
         )
 
     @property
     def answers(self) -> Table:
-        """What the data say of the printers in plain words; not of the protocol ``as-published``."""
+        """The answers about the printers in plain words; the protocol ``as-published`` has none."""
         return answers.shown(self.tables["printer_answers"])
 
     def shown(self) -> Iterator[tuple[str, Table]]:
-        """The tables that people are shown, each with the name of the file that has it with every digit."""
+        """Yield the shown tables, each with the name of the CSV file that has all digits."""
         if self.settings.protocol == "paper":
             yield "printer_answers", self.answers
         for level in shown_levels(self.cells):
@@ -346,14 +347,16 @@ class VarianceView:
             yield "registration", self._seating_table()
 
     def _level_table(self, level: Level) -> Table:
-        """The variance table at one level: a few lines for each printer-filament, a column for each texture."""
+        """Return the variance table at one level: a few rows for each printer-filament, a column for each texture."""
         collection = self.collection
         by_key = {(cell.combination, cell.texture): cell for cell in self.cells if cell.force_level == level}
-        most = max(cell.variance for cell in by_key.values())
-        decimals = 2 if most <= 0.0 else min(12, max(0, 2 - math.floor(math.log10(most))))
+        largest = max(cell.variance for cell in by_key.values())
+        decimals = 2 if largest <= 0.0 else min(12, max(0, 2 - math.floor(math.log10(largest))))
 
         def number(value: float | None) -> str:
-            return "" if value is None else f"{round(value, decimals) + 0.0:.{decimals}f}"  # no minus where all are 0
+            return (
+                "" if value is None else f"{round(value, decimals) + 0.0:.{decimals}f}"
+            )  # + 0.0 removes the sign of -0
 
         lines: dict[str, Callable[[Cell], str]] = {
             "noise alone": lambda cell: number(cell.noise_alone),
@@ -385,15 +388,15 @@ class VarianceView:
 
     @property
     def _kind(self) -> str:
-        """What was made of images first."""
+        """The preprocessing in a few words, for titles."""
         kind = f"; {'colour' if self.settings.colour else 'grey'}, full size" if self.collection.in_counts else ""
         if self.settings.protocol == "as-published":
             kind = f"; grey not rounded, {100.0 * self.settings.resolution:g} % of the size" if kind else ""
         kind += "; displacement of markers" if self.settings.features == "markers" else ""
-        return kind + (f"; inside of {self.settings.roi}" if self.settings.roi else "")
+        return kind + (f"; inside {self.settings.roi}" if self.settings.roi else "")
 
     def _component_table(self) -> Table:
-        """The components and ISO 5725's standard deviations, a column for each level."""
+        """Return the components and ISO 5725's standard deviations, with a column for each level."""
         by_key = {(row["force_level"], row["component"]): row for row in self.tables["components"].rows}
         levels = shown_levels(self.cells)
         rows = [
@@ -406,7 +409,7 @@ class VarianceView:
                 value = by_key[level, name]["variance"]
                 sd = None if value is None else math.sqrt(value)
                 texts[str(level)] = "" if sd is None else f"{short(sd)} (limit {short(LIMIT_FACTOR * sd)})"
-            rows.append({"name": f"{name} s.d. ({self.collection.units})", **texts})
+            rows.append({"name": f"{name} SD ({self.collection.units})", **texts})
         columns = [Column("name", head="")]
         columns += [Column(str(level), head=self._level_name(level), right=True) for level in levels]
         return _filled(columns, rows, f"variance components of the nested design ({self.unit}, unbiased) and ISO 5725")
@@ -420,11 +423,11 @@ class VarianceView:
             Column("second", text=name_of),
             Column("prints", derived=lambda row: f"{row['prints_first']}, {row['prints_second']}", right=True),
             *("ratio", "p", "p_holm", "least_p"),
-            title="do two printers vary alike from print to print? (permutation test, prints permuted)",
+            title="do two printers have the same variance between prints? (permutation test of prints)",
         )
 
     def _seating_table(self) -> Table:
-        """The variance of each cell with and without differences in placement, and the largest of these."""
+        """Return the variance of each cell with and without differences in placement, and the largest offsets."""
         cells: dict[tuple[Any, ...], dict[str, Any]] = {}
         for row in self.tables["registration"].rows:
             cell = cells.setdefault(tuple(row[column.name] for column in _CELL), {**row, "x_mm": None, "y_mm": None})
@@ -448,15 +451,15 @@ def write_all(result: VarianceResult, folder: Path, seatings: Sequence[Seating] 
 
     Args:
         result: The variance table.
-        folder: The folder; it is made if it is not there.
-        seatings: What registration gave, if it was asked for.
+        folder: The folder; it is created if it does not exist.
+        seatings: The offsets of the prints, if registration was computed.
 
     Returns:
-        The files.
+        The paths of the files.
 
     Raises:
         InputError: The folder cannot be written, or another process is writing to it.
-        MissingToolError: matplotlib is not installed; the tables are written all the same.
+        MissingToolError: matplotlib is not installed. The tables are written nevertheless.
     """
     from tacbench_cad.lab.analysis.variance.figures import draw_all
 
@@ -465,7 +468,7 @@ def write_all(result: VarianceResult, folder: Path, seatings: Sequence[Seating] 
 
 
 def _pairs(result: VarianceResult) -> Iterator[Row]:
-    """Rows of ``between_textures.csv``: each pair once, and each texture with itself."""
+    """Yield the rows of ``between_textures.csv``: each pair once, and each texture with itself."""
     for matrix in result.matrices:
         for i, j in zip(*np.triu_indices(len(matrix.textures)), strict=True):
             if matrix.presses[i, j]:
@@ -480,17 +483,17 @@ def _pairs(result: VarianceResult) -> Iterator[Row]:
 
 
 def _displacements(result: VarianceResult) -> Iterator[Row]:
-    """Rows of ``displacements.csv``: mean displacement of each marker, and its place at rest in the first run."""
+    """Yield the rows of ``displacements.csv``: each marker's mean displacement and its position in run 1."""
     markers = result.preprocess.markers
     places = [] if markers is None else next(iter(markers.references_px.values())).tolist()
-    for (level, (combination, texture)), moved in result.fields.items():
-        for number, ((x, y), (dx, dy)) in enumerate(zip(places, moved.tolist(), strict=True), start=1):
+    for (level, (combination, texture)), shifts in result.fields.items():
+        for number, ((x, y), (dx, dy)) in enumerate(zip(places, shifts.tolist(), strict=True), start=1):
             cell = {**parts_of(combination), "texture": texture, "force_level": level, "marker": number}
             yield {**cell, "x_px": x, "y_px": y, "dx_px": dx, "dy_px": dy}
 
 
 def _positions(result: VarianceResult) -> Iterator[Row]:
-    """Rows of ``positions.csv``."""
+    """Yield the rows of ``positions.csv``."""
     places = result.collection.pressing.positions_mm
     for (level, (combination, texture)), values in result.positions.items():
         for number in np.flatnonzero(np.isfinite(values)).tolist():
@@ -520,6 +523,6 @@ def _range(values: Sequence[int]) -> str:
 
 
 def _filled(columns: Sequence[Column], rows: Sequence[Row], title: str) -> Table:
-    """A table of texts in which what a row lacks is empty."""
+    """Return a table of texts; missing values of a row are empty."""
     empty = dict.fromkeys((column.name for column in columns), "")
     return Table(columns=tuple(columns), rows=tuple({**empty, **row} for row in rows), title=title)

@@ -220,7 +220,7 @@ def test_an_estimator_of_ones_own_learns_the_shape_of_what_it_gets(
         (["--hold-out", "finger"], "hold-out = 'finger'"),
         (["--hold-out", "copy", "--protocol", "paper"], "is only for --protocol leak-free"),
         (["--train-on", "x"], "is only for --protocol paper"),
-        (["--force-level", "3"], "force-level = 3: the runs have 1, 2"),
+        (["--force-level", "3"], "force-level = 3: must be a level of the runs: 1, 2"),
         (["--noise", "-1"], "noise = -1.0"),
         (["--brightness", "0"], "brightness"),
         (["--clip"], "clip"),

@@ -185,7 +185,7 @@ def test_readings_of_other_sensors_are_taken_and_nan_is_named(tmp_path: Path) ->
         return values
 
     write_study(tmp_path / "nan", still=1, image=broken, shape=(4, 4), units="kPa")
-    with workers() as executor, pytest.raises(CheckFailedError, match="holds NaN"):
+    with workers() as executor, pytest.raises(CheckFailedError, match="contains NaN"):
         classify(Collection.open([tmp_path / "nan"]), settings, 1, tmp_path, executor)
 
 

@@ -142,7 +142,7 @@ def test_copies_and_forces_cut_the_data(study: Collection, tmp_path: Path) -> No
     assert {score.images for score in forces.scores} == {len(study) // 2}
     with pytest.raises(InputError, match="no 3 copies of each print in training"):
         swept(study, tmp_path, "copies=3", trials=1)
-    with pytest.raises(InputError, match="force-level = 3: the runs have 1, 2"):
+    with pytest.raises(InputError, match="force-level = 3: must be a level of the runs: 1, 2"):
         swept(study, tmp_path, "forces=3", trials=1)
 
 
