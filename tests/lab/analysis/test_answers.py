@@ -45,15 +45,15 @@ def readings(prints: float) -> Maker:
     return image
 
 
-def said(make_study: MakeStudy, prints: float, **plan: object) -> dict[str, Answer]:
+def answers_about(make_study: MakeStudy, prints: float, **plan: object) -> dict[str, Answer]:
     values = {"prints": ONE, "copies": 4, "textures": (1, 2, 3), "still": 0, "shape": SHAPE, "units": "kPa"}
     study = make_study(**{"image": readings(prints), **values, **plan})
     return {answer.question: answer for answer in answers.print_answers(variance_table(study))}
 
 
 def test_a_printer_whose_prints_are_alike_is_repeatable(make_study: MakeStudy) -> None:
-    found = said(make_study, 1.0, levels=(1, 2))
-    repeatable, differ = found[IS_REPEATABLE], found[PRINTS_DIFFER]
+    result = answers_about(make_study, 1.0, levels=(1, 2))
+    repeatable, differ = result[IS_REPEATABLE], result[PRINTS_DIFFER]
     # The textures are these three: how far they lie apart is known.
     means = [TEXTURE * np.random.default_rng(number).standard_normal(SHAPE) for number in (1, 2, 3)]
     apart = np.mean([np.mean((a - b) ** 2) / 2.0 for a, b in combinations(means, 2)])
@@ -66,16 +66,16 @@ def test_a_printer_whose_prints_are_alike_is_repeatable(make_study: MakeStudy) -
 
 
 def test_a_printer_whose_prints_differ_as_textures_do_is_not(make_study: MakeStudy) -> None:
-    found = said(make_study, TEXTURE)[IS_REPEATABLE]
-    assert found.figure == pytest.approx(100.0, rel=0.15) and found.answer == "no, above 30 %"
+    result = answers_about(make_study, TEXTURE)[IS_REPEATABLE]
+    assert result.figure == pytest.approx(100.0, rel=0.15) and result.answer == "no, above 30 %"
 
 
 def test_equal_prints_are_not_shown_to_differ(make_study: MakeStudy) -> None:
-    found = said(make_study, 0.0)
-    differ = found[PRINTS_DIFFER]
+    result = answers_about(make_study, 0.0)
+    differ = result[PRINTS_DIFFER]
     assert differ.low == 1.0 and differ.high is not None and differ.high < 1.2
     assert differ.answer.startswith("not shown; at most 1.")
-    assert found[IS_REPEATABLE].low == 0.0 and found[IS_REPEATABLE].answer == "yes, below 30 %"
+    assert result[IS_REPEATABLE].low == 0.0 and result[IS_REPEATABLE].answer == "yes, below 30 %"
 
 
 @pytest.mark.parametrize(
@@ -86,14 +86,14 @@ def test_equal_prints_are_not_shown_to_differ(make_study: MakeStudy) -> None:
     ],
 )
 def test_what_cannot_be_said_has_its_reason(make_study: MakeStudy, plan: dict[str, object], reason: str) -> None:
-    found = said(make_study, 1.0, **plan)[IS_REPEATABLE]
-    assert (found.figure, found.answer) == (None, reason)
+    result = answers_about(make_study, 1.0, **plan)[IS_REPEATABLE]
+    assert (result.figure, result.answer) == (None, reason)
 
 
 def test_one_repeat_says_nothing_of_prints(make_study: MakeStudy) -> None:
     study = make_study(still=0)
-    found = list(answers.print_answers(variance_table(study.chosen(study.repeat == 1))))
-    assert {answer.answer for answer in found} == {
+    result = list(answers.print_answers(variance_table(study.chosen(study.repeat == 1))))
+    assert {answer.answer for answer in result} == {
         "cannot be said: there is only one repeat; press each position at least twice"
     }
 
@@ -107,12 +107,12 @@ def textures(make_study: MakeStudy, out: Path, image: Maker, **settings: object)
 
 @pytest.mark.usefixtures("few_trees", "single_thread")
 def test_textures_are_told_apart_on_prints_never_seen_or_not(make_study: MakeStudy, tmp_path: Path) -> None:
-    found = textures(make_study, tmp_path / "a", texture_image)
-    assert [answer.about for answer in found] == ["texture-1", "texture-2", "texture-3"]
-    assert {answer.answer for answer in found} == {"yes"} and all((a.low or 0.0) > 50.0 for a in found)
+    result = textures(make_study, tmp_path / "a", texture_image)
+    assert [answer.about for answer in result] == ["texture-1", "texture-2", "texture-3"]
+    assert {answer.answer for answer in result} == {"yes"} and all((a.low or 0.0) > 50.0 for a in result)
     assert "yes" not in {answer.answer for answer in textures(make_study, tmp_path / "b", noise_image)}
     (none,) = textures(make_study, tmp_path / "c", texture_image, hold_out=("press",))
-    assert (none.question, none.answer) == (WHICH_TEXTURES, "cannot be said: hold-out level copy was not asked for")
+    assert (none.question, none.answer) == (WHICH_TEXTURES, "cannot be said: hold-out level copy was not computed")
 
 
 def test_the_view_begins_with_them_and_reads_them_again(make_study: MakeStudy, tmp_path: Path) -> None:

@@ -113,7 +113,7 @@ def test_a_missing_press_leaves_out_its_print_at_that_place(study: Collection, r
 
 
 def test_one_repeat_has_no_such_quantity(study: Collection) -> None:
-    with pytest.raises(InputError, match="no print was pressed twice at one place"):
+    with pytest.raises(InputError, match="no print was pressed twice at one position"):
         variance_table(study.chosen(study.repeat == 1), protocol="as-published")
 
 
@@ -130,7 +130,7 @@ def test_prints_that_nobody_told_apart_have_no_such_quantity(
 def test_without_stationary_frames_there_is_no_floor(make_study: Callable[..., Collection]) -> None:
     result = variance_table(make_study(still=0, textures=(1,)), protocol="as-published")
     assert {(cell.floor, cell.floor_from, cell.noise_alone) for cell in result.cells} == {(None, "", None)}
-    assert any("no noise floor" in line for line in VarianceView.of(result).warnings)
+    assert any("there is no noise floor" in line for line in VarianceView.of(result).warnings)
 
 
 def test_other_settings_are_refused(study: Collection) -> None:

@@ -15,13 +15,13 @@ from tacbench_cad.lab.analysis.variance.view import VarianceView
 
 def union(collection: Collection, combination: str, level: int, textures: tuple[str, str], ddof: int) -> float:
     """The definition: variance of each pixel over both textures' readings, mean over pixels and positions."""
-    found = []
+    variances = []
     for position in np.unique(collection.position):
         mine = (collection.combination == combination) & (collection.level == level)
         mine &= (collection.position == position) & np.isin(collection.texture, textures)
         stack = np.stack([collection.frame(int(i)).astype(np.float64) for i in np.flatnonzero(mine)])
-        found.append(stack.var(axis=0, ddof=ddof).mean())
-    return float(np.mean(found))
+        variances.append(stack.var(axis=0, ddof=ddof).mean())
+    return float(np.mean(variances))
 
 
 @pytest.mark.parametrize("ddof", [0, 1])
@@ -64,7 +64,7 @@ def test_a_texture_that_a_printer_lacks_has_no_entry(tmp_path: Path) -> None:
     printer, filament = PRINTERS[1]
     write_run(tmp_path / "one", PrintedBlock(block=Block.of(2), printer=printer, filament=filament), Plan())
     result = variance_table(Collection.open([tmp_path]))
-    lacking = next(one for one in result.matrices if one.combination == f"{printer}_{filament}")
-    assert np.isnan(lacking.variance).tolist() == [[True, True], [True, False]]
-    assert lacking.presses.tolist() == [[0, 0], [0, 8]]
-    assert any("no texture-1" in line for line in VarianceView.of(result).warnings)
+    incomplete = next(one for one in result.matrices if one.combination == f"{printer}_{filament}")
+    assert np.isnan(incomplete.variance).tolist() == [[True, True], [True, False]]
+    assert incomplete.presses.tolist() == [[0, 0], [0, 8]]
+    assert any("texture-1 is missing" in line for line in VarianceView.of(result).warnings)

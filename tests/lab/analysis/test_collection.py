@@ -26,33 +26,33 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_press_has_its_place_in_the_table(study: Path) -> None:
-    found = Collection.open([study])
-    assert len(found.runs) == 8 and len(found) == 8 * 2 * 2 * len(GRID.positions_mm)
-    assert found.combinations == ("ender-3_pla-plus", "bambu-p1p_pla-minus")
-    assert found.textures == ("texture-1", "texture-2") and found.levels == (1, 3)
-    for index in (0, 17, len(found) - 1):
-        run = found.runs[found.run[index]]
-        press = run.info.presses[found.number[index] - 1]
+    result = Collection.open([study])
+    assert len(result.runs) == 8 and len(result) == 8 * 2 * 2 * len(GRID.positions_mm)
+    assert result.combinations == ("ender-3_pla-plus", "bambu-p1p_pla-minus")
+    assert result.textures == ("texture-1", "texture-2") and result.levels == (1, 3)
+    for index in (0, 17, len(result) - 1):
+        run = result.runs[result.run[index]]
+        press = run.info.presses[result.number[index] - 1]
         assert (press.force_level, press.repeat, press.position) == (
-            found.level[index],
-            found.repeat[index],
-            found.position[index],
+            result.level[index],
+            result.repeat[index],
+            result.position[index],
         )
-        assert run.info.printed.copy == found.copy[index]
+        assert run.info.printed.copy == result.copy[index]
         assert (
             run.info.printed.combination
-            == found.combination[index]
-            == (f"{found.printer[index]}_{found.filament[index]}")
+            == result.combination[index]
+            == (f"{result.printer[index]}_{result.filament[index]}")
         )
 
 
 def test_readings_are_those_of_the_chosen_presses(study: Path) -> None:
-    found = Collection.open([study])
-    some = found.chosen((found.texture == "texture-2") & (found.level == 3) & (found.position == 4))
+    result = Collection.open([study])
+    some = result.chosen((result.texture == "texture-2") & (result.level == 3) & (result.position == 4))
     assert len(some) == 2 * 2 * 2 and set(some.copy.tolist()) == {1, 2}
-    whole = np.flatnonzero((found.texture == "texture-2") & (found.level == 3) & (found.position == 4))
-    assert all(np.array_equal(some.frame(i), found.frame(j)) for i, j in enumerate(whole))
-    assert len(found.chosen(whole[:3])) == 3
+    whole = np.flatnonzero((result.texture == "texture-2") & (result.level == 3) & (result.position == 4))
+    assert all(np.array_equal(some.frame(i), result.frame(j)) for i, j in enumerate(whole))
+    assert len(result.chosen(whole[:3])) == 3
 
 
 def test_a_run_a_folder_of_runs_and_a_folder_of_studies_are_found(study: Path) -> None:
@@ -89,10 +89,10 @@ def test_runs_that_must_not_be_mixed_are_refused_by_name(tmp_path: Path) -> None
 
 def test_a_damaged_reading_is_named_when_it_is_asked_for(tmp_path: Path) -> None:
     (folder, *_) = write_study(tmp_path, textures=(1,), copies=1)
-    found = Collection.open([folder])
+    result = Collection.open([folder])
     (folder / "sensor_images" / "image_3.png").write_bytes(b"no picture")
     with pytest.raises(CheckFailedError, match=r"image_3\.png"):
-        found.frame(2)
+        result.frame(2)
 
 
 def test_what_is_simulated_is_said_once(tmp_path: Path) -> None:

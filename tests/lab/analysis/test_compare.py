@@ -57,9 +57,9 @@ def both(a: Ints, b: Ints, start: int = 0, same_prints: bool = True) -> Differen
     other = np.full(len(a), 25)
     first = side("a", {"texture-1": a, "texture-2": other})
     second = side("b", {"texture-1": b, "texture-2": np.full(len(b), 25)}, start)
-    found = compare(first, second, "forest", same_prints=same_prints)
-    assert [one.texture for one in found.rows] == [ALL_TEXTURES, *TEXTURES]
-    return found.rows[1]
+    result = compare(first, second, "forest", same_prints=same_prints)
+    assert [one.texture for one in result.rows] == [ALL_TEXTURES, *TEXTURES]
+    return result.rows[1]
 
 
 def test_prints_that_both_pressed_are_compared_in_pairs() -> None:

@@ -133,21 +133,21 @@ def test_agrees_with_the_intraclass_correlation_of_pingouin() -> None:
     pingouin = pytest.importorskip("pingouin")
     labels = balanced(1, 1, 8, 3)
     values = simulated(labels, 1, np.random.default_rng(5))
-    found = {one.name: one.variance for one in components(sums_of_squares(values, labels))}
-    assert found["print"] is not None and found["repeat"] is not None
+    result = {one.name: one.variance for one in components(sums_of_squares(values, labels))}
+    assert result["print"] is not None and result["repeat"] is not None
     frame = pandas.DataFrame({"print": labels[:, 2], "repeat": np.tile(range(3), 8), "y": values[:, 0]})
     table = pingouin.intraclass_corr(frame, targets="print", raters="repeat", ratings="y")
     theirs = float(table.set_index("Type").loc["ICC(1,1)", "ICC"])
-    assert found["print"] / (found["print"] + found["repeat"]) == pytest.approx(theirs, abs=1e-6)
+    assert result["print"] / (result["print"] + result["repeat"]) == pytest.approx(theirs, abs=1e-6)
 
 
 def test_a_negative_estimate_stays_and_has_a_truncated_one_beside_it() -> None:
     labels = balanced(1, 1, 2, 2)
-    found = {one.name: one for one in components(sums_of_squares([[1.0], [3.0], [3.0], [1.0]], labels))}
-    assert found["print"].variance == pytest.approx(-1.0)
-    assert found["print"].truncated == 0.0
-    assert "negative" in found["print"].note
-    deviations = precision(tuple(found.values()))
+    result = {one.name: one for one in components(sums_of_squares([[1.0], [3.0], [3.0], [1.0]], labels))}
+    assert result["print"].variance == pytest.approx(-1.0)
+    assert result["print"].truncated == 0.0
+    assert "negative" in result["print"].note
+    deviations = precision(tuple(result.values()))
     assert deviations["repeatability"] == deviations["intermediate"] == pytest.approx(math.sqrt(2.0))
     assert LIMIT_FACTOR == 2.8
 
@@ -155,52 +155,52 @@ def test_a_negative_estimate_stays_and_has_a_truncated_one_beside_it() -> None:
 @pytest.mark.parametrize(
     ("labels", "missing", "includes"),
     [
-        (balanced(1, 2, 3, 2), {"texture": "one texture only; no estimate"}, {}),
+        (balanced(1, 2, 3, 2), {"texture": "only one texture; no estimate"}, {}),
         (
             balanced(3, 1, 3, 2),
-            {"printer": "one printer-filament only; it is in the component of the texture"},
+            {"printer": "only one printer-filament; included in the component of the texture"},
             {"texture": ("printer",)},
         ),
         (
             balanced(3, 2, 1, 2),
-            {"print": "one print of each block only; it is in the component of the printer"},
+            {"print": "only one print of each block; included in the component of the printer"},
             {"printer": ("print",)},
         ),
         (
             balanced(3, 2, 2, 1),
-            {"repeat": "one repeat only; it is in the component of the print"},
+            {"repeat": "only one repeat; included in the component of the print"},
             {"print": ("repeat",)},
         ),
-        (balanced(1, 1, 4, 1), {"texture": "one texture only", "repeat": "one repeat only"}, {"print": ("repeat",)}),
+        (balanced(1, 1, 4, 1), {"texture": "only one texture", "repeat": "only one repeat"}, {"print": ("repeat",)}),
     ],
 )
 def test_a_level_with_one_member_is_named_and_is_in_the_next_coarser_one(
     labels: Ints, missing: dict[str, str], includes: dict[str, tuple[str, ...]]
 ) -> None:
-    found = {
+    result = {
         one.name: one for one in components(sums_of_squares(simulated(labels, 3, np.random.default_rng(6)), labels))
     }
     for name, reason in missing.items():
-        assert found[name].variance is None and found[name].truncated is None
-        assert found[name].note.startswith(reason)
+        assert result[name].variance is None and result[name].truncated is None
+        assert result[name].note.startswith(reason)
     for name, finer in includes.items():
-        assert found[name].includes == finer
+        assert result[name].includes == finer
 
 
 def test_what_is_merged_is_still_unbiased() -> None:
     labels = balanced(3, 3, 1, 2)
-    found = {
+    result = {
         one.name: one.variance
         for one in components(sums_of_squares(simulated(labels, 40_000, np.random.default_rng(7)), labels))
     }
-    assert found["printer"] == pytest.approx(TRUE[1] + TRUE[2], rel=0.03)
-    assert found["repeat"] == pytest.approx(TRUE[3], rel=0.03)
+    assert result["printer"] == pytest.approx(TRUE[1] + TRUE[2], rel=0.03)
+    assert result["repeat"] == pytest.approx(TRUE[3], rel=0.03)
 
 
 def test_a_single_press_has_no_component() -> None:
-    found = components(sums_of_squares([[1.0, 2.0]], [[0, 0, 0]]))
-    assert [one.variance for one in found] == [None] * 4
-    assert precision(found)["reproducibility"] is None
+    result = components(sums_of_squares([[1.0, 2.0]], [[0, 0, 0]]))
+    assert [one.variance for one in result] == [None] * 4
+    assert precision(result)["reproducibility"] is None
 
 
 def test_constant_readings_have_components_of_zero() -> None:
@@ -218,8 +218,8 @@ def test_reproducibility_needs_the_printers() -> None:
 
 
 def test_rows_have_the_columns_of_the_file() -> None:
-    found = components(sums_of_squares(simulated(UNBALANCED, 3, np.random.default_rng(8)), UNBALANCED))
-    rows = component_rows(2, found, {"print": (0.5, 3.0)})
+    result = components(sums_of_squares(simulated(UNBALANCED, 3, np.random.default_rng(8)), UNBALANCED))
+    rows = component_rows(2, result, {"print": (0.5, 3.0)})
     assert [row["component"] for row in rows] == [*LEVELS, "repeatability", "intermediate", "reproducibility"]
     assert all(set(row) == {column.name for column in COLUMNS["components"]} for row in rows)
     assert (rows[2]["low"], rows[2]["high"]) == (0.5, 3.0)

@@ -72,9 +72,9 @@ PAPER = study_of()
 
 
 def graded(cells: list[Cell], study: Collection = PAPER, **options: Any) -> Grade:
-    found = grade(cells, study, **options)
-    assert len(found) == 1
-    return found[0]
+    result = grade(cells, study, **options)
+    assert len(result) == 1
+    return result[0]
 
 
 def test_the_published_figures_are_the_papers() -> None:
@@ -89,15 +89,15 @@ def test_the_published_figures_are_the_papers() -> None:
     assert published.PAPER_FLOORS["standard deviation"] == pytest.approx(6.76)
 
 
-def differences(found: Grade) -> list[list[str | None]]:
+def differences(result: Grade) -> list[list[str | None]]:
     """What ours is, for each texture against each of the paper's rows."""
-    return [[one.ours_is for one in texture.published] for texture in found.textures]
+    return [[comparison.ours_is for comparison in texture.published] for texture in result.textures]
 
 
 def test_an_interval_below_all_figures_is_as_consistent() -> None:
-    found = graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.9))
-    assert differences(found) == [["less"] * 3] * 6
-    resin = found.verdicts[2]
+    result = graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.9))
+    assert differences(result) == [["less"] * 3] * 6
+    resin = result.verdicts[2]
     assert (resin.printer, resin.filament, resin.verdict) == (*RESIN, "repeats as well, or better")
     assert (resin.less, resin.more, resin.unclear) == ((1, 2, 3, 4, 5, 6), (), ())
     assert resin.text == "Form 3 resin: repeats as well, or better (less: 1, 2, 3, 4, 5, 6)"
@@ -145,81 +145,84 @@ def test_other_repeats_are_brought_to_two_before_they_are_compared() -> None:
 
 def test_few_prints_are_said() -> None:
     limits = graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.85, prints=3)).limits
-    assert "3 prints where the paper has 6: the interval is wide." in limits
+    assert "There are 3 prints, and 6 in the paper: the interval is wide." in limits
 
 
 def test_both_sides_of_a_ratio_have_the_same_divisor() -> None:
     """Two repeats of noise of variance 3 alone show 1.5 with ddof 0: nothing is left for the prints."""
     noise = graded([cell(1, 2.4, 2.6, variance=2.5, floor=5.0, noise_alone=2.5)])
     assert noise.verdicts[2].verdict == "varies more, but the sensor's noise may explain it"
-    assert any("Up to 100 % of the figure is noise" in one for one in noise.limits)
+    assert any("Up to 100 % of the figure is noise" in text for text in noise.limits)
     half = graded([cell(1, 9.0, 11.0, variance=10.0, floor=8.0, noise_alone=4.0)])
     assert half.verdicts[2].verdict == "repeats less well"
-    assert not any("of the figure is noise" in one for one in half.limits)
+    assert not any("of the figure is noise" in text for text in half.limits)
 
 
 def test_one_print_has_no_verdict_and_says_why() -> None:
-    found = graded([cell(i, None, None, prints=1) for i in range(1, 7)])
-    assert differences(found) == [[None] * 3] * 6
-    assert [one.text for one in found.verdicts][2] == "Form 3 resin: no interval"
-    assert any(one.startswith("One print of textures 1, 2, 3, 4, 5, 6: others may") for one in found.limits)
+    result = graded([cell(i, None, None, prints=1) for i in range(1, 7)])
+    assert differences(result) == [[None] * 3] * 6
+    assert [verdict.text for verdict in result.verdicts][2] == "Form 3 resin: no interval"
+    assert any(
+        text.startswith("There is only one print of textures 1, 2, 3, 4, 5, 6. Other prints may")
+        for text in result.limits
+    )
 
 
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
         ({"sensor": {"simulated": "simulated TacTip"}}, "The data are simulated (sensor: simulated TacTip)"),
-        ({"contact": "depth"}, "Pressed to a depth"),
-        ({"forces_n": (0.5, 1.0), "bands_n": (0.1, 0.1)}, "Other forces (0.5, 1 N)"),
-        ({"sensor": {"shape": [240, 320, 3]}}, "Images of 240 x 320 x 3"),
-        ({"grid": PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0))}, "Other positions"),
-        ({"block": Block.of(1, preset="paper")}, "Blocks of preset paper"),
+        ({"contact": "depth"}, "were pressed to a depth"),
+        ({"forces_n": (0.5, 1.0), "bands_n": (0.1, 0.1)}, "The forces (0.5, 1 N) are not the paper's"),
+        ({"sensor": {"shape": [240, 320, 3]}}, "The images have 240 x 320 x 3"),
+        ({"grid": PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0))}, "The positions are not those"),
+        ({"block": Block.of(1, preset="paper")}, "The blocks have preset paper"),
         ({"block": Block.of(1, preset="released", scale=2.0)}, "at scale 2"),
-        ({"repeats": 5}, "5 repeats at each place"),
+        ({"repeats": 5}, "5 repeats at each position"),
     ],
 )
 def test_what_differs_from_the_paper_is_said(changes: dict[str, Any], sentence: str) -> None:
     cells = like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9)
-    assert not any(sentence in one for one in graded(cells).limits)
-    assert any(sentence in one for one in graded(cells, study_of(**changes)).limits)
+    assert not any(sentence in text for text in graded(cells).limits)
+    assert any(sentence in text for text in graded(cells, study_of(**changes)).limits)
 
 
 def test_a_floor_that_is_missing_is_said() -> None:
     cells = like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9, floor=None, floor_from="", noise_alone=None)
-    assert any("No noise floor" in one for one in graded(cells).limits)
+    assert any("There is no noise floor" in text for text in graded(cells).limits)
 
 
 def test_a_study_like_the_papers_still_cannot_take_off_the_papers_floor() -> None:
     limits = graded(like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9)).limits
     assert len(limits) == 3
-    assert "2.6 counts^2 if a variance or 6.8 counts^2 if a standard deviation" in limits[1]
+    assert "2.6 counts^2 if it is a variance or 6.8 counts^2 if it is a standard deviation" in limits[1]
 
 
 def test_another_sensors_unit_is_not_compared() -> None:
-    found = graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.9), study_of(sensor={"units": "kPa", "shape": [16]}))
-    assert differences(found) == [[None] * 3] * 6 and found.units == "kPa^2"
-    assert {one.verdict for one in found.verdicts} == {"another unit"}
-    assert not any("The published figures" in one for one in found.limits)
+    result = graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.9), study_of(sensor={"units": "kPa", "shape": [16]}))
+    assert differences(result) == [[None] * 3] * 6 and result.units == "kPa^2"
+    assert {one.verdict for one in result.verdicts} == {"another unit"}
+    assert not any("The published figures" in text for text in result.limits)
 
 
 def test_noise_that_makes_up_the_figure_is_said() -> None:
     cells = like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9)
     cells[1] = replace(cells[1], noise_alone=0.8 * cells[1].variance)
-    assert any("Up to 80 % of the figure is noise (texture 2)" in one for one in graded(cells).limits)
+    assert any("Up to 80 % of the figure is noise (texture 2)" in text for text in graded(cells).limits)
 
 
 def test_missing_and_own_textures_are_named() -> None:
-    found = graded([cell(2, 0.5, 1.0), cell("hex", 0.5, 1.0)])
-    assert [one.texture for one in found.textures] == [2]
-    assert "Not pressed: textures 1, 3, 4, 5, 6." in found.limits
-    assert "Not in the paper, so not compared: hex." in found.limits
+    result = graded([cell(2, 0.5, 1.0), cell("hex", 0.5, 1.0)])
+    assert [texture.texture for texture in result.textures] == [2]
+    assert "Not pressed: textures 1, 3, 4, 5, 6." in result.limits
+    assert "Not compared, because not in the paper: hex." in result.limits
 
 
 def test_each_printer_and_filament_has_its_own_grade_at_the_level_of_its_cells() -> None:
-    found = grade([cell(1, 0.5, 1.0, printer=printer, force_level=2) for printer in ("b", "a")], PAPER)
-    assert [one.printer for one in found] == ["b", "a"]
-    assert all(one.force_level == 2 and len(one.textures) == 1 for one in found)
-    assert any("Force level 2; the published figures are of level 1" in one for one in found[0].limits)
+    result = grade([cell(1, 0.5, 1.0, printer=printer, force_level=2) for printer in ("b", "a")], PAPER)
+    assert [grade.printer for grade in result] == ["b", "a"]
+    assert all(one.force_level == 2 and len(one.textures) == 1 for one in result)
+    assert any("The force level is 2, and the published figures are for level 1" in text for text in result[0].limits)
 
 
 def test_what_cannot_be_graded_is_refused() -> None:
@@ -262,11 +265,11 @@ def test_the_command_prints_table_verdicts_and_reasons(study: Path, capsys: pyte
     assert "bambu-p1p, pla-minus: force level 1" in out
     for sentence in (
         "The data are simulated (sensor: simulated TacTip)",
-        "3 prints where the paper has 6",
-        "No noise floor",
+        "There are 3 prints, and 6 in the paper",
+        "There is no noise floor",
         "Not pressed: textures 3, 4, 5, 6.",
-        "Other positions than the paper's grid",
-        "Images of 24 x 32",
+        "The positions are not those of the paper's grid",
+        "The images have 24 x 32",
     ):
         assert out.count(sentence) == 2
 
@@ -275,7 +278,7 @@ def test_the_command_prints_json(study: Path, capsys: pytest.CaptureFixture[str]
     assert main(["grade", str(study), "--force-level", "1", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["simulated"] == ["sensor: simulated TacTip"] and document["units"] == "counts"
-    assert [(one["printer"], one["force_level"]) for one in document["grades"]] == [("ender-3", 1), ("bambu-p1p", 1)]
+    assert [(row["printer"], row["force_level"]) for row in document["grades"]] == [("ender-3", 1), ("bambu-p1p", 1)]
     first, second = document["grades"][0]["textures"]
     assert (first["texture"], second["texture"]) == (1, 2)
     assert first["low"] < first["variance"] < first["high"]
@@ -300,4 +303,4 @@ def test_the_commands_options_are_refused_by_name(
 def test_readings_that_were_left_out_are_said() -> None:
     left_out = ("run/a.png: is damaged", "run/b.png: is damaged")
     limits = graded(like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9), left_out=left_out).limits
-    assert limits[0] == "2 readings could not be used, the first: run/a.png: is damaged."
+    assert limits[0] == "2 frames could not be used; the first is run/a.png: is damaged."

@@ -44,13 +44,13 @@ def test_a_printer_that_varies_twice_as_much_is_found() -> None:
 def test_the_ratio_of_variances_has_the_first_printer_above() -> None:
     random = np.random.default_rng(2)
     first, second = ([centred_gram(prints(6, random, scale)) for _ in range(6)] for scale in (2.0, 1.0))
-    found = dispersion_test(first, second)
-    assert found.ratio is not None and 2.5 < found.ratio < 6.0
-    assert found.statistic > 0.3 and found.p < 0.001
-    assert found.textures == 6 and found.prints == (36, 36)
+    result = dispersion_test(first, second)
+    assert result.ratio is not None and 2.5 < result.ratio < 6.0
+    assert result.statistic > 0.3 and result.p < 0.001
+    assert result.textures == 6 and result.prints == (36, 36)
     turned = dispersion_test(second, first)
-    assert turned.statistic == pytest.approx(-found.statistic)
-    assert turned.ratio == pytest.approx(1.0 / found.ratio)
+    assert turned.statistic == pytest.approx(-result.statistic)
+    assert turned.ratio == pytest.approx(1.0 / result.ratio)
 
 
 def test_the_order_of_prints_does_not_matter() -> None:
@@ -67,15 +67,15 @@ def test_the_order_of_prints_does_not_matter() -> None:
 def test_what_a_small_design_cannot_reach_is_said() -> None:
     random = np.random.default_rng(6)
     three = [[centred_gram(prints(3, random, scale))] for scale in (50.0, 1.0)]
-    found = dispersion_test(three[0], three[1])
-    assert found.least_p == pytest.approx(2.0 / 6.0)
-    assert found.p > 0.25
+    result = dispersion_test(three[0], three[1])
+    assert result.least_p == pytest.approx(2.0 / 6.0)
+    assert result.p > 0.25
 
 
 def test_prints_without_variation_are_alike() -> None:
     zero = [np.zeros((3, 3))]
-    found = dispersion_test(zero, zero)
-    assert (found.statistic, found.ratio, found.p) == (0.0, None, 1.0)
+    result = dispersion_test(zero, zero)
+    assert (result.statistic, result.ratio, result.p) == (0.0, None, 1.0)
 
 
 def test_unequal_numbers_of_prints_are_allowed() -> None:

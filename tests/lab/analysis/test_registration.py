@@ -1,4 +1,4 @@
-"""Registration: known seats are found again, and prints that differ otherwise are not taken for seats."""
+"""Registration finds known offsets of blocks, and does not take other differences between prints for offsets."""
 
 from __future__ import annotations
 
@@ -54,27 +54,27 @@ def study(folder: Path, image: Callable[..., Frame], **changes: object) -> Colle
 @pytest.mark.parametrize("ddof", [0, 1])
 def test_seats_are_found_and_explain_the_variance_between_prints(tmp_path: Path, ddof: int) -> None:
     collection = study(tmp_path, sensor(both_axes, seated=True))
-    (found,) = register(collection, ddof=ddof)
+    (result,) = register(collection, ddof=ddof)
     for copy, seat in SEATS.items():
-        np.testing.assert_allclose(found.offsets_mm[copy], seat, atol=0.01)
+        np.testing.assert_allclose(result.offsets_mm[copy], seat, atol=0.01)
     table = variance_table(collection, ddof=ddof)
-    assert found.variance == pytest.approx(table.cells[0].variance, rel=1e-4)
-    assert found.seating > 0.95 * (found.variance - 0.02**2)
-    assert found.remaining == pytest.approx(found.variance - found.seating)
+    assert result.variance == pytest.approx(table.cells[0].variance, rel=1e-4)
+    assert result.seating > 0.95 * (result.variance - 0.02**2)
+    assert result.remaining == pytest.approx(result.variance - result.seating)
 
 
 def test_prints_that_differ_from_place_to_place_are_no_seats(tmp_path: Path) -> None:
-    (found,) = register(study(tmp_path, sensor(both_axes, seated=False, print_sd=0.5)))
+    (result,) = register(study(tmp_path, sensor(both_axes, seated=False, print_sd=0.5)))
     # Two offsets a print are fitted to 8 x 25 numbers: by chance they explain about a hundredth.
-    assert found.seating < 0.05 * found.variance
-    assert max(abs(one) for pair in found.offsets_mm.values() for one in pair if one is not None) < 0.05
+    assert result.seating < 0.05 * result.variance
+    assert max(abs(one) for pair in result.offsets_mm.values() for one in pair if one is not None) < 0.05
 
 
 def test_an_axis_along_which_nothing_changes_is_not_seen(tmp_path: Path) -> None:
-    (found,) = register(study(tmp_path, sensor(only_x, seated=True)))
-    for copy, (x, y) in found.offsets_mm.items():
+    (result,) = register(study(tmp_path, sensor(only_x, seated=True)))
+    for copy, (x, y) in result.offsets_mm.items():
         assert x == pytest.approx(SEATS[copy][0], abs=0.01) and y is None
-    rows = list(found.rows())
+    rows = list(result.rows())
     assert [row["copy"] for row in rows] == [1, 2, 3]
 
 
@@ -97,5 +97,5 @@ def test_a_damaged_reading_changes_little(tmp_path: Path) -> None:
 
 def test_one_position_shows_no_shift(tmp_path: Path) -> None:
     grid = PressGrid(x_mm=(4.0,), y_mm=(18.0,))
-    with pytest.raises(InputError, match="two columns or rows"):
+    with pytest.raises(InputError, match="two columns or two rows"):
         register(study(tmp_path, sensor(both_axes, seated=True), grid=grid))

@@ -319,7 +319,7 @@ def test_a_damaged_image_is_named_and_the_rest_is_reported(tmp_path: Path) -> No
     text = Page(out.read_text(encoding="utf-8")).text
     assert "image_3.png" in text.split("Data quality")[-1]
     assert "the check found" in text and "1 unreadable" in text
-    assert "1 reading could not be used and left out" in text
+    assert "1 frame could not be used and was left out" in text
     assert "These data have no classification: " in text
     assert (tmp_path / "page_files" / "variance" / "variance.csv").is_file()
 

@@ -126,9 +126,9 @@ def test_progress_ends_with_all_readings(study: Collection) -> None:
 
 def taxels(value: Callable[[PrintedBlock, Press], float]) -> Callable[..., Frame]:
     def read(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
-        found = 1e-3 * rng.standard_normal((4, 4, 3))
-        found[0, 0, 0] += value(printed, press)
-        return found
+        result = 1e-3 * rng.standard_normal((4, 4, 3))
+        result[0, 0, 0] += value(printed, press)
+        return result
 
     return read
 
@@ -139,15 +139,15 @@ def test_any_array_is_taken_and_nan_is_left_out_by_name(tmp_path: Path) -> None:
 
     name = "texture-1_paper_x1_ender-3_pla-plus_copy02"
     write_study(tmp_path, image=taxels(value), shape=(4, 4, 3), units="kPa", levels=(2,))
-    found = Collection.open([tmp_path])
-    done = passed(found)
+    result = Collection.open([tmp_path])
+    done = passed(result)
     assert len(done.left_out) == 1
     assert f"{name}/sensor_data/reading_3.npy: contains NaN" in done.left_out[0]
     cells = {place.position: place.cells["ender-3_pla-plus", "texture-1"] for place in done.places}
     assert [cells[position].presses for position in (1, 2, 3, 4)] == [4, 4, 3, 4]
-    here = np.flatnonzero((found.combination == "ender-3_pla-plus") & (found.texture == "texture-1"))
-    usable = [i for i in here if found.position[i] == 3 and np.isfinite(found.frame(int(i))).all()]
-    assert cells[3].variance() == pytest.approx(readings(found, np.array(usable)).var(axis=0).mean(), rel=1e-9)
+    here = np.flatnonzero((result.combination == "ender-3_pla-plus") & (result.texture == "texture-1"))
+    usable = [i for i in here if result.position[i] == 3 and np.isfinite(result.frame(int(i))).all()]
+    assert cells[3].variance() == pytest.approx(readings(result, np.array(usable)).var(axis=0).mean(), rel=1e-9)
     assert done.maps["ender-3_pla-plus", "texture-1"][0].shape == (4, 4)
 
 
@@ -191,20 +191,20 @@ def test_memory_does_not_grow_with_the_number_of_images(tmp_path: Path) -> None:
 
 def test_moments_are_those_of_all_readings_at_once() -> None:
     stack = np.random.default_rng(3).integers(0, 256, (7, 150, 80), dtype=np.uint8)
-    found, flat = moments(list(stack)), stack.reshape(7, -1).astype(np.float64)
-    np.testing.assert_allclose(found.mean, flat.mean(axis=0), rtol=1e-12)
-    np.testing.assert_allclose(found.squares, 7 * flat.var(axis=0), rtol=1e-9)
+    result, flat = moments(list(stack)), stack.reshape(7, -1).astype(np.float64)
+    np.testing.assert_allclose(result.mean, flat.mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(result.squares, 7 * flat.var(axis=0), rtol=1e-9)
     deviations = flat - flat.mean(axis=0)
-    np.testing.assert_allclose(found.gram, deviations @ deviations.T / flat.shape[1], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(result.gram, deviations @ deviations.T / flat.shape[1], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("count", [0, 1, FRAMES, 2 * FRAMES + 3])
 def test_frames_are_taken_in_parts(count: int) -> None:
     frames = 1e6 + np.random.default_rng(count).standard_normal((count, 30))
-    found = running_moments(iter(frames))
-    assert found.count == count
+    result = running_moments(iter(frames))
+    assert result.count == count
     if count:
-        assert found.squares == pytest.approx(count * frames.var(axis=0).mean(), rel=1e-7, abs=1e-12)
+        assert result.squares == pytest.approx(count * frames.var(axis=0).mean(), rel=1e-7, abs=1e-12)
 
 
 def test_small_maps_keep_the_mean_and_the_place() -> None:
@@ -218,5 +218,5 @@ def test_small_maps_keep_the_mean_and_the_place() -> None:
 
 
 def test_levels_with_most_prints() -> None:
-    found = levels_with_most_prints({(1, ("a", "t")): [1, 1], (2, ("a", "t")): [1, 1, 2, 2], (3, ("b", "t")): [1]})
-    assert found == {("a", "t"): (2,), ("b", "t"): (3,)}
+    result = levels_with_most_prints({(1, ("a", "t")): [1, 1], (2, ("a", "t")): [1, 1, 2, 2], (3, ("b", "t")): [1]})
+    assert result == {("a", "t"): (2,), ("b", "t"): (3,)}

@@ -55,9 +55,9 @@ def test_everything_is_written_and_printed(written: tuple[Path, str]) -> None:
     for name in FIGURES:
         assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert (out / f"{name}.pdf").read_bytes().startswith(b"%PDF")
-    found = rows(out / "variance.csv")
-    assert len(found) == 3 * 2 * 2
-    assert {row["force_level"] for row in found} == {"1", "2", "all"}
+    result = rows(out / "variance.csv")
+    assert len(result) == 3 * 2 * 2
+    assert {row["force_level"] for row in result} == {"1", "2", "all"}
     for name, columns in ((name, columns) for name, columns in COLUMNS.items() if name != "displacements"):
         assert list(rows(out / f"{name}.csv")[0]) == [*(column.name for column in columns), "simulated"]
     assert len(rows(out / "positions.csv")) == 2 * 2 * 2 * 4
@@ -70,11 +70,11 @@ def test_everything_is_written_and_printed(written: tuple[Path, str]) -> None:
         "floor removed (ddof 1)",
         "The paper's printed figures are another quantity",
         '"tacbench variance --protocol as-published"',
-        "reproducibility s.d. (counts)",
+        "reproducibility SD (counts)",
         "permutation test",
         "registration",
         "warning: ",
-        "the paper's text has 300",
+        "and 300 (6 x 25 x 2) in the paper's text",
     ):
         assert words in shown, words
 

@@ -127,13 +127,15 @@ def test_one_print_has_a_variance_and_a_warning_but_no_interval(tmp_path: Path) 
     assert cell.low is None and cell.high is None and cell.prints == 1 and pooled.force_level == ALL_LEVELS
     assert not found.tests
     text = " ".join(VarianceView.of(found).warnings)
-    assert "nothing of how prints differ" in text and "one printer-filament only" in text and "one texture only" in text
+    assert (
+        "no differences between prints" in text and "only one printer-filament" in text and "only one texture" in text
+    )
 
 
 def test_a_study_in_which_nothing_was_pressed_twice_is_refused(tmp_path: Path) -> None:
     write_study(tmp_path, copies=1)
     collection = Collection.open([tmp_path])
-    with pytest.raises(InputError, match="no place was pressed more than once"):
+    with pytest.raises(InputError, match="no position was pressed more than once"):
         variance_table(collection.chosen(collection.repeat == 1))
 
 
@@ -143,7 +145,7 @@ def test_constant_readings_have_no_variance_and_say_so(tmp_path: Path) -> None:
 
     found = table(tmp_path, image=image)
     assert {one.variance for one in found.cells} == {0.0} and {one.floor for one in found.cells} == {0.0}
-    assert any("check that the sensor was alive" in line for line in VarianceView.of(found).warnings)
+    assert any("check that the sensor works" in line for line in VarianceView.of(found).warnings)
 
 
 def test_levels_with_different_prints_are_not_pooled_into_an_interval(tmp_path: Path) -> None:
@@ -195,7 +197,7 @@ def test_a_press_that_is_missing_is_allowed_for(tmp_path: Path) -> None:
     (folders[0] / "sensor_images" / "image_2.png").unlink()
     found = variance_table(Collection.open([tmp_path]))
     assert len(found.left_out) == 1 and "image_2.png" in found.left_out[0]
-    assert VarianceView.of(found).warnings[0].startswith("1 reading could not be used")
+    assert VarianceView.of(found).warnings[0].startswith("1 frame could not be used")
     assert any("presses are missing" in line for line in VarianceView.of(found).warnings)
     for before, after in zip(whole.cells, found.cells, strict=True):
         hit = (after.combination, after.texture) == ("ender-3_pla-plus", "texture-1")

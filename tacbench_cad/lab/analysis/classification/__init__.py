@@ -1,1 +1,1 @@
-"""What a sensor can tell apart: protocols, splits, accuracies."""
+"""The classification of textures: protocols, splits, estimators and accuracies."""

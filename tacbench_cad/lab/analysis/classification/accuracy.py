@@ -1,4 +1,4 @@
-"""Accuracies from what estimators predicted, with intervals whose units are prints and other held-out groups."""
+"""The accuracies of estimators, with intervals whose units are prints and other held-out groups."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ from tacbench_cad.lab.analysis.classification.outcomes import ALL, ALL_OTHERS, O
 from tacbench_cad.lab.analysis.classification.splits import UNITS, PressTable
 from tacbench_cad.util.types import Floats, Ints
 
-#: Confidence of the intervals.
+#: The confidence level of the intervals.
 CONFIDENCE = 0.95
 
 
-def interval(right: Floats, tries: Floats, units: NDArray[np.generic]) -> tuple[float | None, float | None]:
-    """A 95 % interval of an accuracy when the presses of one unit go right or wrong together.
+def interval(correct: Floats, tries: Floats, units: NDArray[np.generic]) -> tuple[float | None, float | None]:
+    """Compute the 95 % interval of an accuracy when predictions within one unit are correlated.
 
-    Korn and Graubard's (1998): the exact binomial interval of Clopper and Pearson for an effective number of presses,
-    which is what would give the variance that is seen between units, cut by (z / t)^2 for the few units that the
-    variance comes from. Where every press was predicted rightly, or none, no difference between units is seen, which
-    does not mean that there is none: then a unit counts as one trial.
+    The interval is that of Korn and Graubard (1998): the exact binomial interval of Clopper and Pearson for an
+    effective number of presses. Independent presses of this number would have the variance that is measured between
+    units. The number is multiplied by (z / t)^2, because the variance is estimated from few units. If all presses,
+    or none, are predicted correctly, no differences between units can be measured. They may exist nevertheless, so
+    each unit then counts as one trial.
 
     Args:
-        right: How often each press was predicted rightly, (n,).
-        tries: How often each was tested, (n,).
-        units: The unit of each, (n,).
+        correct: The number of correct predictions of each press, (n,).
+        tries: The number of tests of each press, (n,).
+        units: The unit of each press, (n,).
 
     Returns:
-        Lower and upper end; None where there is one unit, which says nothing of others.
+        The lower and the upper end; None if there is only one unit.
     """
     from scipy import stats
 
@@ -41,7 +42,7 @@ def interval(right: Floats, tries: Floats, units: NDArray[np.generic]) -> tuple[
     count = int(index.max()) + 1
     if count < 2:
         return None, None
-    inside, hits = np.bincount(index, tries), np.bincount(index, right)
+    inside, hits = np.bincount(index, tries), np.bincount(index, correct)
     fraction = float(hits.sum() / inside.sum())
     weights = inside / inside.sum()
     beyond = (1 + CONFIDENCE) / 2
@@ -63,18 +64,18 @@ class Score:
 
     Args:
         protocol: The protocol.
-        estimator: The estimator's name.
-        train_on: What it was trained on.
-        tested_on: What it was tested on.
+        estimator: The name of the estimator.
+        train_on: The training data.
+        tested_on: The test data.
         hold_out: The hold-out level, or the paper's column.
-        accuracy: Fraction of tested rows that were predicted rightly, over all trials.
-        standard_deviation: Of the trials' accuracies; None of one trial.
-        low: Lower end of the interval, or None.
-        high: Upper end.
-        units: What the interval counts as one, and how many there are: ``24 prints``.
-        trials: Trials.
-        images: Different presses that were tested.
-        confusion: How often each texture (rows) was taken for each (columns), over all trials.
+        accuracy: The fraction of tested rows that were predicted correctly, over all trials.
+        standard_deviation: The standard deviation of the trials' accuracies; None for one trial.
+        low: The lower end of the interval, or None.
+        high: The upper end of the interval, or None.
+        units: The number and the name of the interval's units: ``24 prints``.
+        trials: The number of trials.
+        images: The number of different presses that were tested.
+        confusion: How often each texture (rows) was predicted as each texture (columns), over all trials.
     """
 
     protocol: str
@@ -93,12 +94,12 @@ class Score:
 
     @property
     def whole(self) -> bool:
-        """Whether the row is of all that was held out, not of a single group."""
+        """Whether the row contains all held-out groups, not a single one."""
         return is_whole(self.tested_on, self.train_on)
 
     @property
     def fractions(self) -> Floats:
-        """The confusion as fractions of each texture's rows; NaN for a texture that was not tested."""
+        """The confusion matrix as fractions of each texture's rows; NaN for a texture that was not tested."""
         totals = self.confusion.sum(axis=1, keepdims=True)
         result = np.full(self.confusion.shape, np.nan)
         np.divide(self.confusion, totals, out=result, where=totals > 0)
@@ -106,38 +107,40 @@ class Score:
 
     @property
     def recall(self) -> list[float | None]:
-        """Fraction of each texture's rows that were predicted rightly; None of a texture that was not tested."""
+        """The fraction of correct predictions for each texture; None for a texture that was not tested."""
         return [None if np.isnan(value) else float(value) for value in np.diag(self.fractions)]
 
 
 def texture_answers(outcomes: Sequence[Outcome], presses: PressTable, notes: Sequence[str]) -> Iterator[Answer]:
-    """Which textures can be told apart on a print that training has not seen, by the first estimator.
+    """Yield the answer for each texture: can the first estimator tell it apart on a print that training has not seen?
 
     Args:
-        outcomes: What was predicted with the leak-free protocol.
+        outcomes: The predictions with the leak-free protocol.
         presses: The presses.
-        notes: Why hold-out levels were left out.
+        notes: The notes of the classification, with the reasons why hold-out levels were left out.
     """
     mine = [o for o in outcomes if o.hold_out == "copy" and o.estimator == outcomes[0].estimator]
     if not mine:
-        reason = next((note for note in notes if "level copy" in note), "hold-out level copy was not asked for")
+        reason = next((note for note in notes if "level copy" in note), "hold-out level copy was not computed")
         yield Answer(question=WHICH_TEXTURES, about="", answer=f"cannot be said: {reason}")
         return
     textures, truth = np.unique(presses.texture, return_inverse=True)
-    tries, right, _, _ = _tallied(mine, truth)
+    tries, correct, _, _ = _tallied(mine, truth)
     for index, texture in enumerate(textures.tolist()):
         tested = (truth == index) & (tries > 0)
         if not tested.any():
-            yield Answer(question=WHICH_TEXTURES, about=texture, answer="cannot be said: no print of it was held out")
+            yield Answer(
+                question=WHICH_TEXTURES, about=texture, answer="cannot be said: none of its prints was held out"
+            )
             continue
-        low, high = interval(right[tested], tries[tested], presses.run[tested])
-        answer = "unclear: one print was held out" if low is None else "unclear"
+        low, high = interval(correct[tested], tries[tested], presses.run[tested])
+        answer = "unclear: only one print was held out" if low is None else "unclear"
         if low is not None and high is not None:
             answer = "yes" if low > TOLD_APART else "no" if high < TOLD_APART else answer
         yield Answer(
             question=WHICH_TEXTURES,
             about=texture,
-            figure=100.0 * float(right[tested].sum() / tries[tested].sum()),
+            figure=100.0 * float(correct[tested].sum() / tries[tested].sum()),
             low=None if low is None else 100.0 * low,
             high=None if high is None else 100.0 * high,
             unit=RIGHT,
@@ -146,12 +149,12 @@ def texture_answers(outcomes: Sequence[Outcome], presses: PressTable, notes: Seq
 
 
 def is_whole(tested_on: str, train_on: str) -> bool:
-    """Whether a row is of all that was held out, not of a single group."""
+    """Whether a row contains all held-out groups, not a single one."""
     return tested_on in (ALL, ALL_OTHERS, train_on)
 
 
 def scores(outcomes: Sequence[Outcome], presses: PressTable, protocol: str) -> list[Score]:
-    """The rows: each hold-out level (or column of the paper) as a whole, then each held-out group that has a name."""
+    """Return the rows: for each hold-out level (or column of the paper) the total, then each named held-out group."""
     rows = []
     wholes = defaultdict(list)
     for outcome in outcomes:
@@ -165,7 +168,7 @@ def scores(outcomes: Sequence[Outcome], presses: PressTable, protocol: str) -> l
 
 
 def _groups(whole: Sequence[Outcome], presses: PressTable) -> dict[str, list[Outcome]]:
-    """The outcomes of each held-out group that has a name."""
+    """Return the outcomes of each named held-out group."""
     groups = defaultdict(list)
     for outcome in whole:
         if outcome.tested_on == ALL_OTHERS:
@@ -179,24 +182,24 @@ def _groups(whole: Sequence[Outcome], presses: PressTable) -> dict[str, list[Out
 
 
 def _tallied(outcomes: Sequence[Outcome], truth: Ints) -> tuple[Floats, Floats, Ints, Ints]:
-    """How often each press was tested and predicted rightly, (n,); the press and the prediction of each tested row."""
+    """Count the tests and the correct predictions of each press, (n,); also return each row's press and prediction."""
     which = np.concatenate([outcome.press for outcome in outcomes])
     predicted = np.concatenate([outcome.predicted for outcome in outcomes])
     hit = truth[which] == predicted
-    tries, right = (np.bincount(which, weight, len(truth)).astype(np.float64) for weight in (None, hit))
-    return tries, right, which, predicted
+    tries, correct = (np.bincount(which, weight, len(truth)).astype(np.float64) for weight in (None, hit))
+    return tries, correct, which, predicted
 
 
 def _score(
     outcomes: Sequence[Outcome], presses: PressTable, protocol: str, tested_on: str, units: str, unit: NDArray[Any]
 ) -> Score:
-    """The row of some outcomes; ``unit`` has the unit of every press of the study, (n,)."""
+    """Compute the row of some outcomes; ``unit`` has the unit of every press of the study, (n,)."""
     textures, truth = np.unique(presses.texture, return_inverse=True)
-    tries, right, which, predicted = _tallied(outcomes, truth)
+    tries, correct, which, predicted = _tallied(outcomes, truth)
     trial = np.repeat([outcome.trial for outcome in outcomes], [len(outcome.press) for outcome in outcomes])
     hit = truth[which] == predicted
     tested = tries > 0
-    low, high = interval(right[tested], tries[tested], unit[tested])
+    low, high = interval(correct[tested], tries[tested], unit[tested])
     accuracies = [float(hit[trial == number].mean()) for number in np.unique(trial)]
     confusion = np.bincount(truth[which] * len(textures) + predicted, minlength=len(textures) ** 2)
     return Score(

@@ -1,4 +1,4 @@
-"""Copies of training readings: with noise, brighter, darker. The copies are made for a training set only."""
+"""Copies of training frames: with noise, brighter, darker. Copies are made for training sets only."""
 
 from __future__ import annotations
 
@@ -11,42 +11,43 @@ from tacbench_cad.lab.analysis.classification.features import Features
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats, Floats32, Ints
 
-#: Columns of readings that are drawn noise for, or multiplied, at once.
+#: The number of columns for which noise is drawn, or which are multiplied, at a time.
 BLOCK = 1024
 
 
 def trial_seed(seed: int, trial: int) -> int:
-    """The number that everything random in one trial follows from.
+    """Return the seed of all random numbers in one trial.
 
     Args:
-        seed: The study's own.
-        trial: From 1.
+        seed: The seed of the classification.
+        trial: The number of the trial, from 1.
     """
     return int(np.random.SeedSequence([seed, trial]).generate_state(1)[0])
 
 
 def noise_block(seed: int, first: int, count: int, width: int) -> Floats32:
-    """Standard normal noise of some columns of all readings, the same whenever it is asked for.
+    """Draw standard normal noise for some columns of all frames; equal arguments give equal noise.
 
     Args:
-        seed: The trial's seed.
-        first: First column, a multiple of :data:`BLOCK`.
-        count: Readings.
-        width: Columns.
+        seed: The seed of the trial.
+        first: The first column, a multiple of :data:`BLOCK`.
+        count: The number of frames.
+        width: The number of columns.
 
     Returns:
-        Shape (count, width).
+        The noise, shape (count, width).
     """
     return np.random.default_rng([seed, first // BLOCK]).standard_normal((count, width), dtype=np.float32)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Augmentation:
-    """Which copies of a training reading are made beside the reading itself; they are not clipped.
+    """The copies that are added to each training frame; they are not clipped.
 
     Args:
-        noise: Standard deviation of the Gaussian noise on one copy, in the readings' unit; None for no such copy.
-        brightness: What is added to every number of each other copy.
+        noise: The standard deviation of the Gaussian noise on one copy, in the unit of the frames; None for no noisy
+            copy.
+        brightness: The amounts that are added to all numbers of a frame, one for each further copy.
 
     Raises:
         InputError: A number is not allowed.
@@ -63,30 +64,30 @@ class Augmentation:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the copies, in their order: ``none``, ``noise 5``, ``+10``, ``-10``."""
+        """The names of the copies, in their order: ``none``, ``noise 5``, ``+10``, ``-10``."""
         noisy = () if self.noise is None else (f"noise {self.noise:g}",)
         return ("none", *noisy, *(f"{level:+g}" for level in self.brightness))
 
     @property
     def count(self) -> int:
-        """Copies of each reading, itself included."""
+        """The number of rows for each training frame, including the frame itself."""
         return len(self.names)
 
     @property
     def offsets(self) -> tuple[float, ...]:
-        """What is added to each copy, the noise left aside."""
+        """The amounts that are added to the copies, without the noise."""
         return (0.0, *(() if self.noise is None else (0.0,)), *self.brightness)
 
     def rows(self, features: Features, chosen: Sequence[int] | Ints, seed: int) -> Floats:
-        """The copies of some readings, written out.
+        """Make the copies of some frames.
 
         Args:
-            features: All readings.
-            chosen: Indices of the training set.
-            seed: The trial's seed.
+            features: All frames.
+            chosen: The indices of the training set.
+            seed: The seed of the trial.
 
         Returns:
-            All readings as they are, then all with noise, then each brightness; (copies x chosen, numbers).
+            First the unchanged frames, then the frames with noise, then each brightness; (copies x chosen, numbers).
         """
         indices = np.asarray(chosen, dtype=np.int64)
         plain = features.rows[indices].astype(np.float64)

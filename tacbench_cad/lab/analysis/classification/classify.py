@@ -1,4 +1,4 @@
-"""Classifications from beginning to end: trials that are kept as they finish, and tables."""
+"""Complete classifications: run the trials, store each finished trial, and write the tables."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import refusing, replacing
 from tacbench_cad.util.text import counted
 
-#: Trials by protocol where nothing else is said; the paper's are the text's.
+#: The default number of trials by protocol; for the paper's protocols it is the number in the text.
 TRIALS = {"leak-free": 5, "paper": published.TRIALS, "as-published": published.TRIALS}
-#: What classifying, and drawing what comes of it, imports beside the base install.
+#: The optional packages that classifying and drawing the results import.
 MODULES = ("sklearn", "joblib", "cv2", "matplotlib")
-#: Where finished trials are kept, in the output folder.
+#: The folder of finished trials in the output folder.
 TRIALS_FOLDER = "trials"
 
-#: Called with what is counted, how many are done, and how many there are (0: unknown).
+#: A function that receives progress updates: the name of the step, the steps done and their total number (0: unknown).
 Progress = Callable[[str, int, int], None]
 
 
@@ -49,19 +49,19 @@ def classify(
     executor: Executor,
     progress: Progress | None = None,
 ) -> Result:
-    """Run a classification, or what of it is missing.
+    """Run a classification. Finished trials in the output folder are not repeated.
 
     Args:
         collection: The presses.
-        settings: What decides every number.
-        trials: How many trials.
-        out: Folder, held by the caller, that keeps each finished trial in ``trials/``.
-        executor: Worker processes.
-        progress: Receives updates on readings and trials.
+        settings: The settings.
+        trials: The number of trials.
+        out: The output folder, which the caller has locked. Each finished trial is stored in ``trials/``.
+        executor: The worker processes.
+        progress: Receives progress updates on frames and trials.
 
     Raises:
-        InputError: The data or the settings do not allow it, or an estimator raises.
-        CheckFailedError: A reading is damaged.
+        InputError: The data or the settings do not allow a classification, or an estimator raises an error.
+        CheckFailedError: A frame is damaged.
     """
     if trials < 1:
         raise InputError("trials", trials, "must be at least 1")
@@ -72,7 +72,7 @@ def classify(
         settings = replace(settings, train_on=settings.train_on or default_train_on(collection))
     notes = _notes(collection, presses, settings)
     for name in settings.estimators:
-        settings.estimator(name, 0)  # one that cannot be made is refused before the readings are read
+        settings.estimator(name, 0)  # refuses an estimator that cannot be made, before frames are read
     folder = out / TRIALS_FOLDER
     with refusing(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -93,7 +93,7 @@ def classify(
 
 
 def default_train_on(collection: Collection) -> tuple[str, ...]:
-    """The combinations of the paper's classification table that are there; all of them if there are none."""
+    """Return the study's combinations that are in the paper's classification table, or all of them if none is."""
     expected = ["_".join(row.train_on) for row in published.CLASSIFICATION]
     return tuple(name for name in collection.combinations if name in expected) or collection.combinations
 
@@ -107,7 +107,7 @@ def _outcomes(
     executor: Executor,
     show: Progress,
 ) -> Iterator[Outcome]:
-    """The outcomes of all trials, each read from its file or else computed and kept there."""
+    """Yield the outcomes of all trials. Each is read from its file, or computed and stored there."""
     region = region_of(collection.runs, settings.roi)
     data = f"{collection.data_key} {region.digest if region else ''}"
     key = f"{settings.protocol}-{replace(settings, train_on=()).key(data)}"
@@ -129,7 +129,7 @@ def _outcomes(
         )
         if settings.protocol == "as-published":
             prepare = replace(AS_PUBLISHED, resolution=settings.resolution, edges=True)
-        features = read_features(collection, prepare, executor.jobs, lambda *counts: show("readings", *counts))
+        features = read_features(collection, prepare, executor.jobs, lambda *counts: show("frames", *counts))
         study = Study(features=features, presses=presses, settings=settings)
         calls_of = leak_free.calls if settings.protocol == "leak-free" else paper_protocol.calls
         show("trials", done, len(files))
@@ -146,7 +146,7 @@ def _outcomes(
 
 
 def _read(path: Path) -> list[Outcome] | None:
-    """A trial's outcomes; None if there is no such file or it cannot be read."""
+    """Read the outcomes of a trial; return None if its file is missing or cannot be read."""
     try:
         document = parse_json(read_bytes(path, "trial", "json", within=path.parent), "trial", str(path))
         rows: list[dict[str, Any]] = document["outcomes"]
@@ -162,28 +162,29 @@ def _keep(path: Path, trial: int, outcomes: Sequence[Outcome]) -> None:
 
 
 def _notes(collection: Collection, presses: PressTable, settings: ClassificationSettings) -> tuple[str, ...]:
-    """What a reader has to know; impossible settings are refused on the way."""
+    """Return the notes that a reader must know. Impossible settings raise an InputError."""
     notes: list[str] = []
     if settings.protocol == "leak-free":
         folds = leak_free.trial_folds(presses, settings, 1)
         if not folds.folds:
-            raise InputError("hold-out", ", ".join(settings.hold_out), "none is left; " + "; ".join(folds.notes))
+            raise InputError("hold-out", ", ".join(settings.hold_out), "no level is left; " + "; ".join(folds.notes))
         units = ", ".join(f"{level}: {presses.units(level)[0]}" for level in folds.levels)
         notes += folds.notes
         repeated, _ = presses.units("copy")
-        notes.append(
-            f"intervals (95 %) count as one what is held out or repeated: {units}; of a named group: its {repeated}"
-        )
+        notes.append(f"the units of the 95 % intervals are {units}; for a named group they are its {repeated}")
         if repeated == "samples":
             notes.append(
-                "prints and sessions are unknown: where samples of one object are alike, intervals are too narrow"
+                "prints and sessions are unknown: if samples of one object are similar, intervals are too narrow"
             )
     else:
-        notes += [paper_protocol.WARNINGS[settings.protocol], "intervals (95 %) count prints as one, over all trials"]
+        notes += [
+            paper_protocol.WARNINGS[settings.protocol],
+            "the units of the 95 % intervals are prints, over all trials",
+        ]
         notes += _paper_counts(presses, settings)
     forces = {row.force_level for run in collection.runs for row in run.rows}
     if len(collection.levels) == 1 < len(forces):
-        notes.append(f"of {len(forces)} force levels only level {collection.levels[0]} is used")
+        notes.append(f"only force level {collection.levels[0]} of {len(forces)} levels is used")
     cells = [
         int(np.sum((presses.combination == combination) & (presses.texture == texture)))
         for combination in collection.combinations
@@ -191,14 +192,14 @@ def _notes(collection: Collection, presses: PressTable, settings: Classification
     ]
     if min(cells) != max(cells):
         notes.append(
-            f"the design is unbalanced: {min(cells)} to {max(cells)} presses of a texture and combination; "
-            "an accuracy is the fraction of all presses that were tested"
+            f"the design is unbalanced: there are {min(cells)} to {max(cells)} presses of a texture and combination; "
+            "an accuracy is a fraction of all tested presses, so textures with more presses count more"
         )
     return tuple(notes)
 
 
 def _paper_counts(presses: PressTable, settings: ClassificationSettings) -> Iterator[str]:
-    """Where the data differ from what the text says, or from what the notebooks had."""
+    """Yield differences between the data and the paper's text, or the authors' notebooks."""
     expected, whose = {
         "paper": (300, "the text says 300 of each (6 prints x 25 positions x 2, one force)"),
         "as-published": (50, "the notebooks had 50 of each (1 print x 25 positions x 2, one force)"),
@@ -212,6 +213,6 @@ def _paper_counts(presses: PressTable, settings: ClassificationSettings) -> Iter
 
 
 def write_tables(result: Result, out: Path) -> list[Path]:
-    """Write the tables, and beside those of a single classification what was asked for."""
+    """Write the tables, and for a single classification also its settings."""
     paths = [table.write(out / name, result.collection.simulated) for name, table in result.tables.items()]
     return paths if result.parameter else [*paths, result.record.write(out)]

@@ -1,4 +1,4 @@
-"""All readings of a study as rows of numbers, the input of every classifier."""
+"""All frames of a study as rows of numbers, the input of every classifier."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ Rows = Bytes | Floats
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Features:
-    """Readings as rows.
+    """Frames as rows.
 
     Args:
-        rows: One a press, (n, numbers): uint8 for images, else float64.
-        shape: Of a reading before it became a row: (height, width) of a whole image, (pixels,) of a region.
+        rows: A row for each press, (n, numbers): uint8 for images, otherwise float64.
+        shape: The shape of a frame before it became a row: (height, width) of a whole image, (pixels,) of a region.
     """
 
     rows: Rows
@@ -31,7 +31,7 @@ class Features:
 
     @property
     def is_image(self) -> bool:
-        """Whether the rows are images' pixels."""
+        """Whether the rows are the pixels of images."""
         return self.rows.dtype == np.uint8
 
     def __len__(self) -> int:
@@ -44,18 +44,18 @@ def read_features(
     jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Features:
-    """Read every press of a collection, each once.
+    """Read the frames of all presses of a collection, each frame once.
 
     Args:
         collection: The presses.
-        preprocess: What is done to each reading.
-        jobs: Threads that decode at once.
-        progress: Called with readings read and readings in all.
+        preprocess: The preprocessing of the frames.
+        jobs: The number of threads that decode at the same time.
+        progress: Receives progress updates: the number of frames done and their total number.
 
     Raises:
-        CheckFailedError: Readings are missing or damaged, hold NaN or infinite numbers, or are of another size; the
-            message names the first one and says how many there are.
-        InputError: All readings are the same.
+        CheckFailedError: Frames are missing or damaged, contain NaN or infinite numbers, or have another size. The
+            message names the first of these frames and their number.
+        InputError: All frames are equal.
     """
     from joblib import Parallel, delayed
 
@@ -77,7 +77,7 @@ def read_features(
         if row is not None and rows is not None:
             if row.shape != shape or row.dtype != rows.dtype:
                 path = f"{collection.runs[int(collection.run[index])].folder}/{collection.path(index)}"
-                fault = f"{path}: is {row.dtype} {row.shape}, the others {rows.dtype} {shape}"
+                fault = f"{path}: is {row.dtype} {row.shape}, but the other frames are {rows.dtype} {shape}"
             else:
                 rows[index] = row.ravel()
         if fault:
@@ -85,9 +85,9 @@ def read_features(
         if progress is not None:
             progress(index + 1, count)
     if faults:
-        more = f" (and {len(faults) - 1} more of {count:,} readings)" if len(faults) > 1 else ""
-        raise CheckFailedError(f"{faults[0]}{more}; mend or remove them with `tacbench check-runs`, then go on")
+        more = f" (and {len(faults) - 1} more of {count:,} frames)" if len(faults) > 1 else ""
+        raise CheckFailedError(f"{faults[0]}{more}; find them with `tacbench check-runs` and repair or remove them")
     assert rows is not None  # a collection has at least one press
     if not any((row != rows[0]).any() for row in rows):
-        raise InputError("readings", None, "are all the same, so they tell nothing apart; check the sensor")
+        raise InputError("frames", None, "are all equal, so they cannot be classified; check the sensor")
     return Features(rows=rows, shape=shape)

@@ -1,4 +1,4 @@
-"""Figures of a classification: hold-out levels with their intervals, confusion matrices, a sweep's curve."""
+"""The figures of a classification: hold-out levels with intervals, confusion matrices, the curve of a sweep."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
-#: Marks of the estimators, beside their colours.
+#: The markers of the estimators.
 MARKERS = ("o", "s", "D", "^", "v", "P")
-#: Columns of confusion matrices.
+#: The number of confusion matrices in a row.
 ACROSS = 3
 
 
 def draw_result(result: Result, out: Path) -> list[Path]:
-    """Draw a classification as PNG and PDF: accuracies by column and confusions, or the curve of a sweep.
+    """Draw a classification as PNG and PDF: accuracies and confusion matrices, or the curve of a sweep.
 
     Raises:
         MissingToolError: matplotlib is not installed.
@@ -45,7 +45,7 @@ def draw_result(result: Result, out: Path) -> list[Path]:
 
 
 def _points(axes: Axes, x: Sequence[float], rows: Sequence[Score], index: int, label: str) -> None:
-    """Accuracies with their intervals, in per cent."""
+    """Draw accuracies with their intervals, in %."""
     colour, marker = COLOURS[index % len(COLOURS)], MARKERS[index % len(MARKERS)]
     for place, score in zip(x, rows, strict=True):
         if score.low is not None and score.high is not None:
@@ -116,7 +116,7 @@ def _paper(result: Result) -> Figure:
 
 
 def _confusions(result: Result) -> dict[str, Figure]:
-    """Confusion matrices, one file an estimator (and training combination)."""
+    """Draw the confusion matrices, one figure for each estimator (and training combination)."""
     figures: dict[str, Figure] = {}
     rows = [score for score in result.scores if score.whole and score.hold_out != "train"]
     paper = result.settings.protocol != "leak-free"
@@ -153,14 +153,14 @@ def _matrix(axes: Axes, score: Score, names: Sequence[str]) -> AxesImage:
 
 
 def _sweep(result: Result) -> Figure:
-    """Accuracy along the setting: intervals as bars, several trials' deviation as a band."""
+    """Draw the accuracy over the setting: intervals as bars, the standard deviation over trials as a band."""
     figure = new_figure(4.6, 3.0)
     axes = figure.add_subplot()
     curves: dict[tuple[str, str, str], list[tuple[float, Score]]] = {}
     for value, score in zip(result.values, result.scores, strict=True):
         curves.setdefault((score.estimator, score.train_on, score.hold_out), []).append((value, score))
     several = [len(set(words)) > 1 for words in zip(*curves, strict=True)]
-    # Curves stand a little apart, so that no bar hides another.
+    # The curves are shifted a little, so that no bar hides another.
     apart = 0.008 * float(np.ptp(result.values))
     for index, (key, points) in enumerate(curves.items()):
         rows, shift = [score for _, score in points], apart * (index - (len(curves) - 1) / 2)
@@ -175,10 +175,10 @@ def _sweep(result: Result) -> Figure:
         _points(axes, x, rows, index, label or key[2])
     axes.set_xlabel(PARAMETERS[result.parameter])
     _chance(axes, result.chance)
-    said = {
+    entries = {
         "bar: 95 % interval": any(score.low is not None for score in result.scores),
         "band: standard deviation over the trials": any(score.standard_deviation for score in result.scores),
     }
-    title = "; ".join(text for text, holds in said.items() if holds)
+    title = "; ".join(text for text, drawn in entries.items() if drawn)
     figure.legend(loc="outside upper center", ncols=3, title=title or None)
     return figure

@@ -1,9 +1,9 @@
-"""The leak-free protocol: everything that learns does so inside the training fold, and groups are held out whole.
+"""The leak-free protocol: only the training fold is used for fitting, and groups are held out completely.
 
-Copies of a reading are made after the split, so that a test set has none of a training reading's. Principal components
-and scaling are fitted to the training fold. What is held out grows from level to level, see
-:mod:`tacbench_cad.lab.analysis.classification.splits`. The numbers are those of scikit-learn's own
-``make_pipeline(PCA(components, svd_solver="full"), StandardScaler(), estimator)`` on the written-out training rows, but
+Copies of a frame are made after the split, so a test set never contains a copy of a training frame. Principal
+components and scaling are fitted to the training fold. The hold-out levels go from easy to hard, see
+:mod:`tacbench_cad.lab.analysis.classification.splits`. The results equal those of scikit-learn's
+``make_pipeline(PCA(components, svd_solver="full"), StandardScaler(), estimator)`` on the complete training rows, except
 for the signs of components.
 """
 
@@ -22,10 +22,10 @@ from tacbench_cad.lab.analysis.classification.splits import Fold, Folds, PressTa
 
 
 def trial_folds(presses: PressTable, settings: ClassificationSettings, trial: int) -> Folds:
-    """The folds of a trial, with as many prints in training as the settings say.
+    """Return the folds of a trial, with the number of training prints from the settings.
 
     Raises:
-        InputError: See :func:`tacbench_cad.lab.analysis.classification.splits.folds_of`.
+        InputError: Same as for :func:`tacbench_cad.lab.analysis.classification.splits.folds_of`.
     """
     seed = trial_seed(settings.seed, trial)
     whole = folds_of(presses, settings.hold_out, seed=seed, folds=settings.folds)
@@ -34,14 +34,15 @@ def trial_folds(presses: PressTable, settings: ClassificationSettings, trial: in
     pairs = [(fold, with_copies(presses, fold, settings.copies, seed)) for fold in whole.folds]
     short = dict.fromkeys(fold.hold_out for fold, cut in pairs if cut is None)
     notes = [
-        f"hold-out level {level} is left out: no {settings.copies} copies of each print in training" for level in short
+        f"hold-out level {level} is left out: there are fewer than {settings.copies} prints of some texture in training"
+        for level in short
     ]
     kept = [cut for _, cut in pairs if cut is not None and cut.hold_out not in short]
     return Folds(folds=tuple(kept), notes=(*whole.notes, *notes))
 
 
 def calls(study: Study, _: str, trials: Sequence[int], jobs: int) -> list[tuple[Sequence[int], Any]]:
-    """A call for each trial, for worker processes."""
+    """Return a call for each trial, for worker processes."""
     from joblib import delayed
 
     settings = study.settings
@@ -57,15 +58,15 @@ def leak_free_trial(study: Study, pool: Pool | None, trial: int) -> list[list[Ou
     """Train and test every estimator in every fold of a trial.
 
     Args:
-        study: What all trials share.
-        pool: All readings' inner products, if principal components are wanted.
-        trial: Its number.
+        study: The data and settings that all trials share.
+        pool: The inner products of all frames; None if there are no principal components.
+        trial: The number of the trial.
 
     Returns:
-        A list of one item, the outcomes of the trial.
+        A list with one item, the outcomes of the trial.
 
     Raises:
-        InputError: An estimator raises or predicts what is no texture, or there are too many components.
+        InputError: An estimator raises an error or predicts an unknown texture, or there are too many components.
     """
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
@@ -101,7 +102,7 @@ def leak_free_trial(study: Study, pool: Pool | None, trial: int) -> list[list[Ou
 
 
 def _rows(study: Study, pool: Pool | None, folds: Sequence[Fold], seed: int) -> Iterator[Any]:
-    """Training rows, augmented, and test rows of each fold."""
+    """Yield the augmented training rows and the test rows of each fold."""
     components, copies = study.settings.components, study.settings.augmentation
     if pool is None or components is None:
         for fold in folds:

@@ -1,11 +1,11 @@
-"""The paper's network, several at a time: scikit-learn's ``MLPClassifier`` with one hidden layer, without its overhead.
+"""The paper's network: a faster version of scikit-learn's ``MLPClassifier`` that trains several networks together.
 
-A batch of 200 rows of 25 numbers is so little work that ``MLPClassifier`` spends most of an epoch between its
-operations. Here the weights of several networks lie in one array, each step of a batch is one NumPy call for all of
-them, and all buffers are made once. Initial weights, shuffles, loss, gradients and Adam's steps are those of
-``MLPClassifier`` (Kingma and Ba, 2014, with the weight penalty in the gradient), in the same order of random numbers:
-the same ``random_state`` gives the same loss curve up to rounding. The paper's whole protocol takes a third of the time
-that it takes with ``MLPClassifier``.
+A batch of 200 rows with 25 numbers is so small that ``MLPClassifier`` spends most of an epoch on overhead between its
+operations. Here the weights of several networks are in one array, each step of a batch is one NumPy call for all of
+them, and all buffers are allocated once. Initial weights, shuffles, loss, gradients and Adam's steps are those of
+``MLPClassifier`` (Kingma and Ba, 2014, with the weight penalty in the gradient), with random numbers in the same order.
+Therefore the same ``random_state`` gives the same loss curve up to rounding. The paper's complete protocol takes a
+third of the time of ``MLPClassifier``.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from sklearn.neural_network import MLPClassifier
 from sklearn.utils import check_random_state
 from threadpoolctl import threadpool_limits
 
-#: MLPClassifier computes with float32 where the rows are float32, and so does this module.
+#: Arrays of float32 or float64: like MLPClassifier, this module computes with float32 if the rows are float32.
 Numbers = NDArray[Any]
 
-#: Networks that are trained at once; measured: more gain nothing, and their weights leave the fast memory of one core.
+#: The number of networks that are trained together. More are not faster: their weights no longer fit into the cache.
 TOGETHER = 8
 
 
 class NetworkClassifier(MLPClassifier):  # type: ignore[misc]
     """``MLPClassifier`` for one hidden layer of rectified linear units and Adam, which runs all epochs, but faster.
 
-    Equal to ``MLPClassifier(hidden_layer_sizes, max_iter=max_iter, n_iter_no_change=max_iter, tol=0)`` with the same
-    other parameters, up to rounding. A network with rows of about zero mean and unit variance learns best; nothing is
-    scaled here.
+    It is equal to ``MLPClassifier(hidden_layer_sizes, max_iter=max_iter, n_iter_no_change=max_iter, tol=0)`` with the
+    same other parameters, up to rounding. The rows should have a mean of about zero and a variance of about one; they
+    are not scaled here.
     """
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> NetworkClassifier:  # noqa: N803
@@ -46,22 +46,23 @@ class NetworkClassifier(MLPClassifier):  # type: ignore[misc]
 def fit_together(
     networks: Sequence[NetworkClassifier], data: Sequence[tuple[ArrayLike, ArrayLike]]
 ) -> list[NetworkClassifier]:
-    """Train each network on its own rows and labels, several at once; the result is that of one ``fit`` after another.
+    """Train each network on its own rows and labels, several together, with the same result as single ``fit`` calls.
 
-    Networks of equal parameters on sets of equal size run together, at most :data:`TOGETHER`. It uses one core.
+    Networks with equal parameters and equal sizes of their data are trained together, at most :data:`TOGETHER`. One
+    core is used.
 
     Args:
         networks: The networks, whose ``random_state`` is a whole number.
-        data: Rows (n, features) and labels (n,) of each.
+        data: The rows (n, features) and labels (n,) of each network.
 
     Returns:
         The same networks, fitted.
 
     Raises:
-        ValueError: As scikit-learn's estimators: wrong parameters, shapes or labels, NaN, or weights that overflow.
+        ValueError: As in scikit-learn: wrong parameters, shapes or labels, NaN, or weights that overflow.
     """
     groups: dict[tuple[Any, ...], list[_Task]] = {}
-    with threadpool_limits(limits=1):  # matrices this small only lose by threads
+    with threadpool_limits(limits=1):  # threads make products of such small matrices slower
         for network, (rows, labels) in zip(networks, data, strict=True):
             task = _Task.of(network, rows, labels)
             groups.setdefault(task.key, []).append(task)
@@ -76,8 +77,8 @@ class _Task:
     """A network with its data.
 
     Args:
-        rows: (n, features + 1); the last column is 1, for the hidden layer's intercepts.
-        targets: 1 where a row has an output's class, else 0, (outputs, n).
+        rows: The rows, (n, features + 1). The last column is 1, for the hidden layer's intercepts.
+        targets: 1 if a row has the class of an output, otherwise 0, (outputs, n).
     """
 
     network: NetworkClassifier
@@ -86,7 +87,7 @@ class _Task:
 
     @classmethod
     def of(cls, network: NetworkClassifier, rows: ArrayLike, labels: ArrayLike) -> _Task:
-        """Have scikit-learn check everything and set its attributes, by training for one epoch."""
+        """Make a task. Training one epoch with scikit-learn checks all values and sets its attributes."""
         epochs = network.max_iter
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)
@@ -105,17 +106,17 @@ class _Task:
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """What must be equal for networks to be trained together."""
+        """The key that must be equal for networks to be trained together."""
         settings = self.network.get_params()
         del settings["random_state"]
         return (str(settings), self.rows.shape, self.targets.shape, self.rows.dtype)
 
 
 class _Layers:
-    """Numbers of all weights of several networks in one array (networks, size), seen as two layers.
+    """The weights of several networks in one array (networks, size), with a view for each of the two layers.
 
-    The first layer is (networks, hidden, features + 1), the last one (networks, outputs, hidden + 1), each with its
-    intercepts in the last column.
+    The first layer is (networks, hidden, features + 1), and the last layer (networks, outputs, hidden + 1). Each has
+    its intercepts in the last column.
     """
 
     def __init__(self, task: _Task, networks: int, value: float = 0.0) -> None:
@@ -127,7 +128,7 @@ class _Layers:
         self.both = (self.first, self.last)
 
     def draw(self, index: int, state: np.random.RandomState) -> None:
-        """Draw a network's initial weights as ``MLPClassifier`` does: Glorot's bound, layer after layer."""
+        """Draw a network's initial weights as ``MLPClassifier`` does: with Glorot's bound, layer by layer."""
         for layer in self.both:
             fan_out, fan_in = layer.shape[1], layer.shape[2] - 1
             bound = np.sqrt(6.0 / (fan_in + fan_out))
@@ -136,13 +137,13 @@ class _Layers:
 
 
 class _Buffers:
-    """Space for one batch of each network; one column for each row of the batch."""
+    """The buffers for one batch of each network, with one column for each row of the batch."""
 
     def __init__(self, layers: _Layers, size: int) -> None:
         networks, hidden, width = layers.first.shape
         kind = layers.flat.dtype
         self.rows = np.empty((networks, size, width), kind)
-        self.hidden = np.ones((networks, hidden + 1, size), kind)  # the last line stays 1, for the intercepts
+        self.hidden = np.ones((networks, hidden + 1, size), kind)  # the last row stays 1, for the intercepts
         self.out = np.empty((networks, layers.last.shape[1], size), kind)
         self.back = np.empty((networks, hidden, size), kind)
 
@@ -153,16 +154,16 @@ def _batches(count: int, size: int) -> Iterator[slice]:
 
 
 def _train(tasks: Sequence[_Task]) -> None:
-    """Train networks of equal key at once and set their attributes.
+    """Train networks with equal keys together and set their attributes.
 
     Raises:
-        ValueError: Weights are not finite, as scikit-learn says it.
+        ValueError: The weights are not finite.
     """
     network, count = tasks[0].network, len(tasks[0].rows)
     layers, slopes = _Layers(tasks[0], len(tasks)), _Layers(tasks[0], len(tasks))
     penalty = _Layers(tasks[0], 1, network.alpha)
     for layer in penalty.both:
-        layer[..., -1] = 0  # intercepts are free
+        layer[..., -1] = 0  # intercepts have no penalty
     states = [check_random_state(task.network.random_state) for task in tasks]
     for index, state in enumerate(states):
         layers.draw(index, state)
@@ -193,7 +194,7 @@ def _train(tasks: Sequence[_Task]) -> None:
             adam.step(slopes.flat)
         curves[epoch] = (_log_loss(fitted, targets) + 0.5 * shrunk) / count
     if not np.isfinite(layers.flat).all():
-        raise ValueError("The network's weights are not finite; the rows' numbers may be too large: scale them.")
+        raise ValueError("The network's weights are not finite. The numbers in the rows may be too large; scale them.")
     for index, task in enumerate(tasks):
         task.network.coefs_ = [layer[index, :, :-1].T.copy() for layer in layers.both]
         task.network.intercepts_ = [layer[index, :, -1].copy() for layer in layers.both]
@@ -203,7 +204,7 @@ def _train(tasks: Sequence[_Task]) -> None:
 
 
 def _squash(out: Numbers, probabilities: Numbers) -> None:
-    """Softmax over the second last axis, in place of ``out``; the logistic function where there is one output."""
+    """Compute the softmax over the second last axis, or the logistic function for one output; overwrites ``out``."""
     if out.shape[-2] == 1:
         expit(out, out=probabilities)
         return
@@ -213,14 +214,14 @@ def _squash(out: Numbers, probabilities: Numbers) -> None:
 
 
 def _slopes(space: _Buffers, targets: Numbers, fitted: Numbers, layers: _Layers, slopes: _Layers) -> None:
-    """The sums over a batch of the cross entropy's derivatives, into ``slopes``; the probabilities into ``fitted``.
+    """Sum the derivatives of the cross entropy over a batch into ``slopes``; write the probabilities into ``fitted``.
 
     Args:
-        space: Holds the batch's rows; the rest is overwritten.
-        targets: (networks, outputs, rows).
-        fitted: Likewise; overwritten.
-        layers: The networks.
-        slopes: Likewise; overwritten.
+        space: The buffers with the rows of the batch; the other buffers are overwritten.
+        targets: The targets, (networks, outputs, rows).
+        fitted: The predicted probabilities, of the same shape; overwritten.
+        layers: The weights of the networks.
+        slopes: The derivatives by the weights; overwritten.
     """
     hidden = space.hidden[:, :-1]
     np.matmul(layers.first, space.rows.swapaxes(1, 2), out=hidden)
@@ -230,13 +231,13 @@ def _slopes(space: _Buffers, targets: Numbers, fitted: Numbers, layers: _Layers,
     np.subtract(fitted, targets, out=space.out)
     np.matmul(space.out, space.hidden.swapaxes(1, 2), out=slopes.last)
     np.matmul(layers.last[..., :-1].swapaxes(1, 2), space.out, out=space.back)
-    np.greater(hidden, 0, out=hidden)  # 1 or 0: the unit's own derivative
+    np.greater(hidden, 0, out=hidden)  # 1 or 0: the derivative of the rectified linear unit
     np.multiply(space.back, hidden, out=space.back)
     np.matmul(space.back, space.rows, out=slopes.first)
 
 
 def _log_loss(fitted: Numbers, targets: Numbers) -> NDArray[np.float64]:
-    """Sum of -log of the true class's probability over an epoch's rows, clipped as scikit-learn does, (networks,)."""
+    """Return the log loss summed over an epoch's rows, (networks,), with probabilities clipped as in scikit-learn."""
     if fitted.shape[1] == 1:
         true = np.where(targets[:, 0] == 1, fitted[:, 0], 1 - fitted[:, 0])
     else:
@@ -246,7 +247,7 @@ def _log_loss(fitted: Numbers, targets: Numbers) -> NDArray[np.float64]:
 
 
 class _Adam:
-    """Adam's state for weights that it changes in place, with a network's settings."""
+    """The state of Adam with a network's settings. It changes the weights in place."""
 
     def __init__(self, values: Numbers, network: NetworkClassifier) -> None:
         self.values = values
@@ -257,7 +258,7 @@ class _Adam:
         self._space = np.empty_like(values)
 
     def step(self, slope: Numbers) -> None:
-        """One step against a slope, which is overwritten."""
+        """Make one step against a slope, which is overwritten."""
         self.steps += 1
         space, beta_1, beta_2 = self._space, self.network.beta_1, self.network.beta_2
         np.multiply(self.mean, beta_1, out=self.mean)

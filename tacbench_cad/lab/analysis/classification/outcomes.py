@@ -1,4 +1,4 @@
-"""What estimators predicted, and a guard around estimators of users."""
+"""The predictions of estimators, and error messages for users' own estimators."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from tacbench_cad.lab.analysis.classification.splits import PressTable
 from tacbench_cad.util.errors import InputError, TacbenchError
 from tacbench_cad.util.types import Bools, Ints
 
-#: What every fold of the leak-free protocol is trained on: the other groups.
+#: ``train_on`` of every fold of the leak-free protocol: the other groups.
 THE_OTHERS = "the others"
-#: ``tested_on`` of a whole hold-out level, and of the paper's unseen combinations.
+#: ``tested_on`` of a whole hold-out level, and of the unseen combinations in the paper's protocol.
 ALL, ALL_OTHERS = "all", "all others"
 
-#: The arrays of an outcome.
+#: The names of an outcome's arrays.
 ARRAYS = ("press", "copied", "predicted")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Study:
-    """What all trials of a classification share.
+    """The data and settings that all trials of a classification share.
 
     Args:
-        features: All readings.
-        presses: What splits need of each press.
+        features: All frames.
+        presses: The facts about each press that splits need.
         settings: The settings.
     """
 
@@ -41,17 +41,17 @@ class Study:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome:
-    """What one estimator predicted in one fold.
+    """The predictions of one estimator in one fold.
 
     Args:
-        estimator: Its name.
-        train_on: What it was trained on.
-        tested_on: What it was tested on.
+        estimator: The name of the estimator.
+        train_on: The training data.
+        tested_on: The test data.
         hold_out: The hold-out level, or ``train``, ``test`` or ``unseen`` in the paper's protocol.
-        trial: From 1.
-        press: Index of each tested row's press, (m,).
-        copied: Which copy of the press each row was, as an index of ``Augmentation.names``, (m,).
-        predicted: Index of the predicted texture, in sorted order, (m,).
+        trial: The trial, from 1.
+        press: The index of each tested row's press, (m,).
+        copied: The version of the frame that each row is, as an index of ``Augmentation.names``, (m,).
+        predicted: The index of the predicted texture in sorted order, (m,).
     """
 
     estimator: str
@@ -64,15 +64,15 @@ class Outcome:
     predicted: Ints
 
     def only(self, which: Bools) -> Outcome:
-        """The outcome of some of its rows."""
+        """Return the outcome with some of its rows."""
         return replace(self, **{name: getattr(self, name)[which] for name in ARRAYS})
 
 
 def predictions(model: Any, rows: Any, textures: Sequence[str], estimator: str, where: str) -> Ints:
-    """What a fitted estimator predicts, as indices of textures.
+    """Return the predictions of a fitted estimator as indices of textures.
 
     Raises:
-        InputError: It raises, or does not predict one of the textures for each row.
+        InputError: The estimator raises an error, or does not predict one of the textures for each row.
     """
     with guarded(estimator, where):
         words = np.asarray(model.predict(rows))
@@ -84,10 +84,10 @@ def predictions(model: Any, rows: Any, textures: Sequence[str], estimator: str, 
 
 @contextmanager
 def guarded(estimator: str, where: str) -> Iterator[None]:
-    """Turn what an estimator raises into one message.
+    """Convert any error of an estimator into one message.
 
     Raises:
-        InputError: The block raises; the message names estimator and place.
+        InputError: The block raised an error. The message names the estimator and the fold.
     """
     try:
         yield

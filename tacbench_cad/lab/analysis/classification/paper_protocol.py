@@ -1,14 +1,14 @@
-"""The paper's protocol, as its text gives it or as its authors' notebooks have it, with what makes it look too good.
+"""The paper's protocol, as in its text or as in its authors' notebooks, including the steps that inflate its results.
 
-As the text gives it (``paper``), every image of one printer-filament combination is copied four times, principal
-components are fitted to all of these copies, and only then are 20 % of the rows split off at random: copies of one
-image lie on both sides, so the test column says how well a classifier recognises an image that it has seen. The unseen
-column does not leak: it is of other combinations.
+In the text (``paper``), every image of one printer-filament combination has four copies, and principal components are
+fitted to all of these copies. Only then are 20 % of the rows split off at random. Copies of one image are therefore in
+both parts, and the test column shows how well a classifier recognises an image that it has seen. The unseen column has
+no such leak, because its images are from other combinations.
 
-The printed accuracies come from other cells (``as-published``): trained is on copy 1 of one combination, at one force,
-on the magnitude of each image's Sobel derivatives and one noisy copy of it. The forest gets a random 75 % of these
-rows, the network all of them. The printed "unseen" column is of all copies of that combination, copy 1 included. Here
-it is called ``all copies``, and ``other copies`` leaves copy 1 out.
+The printed accuracies come from other notebook cells (``as-published``). Their training data are copy 1 of one
+combination at one force: the magnitude of each image's Sobel derivatives, and one noisy copy of it. The forest is
+trained on a random 75 % of these rows, and the network on all rows. The printed "unseen" column contains all copies of
+that combination, including copy 1. Here it is called ``all copies``, and ``other copies`` leaves copy 1 out.
 """
 
 from __future__ import annotations
@@ -28,32 +28,32 @@ from tacbench_cad.lab.analysis.classification.splits import PressTable
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats, Ints
 
-#: The columns of each protocol's table. The first three of ``as-published`` are what the paper printed.
+#: The columns of each protocol's table. The paper printed the first three of ``as-published``.
 COLUMNS = {
     "paper": ("train", "test", "unseen"),
     "as-published": ("train", "test", "all copies", "other copies"),
 }
-#: Fraction of the augmented rows that is held back.
+#: The fraction of the augmented rows that is split off for the test.
 TEST_FRACTIONS = {"paper": 0.2, "as-published": 0.25}
-#: What is said beside every number of these protocols.
+#: The warning for each of these protocols.
 WARNINGS = {
-    "paper": "protocol paper: copies of an image lie on both sides of the 20 % split, and the principal components "
-    "have seen both, so the test column is inflated (it nears 100 % even on labels of pure noise); compare --protocol "
-    "leak-free",
-    "as-published": 'protocol as-published: "all copies", printed in the paper as unseen prints, holds the very images '
-    'that were trained on, and "test" a noisy twin of most of them, which the principal components have seen too; both '
-    'are inflated, and "other copies" is of prints that training has not seen',
+    "paper": "protocol paper: copies of an image are on both sides of the 20 % split, and the principal components are "
+    "fitted to both, so the test column is inflated (it is close to 100 % even for random labels); compare it with "
+    "--protocol leak-free",
+    "as-published": 'protocol as-published: "all copies", printed in the paper as unseen prints, includes the training '
+    'images, and "test" includes noisy copies of most of them, to which the principal components were also fitted; '
+    'both are inflated, and only "other copies" has prints that training has not seen',
 }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Design:
-    """What is trained on and tested.
+    """The training and test presses of a protocol.
 
     Args:
-        trained: Indices of the presses of the training set, before they are copied.
-        tested: Indices of the tested presses, by column.
-        tested_on: What these are of.
+        trained: The indices of the training presses, before copies are made.
+        tested: The indices of the test presses, by column.
+        tested_on: The name of the test data.
     """
 
     trained: Ints
@@ -62,7 +62,7 @@ class Design:
 
     @classmethod
     def of(cls, protocol: str, presses: PressTable, train_on: str) -> Design:
-        """That of a protocol for one combination."""
+        """Make the design of a protocol for one combination."""
         inside = presses.combination == train_on
         if protocol == "paper":
             columns = {"unseen": np.flatnonzero(~inside)}
@@ -73,10 +73,10 @@ class Design:
 
 
 def _require_possible(study: Study) -> None:
-    """Check that the data can be put through this protocol.
+    """Check that this protocol can be used with the data.
 
     Raises:
-        InputError: The readings are no images, or a combination is not there or has fewer than two textures.
+        InputError: The frames are not images, or a combination is missing or has fewer than two textures.
     """
     protocol = study.settings.protocol
     if not study.features.is_image:
@@ -89,23 +89,23 @@ def _require_possible(study: Study) -> None:
     known = [str(name) for name in np.unique(combinations)]
     for name in study.settings.train_on:
         if name not in known:
-            raise InputError("train-on", name, f"the runs have {', '.join(known)}")
+            raise InputError("train-on", name, f"must be a combination of the runs: {', '.join(known)}")
         present = np.unique(textures[Design.of(protocol, study.presses, name).trained])
         if len(present) < 2:
             raise InputError("train-on", name, f"has only {present[0]}; training needs at least two textures")
 
 
 def calls(study: Study, train_on: str, trials: Sequence[int], jobs: int) -> list[tuple[Sequence[int], Any]]:
-    """Calls for worker processes, each with the trials whose networks it trains together.
+    """Return calls for worker processes. Each call has several trials, whose networks are trained together.
 
     Args:
-        study: What all trials share.
-        train_on: The combination that is trained on.
-        trials: Numbers of the trials.
-        jobs: Processes that will take the calls.
+        study: The data and settings that all trials share.
+        train_on: The training combination.
+        trials: The numbers of the trials.
+        jobs: The number of worker processes.
 
     Raises:
-        InputError: The protocol is not for these data, or there are more components than directions.
+        InputError: The protocol cannot be used with these data, or there are too many components.
     """
     from joblib import delayed
 
@@ -144,7 +144,7 @@ def paper_trials(
         The outcomes of each trial.
 
     Raises:
-        InputError: An estimator raises, or predicts what is no texture.
+        InputError: An estimator raises an error, or predicts an unknown texture.
     """
     from sklearn.model_selection import train_test_split
 
@@ -195,7 +195,7 @@ def paper_trials(
 def _fitted(
     settings: ClassificationSettings, name: str, seeds: Sequence[int], sets: Sequence[tuple[Any, Any]]
 ) -> list[Any]:
-    """One fitted model for each trial."""
+    """Return a fitted model for each trial."""
     models = [settings.estimator(name, seed) for seed in seeds]
     if name == ESTIMATORS[1] and settings.protocol == "paper":
         from tacbench_cad.lab.analysis.classification.network import fit_together
@@ -210,7 +210,7 @@ def _fitted(
 
 
 def _scaled(scores: Scores, tested: Ints) -> Scores:
-    """Scores as the notebooks' network gets them: from 0 to 1, all numbers of a set together and by its own ends."""
+    """Scale scores as for the notebooks' network: to 0 to 1, with one minimum and maximum for all numbers of a set."""
 
     def scaled(rows: Floats, ends: Floats) -> Floats:
         return np.asarray((rows - ends.min()) / np.ptp(ends))

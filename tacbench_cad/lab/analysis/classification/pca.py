@@ -1,22 +1,23 @@
 """Principal components of augmented training sets, without the augmented images.
 
-A training set holds each of its readings several times: as it is, with Gaussian noise, brighter and darker. All of
-these rows, and so their principal components, lie in the span of the readings, their noise and the constant reading 1.
-Inner products of these vectors are therefore all that components and scores need:
+A training set contains each of its frames several times: unchanged, with Gaussian noise, brighter and darker. All of
+these rows, and therefore their principal components, are in the span of the frames, their noise and the constant frame
+1. Components and scores follow from the inner products of these vectors:
 
-- of the readings and of 1: computed once for a study; for images they are exact, since sums of products of whole
-  numbers below 2^24 are exact in float32;
-- of the noise: computed once for a trial. Where readings have many more numbers than there are readings, the noise is
-  not drawn number by number. A rotation of such noise is such noise, so along the directions that the readings span it
-  is drawn as independent normal numbers, and in all other directions only its inner products matter. Their law is
-  Wishart's, drawn as L L' with a triangular L of normal numbers and roots of chi squares (Bartlett, 1933). Where single
-  directions in that remaining space are needed, they are uniform (Eaton, 1983).
+- The inner products of the frames and of 1 are computed once for a study. For images they are exact, because sums of
+  products of whole numbers below 2^24 are exact in float32.
+- The inner products of the noise are computed once for a trial. If a frame has many more numbers than there are frames,
+  the noise is not drawn number by number. Such noise has the same distribution in every rotated coordinate system. In
+  the directions that the frames span, it is drawn as independent normal numbers. In all other directions only its inner
+  products are needed. They have a Wishart distribution and are drawn as L L', where the triangular L has normal numbers
+  and square roots of chi-squared numbers (Bartlett, 1933). Single directions in this remaining space are uniformly
+  distributed (Eaton, 1983).
 
-Readings outside of the training set are projected onto the components themselves, a block of numbers at a time: that
-takes less than their inner products with the training set, and all trials share one pass over the readings.
+Frames outside of the training set are projected directly onto the components, a block of numbers at a time. This needs
+less time than their inner products with the training set, and all trials share one pass over the frames.
 
-The numbers are those of scikit-learn's ``PCA(svd_solver="full")``, fitted to the written-out training set, up to
-rounding and to signs: here the training row with the largest score on a component has a positive one.
+The results equal those of scikit-learn's ``PCA(svd_solver="full")``, fitted to the complete training set, except for
+rounding and signs: here the training row with the largest absolute score on a component has a positive score.
 """
 
 from __future__ import annotations
@@ -36,15 +37,16 @@ from tacbench_cad.lab.analysis.classification.features import Rows
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bytes, Floats, Ints
 
-#: Taken from every pixel before products are summed in float32: 1,024 products of -128..127 stay within 2^24.
+#: The value that is subtracted from every pixel before products are summed in float32: the sum of 1,024 products of
+#: numbers from -128 to 127 is at most 2^24.
 MIDDLE = 128
-#: Rows of a matrix of inner products that are added to at once.
+#: The number of rows of a matrix of inner products that are updated at a time.
 STRIPE = 256
-#: Size up to which a matrix that is known by its products is written out to find its eigenvectors.
+#: The largest size at which a matrix that is given by its products is written out to compute its eigenvectors.
 WRITTEN_OUT = 400
-#: Directions with less than this fraction of the largest squared length are rounding errors.
+#: A direction with less than this fraction of the largest squared length is a rounding error.
 RANK = 1e-12
-#: What is added to the squared length of each reading, as a fraction, where some readings are alike.
+#: The fraction of its squared length that is added for each frame if some frames are equal.
 JITTER = 1e-10
 
 
@@ -118,11 +120,11 @@ class Pool:
 
     @property
     def beside(self) -> int:
-        """Directions that neither 1 nor the pool's readings have, and along which noise has no coordinates."""
+        """The number of directions outside of the span of 1 and the pool's frames, without coordinates of the noise."""
         return 0 if self.factor is None else self.rows.shape[1] - len(self.plain)
 
     def coordinates(self) -> Iterator[tuple[int, Floats]]:
-        """Coordinates of 1 and of the pool's readings, (m + 1, width), with the first one's place."""
+        """Yield coordinates of 1 and of the pool's frames, (m + 1, width), with the index of the first coordinate."""
         if self.factor is None:
             yield from _blocks(self.rows, self.inside, np.float64)
         else:
@@ -196,9 +198,10 @@ class Scores:
     """Principal component scores of one training set.
 
     Args:
-        train: Of the augmented training set, in the order of ``Augmentation.rows``, (copies x train, components).
-        plain: Of every reading of the study, or of the pool, as it is, (n, components).
-        variance: Variance of the training set along each component (ddof 1), (components,).
+        train: The scores of the augmented training set, in the order of ``Augmentation.rows``, (copies x train,
+            components).
+        plain: The scores of every unchanged frame of the study, or of the pool, (n, components).
+        variance: The variance of the training set along each component (ddof 1), (components,).
     """
 
     train: Floats
@@ -279,7 +282,7 @@ def trial_scores(
 def _fit(
     pool: Pool, noise: Noise | None, augmentation: Augmentation, components: int, train: Ints | None = None
 ) -> tuple[Scores, Floats, Floats, Floats]:
-    """Scores of the pool; weights of 1 and its readings, and of noise, in each component; and the middle's score."""
+    """Return the scores of the pool, each component's weights of 1 and frames, its weights of noise, and the middle."""
     places = np.arange(len(pool.inside)) if train is None else train
     count, copies = len(places), augmentation.count
     offsets = np.array(augmentation.offsets)[:, None, None]
@@ -287,7 +290,7 @@ def _fit(
     require_components(components, rows, pool.rows.shape[1])
 
     def sums(vectors: Floats) -> tuple[Floats, Floats]:
-        """C' v: sums of the training set's rows as sums of 1 and readings, and of noise."""
+        """Return C' v: sums of the training set's rows, as weights of 1 and the frames, and weights of the noise."""
         parts = vectors.reshape(copies, count, -1)
         plain = np.zeros((len(pool.plain), parts.shape[2]))
         plain[0] = (offsets * parts).sum(axis=(0, 1))
@@ -298,13 +301,13 @@ def _fit(
         return plain, noisy
 
     def products(plain: Floats, noisy: Floats) -> tuple[Floats, Floats]:
-        """Inner products of such sums with 1 and the readings, and with noise."""
+        """Return the inner products of such sums with 1 and the frames, and with the noise."""
         if noise is None:
             return pool.plain @ plain, noisy
         return pool.plain @ plain + noise.cross @ noisy, noise.cross.T @ plain + noise.own @ noisy
 
     def along(plain: Floats, noisy: Floats) -> Floats:
-        """Those with the training set's rows, (rows, k)."""
+        """Return the inner products of such sums with the training set's rows, (rows, k)."""
         values = plain[1 + places] + offsets * plain[0]
         if noise is not None:
             values[1] += noisy[places]
@@ -324,16 +327,16 @@ def _fit(
 
 
 def clipped_scores(images: Bytes, chosen: Ints, augmentation: Augmentation, components: int, seed: int) -> Scores:
-    """The same for copies that are rounded and clipped to 0 to 255, as image tools save them.
+    """Fit principal components to copies that are rounded and clipped to 0 to 255, as in image files.
 
-    Clipped copies have no short cut: they are made, in uint8, and components are fitted to them as to readings.
+    There is no faster method for clipped copies: they are made in uint8, and components are fitted to them directly.
 
     Args:
         images: All images, (n, pixels).
-        chosen: Indices of the training set.
+        chosen: The indices of the training set.
         augmentation: The copies.
-        components: Components to keep.
-        seed: Seed of the noise.
+        components: The number of components to keep.
+        seed: The seed of the noise.
 
     Raises:
         InputError: There are more components than the training set has directions.
@@ -361,31 +364,32 @@ def clipped_scores(images: Bytes, chosen: Ints, augmentation: Augmentation, comp
 
 
 def require_components(components: int, rows: int, numbers: int) -> None:
-    """Check how many components there are.
+    """Check the number of components.
 
     Raises:
-        InputError: More than rows of so many numbers allow.
+        InputError: There are more components than the rows and their numbers allow.
     """
-    most = min(rows - 1, numbers)
-    if not 1 <= components <= most:
-        what = f"must be from 1 to {most}: a training set has {rows} rows of {numbers} numbers"
+    limit = min(rows - 1, numbers)
+    if not 1 <= components <= limit:
+        what = f"must be from 1 to {limit}: a training set has {rows} rows of {numbers} numbers"
         raise InputError("components", components, what)
 
 
 def leading(apply: Callable[[Floats], Floats], size: int, count: int) -> tuple[Floats, Floats]:
-    """Largest eigenvalues of a symmetric positive matrix that is known by its products, falling, with eigenvectors.
+    """Compute the largest eigenvalues of a symmetric positive matrix that is given by its products with vectors.
 
-    Lanczos with implicit restarts (ARPACK), always from the same vector and down to rounding: each eigenvalue within
-    1e-12 of the largest one. Whatever the spectrum, 2 count + 1 vectors are kept: a flat one, as of noise, takes more
-    products but no more memory. A small matrix is written out.
+    The method is Lanczos with implicit restarts (ARPACK). It always starts with the same vector, and each eigenvalue is
+    exact to 1e-12 of the largest one. It needs 2 count + 1 vectors for any spectrum: a flat spectrum, as of noise,
+    needs more products but no more memory. A small matrix is written out instead.
 
     Args:
-        apply: The matrix times vectors (size, any).
-        size: Its size.
-        count: How many eigenvalues.
+        apply: A function that multiplies the matrix by vectors (size, any).
+        size: The size of the matrix.
+        count: The number of eigenvalues.
 
     Returns:
-        Eigenvalues (count,) and unit vectors (size, count), whose largest numbers are positive.
+        The eigenvalues (count,) in falling order, and unit eigenvectors (size, count), whose largest numbers are
+        positive.
 
     Raises:
         InputError: The matrix has fewer eigenvalues above rounding errors.
@@ -399,9 +403,9 @@ def leading(apply: Callable[[Floats], Floats], size: int, count: int) -> tuple[F
         else:
             operator = LinearOperator((size, size), matvec=lambda v: apply(v.reshape(-1, 1)).ravel(), dtype=np.float64)
             values, vectors = eigsh(operator, count, which="LA", v0=start)
-    most = int(np.sum(values > RANK * max(values[-1], 1.0)))
-    if most < count:
-        raise InputError("components", count, f"must be at most {most}: so many directions do the readings have")
+    limit = int(np.sum(values > RANK * max(values[-1], 1.0)))
+    if limit < count:
+        raise InputError("components", count, f"must be at most {limit}, the number of directions of the frames")
     signs = np.sign(vectors[np.argmax(np.abs(vectors), axis=0), np.arange(count)])
     return values[::-1], (vectors * signs)[:, ::-1]
 
@@ -409,13 +413,13 @@ def leading(apply: Callable[[Floats], Floats], size: int, count: int) -> tuple[F
 def add_products(products: Floats, left: NDArray[Any], right: NDArray[Any] | None = None) -> None:
     """Add the inner products of vectors to a matrix in place, a stripe of rows at a time.
 
-    ``products += left @ right.T`` would need a second matrix of the same size, which in a study of many readings is
-    the largest thing in memory.
+    ``products += left @ right.T`` would need a second matrix of the same size, which is the largest array in memory for
+    a study with many frames.
 
     Args:
-        products: What is added to, (n, m).
-        left: Vectors, (n, numbers).
-        right: Vectors, (m, numbers); None for the same ones, of which only the lower triangle is then kept.
+        products: The matrix to which the products are added, (n, m).
+        left: The left vectors, (n, numbers).
+        right: The right vectors, (m, numbers). None for the same vectors; then only the lower triangle is computed.
     """
     for first in range(0, len(left), STRIPE):
         rows = slice(first, min(first + STRIPE, len(left)))
@@ -424,7 +428,7 @@ def add_products(products: Floats, left: NDArray[Any], right: NDArray[Any] | Non
 
 
 def mirrored(products: Floats) -> Floats:
-    """A symmetric matrix of which the lower triangle is known: the upper one is filled in, in place."""
+    """Copy the lower triangle of a symmetric matrix to its upper triangle, in place."""
     for first in range(0, len(products), STRIPE):
         rows = slice(first, min(first + STRIPE, len(products)))
         products[:first, rows] = products[rows, :first].T
@@ -434,12 +438,12 @@ def mirrored(products: Floats) -> Floats:
 
 
 def _exact(rows: Rows) -> type[np.floating[Any]]:
-    """The type in which products of readings are summed within a block."""
+    """Return the type in which products of frames are summed within a block."""
     return np.float32 if rows.dtype == np.uint8 else np.float64
 
 
 def _blocks(rows: Rows, order: Ints, kind: type[np.floating[Any]]) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Columns of the constant reading 1 and of some readings, moved towards 0, with the first one's number."""
+    """Yield columns of the constant frame 1 and of some frames minus a middle value, with the first column's index."""
     middle = np.full(rows.shape[1], MIDDLE) if rows.dtype == np.uint8 else rows.mean(axis=0)
     for first in range(0, rows.shape[1], BLOCK):
         columns = slice(first, min(first + BLOCK, rows.shape[1]))
@@ -450,24 +454,24 @@ def _blocks(rows: Rows, order: Ints, kind: type[np.floating[Any]]) -> Iterator[t
 
 
 def _vectors(seed: int, first: int, shape: tuple[int, int], kind: np.dtype[Any]) -> NDArray[Any]:
-    """Normal numbers that are the same whenever they are asked for."""
+    """Draw normal numbers; equal arguments give equal numbers."""
     return np.random.default_rng([seed, 2, first]).standard_normal(shape, dtype=kind.type)
 
 
 def _sums(sigma: float, seed: int, weights: Floats, first: int, width: int) -> Floats:
-    """Some coordinates of sums of noise, (width, k)."""
+    """Return some coordinates of sums of noise, (width, k)."""
     return np.asarray(sigma * (noise_block(seed, first, len(weights), width).T @ weights))
 
 
 def _mixed(seed: int, kind: np.dtype[Any], mix: Floats, first: int, width: int) -> Floats:
-    """Some numbers of sums of a trial's random vectors, (width, k)."""
+    """Return some numbers of sums of a trial's random vectors, (width, k)."""
     return np.asarray(_vectors(seed, first, (width, len(mix)), kind) @ mix)
 
 
 def _factor(products: Floats) -> Floats:
-    """Cholesky's factor of a matrix of inner products: the vectors' coordinates."""
+    """Return the Cholesky factor of a matrix of inner products: the coordinates of the vectors."""
     try:
         return np.asarray(scipy.linalg.cholesky(products, lower=True, check_finite=False))
-    except scipy.linalg.LinAlgError:  # readings that are alike are set apart by 1e-5 of their length
+    except scipy.linalg.LinAlgError:  # equal frames are made different by 1e-5 of their length
         apart = products + JITTER * np.trace(products) / len(products) * np.eye(len(products))
         return np.asarray(scipy.linalg.cholesky(apart, lower=True, check_finite=False))

@@ -1,4 +1,4 @@
-"""The result of a classification: one model from which files, screen, JSON, figures and reports are made."""
+"""The result of a classification, from which files, printed tables, JSON, figures and reports are made."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ SWEEP_COLUMNS = (
     *(*_WHO, Column("parameter"), Column("value", float)),
     *(_ACCURACY, *_ENDS, _DEVIATION, *_COUNTS),
 )
-#: What a row of a score has in JSON.
+#: The keys of a score in JSON.
 SCORE_COLUMNS = (*_WHO, _ACCURACY, _DEVIATION, *_ENDS, Column("units"), *_COUNTS, Column("recall"))
-#: What people see of a score.
+#: The printed columns of a score.
 SHOWN: tuple[str | Column, ...] = (
     *("estimator", "hold_out", "train_on", "tested_on", "accuracy", "standard_deviation"),
     *(interval_column(empty="none (one unit)"), "units", "trials", "images"),
@@ -55,17 +55,18 @@ SHOWN: tuple[str | Column, ...] = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Result:
-    """A classification.
+    """The result of a classification, or of a sweep.
 
     Args:
-        settings: What decided it.
-        outcomes: What the estimators predicted.
+        settings: The settings.
+        outcomes: The predictions of the estimators.
         scores: The rows of the table.
-        notes: Warnings, hold-out levels that are left out, and what was taken where the paper is open.
+        notes: Warnings, the hold-out levels that are left out, and the choices made where the paper is unclear.
         collection: The data.
-        answers: Which textures can be told apart; none but of the leak-free protocol.
-        parameter: The setting that was swept, empty if none was; then only whole hold-out levels have a row.
-        values: Its value in each row.
+        answers: The answers which textures can be told apart; empty except for the leak-free protocol.
+        parameter: The setting of a sweep; empty for a single classification. A sweep has rows only for complete
+            hold-out levels.
+        values: The value of the setting in each row of a sweep.
     """
 
     settings: ClassificationSettings
@@ -84,14 +85,14 @@ class Result:
 
     @property
     def chance(self) -> float:
-        """The accuracy of guessing."""
+        """The accuracy expected from guessing, from 0 to 1."""
         return 1.0 / len(self.textures)
 
     @property
     def tables(self) -> dict[str, Table]:
-        """The tables that are stored, by the names of their files.
+        """The stored tables, by the names of their files.
 
-        Training rows of the paper's protocol are in the first two, not in the predictions.
+        Training rows of the paper's protocol are in the first two tables, but not in the predictions.
         """
         if self.parameter:
             return {"sweep.csv": self._swept}
@@ -104,8 +105,8 @@ class Result:
 
     @property
     def shown(self) -> Iterator[Table]:
-        """The tables that people see."""
-        title = f"protocol {self.settings.protocol}, per cent; chance is {100.0 * self.chance:.1f}"
+        """The tables that are printed."""
+        title = f"protocol {self.settings.protocol}, in %; chance is {100.0 * self.chance:.1f}"
         if self.parameter:
             value = Column("value", head=self.parameter, text=lambda value: f"{value:g}")
             yield self._swept.select(*SHOWN[:3], value, *SHOWN[4:7], "images", title=title)
@@ -118,7 +119,7 @@ class Result:
         yield recall_table(Table.of(CONFUSION_COLUMNS, self._confusions()))
 
     def document(self) -> dict[str, Any]:
-        """The values of ``--json``."""
+        """Return the document of ``--json``."""
         head = {"simulated": list(self.collection.simulated), "settings": to_plain(self.settings)}
         if self.parameter:
             pairs = zip(self.values, self._swept.select(*SCORE_COLUMNS).records(), strict=True)
@@ -136,7 +137,7 @@ class Result:
 
     @property
     def record(self) -> ClassificationRecord:
-        """What was asked for and of which data."""
+        """The settings and the data of the classification."""
         return ClassificationRecord(
             **vars(self.settings),
             trials=max(outcome.trial for outcome in self.outcomes),
@@ -150,7 +151,7 @@ class Result:
 
     @property
     def _swept(self) -> Table:
-        """The rows of a sweep, with all that is known of each."""
+        """The rows of a sweep with all columns."""
         number = float if self.parameter == "resolution" else int
         rows = [
             {"parameter": self.parameter, "value": number(value), **row}
@@ -203,12 +204,13 @@ class Result:
             values = [value for pair in zip(row.ours, row.paper, strict=True) for value in pair]
             rows.append({**dict(zip(heads, values, strict=True)), "estimator": row.estimator, "train_on": row.train_on})
         columns = [Column(head, float, text=two_digits, right=True) for head in heads[:-1]]
-        title = "the paper's table beside what its authors' cells compute, per cent (other copies: without copy 1)"
+        title = "your results beside the paper's table, in % (computed as in the authors' notebooks; other copies: "
+        title += "without copy 1)"
         return Table.of((*_WHO[1:3], *columns), rows, title)
 
 
 def recall_table(confusion: Table) -> Table:
-    """The recall of each texture in whole hold-out levels, from the rows of ``confusion.csv``."""
+    """Return the recall of each texture at complete hold-out levels, from the rows of ``confusion.csv``."""
     recalls: dict[tuple[Any, ...], dict[str, Any]] = {}
     for row in confusion.rows:
         if is_whole(row["tested_on"], row["train_on"]) and row["texture"] == row["predicted"]:
@@ -216,18 +218,18 @@ def recall_table(confusion: Table) -> Table:
             recalls.setdefault(tuple(who.values()), who)[row["texture"]] = row["fraction"]
     textures = dict.fromkeys(row["texture"] for row in confusion.rows)
     columns = (_WHO[1], _WHO[4], _WHO[2], *(Column(name, float, text=percent, right=True) for name in textures))
-    return Table.of(columns, recalls.values(), "recall of each texture, per cent")
+    return Table.of(columns, recalls.values(), "recall of each texture (%)")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Beside:
-    """A row of the paper's table beside ours, in per cent; None where there is none.
+    """A row of our results with the same row of the paper's table, in %; None for missing values.
 
     Args:
-        estimator: Ours.
-        train_on: The combination.
-        ours: Train, test, all copies, other copies.
-        paper: Train, test, unseen prints (which are all copies), and none for the other copies.
+        estimator: The estimator.
+        train_on: The training combination.
+        ours: Our accuracies: train, test, all copies, other copies.
+        paper: The paper's accuracies: train, test, unseen prints (which are all copies), and None for other copies.
     """
 
     estimator: str
@@ -237,7 +239,7 @@ class Beside:
 
 
 def beside_paper(result: Result) -> list[Beside]:
-    """The paper's table beside ours, one row for each combination; none where ours are other quantities."""
+    """Return our results with the paper's table, one row for each combination; empty for other quantities."""
     if result.settings.protocol != "as-published" or result.parameter:
         return []
     printed = {

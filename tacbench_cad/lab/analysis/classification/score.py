@@ -1,6 +1,6 @@
-"""Scoring predictions, made by anything, against a split file.
+"""Score the predictions of any classifier against a split file.
 
-Predictions are a CSV file with a head and one row for each press that a fold tests. These columns are read, in any
+Predictions are a CSV file with a header and one row for each press that a fold tests. These columns are read, in any
 order; others are ignored:
 
 =============== =====================================================================================
@@ -10,9 +10,9 @@ order; others are ignored:
 ``predicted``   name of the texture, as in the split file: ``texture-4``
 =============== =====================================================================================
 
-The interval has prints as its unit: presses of one print are alike, so a thousand presses of six prints are little more
-than six trials. It is that of :func:`.accuracy.interval`; where every press or none is right, no
-difference between prints is seen, and each print counts as one trial.
+The unit of the interval is the print: presses of one print are similar, so a thousand presses of six prints contain
+little more information than six trials. The interval is computed by :func:`.accuracy.interval`. If all presses, or
+none, are correct, no difference between prints can be measured, and each print counts as one trial.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from tacbench_cad.util.door import read_table
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.types import Ints
 
-#: Columns that a file of predictions must have.
+#: The columns that a file of predictions must have.
 COLUMNS = ("fold", "run", "force_level", "repeat", "position", "predicted")
 
 
@@ -47,15 +47,15 @@ _SHOWN = (
 
 @dataclass(frozen=True, kw_only=True)
 class Accuracy:
-    """How many presses were predicted rightly.
+    """The accuracy over some presses.
 
     Args:
-        fraction: Their fraction.
-        low: Lower end of the 95 % interval, None for one print.
-        high: Upper end.
-        right: Presses predicted rightly.
-        presses: Presses.
-        prints: Prints that they are of.
+        fraction: The fraction of presses predicted correctly.
+        low: The lower end of the 95 % interval; None for one print.
+        high: The upper end of the 95 % interval; None for one print.
+        right: The number of presses predicted correctly.
+        presses: The number of presses.
+        prints: The number of different prints.
     """
 
     fraction: float
@@ -71,7 +71,7 @@ class Fault(NamedTuple):
 
     Args:
         kind: ``missing``, ``doubled`` or ``unknown``.
-        text: Which one, and why.
+        text: The line or press, and the reason.
     """
 
     kind: str
@@ -83,7 +83,7 @@ class PredictionsError(CheckFailedError):
 
     Args:
         path: The file of predictions.
-        faults: Every fault.
+        faults: All faults.
     """
 
     def __init__(self, path: Path, faults: Sequence[Fault]) -> None:
@@ -102,10 +102,11 @@ class Score:
 
     Args:
         split: The split.
-        accuracy: Over all tested presses of all folds.
-        folds: By fold.
-        recall: By texture.
-        confusion: Presses by (pressed, predicted), in the order of ``split.textures``, shape (t, t).
+        accuracy: The accuracy over all tested presses of all folds.
+        folds: The accuracy of each fold.
+        recall: The accuracy for each texture.
+        confusion: The number of presses by true and predicted texture, shape (t, t), in the order of
+            ``split.textures``.
     """
 
     split: Split
@@ -116,7 +117,7 @@ class Score:
 
     @property
     def shown(self) -> Iterator[Table]:
-        """The tables that people see."""
+        """The tables that are printed."""
         rows = {"all folds": self.accuracy, **self.folds}
         rows |= {f"{texture} (recall)": accuracy for texture, accuracy in self.recall.items()}
         named_rows = tuple({"name": name, **to_plain(accuracy)} for name, accuracy in rows.items())
@@ -130,7 +131,7 @@ class Score:
         )
 
     def document(self) -> dict[str, Any]:
-        """The values of ``--json``."""
+        """Return the document of ``--json``."""
         names = ("protocol", "data_sha256", "hold_out", "simulated")
         return {
             **{name: to_plain(getattr(self.split, name)) for name in names},
@@ -146,12 +147,12 @@ def score(path: Path, split: Split) -> Score:
 
     Args:
         path: The CSV file.
-        split: What it was made for.
+        split: The split for which the predictions were made.
 
     Raises:
-        InputError: The file cannot be read or lacks a column.
-        PredictionsError: A prediction is missing, stands there twice, or is of something that the split does not test
-            or have; all of them are named.
+        InputError: The file cannot be read, or a column is missing.
+        PredictionsError: A prediction is missing or occurs twice, or its press or texture is not part of the split. All
+            faults are named.
     """
     predicted = _matched(path, split)
     presses = [split.presses[index] for _, index in predicted]
@@ -176,11 +177,11 @@ def score(path: Path, split: Split) -> Score:
 
 
 def accuracy_of(right: ArrayLike, prints: ArrayLike) -> Accuracy:
-    """The fraction that was predicted rightly, with an interval over prints.
+    """Compute the fraction of correct predictions, with an interval over prints.
 
     Args:
-        right: Whether a press was predicted rightly, shape (n,).
-        prints: The print of each, shape (n,).
+        right: Whether each press was predicted correctly, shape (n,).
+        prints: The print of each press, shape (n,).
     """
     hits, units = np.asarray(right, dtype=np.float64), np.asarray(prints)
     low, high = interval(hits, np.ones(len(hits)), units)
@@ -190,10 +191,10 @@ def accuracy_of(right: ArrayLike, prints: ArrayLike) -> Accuracy:
 
 
 def _matched(path: Path, split: Split) -> dict[tuple[str, int], str]:
-    """The predicted texture of every tested press, by fold and index, in the order of the split.
+    """Return the predicted texture of every tested press, by fold and index, in the order of the split.
 
     Raises:
-        PredictionsError: See :func:`score`.
+        PredictionsError: Same as for :func:`score`.
     """
     index = {press.key: i for i, press in enumerate(split.presses)}
     predicted = {(fold.name, i): "" for fold in split.folds for i in fold.test}
@@ -215,13 +216,15 @@ def _matched(path: Path, split: Split) -> dict[tuple[str, int], str]:
         elif place not in predicted:
             faults.append(Fault("unknown", f"{where}: this fold does not test it"))
         elif place in lines:
-            faults.append(Fault("doubled", f"{where}: stands in line {lines[place]} already"))
+            faults.append(Fault("doubled", f"{where}: is already in line {lines[place]}"))
         else:
             lines[place], predicted[place] = line, row["predicted"]
             if row["predicted"] not in split.textures:
                 allowed = ", ".join(split.textures)
                 faults.append(
-                    Fault("unknown", f"{where}: predicted {row['predicted']!r} is no texture of the split ({allowed})")
+                    Fault(
+                        "unknown", f"{where}: predicted {row['predicted']!r} is not a texture of the split ({allowed})"
+                    )
                 )
     for fold, i in (place for place in predicted if place not in lines):
         faults.append(Fault("missing", f"fold {fold}, {named(split.presses[i].key)}: has no prediction"))
@@ -231,11 +234,11 @@ def _matched(path: Path, split: Split) -> dict[tuple[str, int], str]:
 
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
-    """Line numbers (blank lines are not counted) and rows of a file of predictions."""
+    """Yield the line numbers (without blank lines) and rows of a file of predictions."""
     heads, rows = read_table(path, "predictions")
-    lacking = [name for name in COLUMNS if name not in heads]
-    if lacking:
-        raise InputError("predictions", str(path), f"has no column {lacking[0]}; columns: {', '.join(COLUMNS)}")
+    missing = [name for name in COLUMNS if name not in heads]
+    if missing:
+        raise InputError("predictions", str(path), f"has no column {missing[0]}; it must have {', '.join(COLUMNS)}")
     places = {name: heads.index(name) for name in COLUMNS}
     for line, row in enumerate(rows, start=2):
         yield line, {name: row[place].strip() for name, place in places.items()}

@@ -1,4 +1,4 @@
-"""What decides every number of a classification, and the estimators by name."""
+"""The settings of a classification, and the estimators by name."""
 
 from __future__ import annotations
 
@@ -23,18 +23,19 @@ from tacbench_cad.util.convert import Bounds, Length, check_fields
 from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import InputError, TacbenchError, nearest, one_of
 
-#: Estimators of our own: the paper's two.
+#: The built-in estimators: the paper's two.
 ESTIMATORS = ("forest", "network")
-#: Units in the hidden layer of the network.
+#: The number of neurons in a hidden layer of the network.
 HIDDEN = 50
-#: Version of what computes a trial. Raise it with every change that gives other numbers for the same settings and data:
-#: trials that an older version kept are then computed again.
+#: The version of the algorithm. Raise it with every change that gives other results for the same settings and data:
+#: trials that were stored by an older version are then computed again.
 ALGORITHM = 1
-#: What was asked for, beside the tables.
+#: The name of the settings file beside the tables.
 SETTINGS_FILE = "classification_settings.json"
-#: What classifies, by name.
+#: The names of the protocols.
 Protocol = Literal["leak-free", "paper", "as-published"]
-#: What the saved cells of the authors' notebooks took for each estimator, beside one noisy copy of each image.
+#: The settings of each estimator in the saved cells of the authors' notebooks. They also use one noisy copy of each
+#: image.
 SAVED: Mapping[str, Mapping[str, Any]] = {
     "forest": {"components": 25},
     "network": {"components": 45, "epochs": 15_000, "batch_size": 64},
@@ -43,28 +44,28 @@ SAVED: Mapping[str, Mapping[str, Any]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class ClassificationSettings:
-    """A classification; together with the data it decides every number.
+    """The settings of a classification. Together with the data they determine all results.
 
     Args:
-        protocol: ``leak-free`` keeps all of the test set out of training, ``paper`` does as the paper's text says,
-            ``as-published`` as the notebooks' cells that gave the printed accuracies.
+        protocol: ``leak-free`` keeps the test set completely out of training. ``paper`` follows the paper's text, and
+            ``as-published`` the notebooks' cells that computed the printed accuracies.
         estimators: ``forest``, ``network`` or ``module:name``.
-        resolution: Fraction of an image's width and height that is kept.
-        components: Principal components that the estimators get; None: the readings themselves.
-        augmentation: Copies of training readings.
-        clip: Round and clip the copies to whole counts of 0 to 255, as image tools save them (``paper`` only).
-        seed: Everything random follows from it and the trial's number.
-        hold_out: Hold-out levels (``leak-free`` only).
-        folds: Folds of presses and of positions (``leak-free`` only).
-        copies: Prints of each texture and combination in training; None: all (``leak-free`` only).
-        epochs: Epochs of the network.
-        batch_size: Rows of a step of the network.
-        depth: Largest depth of the forest's trees.
-        train_on: Combinations that are trained on, one at a time (not ``leak-free``).
-        features: The numbers of a reading, or how far the markers in its image moved.
-        roi: Region of interest, as ``--roi`` takes it; None for what is kept with the runs.
-        marker_sigma: Width of a marker divided by 2.8, in pixels; None: estimated.
-        marker_threshold: The least contrast of a marker, in counts; None: estimated.
+        resolution: The fraction of an image's width and height that remains.
+        components: The number of principal components that the estimators receive; None for the frames themselves.
+        augmentation: The copies of training frames.
+        clip: Round and clip the copies to whole counts from 0 to 255, as in image files (``paper`` only).
+        seed: The seed. All random numbers follow from it and the number of the trial.
+        hold_out: The hold-out levels (``leak-free`` only).
+        folds: The number of folds of presses and of positions (``leak-free`` only).
+        copies: The number of prints of each texture and combination in training; None for all (``leak-free`` only).
+        epochs: The number of epochs of the network.
+        batch_size: The number of rows in a step of the network.
+        depth: The maximum depth of the forest's trees.
+        train_on: The training combinations, used one at a time (not ``leak-free``).
+        features: The features of a frame: its pixel values, or the displacements of the markers in its image.
+        roi: The region of interest in the form of ``--roi``; None for the region that is stored with the runs.
+        marker_sigma: The width of a marker divided by 2.8, in pixels; None for an estimate.
+        marker_threshold: The minimum contrast of a marker, in counts; None for an estimate.
 
     Raises:
         InputError: A value is not allowed.
@@ -96,26 +97,26 @@ class ClassificationSettings:
                 hint = nearest(name, ESTIMATORS)
                 raise InputError("estimator", name, f"must be forest, network or module:name; {hint}")
         if not self.estimators or len(set(self.estimators)) < len(self.estimators):
-            raise InputError("estimator", list(self.estimators), "must be names, each once")
+            raise InputError("estimator", list(self.estimators), "must be one or more different names")
         for level in self.hold_out:
             one_of("hold-out", level, UNITS)
         if self.protocol != "leak-free" and self.components is None:
-            raise InputError("components", "none", "the paper's protocol has principal components; 25 of them")
+            raise InputError("components", "none", "must be a number for the paper's protocol, for example 25")
         if self.clip and self.protocol != "paper":
-            raise InputError("clip", True, "is for --protocol paper only; the others leave their copies unclipped")
+            raise InputError("clip", True, "is for --protocol paper only; the other protocols do not clip their copies")
         if self.protocol == "as-published" and (self.features != "pixels" or self.roi is not None):
             raise InputError(
-                "protocol", self.protocol, "has the pixels of whole images; leave out --features and --roi"
+                "protocol", self.protocol, "uses the pixels of whole images; leave out --features and --roi"
             )
         if self.protocol == "as-published" and len(self.estimators) > 1:
-            what = "must be one: the saved cells have other settings for each; classify twice"
+            what = "must be a single name, because the saved cells have other settings for each; classify twice"
             raise InputError("estimator", ",".join(self.estimators), what)
 
     def key(self, data: str) -> str:
-        """Names the numbers that follow from these settings, from the data and from the programs that compute them.
+        """Return a key of the results that follow from these settings, the data and the versions of the programs.
 
         Args:
-            data: Names the data, see :attr:`~tacbench_cad.lab.analysis.collection.Collection.data_key`.
+            data: The key of the data, see :attr:`~tacbench_cad.lab.analysis.collection.Collection.data_key`.
         """
         import sklearn
 
@@ -125,16 +126,16 @@ class ClassificationSettings:
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def estimator(self, name: str, seed: int, shape: tuple[int, ...] | None = None) -> Any:
-        """A new estimator with its seeds set.
+        """Make a new estimator and set its seeds.
 
         Args:
-            name: One of ours, or ``module:name`` of your own.
-            seed: The seed, for each parameter ``random_state`` of your own.
-            shape: Shape of a reading before it became a row, for each parameter ``frame_shape`` of your own; None
-                where rows are something else, principal components.
+            name: The name of a built-in estimator, or ``module:name`` of a user's estimator.
+            seed: The seed. A user's estimator receives it in each parameter ``random_state``.
+            shape: The shape of a frame before it became a row; None if rows are principal components. A user's
+                estimator receives it in each parameter ``frame_shape``.
 
         Raises:
-            InputError: ``module:name`` cannot be loaded or is no estimator.
+            InputError: ``module:name`` cannot be loaded or is not an estimator.
         """
         if name == "forest":
             from sklearn.ensemble import RandomForestClassifier
@@ -143,7 +144,7 @@ class ClassificationSettings:
         if name == "network" and self.protocol == "as-published":
             from sklearn.neural_network import MLPClassifier
 
-            # Two hidden layers, all epochs, no weight penalty. The first weights are scikit-learn's, not PyTorch's.
+            # Two hidden layers, all epochs, no weight penalty. The initial weights are scikit-learn's, not PyTorch's.
             epochs = {"max_iter": self.epochs, "n_iter_no_change": self.epochs, "tol": 0.0}
             layers = (HIDDEN, HIDDEN)
             return MLPClassifier(layers, batch_size=self.batch_size, alpha=0.0, random_state=seed, **epochs)
@@ -156,18 +157,20 @@ class ClassificationSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ClassificationRecord(ClassificationSettings):
-    """What was asked for and of which data. Reports and comparisons read it; its fields are the keys of its file.
+    """The settings and the data of a finished classification; the fields are the keys of its file.
+
+    Reports and comparisons read this file.
 
     Args:
-        analysis: What the file is of.
-        version: Of this program.
-        trials: Trials.
-        textures: The textures, sorted.
-        sensor: Name of the sensor.
-        units: Unit of the readings.
-        simulated: What of the data was simulated.
-        data: Names the data, see :attr:`~tacbench_cad.lab.analysis.collection.Collection.data_key`.
-        notes: What a reader must know.
+        analysis: The kind of analysis.
+        version: The version of this program.
+        trials: The number of trials.
+        textures: The names of the textures, sorted.
+        sensor: The name of the sensor.
+        units: The unit of the frames.
+        simulated: The simulated parts of the data.
+        data: The key of the data, see :attr:`~tacbench_cad.lab.analysis.collection.Collection.data_key`.
+        notes: Remarks that a reader must know.
     """
 
     analysis: Literal["classification"] = "classification"
@@ -182,18 +185,18 @@ class ClassificationRecord(ClassificationSettings):
 
     @classmethod
     def read(cls, folder: Path) -> ClassificationRecord:
-        """That of a folder that ``tacbench classify`` wrote.
+        """Read the record from an output folder of ``tacbench classify``.
 
         Raises:
-            InputError: It is missing or damaged.
+            InputError: The file is missing or damaged.
         """
         return read_settings(folder / SETTINGS_FILE, cls)
 
     def write(self, folder: Path) -> Path:
-        """Write it into a folder.
+        """Write the record into a folder.
 
         Raises:
-            InputError: It cannot be written.
+            InputError: The file cannot be written.
         """
         return write_settings(folder / SETTINGS_FILE, self)
 
@@ -201,14 +204,14 @@ class ClassificationRecord(ClassificationSettings):
 def usual(
     protocol: Protocol, estimators: tuple[str, ...], *, image: bool = True, readings: int | None = None
 ) -> dict[str, Any]:
-    """What a protocol takes where nothing else is said, as arguments of :class:`ClassificationSettings`.
+    """Return the default settings of a protocol, as arguments of :class:`ClassificationSettings`.
 
     Args:
         protocol: The protocol.
         estimators: The estimators.
-        image: Whether the readings are images.
-        readings: How many there are, where that matters: the leak-free protocol takes no more principal components than
-            a quarter of them, which even its smallest training sets have.
+        image: Whether the frames are images.
+        readings: The number of frames, if known. The leak-free protocol then uses at most a quarter of this number of
+            principal components, so that even its smallest training sets have enough rows.
     """
     copies = Augmentation() if image else Augmentation(noise=None, brightness=())
     values: dict[str, Any] = {"protocol": protocol, "estimators": estimators, "augmentation": copies}
@@ -222,27 +225,30 @@ def usual(
 
 
 def _own(name: str, values: Mapping[str, Any]) -> Any:
-    """A user's estimator: an object, or a class or function that makes one when it is called with nothing.
+    """Make a user's estimator from an object, or from a class or function that is called without arguments.
 
     Args:
         name: ``module:name``.
-        values: Of parameters, by name. Each that is not None is set wherever the estimator or a part of it has it.
+        values: The values of parameters by name. Each value that is not None is set wherever the estimator, or a part
+            of it, has this parameter.
     """
     from sklearn.base import clone
 
-    thing = _loaded(name)
+    source = _loaded(name)
     try:
-        model = thing() if inspect.isclass(thing) or not hasattr(thing, "fit") else clone(thing)
+        model = source() if inspect.isclass(source) or not hasattr(source, "fit") else clone(source)
         known = {key: values.get(key.rpartition("__")[2]) for key in model.get_params()}
         model.set_params(**{key: value for key, value in known.items() if value is not None})
     except TacbenchError:
         raise
     except Exception as error:
         what = f"{type(error).__name__}: {error}".splitlines()[0]
-        raise InputError("estimator", name, f"is no scikit-learn estimator and makes none: {what}") from error
+        raise InputError("estimator", name, f"must be a scikit-learn estimator, or make one: {what}") from error
     for needed in ("fit", "predict"):
         if not callable(getattr(model, needed, None)):
-            raise InputError("estimator", name, f"gives a {type(model).__name__}, which has no {needed}")
+            raise InputError(
+                "estimator", name, f"must make an estimator, but makes a {type(model).__name__}, which has no {needed}"
+            )
     return model
 
 
@@ -254,12 +260,12 @@ def _loaded(name: str) -> Any:
 
 
 def _source(name: str) -> str:
-    """The SHA-256 of the file that a user's estimator comes from, and of those that its module lists as ``FILES``.
+    """Return the SHA-256 of the file of a user's estimator, and of the files that its module lists as ``FILES``.
 
-    A trial is computed again after any of them has changed.
+    If one of these files changes, trials are computed again.
     """
-    thing = _loaded(name)
-    module = inspect.getmodule(thing if inspect.isclass(thing) or inspect.isfunction(thing) else type(thing))
+    source = _loaded(name)
+    module = inspect.getmodule(source if inspect.isclass(source) or inspect.isfunction(source) else type(source))
     modules = [sys.modules.get(module) for module in (name.partition(":")[0], module.__name__ if module else "")]
     files = {getattr(module, "__file__", None) for module in modules}
     files |= {str(path) for module in modules for path in getattr(module, "FILES", ())}
@@ -269,7 +275,7 @@ def _source(name: str) -> str:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Matrix products on one thread: their rounding must not depend on the machine, and processes share its cores."""
+    """Compute matrix products on one thread, so that rounding does not depend on the number of cores."""
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(limits=1):

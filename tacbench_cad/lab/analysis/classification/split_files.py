@@ -1,13 +1,15 @@
-"""Split files: which presses are trained on and which are tested on, so that anybody's classifier can be scored.
+"""Split files: lists of training and test presses, with which any classifier can be scored.
 
-A split file is one JSON document that needs nothing of ours to be read: the presses once, each with its run, press key,
-texture and the SHA-256 of its reading's file, and folds that name them by their index. It carries two hashes:
+A split file is a JSON document that can be read without this program. It lists all presses, each with its run, press
+key, texture and the SHA-256 of its frame's file. Its folds refer to the presses by index. The file has two hashes:
 
-* ``design_sha256`` of hold-out level, seed, run names, press keys, textures and folds. Two sensors that pressed the
-  same prints in the same way have the same one, so their scores stand on the same split;
-* ``data_sha256`` of run names, press keys and checksums of the readings. It is that of one sensor's data alone.
+* ``design_sha256`` is the hash of hold-out level, seed, run names, press keys, textures and folds. It is equal for two
+  sensors that pressed the same prints in the same way, so their scores can be compared.
+* ``data_sha256`` is the hash of run names, press keys and the checksums of the frames. It identifies the data of one
+  sensor.
 
-``protocol`` is ``tacbench-split/1:LEVEL:`` and the first twelve digits of the former: what a paper names.
+``protocol`` is ``tacbench-split/1:LEVEL:`` followed by the first twelve digits of ``design_sha256``. Papers can cite
+it.
 """
 
 from __future__ import annotations
@@ -27,16 +29,16 @@ from tacbench_cad.util.door import read_document
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import replacing
 
-#: What a split file calls itself, and the version of its layout that this program writes and reads.
+#: The schema of a split file, and the version that this program reads and writes.
 SCHEMA, SCHEMA_VERSION = "tacbench-split", 1
 
-#: A press: name of its run, force level, repeat, position.
+#: The key of a press: the name of its run, force level, repeat, position.
 Key = tuple[str, int, int, int]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SplitPress:
-    """One press of a split: its run and press key, the texture that is to be predicted, and its reading's checksum."""
+    """One press of a split: its run and press key, the texture to predict, and the checksum of its frame."""
 
     run: str
     force_level: int
@@ -47,11 +49,11 @@ class SplitPress:
 
     @property
     def key(self) -> Key:
-        """Name of its run, force level, repeat, position."""
+        """The name of the run, force level, repeat and position."""
         return (self.run, self.force_level, self.repeat, self.position)
 
 
-#: What stands in a press's entry.
+#: The columns of a press's entry.
 PRESS_COLUMNS = tuple(field.name for field in fields(SplitPress))
 
 
@@ -60,9 +62,9 @@ class SplitFold:
     """One fold of a split.
 
     Args:
-        name: What is held out: ``copy 2``.
-        train: Indices of the presses that may be learnt from.
-        test: Indices of the presses to predict.
+        name: The held-out group: ``copy 2``.
+        train: The indices of the training presses.
+        test: The indices of the presses to predict.
     """
 
     name: str
@@ -75,15 +77,15 @@ class Split:
     """A split of a study's presses.
 
     Args:
-        hold_out: The hold-out level of its folds.
-        seed: Seed of what is random in it.
+        hold_out: The hold-out level of the folds.
+        seed: The seed of random folds.
         presses: The presses.
         folds: The folds.
-        simulated: What of the study was simulated.
+        simulated: The simulated parts of the study.
 
     Raises:
-        InputError: A press or a fold stands there twice, or a fold names a press that is not there, tests nothing,
-            trains on nothing, or tests on what it trains on.
+        InputError: A press or a fold occurs twice, a fold has an unknown press or no training or test presses, or a
+            press is in both sets of a fold.
     """
 
     hold_out: str
@@ -94,7 +96,7 @@ class Split:
 
     def __post_init__(self) -> None:
         if not self.folds:
-            raise InputError("folds", None, "there is none")
+            raise InputError("folds", None, "must have at least one fold")
         _once("presses", (named(press.key) for press in self.presses))
         _once("folds", (fold.name for fold in self.folds))
         count = len(self.presses)
@@ -109,32 +111,33 @@ class Split:
             both = set(fold.train) & set(fold.test)
             if both:
                 press = named(self.presses[min(both)].key)
-                raise InputError(f"fold {fold.name}", press, f"is trained on and tested ({len(both)} such presses)")
+                what = f"must not be both in train and in test; this fold has {len(both)} of these presses"
+                raise InputError(f"fold {fold.name}", press, what)
 
     @cached_property
     def textures(self) -> tuple[str, ...]:
-        """The textures there are, sorted."""
+        """The names of the textures, sorted."""
         return tuple(sorted({press.texture for press in self.presses}))
 
     @cached_property
     def design_sha256(self) -> str:
-        """Hash of what two sensors' splits have in common."""
+        """The hash of the design, which the splits of two sensors can have in common."""
         presses = [[*press.key, press.texture] for press in self.presses]
         folds = [astuple(fold) for fold in self.folds]
         return _hash([SCHEMA, SCHEMA_VERSION, self.hold_out, self.seed, presses, folds])
 
     @cached_property
     def data_sha256(self) -> str:
-        """Hash of what was split, readings included."""
+        """The hash of the data, including the frames."""
         return _hash([[*press.key, press.image_sha256] for press in self.presses])
 
     @property
     def protocol(self) -> str:
-        """What a paper names: ``tacbench-split/1:copy:0123456789ab``."""
+        """The name of the split for citations: ``tacbench-split/1:copy:0123456789ab``."""
         return f"{SCHEMA}/{SCHEMA_VERSION}:{self.hold_out}:{self.design_sha256[:12]}"
 
     def document(self) -> dict[str, Any]:
-        """The document of the split file."""
+        """Return the document of the split file."""
         plain = to_plain(self)
         return {
             "schema": SCHEMA,
@@ -150,13 +153,13 @@ class Split:
 
 
 def named(key: Key) -> str:
-    """A press in words: ``RUN force level 2 repeat 1 position 13``."""
+    """Return the name of a press in words: ``RUN force level 2 repeat 1 position 13``."""
     run, level, repeat, position = key
     return f"{run} force level {level} repeat {repeat} position {position}"
 
 
 def split_presses(collection: Collection) -> tuple[SplitPress, ...]:
-    """The presses of a collection as a split names them, in its order."""
+    """Return the presses of a collection for a split, in the order of the collection."""
     names = [run.info.printed.name for run in collection.runs]
     return tuple(
         SplitPress(
@@ -172,16 +175,16 @@ def split_presses(collection: Collection) -> tuple[SplitPress, ...]:
 def make_splits(
     collection: Collection, levels: Sequence[str] | None = None, *, seed: int = 0, folds: int = FOLDS
 ) -> tuple[tuple[Split, ...], tuple[str, ...]]:
-    """The splits of a study, one for each hold-out level.
+    """Make the splits of a study, one for each hold-out level.
 
     Args:
         collection: The study.
-        levels: Which hold-out levels; None: all that can be asked of the study.
-        seed: Draws presses and positions into folds.
-        folds: Folds of presses and of positions.
+        levels: The hold-out levels; None for the default levels of the study.
+        seed: The seed that assigns presses and positions to folds.
+        folds: The number of folds of presses and of positions.
 
     Returns:
-        The splits of the levels that the data support, and what is left out, each with the reason.
+        The splits of the levels that the data support, and notes on left-out levels and presses with the reasons.
 
     Raises:
         InputError: A level is unknown, or the data support none; see
@@ -206,7 +209,7 @@ def make_splits(
 
 
 def write_split(path: Path, split: Split) -> Path:
-    """Write a split file, whole or not at all. The same split gives the same bytes.
+    """Write a split file, completely or not at all. Equal splits give equal bytes.
 
     Raises:
         InputError: The file cannot be written.
@@ -221,13 +224,13 @@ def read_split(path: Path) -> Split:
     """Read a split file.
 
     Raises:
-        InputError: It cannot be read, is of another kind or version, or does not have the hashes that it names.
+        InputError: The file cannot be read, has another schema or version, or its hashes do not match its contents.
     """
     document = read_document(path, "split", "json")
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-        raise InputError("split", str(path), f'is no split file: "schema" must be "{SCHEMA}"')
+        raise InputError("split", str(path), f'is not a split file: "schema" must be "{SCHEMA}"')
     if document.get("version") != SCHEMA_VERSION:
-        version = f"has version {document.get('version')!r}, this program reads {SCHEMA_VERSION}"
+        version = f"has version {document.get('version')!r}, but this program reads version {SCHEMA_VERSION}"
         raise InputError("split", str(path), version)
     if "rung" in document:  # the name of this key up to version 0.1
         document["hold_out"] = document["rung"]
@@ -239,13 +242,13 @@ def read_split(path: Path) -> Split:
     split = from_plain(Split, plain, f"{path}: ")
     for name in ("design_sha256", "data_sha256"):
         if document.get(name) != getattr(split, name):
-            what = "is not the hash of what stands in the file: it was changed"
+            what = "does not match the contents of the file: the file was changed; write it again with tacbench split"
             raise InputError(f"{path}: {name}", document.get(name), what)
     return split
 
 
 def _value(name: str, value: Any) -> str:
-    """A value in JSON; lists of presses and folds have a line for each."""
+    """Return a value as JSON; lists of presses and folds have a line for each item."""
     if name in ("presses", "folds"):
         return "[\n" + ",\n".join(f"  {json.dumps(item, separators=(',', ':'))}" for item in value) + "\n ]"
     return json.dumps(value)
@@ -255,7 +258,7 @@ def _once(where: str, names: Iterable[str]) -> None:
     seen: set[str] = set()
     for name in names:
         if name in seen:
-            raise InputError(where, name, "stands there twice")
+            raise InputError(where, name, "occurs twice")
         seen.add(name)
 
 

@@ -1,4 +1,4 @@
-"""Hold-out levels: which presses train and which are tested, from the easiest claim to the hardest.
+"""Hold-out levels: the division into training and test presses, from the easiest claim to the hardest.
 
 - ``press``: other presses of the same prints, at the same positions;
 - ``position``: positions on the block that were never pressed in training;
@@ -6,7 +6,7 @@
 - ``copy``: another print of the same texture from the same printer and filament;
 - ``printer-filament``: prints of a combination that training has not seen.
 
-Beside them stands ``session``: recordings of another session, for data that know theirs.
+A further level, ``session``, holds out recordings of another session; it is for data whose sessions are known.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.types import Bools, Ints, Strings
 
-#: The units of each level's intervals, which are what differs between one held-out group and the next: their name, and
-#: where :class:`PressTable` has them. The levels stand in order, from the easiest; sessions stand beside them.
+#: The units of each level's intervals, by which held-out groups differ: their name, and their attribute of
+#: :class:`PressTable`. The levels are in order, the easiest first; the level of sessions is last.
 UNITS = {
     "press": ("prints", "run"),
     "position": ("positions", "position"),
@@ -32,28 +32,28 @@ UNITS = {
     "printer-filament": ("printer-filament combinations", "combination"),
     "session": ("sessions", "session"),
 }
-#: What must be known of every press for a level, in words of ``Collection.has``.
+#: The facts that must be known for every press at a level, in words of ``Collection.has``.
 NEEDS = {name: name for name in ("position", "force", "session")}
 NEEDS |= {"copy": "print", "printer-filament": "printer or filament"}
-#: Names of the hold-out levels that every study is asked for, from the easiest claim to the hardest.
+#: The hold-out levels that are computed for every study, from the easiest claim to the hardest.
 HOLD_OUT_LEVELS = tuple(level for level in UNITS if level != "session")
-#: Folds of the levels whose groups are many: presses and positions.
+#: The number of folds for levels with many groups: presses and positions.
 FOLDS = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PressTable:
-    """What of a collection a split needs as plain arrays, (n,) each, that can be sent to a process.
+    """The facts about presses that splits need, as plain arrays, (n,) each, which can be sent to another process.
 
     Args:
-        run: The print's number.
-        texture: Name of the texture.
-        combination: Printer and filament.
-        copy: Number of the copy.
-        level: Force level.
-        position: Number of the position.
-        session: Name of the session.
-        unknown: What is unknown of some press, of :data:`NEEDS`.
+        run: The number of the print.
+        texture: The name of the texture.
+        combination: The printer and the filament.
+        copy: The number of the copy.
+        level: The force level.
+        position: The number of the position.
+        session: The name of the session.
+        unknown: The facts of :data:`NEEDS` that are unknown for some press.
     """
 
     run: Ints
@@ -67,20 +67,20 @@ class PressTable:
 
     @property
     def textures(self) -> list[str]:
-        """The textures, sorted."""
+        """The names of the textures, sorted."""
         return [str(name) for name in np.unique(self.texture)]
 
     @classmethod
     def of(cls, collection: Collection) -> PressTable:
-        """That of a collection."""
+        """Make the table of a collection."""
         columns = {field.name: getattr(collection, field.name) for field in fields(cls) if field.name != "unknown"}
         unknown = {need for need in NEEDS.values() if not any(collection.has(word) for word in need.split(" or "))}
         return cls(**columns, unknown=frozenset(unknown))
 
     def units(self, hold_out: str) -> tuple[str, NDArray[Any]]:
-        """What an interval of a hold-out level counts as one: its name, and which of them each press is of, (n,).
+        """Return the unit of the intervals at a hold-out level: its name, and the unit of each press, (n,).
 
-        Where prints are unknown, recordings stand for them, and samples where these are unknown too.
+        If prints are unknown, the unit is the recording; if recordings are unknown too, it is the sample.
         """
         name, array = UNITS.get(hold_out, UNITS["copy"])
         if array == "run" and NEEDS["copy"] in self.unknown:
@@ -92,13 +92,13 @@ class PressTable:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fold:
-    """One training set and what is tested with it.
+    """A training set and its test set.
 
     Args:
-        hold_out: Of :data:`HOLD_OUT_LEVELS`.
-        group: The held-out group by name, ``copy 2``; empty for a draw of presses or positions.
-        train: Indices of presses.
-        test: Likewise; never of a group that trains.
+        hold_out: The hold-out level.
+        group: The name of the held-out group, ``copy 2``; empty for a random group of presses or positions.
+        train: The indices of the training presses.
+        test: The indices of the test presses; no group is in both sets.
     """
 
     hold_out: str
@@ -112,8 +112,8 @@ class Folds:
     """The folds of one trial.
 
     Args:
-        folds: Those of every level that the data support.
-        notes: Levels and presses that are left out, each with the reason.
+        folds: The folds of every level that the data support.
+        notes: The levels and presses that are left out, each with the reason.
     """
 
     folds: tuple[Fold, ...]
@@ -127,18 +127,18 @@ class Folds:
 
 
 def levels_of(collection: Collection) -> tuple[str, ...]:
-    """The hold-out levels that a study is asked for where nothing is said: sessions only if they are known."""
+    """Return the default hold-out levels of a study. They include sessions only if these are known."""
     return (*HOLD_OUT_LEVELS, "session") if collection.has("session") else HOLD_OUT_LEVELS
 
 
 def folds_of(presses: PressTable, levels: Sequence[str] = HOLD_OUT_LEVELS, *, seed: int, folds: int = FOLDS) -> Folds:
-    """The folds of a trial.
+    """Make the folds of a trial.
 
     Args:
         presses: The presses.
-        levels: Hold-out levels.
-        seed: Draws presses and positions into folds; the other levels hold out each of their groups in turn.
-        folds: Folds of presses and positions; fewer where there are fewer.
+        levels: The hold-out levels.
+        seed: The seed that assigns presses and positions to folds. The other levels hold out one group after another.
+        folds: The number of folds of presses and positions; fewer if there are fewer presses or positions.
 
     Raises:
         InputError: A level is unknown, there are fewer than two folds or textures, or no level is left.
@@ -146,7 +146,7 @@ def folds_of(presses: PressTable, levels: Sequence[str] = HOLD_OUT_LEVELS, *, se
     if folds < 2:
         raise InputError("folds", folds, "must be at least 2")
     if len(presses.textures) < 2:
-        raise InputError("textures", presses.textures, "classifying needs at least two textures")
+        raise InputError("textures", presses.textures, "must be at least two for a classification")
     result: list[Fold] = []
     notes: list[str] = []
     for level in dict.fromkeys(levels):
@@ -164,7 +164,7 @@ def folds_of(presses: PressTable, levels: Sequence[str] = HOLD_OUT_LEVELS, *, se
 
 
 def _groups(presses: PressTable, level: str, seed: int, folds: int) -> tuple[Ints, list[str], str]:
-    """To which fold each press belongs (-1: it always trains), names of the folds, and why there are none."""
+    """Return the fold of each press (-1: always training), the folds' names, and the reason if there are no folds."""
     random = np.random.default_rng([seed, list(UNITS).index(level)])
     if NEEDS.get(level) in presses.unknown:
         column = NEEDS[level].partition(" ")[0]
@@ -172,15 +172,20 @@ def _groups(presses: PressTable, level: str, seed: int, folds: int) -> tuple[Int
         return np.zeros(len(presses.run), dtype=np.int64), [], reason
     if level == "press":
         _, counts = np.unique(presses.texture, return_counts=True)
-        fewest = int(counts.min())
-        return _stratified(presses.texture, min(folds, fewest), random), [], "a texture has one press" * (fewest < 2)
+        smallest = int(counts.min())
+        reason = "a texture has only one press" * (smallest < 2)
+        return _stratified(presses.texture, min(folds, smallest), random), [], reason
     if level == "position":
         places, index = np.unique(presses.position, return_inverse=True)
         drawn = random.permutation(len(places)) % min(folds, len(places))
-        return drawn[index], [], "there is one position" * (len(places) < 2)
+        return drawn[index], [], "there is only one position" * (len(places) < 2)
     if level == "force":
         levels, index = np.unique(presses.level, return_inverse=True)
-        return index, [f"force level {number}" for number in levels], "there is one force level" * (len(levels) < 2)
+        return (
+            index,
+            [f"force level {number}" for number in levels],
+            "there is only one force level" * (len(levels) < 2),
+        )
     if level == "copy":
         several = np.zeros(len(presses.copy), dtype=np.bool_)
         for where in _same_kind(presses):
@@ -191,14 +196,14 @@ def _groups(presses: PressTable, level: str, seed: int, folds: int) -> tuple[Int
         return groups, [f"copy {number}" for number in copies], reason
     if level == "session":
         names, index = np.unique(presses.session, return_inverse=True)
-        return index, [f"session {name}" for name in names], "there is one session" * (len(names) < 2)
+        return index, [f"session {name}" for name in names], "there is only one session" * (len(names) < 2)
     names, index = np.unique(presses.combination, return_inverse=True)
-    reason = f"there is one printer-filament combination, {names[0]}" * (len(names) < 2)
+    reason = f"there is only one printer-filament combination, {names[0]}" * (len(names) < 2)
     return index, [str(name) for name in names], reason
 
 
 def _stratified(texture: Strings, folds: int, random: np.random.Generator) -> Ints:
-    """Presses dealt out to folds, each texture evenly."""
+    """Assign presses to folds, so that each texture is spread evenly over them."""
     groups = np.empty(len(texture), dtype=np.int64)
     start = 0
     for name in np.unique(texture):
@@ -209,13 +214,13 @@ def _stratified(texture: Strings, folds: int, random: np.random.Generator) -> In
 
 
 def _same_kind(presses: PressTable) -> list[Bools]:
-    """The presses of each texture of each combination."""
+    """Return a mask of the presses for each texture of each combination."""
     pairs = dict.fromkeys(zip(presses.combination.tolist(), presses.texture.tolist(), strict=True))
     return [(presses.combination == combination) & (presses.texture == texture) for combination, texture in pairs]
 
 
 def _folds(presses: PressTable, level: str, groups: Ints, names: list[str], notes: list[str]) -> list[Fold]:
-    """Folds whose every tested texture, and for copies its combination too, is in the training set."""
+    """Make folds whose tested textures are all in the training set."""
     folds = []
     for group in range(int(groups.max()) + 1):
         train, test = np.flatnonzero(groups != group), np.flatnonzero(groups == group)
@@ -224,7 +229,7 @@ def _folds(presses: PressTable, level: str, groups: Ints, names: list[str], note
         if not known.all():
             missing = ", ".join(str(texture) for texture in np.unique(presses.texture[test[~known]]))
             notes.append(
-                f"hold-out level {level}, {name or 'a fold'}: {missing} is not tested, as no other group has it"
+                f"hold-out level {level}, {name or 'a fold'}: {missing} is not tested, because no other group has it"
             )
             test = test[known]
         if len(test) and len(np.unique(presses.texture[train])) > 1:
@@ -233,16 +238,16 @@ def _folds(presses: PressTable, level: str, groups: Ints, names: list[str], note
 
 
 def with_copies(presses: PressTable, fold: Fold, copies: int, seed: int) -> Fold | None:
-    """A fold whose training set has fewer prints.
+    """Reduce the number of prints in the training set of a fold.
 
     Args:
         presses: All presses.
-        fold: The whole fold.
-        copies: Prints of each texture and combination that are kept.
-        seed: What they are drawn by.
+        fold: The complete fold.
+        copies: The number of prints of each texture and combination that are kept.
+        seed: The seed of the random choice.
 
     Returns:
-        None where some texture of a combination that trains has fewer.
+        The reduced fold; None if some texture of a training combination has fewer prints.
     """
     random = np.random.default_rng([seed, copies, list(UNITS).index(fold.hold_out)])
     kept: list[Ints] = []

@@ -1,4 +1,4 @@
-"""Accuracy against one setting: resolution, components, copies in training, contact force."""
+"""Sweeps: the accuracy for several values of one setting (resolution, components, training prints, contact force)."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.parallel import Executor
 from tacbench_cad.util.errors import InputError, one_of
 
-#: What can be swept, and the label of its axis.
+#: The settings that can be swept, and the labels of their axes.
 PARAMETERS = {
     "resolution": "fraction of the image's width and height",
     "components": "principal components",
     "copies": "prints of each texture and combination in training",
     "forces": "force level (trained and tested at it alone)",
 }
-#: Values of a range where no number of them is given.
+#: The default number of values in a range.
 STEPS = 10
 
 
@@ -32,8 +32,8 @@ class Sweep:
     """One setting and its values.
 
     Args:
-        parameter: Of :data:`PARAMETERS`.
-        values: Rising.
+        parameter: The setting, one of :data:`PARAMETERS`.
+        values: The values in rising order.
     """
 
     parameter: str
@@ -41,17 +41,17 @@ class Sweep:
 
     @classmethod
     def parsed(cls, text: str) -> Sweep:
-        """From ``resolution=0.025:0.475``, ``components=5:50:10`` or ``copies=1,2,5``.
+        """Parse ``resolution=0.025:0.475``, ``components=5:50:10`` or ``copies=1,2,5``.
 
-        A range has :data:`STEPS` values or as many as its third number says, evenly; counts are whole numbers.
+        A range has :data:`STEPS` evenly spaced values, or as many as its third number. Counts are whole numbers.
 
         Raises:
-            InputError: The text cannot be read, or the setting is unknown.
+            InputError: The text has another form, or the setting is unknown.
         """
         name, equals, rest = text.partition("=")
         one_of("sweep", name.strip(), PARAMETERS)
         name = name.strip()
-        how = f"must be {name}=LOW:HIGH, {name}=LOW:HIGH:STEPS or {name}=A,B,C"
+        allowed = f"must be {name}=LOW:HIGH, {name}=LOW:HIGH:STEPS or {name}=A,B,C"
         try:
             if ":" in rest:
                 low, high, steps = (
@@ -64,7 +64,7 @@ class Sweep:
         except ValueError:
             values = None
         if not equals or values is None or re.search(r"nan|inf", rest, re.IGNORECASE):
-            raise InputError("sweep", text, how)
+            raise InputError("sweep", text, allowed)
         numbers = [round(float(value), 6) for value in values]
         if name != "resolution":
             if ":" not in rest and any(not number.is_integer() for number in numbers):
@@ -77,15 +77,15 @@ class Sweep:
     def at(
         self, collection: Collection, settings: ClassificationSettings, value: float
     ) -> tuple[Collection, ClassificationSettings]:
-        """Data and settings for one value.
+        """Return the data and the settings for one value.
 
         Args:
             collection: The presses of the study.
-            settings: What holds at every value.
-            value: A value of the parameter.
+            settings: The settings that are equal for all values.
+            value: A value of the setting that is swept.
 
         Raises:
-            InputError: The data have no such force level.
+            InputError: The data do not have this force level.
         """
         if self.parameter == "resolution":
             return collection, replace(settings, resolution=value)
@@ -105,23 +105,25 @@ def run_sweep(
     executor: Executor,
     progress: Progress | None = None,
 ) -> Result:
-    """Classify at every value; finished trials are kept as for one value.
+    """Classify for every value. Finished trials are stored and not repeated, as in :func:`.classify.classify`.
 
     Args:
         collection: The presses of the study.
-        settings: What holds at every value.
-        sweep: The parameter and its values.
-        trials: How many trials are made at each value.
-        out: Where finished trials are kept.
-        executor: Worker processes.
-        progress: Called with what was done, how much is done, and how much there is.
+        settings: The settings that are equal for all values.
+        sweep: The setting that is swept, and its values.
+        trials: The number of trials for each value.
+        out: The folder in which finished trials are stored.
+        executor: The worker processes.
+        progress: Receives progress updates: the name of the step, the steps done and their total number.
 
     Raises:
-        InputError: As :func:`.classify.classify`, or the protocol has no such setting.
-        CheckFailedError: A reading is damaged.
+        InputError: Same as for :func:`.classify.classify`, or the protocol does not have this setting.
+        CheckFailedError: A frame is damaged.
     """
     if settings.protocol != "leak-free" and sweep.parameter == "copies":
-        raise InputError("sweep", sweep.parameter, "is of the leak-free protocol; the paper's has its own copies")
+        raise InputError(
+            "sweep", sweep.parameter, "needs --protocol leak-free; the paper's protocols fix the number of prints"
+        )
     if sweep.parameter == "components" and settings.components is None:
         raise InputError("sweep", sweep.parameter, "needs principal components; leave out --components none")
     points: list[tuple[float, Score]] = []

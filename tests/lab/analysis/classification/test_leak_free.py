@@ -77,8 +77,8 @@ def test_predictions_are_those_of_plain_scikit_learn(study: Collection) -> None:
         pipeline = make_pipeline(SignedPCA(12, svd_solver="full"), StandardScaler(), estimator)
         with pytest.warns() if name == "network" else _nothing():
             pipeline.fit(plain_rows(features, fold.train, seed), np.tile(presses.texture[fold.train], 4))
-        said = pipeline.predict(features.rows[fold.test].astype(float))
-        assert np.array_equal(np.array(study.textures)[outcome.predicted], said), (fold.hold_out, fold.group, name)
+        expected = pipeline.predict(features.rows[fold.test].astype(float))
+        assert np.array_equal(np.array(study.textures)[outcome.predicted], expected), (fold.hold_out, fold.group, name)
         assert np.array_equal(outcome.press, fold.test) and outcome.hold_out == fold.hold_out
     accuracies = [one.accuracy for one in scores(outcomes, presses, "leak-free") if one.tested_on == "all"]
     assert max(accuracies) > 0.9 and min(accuracies) < 1.0
@@ -146,7 +146,7 @@ def run(found: Collection, out: Path, **changes: object) -> None:
 
 def test_constant_images_are_refused(tmp_path: Path) -> None:
     write_study(tmp_path / "runs", still=1, image=lambda *_: np.full((24, 32), 7, np.uint8))
-    with pytest.raises(InputError, match="all the same"):
+    with pytest.raises(InputError, match="are all equal"):
         run(Collection.open([tmp_path / "runs"]), tmp_path)
 
 

@@ -146,7 +146,7 @@ def test_as_published_is_the_plain_cell(study: Collection, tmp_path: Path, estim
 def test_as_published_says_what_leaks_and_what_differs_from_the_notebooks(study: Collection, tmp_path: Path) -> None:
     result = run(study, tmp_path, published(resolution=0.25, components=6))
     notes = " ".join(result.notes)
-    assert '"all copies", printed in the paper as unseen prints, holds the very images that were trained on' in notes
+    assert '"all copies", printed in the paper as unseen prints, includes the training images' in notes
     assert "trained on 8 images of each texture (1 force level); the notebooks had 50 of each" in notes
     titles = [table.title for table in result.shown]
     assert "other copies: without copy 1" in titles[0]
@@ -164,7 +164,7 @@ def test_the_notebooks_settings_are_those_of_the_estimator() -> None:
     forest, network = published(), published("network")
     assert (forest.components, forest.augmentation.names, forest.depth) == (25, ("none", "noise 5"), 50)
     assert (network.components, network.epochs, network.batch_size) == (45, 15_000, 64)
-    with pytest.raises(InputError, match="must be one: the saved cells have other settings for each"):
+    with pytest.raises(InputError, match="must be a single name, because the saved cells"):
         replace(forest, estimators=("forest", "network"))
     with pytest.raises(InputError, match="clip"):
         replace(forest, clip=True)
@@ -186,7 +186,7 @@ def test_clipped_copies_are_another_computation(study: Collection, tmp_path: Pat
 
 
 def test_a_combination_that_is_not_there_or_has_one_texture_is_refused(study: Collection, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="train-on = 'form-3_grey-v4': the runs have"):
+    with pytest.raises(InputError, match="train-on = 'form-3_grey-v4': must be a combination of the runs"):
         run(study, tmp_path, replace(PAPER, train_on=("form-3_grey-v4",)))
     few = study.chosen((study.combination == "ender-3_pla-plus") | (study.texture == "texture-1"))
     with pytest.raises(InputError, match="has only texture-1"):

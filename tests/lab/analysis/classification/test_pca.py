@@ -43,16 +43,16 @@ def scores_of(pool: Pool, augmentation: Augmentation, components: int, seed: int
     return trial_scores(pool, augmentation, components, [seed])[0]
 
 
-def assert_scikit_learns(found: Scores, written: Floats, readings: Floats, variance: float = 1e-9) -> None:
+def assert_scikit_learns(result: Scores, written: Floats, readings: Floats, variance: float = 1e-9) -> None:
     """Scores are those of scikit-learn's PCA of a written-out set, with signs by its rows' largest scores."""
-    components = found.train.shape[1]
+    components = result.train.shape[1]
     full = PCA(components, svd_solver="full").fit(written)
     train, plain = full.transform(written), full.transform(readings)
     signs = np.sign(train[np.argmax(np.abs(train), axis=0), np.arange(components)])
     size = np.abs(train).max()
-    np.testing.assert_allclose(found.train, train * signs, atol=1e-9 * size)
-    np.testing.assert_allclose(found.plain, plain * signs, atol=1e-9 * size)
-    np.testing.assert_allclose(found.variance, full.explained_variance_, rtol=variance)
+    np.testing.assert_allclose(result.train, train * signs, atol=1e-9 * size)
+    np.testing.assert_allclose(result.plain, plain * signs, atol=1e-9 * size)
+    np.testing.assert_allclose(result.variance, full.explained_variance_, rtol=variance)
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.float64])
@@ -78,15 +78,15 @@ def test_scores_are_those_of_the_set_written_out(
     # A fold of all readings: its noise is that of the copies which other estimators get.
     pool = Pool.of(rows, components=components)
     noise = None if augmentation.noise is None else Noise.of(pool, augmentation.noise, 7)
-    found = principal_scores(pool, noise, augmentation, components, chosen)
+    result = principal_scores(pool, noise, augmentation, components, chosen)
     written = augmentation.rows(features, chosen, 7)
-    assert_scikit_learns(found, written, rows.astype(float))
+    assert_scikit_learns(result, written, rows.astype(float))
     # A pool beside other readings, with noise of its own.
-    found = scores_of(Pool.of(rows, chosen, components=components), augmentation, components)
+    result = scores_of(Pool.of(rows, chosen, components=components), augmentation, components)
     if augmentation.noise is not None:
         drawn = augmentation.noise * noise_block(7, 0, len(chosen), numbers).astype(float)
         written[len(chosen) : 2 * len(chosen)] = rows[chosen] + drawn
-    assert_scikit_learns(found, written, rows.astype(float))
+    assert_scikit_learns(result, written, rows.astype(float))
 
 
 def explicit_noise(pool: Pool, noise: Noise) -> Floats:
@@ -107,13 +107,13 @@ def test_scores_of_the_training_set_are_those_of_noise_with_the_drawn_inner_prod
     pool = Pool.of(rows, np.arange(0, 45, 2), components=8, seeds=(3,))
     assert pool.factor is not None
     noise = Noise.of(pool, 5.0, 3)
-    found = principal_scores(pool, noise, Augmentation(), 8)
+    result = principal_scores(pool, noise, Augmentation(), 8)
     drawn = explicit_noise(pool, noise)
     assert 0.95 < drawn.std() / 5.0 < 1.05
     train = rows[pool.inside].astype(float)
     np.testing.assert_allclose(noise.cross[1:], (train - 128) @ drawn.T, atol=1e-6)
     written = np.concatenate([train, train + drawn, train + 10, train - 10])
-    assert_scikit_learns(found, written, train)
+    assert_scikit_learns(result, written, train)
 
 
 #: Draws of which the means are compared.
@@ -179,12 +179,12 @@ def test_clipped_copies_are_those_of_the_set_written_out() -> None:
     images = images_of(40, 150)
     images[:, :75] = 3  # a dark background: darker copies are clipped there
     augmentation = Augmentation(noise=None)
-    found = clipped_scores(images, np.arange(20), augmentation, 5, seed=4)
+    result = clipped_scores(images, np.arange(20), augmentation, 5, seed=4)
     train = images[:20].astype(float)
     written = np.concatenate([np.clip(train + level, 0, 255) for level in (0, 10, -10)])
-    assert_scikit_learns(found, written, images.astype(float))
+    assert_scikit_learns(result, written, images.astype(float))
     unclipped = scores_of(Pool.of(images, np.arange(20), components=5, seeds=(7,)), augmentation, 5)
-    assert not np.allclose(found.variance, unclipped.variance, rtol=1e-3)
+    assert not np.allclose(result.variance, unclipped.variance, rtol=1e-3)
 
 
 def test_clipped_noise_is_rounded_drawn_by_seed_and_near_the_unclipped_on_bright_images() -> None:
@@ -213,10 +213,10 @@ def test_leading_eigenvectors(spectrum: str) -> None:
     size = len(values)
     turn = np.linalg.qr(np.random.default_rng(2).standard_normal((size, size)))[0]
     matrix = turn * values @ turn.T
-    found, vectors = leading(lambda v: matrix @ v, size, 4)
-    np.testing.assert_allclose(found, values[:4], rtol=0, atol=1e-12 * values[0])
+    result, vectors = leading(lambda v: matrix @ v, size, 4)
+    np.testing.assert_allclose(result, values[:4], rtol=0, atol=1e-12 * values[0])
     np.testing.assert_allclose(vectors.T @ vectors, np.eye(4), atol=1e-12)
-    np.testing.assert_allclose(matrix @ vectors, vectors * found, atol=1e-12 * max(values[0], 1.0))
+    np.testing.assert_allclose(matrix @ vectors, vectors * result, atol=1e-12 * max(values[0], 1.0))
     assert np.all(vectors[np.argmax(np.abs(vectors), axis=0), np.arange(4)] > 0)
 
 
@@ -224,7 +224,7 @@ def test_leading_eigenvectors(spectrum: str) -> None:
 def test_a_matrix_with_fewer_directions_is_refused(values: tuple[float, ...], most: int) -> None:
     diagonal = np.zeros((WRITTEN_OUT + 100, 1))
     diagonal[: len(values), 0] = values
-    with pytest.raises(InputError, match=f"components = 4: must be at most {most}: so many directions"):
+    with pytest.raises(InputError, match=f"components = 4: must be at most {most}, the number of directions"):
         leading(lambda v: diagonal * v, len(diagonal), 4)
 
 
@@ -233,14 +233,14 @@ def test_white_noise_takes_no_more_memory_than_its_eigenvectors() -> None:
     noise = np.random.default_rng(3).standard_normal((1500, 300))
     expected = np.linalg.eigvalsh(noise.T @ noise)[::-1][:25]
     tracemalloc.start()
-    found, vectors = leading(lambda v: noise @ (noise.T @ v), 1500, 25)
+    result, vectors = leading(lambda v: noise @ (noise.T @ v), 1500, 25)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 2e6
-    np.testing.assert_allclose(found, expected, rtol=1e-8)
-    np.testing.assert_allclose(noise @ (noise.T @ vectors), vectors * found, atol=1e-8 * expected[-1])
+    np.testing.assert_allclose(result, expected, rtol=1e-8)
+    np.testing.assert_allclose(noise @ (noise.T @ vectors), vectors * result, atol=1e-8 * expected[-1])
     again, same = leading(lambda v: noise @ (noise.T @ v), 1500, 25)
-    assert np.array_equal(found, again) and np.array_equal(vectors, same)
+    assert np.array_equal(result, again) and np.array_equal(vectors, same)
 
 
 def test_more_components_than_directions_are_refused() -> None:
@@ -259,12 +259,12 @@ def test_more_components_than_directions_are_refused() -> None:
 def test_constant_images_have_no_directions_but_their_noise_and_brightness() -> None:
     """Images that are alike have no coordinates of full rank; they are set apart by a trifle."""
     images = np.full((10, 64), 80, np.uint8)
-    with pytest.raises(InputError, match="at most 1: so many directions"):
+    with pytest.raises(InputError, match="at most 1, the number of directions"):
         scores_of(Pool.of(images, components=2), Augmentation(noise=None), 2)
-    with pytest.raises(InputError, match="at most 1: so many directions"):
+    with pytest.raises(InputError, match="at most 1, the number of directions"):
         clipped_scores(images, np.arange(10), Augmentation(noise=None), 2, seed=0)
     pool = Pool.of(images, np.arange(6), components=2, seeds=(7,))
     assert pool.factor is not None
-    found = scores_of(pool, Augmentation(), 2)
-    assert found.variance[0] > found.variance[1] > 0
-    assert np.ptp(found.plain, axis=0).max() < 1e-2
+    result = scores_of(pool, Augmentation(), 2)
+    assert result.variance[0] > result.variance[1] > 0
+    assert np.ptp(result.plain, axis=0).max() < 1e-2

@@ -67,19 +67,19 @@ def test_accuracy_recall_and_confusion_of_known_answers(split: Split, tmp_path: 
     rows = right_rows(split)
     for row in rows[:3]:  # three presses of texture-1, copy 1
         row["predicted"] = "texture-2"
-    found = score(write_rows(tmp_path / "p.csv", rows), split)
-    assert found.confusion.tolist() == [[7, 3], [0, 10]]
-    assert (found.accuracy.right, found.accuracy.presses, found.accuracy.prints) == (17, 20, 4)
-    assert found.recall["texture-1"].fraction == 0.7 and found.recall["texture-2"].fraction == 1.0
-    assert found.folds["copy 1"].fraction == 0.7 and found.folds["copy 2"].fraction == 1.0
-    assert found.accuracy.low is not None and found.accuracy.high is not None
-    assert 0.0 < found.accuracy.low < 0.85 < found.accuracy.high < 1.0
+    result = score(write_rows(tmp_path / "p.csv", rows), split)
+    assert result.confusion.tolist() == [[7, 3], [0, 10]]
+    assert (result.accuracy.right, result.accuracy.presses, result.accuracy.prints) == (17, 20, 4)
+    assert result.recall["texture-1"].fraction == 0.7 and result.recall["texture-2"].fraction == 1.0
+    assert result.folds["copy 1"].fraction == 0.7 and result.folds["copy 2"].fraction == 1.0
+    assert result.accuracy.low is not None and result.accuracy.high is not None
+    assert 0.0 < result.accuracy.low < 0.85 < result.accuracy.high < 1.0
 
 
 def test_order_and_other_columns_mean_nothing(split: Split, tmp_path: Path) -> None:
     rows = [{"confidence": "0.5", **row} for row in reversed(right_rows(split))]
-    found = score(write_rows(tmp_path / "p.csv", rows), split)
-    assert found.accuracy.fraction == 1.0 and found.confusion.trace() == 20
+    result = score(write_rows(tmp_path / "p.csv", rows), split)
+    assert result.accuracy.fraction == 1.0 and result.confusion.trace() == 20
 
 
 def twice(rows: Rows) -> None:
@@ -124,7 +124,7 @@ def no_number(rows: Rows) -> None:
         (other_fold, [("unknown", "this fold does not test it"), ("missing", "position 1: has no prediction")]),
         (no_fold, [("unknown", "the split has no such fold"), ("missing", "position 1: has no prediction")]),
         (no_press, [("unknown", "the split has no such press"), ("missing", "position 1: has no prediction")]),
-        (no_texture, [("unknown", "predicted 'texture-9' is no texture of the split (texture-1, texture-2)")]),
+        (no_texture, [("unknown", "predicted 'texture-9' is not a texture of the split (texture-1, texture-2)")]),
         (no_number, [("unknown", "must be whole numbers"), ("missing", "position 1: has no prediction")]),
     ],
 )
@@ -169,23 +169,23 @@ def test_prints_count_and_not_presses() -> None:
 
 
 def test_all_right_says_as_much_as_so_many_prints_can_say() -> None:
-    found = accuracy_of([True] * 600, [i // 100 for i in range(600)])
-    assert found.high == 1.0 and found.low == pytest.approx(0.025 ** (1 / 6))
+    result = accuracy_of([True] * 600, [i // 100 for i in range(600)])
+    assert result.high == 1.0 and result.low == pytest.approx(0.025 ** (1 / 6))
     assert accuracy_of([True] * 600, [0] * 600) == Accuracy(
         fraction=1.0, low=None, high=None, right=600, presses=600, prints=1
     )
 
 
-@pytest.mark.parametrize(("prints", "mean", "spread"), [(6, 0.7, 8.0), (12, 0.9, 4.0), (12, 0.5, 2.0)])
-def test_intervals_cover_studies_with_prints_that_differ(prints: int, mean: float, spread: float) -> None:
+@pytest.mark.parametrize(("prints", "mean", "precision"), [(6, 0.7, 8.0), (12, 0.9, 4.0), (12, 0.5, 2.0)])
+def test_intervals_cover_studies_with_prints_that_differ(prints: int, mean: float, precision: float) -> None:
     """Accuracies of prints are drawn from a beta distribution; 95 % intervals over 400 studies."""
     rng = np.random.default_rng(5)
     covered = 0
     for _ in range(400):
-        accuracy = rng.beta(mean * spread, (1.0 - mean) * spread, prints)
-        found = accuracy_of(rng.random((prints, 50)).ravel() < np.repeat(accuracy, 50), np.repeat(range(prints), 50))
-        assert found.low is not None and found.high is not None
-        covered += found.low <= mean <= found.high
+        accuracy = rng.beta(mean * precision, (1.0 - mean) * precision, prints)
+        result = accuracy_of(rng.random((prints, 50)).ravel() < np.repeat(accuracy, 50), np.repeat(range(prints), 50))
+        assert result.low is not None and result.high is not None
+        covered += result.low <= mean <= result.high
     assert 0.90 <= covered / 400 <= 1.0
 
 

@@ -34,9 +34,9 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def splits(runs: Path) -> dict[str, Split]:
-    found, notes = make_splits(Collection.open([runs]), seed=3, folds=2)
+    result, notes = make_splits(Collection.open([runs]), seed=3, folds=2)
     assert not notes
-    return {one.hold_out: one for one in found}
+    return {one.hold_out: one for one in result}
 
 
 def test_every_level_has_a_split_and_names_its_presses(splits: dict[str, Split], runs: Path) -> None:
@@ -77,24 +77,24 @@ def test_another_sensor_on_the_same_prints_has_the_same_protocol_and_other_data(
 
 def test_a_level_that_the_data_do_not_support_is_left_out_with_the_reason(tmp_path: Path) -> None:
     write_study(tmp_path, prints=[("ender-3", "pla-plus")], copies=1)
-    found, notes = make_splits(Collection.open([tmp_path]))
-    assert [one.hold_out for one in found] == ["press", "position"]
+    result, notes = make_splits(Collection.open([tmp_path]))
+    assert [one.hold_out for one in result] == ["press", "position"]
     assert len(notes) == 3 and all("is left out: " in one for one in notes)
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda d: d.update(schema="other"), "is no split file"),
-        (lambda d: d.update(version=2), "has version 2, this program reads 1"),
-        (lambda d: d["folds"][0]["test"].pop(), "is not the hash of what stands in the file"),
+        (lambda d: d.update(schema="other"), "is not a split file"),
+        (lambda d: d.update(version=2), "has version 2, but this program reads version 1"),
+        (lambda d: d["folds"][0]["test"].pop(), "does not match the contents of the file"),
         (lambda d: d["presses"][0].__setitem__(5, "0" * 64), "data_sha256"),
         (lambda d: d["folds"][0]["test"].append(10**6), "must be whole numbers from 0 to"),
-        (lambda d: d["folds"][0]["test"].append(d["folds"][0]["train"][0]), "is trained on and tested"),
-        (lambda d: d["folds"][0]["train"].append(d["folds"][0]["train"][0]), "stands there twice"),
+        (lambda d: d["folds"][0]["test"].append(d["folds"][0]["train"][0]), "must not be both in train and in test"),
+        (lambda d: d["folds"][0]["train"].append(d["folds"][0]["train"][0]), "occurs twice"),
         (lambda d: d["folds"][0]["train"].append("1"), "must be a whole number"),
-        (lambda d: d["folds"].clear(), "there is none"),
-        (lambda d: d["presses"].append(d["presses"][0]), "stands there twice"),
+        (lambda d: d["folds"].clear(), "must have at least one fold"),
+        (lambda d: d["presses"].append(d["presses"][0]), "occurs twice"),
         (lambda d: d.pop("seed"), "seed: is missing"),
     ],
 )

@@ -47,9 +47,9 @@ def prints(textures: str = "abc", combinations: str = "XY", copies: int = 2) -> 
     return list(itertools.product(textures, combinations, range(1, copies + 1)))
 
 
-def of(found: Folds, level: str) -> list[Fold]:
+def of(result: Folds, level: str) -> list[Fold]:
     """The folds of a hold-out level."""
-    return [fold for fold in found.folds if fold.hold_out == level]
+    return [fold for fold in result.folds if fold.hold_out == level]
 
 
 def group(presses: PressTable, level: str) -> np.ndarray:
@@ -66,17 +66,17 @@ def group(presses: PressTable, level: str) -> np.ndarray:
 
 def test_every_press_is_tested_once_a_level_and_no_group_is_on_both_sides() -> None:
     presses = table(prints())
-    found = folds_of(presses, seed=3)
-    assert found.levels == HOLD_OUT_LEVELS and found.notes == ()
+    result = folds_of(presses, seed=3)
+    assert result.levels == HOLD_OUT_LEVELS and result.notes == ()
     for level in HOLD_OUT_LEVELS:
-        tested = np.concatenate([fold.test for fold in of(found, level)])
+        tested = np.concatenate([fold.test for fold in of(result, level)])
         assert sorted(tested.tolist()) == list(range(len(presses.run)))
         kept = group(presses, level)
-        for fold in of(found, level):
+        for fold in of(result, level):
             assert len(fold.train) + len(fold.test) == len(presses.run)
             assert not set(kept[fold.train].tolist()) & set(kept[fold.test].tolist())
-    assert [fold.group for fold in of(found, "copy")] == ["copy 1", "copy 2"]
-    assert [fold.group for fold in of(found, "force")] == ["force level 1", "force level 2"]
+    assert [fold.group for fold in of(result, "copy")] == ["copy 1", "copy 2"]
+    assert [fold.group for fold in of(result, "force")] == ["force level 1", "force level 2"]
 
 
 def test_presses_are_dealt_out_evenly_over_textures() -> None:
@@ -106,10 +106,10 @@ def test_the_seed_draws_presses_and_positions_and_nothing_else() -> None:
         (table(prints(), positions=1), "position", "one position"),
     ],
 )
-def test_a_level_that_the_data_cannot_support_is_left_out_by_name(presses: PressTable, level: str, reason: str) -> None:
-    found = folds_of(presses, seed=0)
-    assert level not in found.levels and set(found.levels) == set(HOLD_OUT_LEVELS) - {level}
-    (note,) = found.notes
+def test_a_level_without_enough_data_is_left_out_with_its_reason(presses: PressTable, level: str, reason: str) -> None:
+    result = folds_of(presses, seed=0)
+    assert level not in result.levels and set(result.levels) == set(HOLD_OUT_LEVELS) - {level}
+    (note,) = result.notes
     assert level in note and reason in note
     with pytest.raises(InputError, match=reason):
         folds_of(presses, [level], seed=0)
@@ -126,15 +126,15 @@ def test_a_single_copy_always_trains_and_is_not_tested_for_its_copy() -> None:
 
 def test_a_texture_that_only_the_held_out_printer_has_is_not_tested_and_named() -> None:
     presses = table([*prints("ab", "XY"), *prints("c", "Y")])
-    found = folds_of(presses, ["printer-filament"], seed=0)
-    by_name = {fold.group: fold for fold in found.folds}
+    result = folds_of(presses, ["printer-filament"], seed=0)
+    by_name = {fold.group: fold for fold in result.folds}
     assert set(presses.texture[by_name["Y"].test]) == {"a", "b"}
     assert set(presses.texture[by_name["X"].test]) == {"a", "b"}
-    assert any("c is not tested" in note and "Y" in note for note in found.notes)
+    assert any("c is not tested" in note and "Y" in note for note in result.notes)
 
 
 def test_one_texture_one_fold_and_an_unknown_level_are_refused() -> None:
-    with pytest.raises(InputError, match="two textures"):
+    with pytest.raises(InputError, match="must be at least two for a classification"):
         folds_of(table(prints("a")), seed=0)
     with pytest.raises(InputError, match="at least 2"):
         folds_of(table(prints()), seed=0, folds=1)
@@ -182,10 +182,10 @@ def test_any_design_has_folds_without_leaks_or_reasons(
         with pytest.raises(InputError):
             folds_of(presses, seed=seed)
         return
-    found = folds_of(presses, seed=seed)
+    result = folds_of(presses, seed=seed)
     for level in HOLD_OUT_LEVELS:
-        assert of(found, level) or any(f"hold-out level {level} is left out" in note for note in found.notes)
-        for fold in of(found, level):
+        assert of(result, level) or any(f"hold-out level {level} is left out" in note for note in result.notes)
+        for fold in of(result, level):
             _is_sound(presses, fold)
 
 

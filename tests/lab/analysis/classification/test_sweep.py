@@ -81,7 +81,7 @@ def test_each_value_has_a_row_with_interval_and_standard_deviation(study: Collec
 
 
 @pytest.mark.parametrize(
-    ("bounds", "spread", "title", "bars", "bands"),
+    ("bounds", "deviation", "title", "bars", "bands"),
     [
         ((0.4, 0.8), 0.1, "bar: 95 % interval; band: standard deviation over the trials", 3, 1),
         ((0.4, 0.8), None, "bar: 95 % interval", 3, 0),
@@ -91,7 +91,7 @@ def test_each_value_has_a_row_with_interval_and_standard_deviation(study: Collec
 def test_the_figure_says_what_is_drawn_and_no_more(
     study: Collection,
     bounds: tuple[float | None, float | None],
-    spread: float | None,
+    deviation: float | None,
     title: str,
     bars: int,
     bands: int,
@@ -105,11 +105,11 @@ def test_the_figure_says_what_is_drawn_and_no_more(
         protocol="leak-free",
         hold_out="copy",
         accuracy=0.6,
-        standard_deviation=spread,
+        standard_deviation=deviation,
         low=bounds[0],
         high=bounds[1],
         units="3 copies",
-        trials=1 if spread is None else 2,
+        trials=1 if deviation is None else 2,
         images=24,
         confusion=np.eye(2, dtype=np.int64),
     )
@@ -140,14 +140,14 @@ def test_copies_and_forces_cut_the_data(study: Collection, tmp_path: Path) -> No
     assert {score.images for score in copies.scores} == {len(study)}
     forces = swept(study, tmp_path, "forces=1,2", trials=1)
     assert {score.images for score in forces.scores} == {len(study) // 2}
-    with pytest.raises(InputError, match="no 3 copies of each print in training"):
+    with pytest.raises(InputError, match="there are fewer than 3 prints of some texture in training"):
         swept(study, tmp_path, "copies=3", trials=1)
     with pytest.raises(InputError, match="force-level = 3: must be a level of the runs: 1, 2"):
         swept(study, tmp_path, "forces=3", trials=1)
 
 
 def test_a_setting_that_the_protocol_does_not_have_is_refused(study: Collection, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="leak-free protocol"):
+    with pytest.raises(InputError, match="needs --protocol leak-free"):
         swept(study, tmp_path, "copies=1", ClassificationSettings(protocol="paper"))
     with pytest.raises(InputError, match="needs principal components"):
         swept(study, tmp_path, "components=2,3", ClassificationSettings(components=None))
