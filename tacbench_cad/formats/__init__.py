@@ -1,4 +1,4 @@
-"""The formats that a part can be written in. A new format is one file here and one row of ``FORMATS``."""
+"""The file formats of parts. To add a format, add a module to this package and a row to ``FORMATS``."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from tacbench_cad.util.errors import InputError, nearest
 
 @dataclass(frozen=True, kw_only=True)
 class Format:
-    """One file format.
+    """A file format.
 
     Args:
-        name: What ``--formats`` calls it.
-        suffix: End of the file's name, with the dot.
-        shape: Whether it holds a part's ``mesh`` or its ``solid``.
-        write: Writes a part to a path (a temporary one; see :func:`tacbench_cad.util.files.replacing`).
-        why_missing: Why it cannot be written on this machine, or None.
+        name: The word for ``--formats``.
+        suffix: The end of the file name, with the dot.
+        shape: The shape that the format stores: ``mesh`` or ``solid``.
+        write: A function that writes a part to a temporary path; see :func:`tacbench_cad.util.files.replacing`.
+        why_missing: A function that returns the reason why this machine cannot write the format, or None if it can.
     """
 
     name: str
@@ -30,7 +30,7 @@ class Format:
     why_missing: Callable[[], str | None] = lambda: None
 
 
-#: The file formats by their names.
+#: The file formats, by their names.
 FORMATS: dict[str, Format] = {
     row.name: row
     for row in (
@@ -57,19 +57,19 @@ FORMATS: dict[str, Format] = {
     )
 }
 
-#: Endings that files made elsewhere have, and the format that reads them.
+#: The suffixes of files from other programs, and the format that reads them.
 SUFFIXES: dict[str, str] = {".stl": "stl", ".3mf": "3mf", ".step": "step", ".stp": "step"}
 
 
 def format_of(path: Path) -> Format:
-    """The format of a file, by the end of its name.
+    """Return the format of a file, based on the suffix of its name.
 
     Raises:
-        InputError: The ending is none that can be read.
+        InputError: The suffix belongs to no known format.
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(
-            "file", str(path), f"its ending must be one of {', '.join(SUFFIXES)}; {nearest(suffix, SUFFIXES)}"
+            "file", str(path), f"its suffix must be one of {', '.join(SUFFIXES)}; {nearest(suffix, SUFFIXES)}"
         )
     return FORMATS[SUFFIXES[suffix]]

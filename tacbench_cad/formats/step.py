@@ -1,7 +1,8 @@
-"""STEP by Open CASCADE: one solid with its name and colour, in millimetres, the same bytes for the same part.
+"""STEP files by Open CASCADE: solids with names and colours, in millimetres. The same part gives the same bytes.
 
-Schema: AP214 (``AUTOMOTIVE_DESIGN``, ISO 10303-214 IS), the one that every CAD program reads. Curves on surfaces
-(pcurves) are written: without them the file of texture 4 is 4 % smaller and takes the kernel 2.8 times as long to read.
+The schema is AP214 (``AUTOMOTIVE_DESIGN``, ISO 10303-214 IS), because every CAD program reads it. The files contain
+curves on surfaces (pcurves). Without these, the file of texture 4 is 4 % smaller, but the kernel takes 2.8 times as
+long to read it.
 """
 
 from __future__ import annotations
@@ -25,31 +26,32 @@ from tacbench_cad.util.types import Floats
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
 
-#: The schema as Open CASCADE calls it.
+#: Open CASCADE's name for the schema.
 SCHEMA = "AP214IS"
-#: The date in every header: the files hold no time, so that the same part gives the same bytes.
+#: The date in every header. It is constant, so that the same part gives the same bytes.
 HEADER_DATE = "1980-01-01T00:00:00"
-#: Colour of every part, sRGB from 0 to 1.
+#: The colour of a single part: red, green and blue from 0 to 1 (sRGB).
 COLOUR = (0.55, 0.62, 0.70)
 
-#: The kernel may take so many seconds for a file from outside, and so many more for each megabyte of it.
+#: The time limit of the kernel for an untrusted file, in s, and the additional time for each MB of the file.
 MAX_SECONDS, MAX_SECONDS_PER_MB = 120.0, 60.0
 
 _FIRST, _LAST = b"ISO-10303-21;", b"END-ISO-10303-21;"
 
 
 def why_missing() -> str | None:
-    """Why STEP cannot be written on this machine, or None."""
+    """Return the reason why this machine cannot write STEP files, or None if it can."""
     if importlib.util.find_spec("OCP") is None:
         return 'the Open CASCADE kernel is not installed: pip install "tacbench-cad[cad]"'
     return None
 
 
 def require_kernel() -> None:
-    """Refuse where there is no kernel.
+    """Check that the Open CASCADE kernel is available.
 
     Raises:
-        MissingToolError: OCP is not installed or does not load (on a bare server it needs libGL and libX11).
+        MissingToolError: OCP is not installed, or does not load. On a server without a desktop, it needs libGL and
+            libX11.
     """
     if (reason := why_missing()) is not None:
         raise MissingToolError(f"STEP: {reason}")
@@ -61,7 +63,7 @@ def require_kernel() -> None:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep the kernel from printing its statistics on stdout, where a command's answer stands."""
+    """Prevent the kernel from printing its statistics to stdout, which is reserved for the output of commands."""
     from OCP.Message import Message, Message_Gravity
 
     printers = list(Message.DefaultMessenger_s().Printers())
@@ -77,7 +79,7 @@ def _quiet() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _settings(name: str, assembly: bool) -> Iterator[None]:
-    """The kernel's global STEP settings as this file needs them, and afterwards as they were."""
+    """Change the kernel's global STEP settings for the writer, and restore them afterwards."""
     from OCP.Interface import Interface_Static
 
     texts = {"write.step.schema": SCHEMA, "write.step.unit": "MM", "write.step.product.name": name}
@@ -101,13 +103,13 @@ def write_step(part: Part, path: Path) -> None:
     """Write a part's solid as STEP.
 
     Args:
-        part: The part; its solid is built if it is not yet.
+        part: The part. Its solid is built if necessary.
         path: The file; see :func:`tacbench_cad.util.files.replacing`.
 
     Raises:
         InputError: The part has no solid.
-        MissingToolError: There is no kernel.
-        OSError: The file could not be written.
+        MissingToolError: The kernel is not available.
+        OSError: The file cannot be written.
     """
     require_kernel()
     if part.placed:
@@ -117,16 +119,16 @@ def write_step(part: Part, path: Path) -> None:
 
 
 def write_shape(shape: TopoDS_Shape, name: str, title: str, path: Path) -> None:
-    """Write any shape of the kernel as STEP; see :func:`write_step`.
+    """Write a shape of the kernel as STEP; see :func:`write_step`.
 
     Args:
         shape: The shape, in mm.
-        name: The product's name, ASCII.
-        title: The header's description, ASCII.
+        name: The name of the product, in ASCII.
+        title: The description in the header, in ASCII.
         path: The file.
 
     Raises:
-        OSError: The file could not be written.
+        OSError: The file cannot be written.
     """
     document, shapes, colours = _document()
     _named(shapes.AddShape(shape, False), name, COLOUR, colours)
@@ -134,20 +136,21 @@ def write_shape(shape: TopoDS_Shape, name: str, title: str, path: Path) -> None:
 
 
 def write_assembly(placed: Sequence[tuple[Part, Floats]], name: str, title: str, path: Path) -> None:
-    """Write solids, each at its place, as one STEP with a product for each and one for the whole.
+    """Write an assembly as one STEP file, with a product for each part and a product for the assembly.
 
-    A part that stands in it twice is one product that is used twice.
+    If the assembly contains a part twice, the file has one product for it, which is used twice.
 
     Args:
-        placed: Parts, and the homogeneous matrix from each one's frame to the assembly's, shape (4, 4), in mm.
-        name: The assembly's name, ASCII.
-        title: The header's description, ASCII.
+        placed: The parts, each with the homogeneous matrix from its own frame to the assembly's frame, shape (4, 4),
+            in mm.
+        name: The name of the assembly, in ASCII.
+        title: The description in the header, in ASCII.
         path: The file.
 
     Raises:
         InputError: A part has no solid.
-        MissingToolError: There is no kernel.
-        OSError: The file could not be written.
+        MissingToolError: The kernel is not available.
+        OSError: The file cannot be written.
     """
     from OCP.TopLoc import TopLoc_Location
 
@@ -158,7 +161,7 @@ def write_assembly(placed: Sequence[tuple[Part, Floats]], name: str, title: str,
     for part, matrix in placed:
         own, product = part.solid[0].Location(), part.name_in("solid")
         if product not in labels:
-            # Without a place of its own: the kernel makes a nameless product of a shape that has one.
+            # The shape must not have a location of its own: otherwise the kernel makes a product without a name.
             labels[product] = shapes.AddShape(part.solid[0].Located(TopLoc_Location()), False)
             _named(labels[product], product, rgb_of(part.kind), colours)
         _set_name(shapes.AddComponent(whole, labels[product], location(matrix) * own), product)
@@ -168,10 +171,10 @@ def write_assembly(placed: Sequence[tuple[Part, Floats]], name: str, title: str,
 
 
 def _styles_in_order(text: bytes) -> bytes:
-    """The file with the colours of its products in the order of the products.
+    """Return the text of a STEP file with the colours in the order of the products.
 
-    The kernel writes them last, in an order that differs from run to run. Each colour's entities are found from its
-    head through their references, and numbered anew.
+    The kernel writes the colours at the end, in an order that differs from run to run. This function follows the
+    references of each colour, beginning at its first entity, and renumbers the entities.
     """
     begin = text.index(b"#", text.rindex(b";", 0, text.index(b"= MECHANICAL_DESIGN_GEOMETRIC")))
     end = text.index(b"ENDSEC;", begin)
@@ -184,8 +187,8 @@ def _styles_in_order(text: bytes) -> bytes:
     def visit(number: int) -> None:
         if number in bodies and number not in order:
             order[number] = min(bodies) + len(order)
-            for one in re.findall(rb"#(\d+)", bodies[number]):
-                visit(int(one))
+            for reference in re.findall(rb"#(\d+)", bodies[number]):
+                visit(int(reference))
 
     for head in sorted(heads, key=lambda n: int(bodies[n].rpartition(b"#")[2].rstrip(b")"))):
         visit(head)
@@ -197,7 +200,7 @@ def _styles_in_order(text: bytes) -> bytes:
 
 
 def _document() -> tuple[Any, Any, Any]:
-    """A new document of the kernel, its shapes and its colours."""
+    """Return a new document of the kernel, with its shape tool and its colour tool."""
     from OCP.TCollection import TCollection_ExtendedString
     from OCP.TDocStd import TDocStd_Document
     from OCP.XCAFApp import XCAFApp_Application
@@ -245,7 +248,7 @@ def _write_document(document: Any, name: str, title: str, path: Path, *, assembl
 
 
 def _number_uses(writer: object) -> None:
-    """Number the uses of parts from 1: the kernel goes on counting from the last file of the same process."""
+    """Number the uses of parts from 1. Otherwise the kernel continues the numbers of the process's previous file."""
     from OCP.StepRepr import StepRepr_NextAssemblyUsageOccurrence
     from OCP.TCollection import TCollection_HAsciiString as Text
 
@@ -259,7 +262,7 @@ def _number_uses(writer: object) -> None:
 
 
 def _set_header(writer: object, name: str, title: str) -> None:
-    """A header without date, person or machine."""
+    """Write a header that names no date, person or machine."""
     from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
     from OCP.TCollection import TCollection_HAsciiString as Text
 
@@ -274,32 +277,35 @@ def _set_header(writer: object, name: str, title: str) -> None:
 
 
 def with_kernel(path: Path, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Do something with a STEP file from outside in a child process, because a damaged one can crash the kernel.
+    """Call a function that reads an untrusted STEP file in a child process. A damaged file can crash the kernel.
 
     Args:
-        path: The file, for the messages.
-        function: A function of a module; it reads the file.
-        arguments: Its arguments.
+        path: The file, for error messages.
+        function: A function that reads the file. It must be defined at the top level of a module.
+        arguments: The arguments of the function.
 
     Raises:
-        InputError: The file crashes the kernel, or the kernel takes too long with it.
+        InputError: The file crashes the kernel, or the kernel takes too long to read it.
     """
     megabytes = path.stat().st_size / 1e6 if path.is_file() else 0.0
     seconds = limits_factor() * (MAX_SECONDS + MAX_SECONDS_PER_MB * megabytes)
     try:
         return isolated(function, *arguments, seconds=seconds)
     except LostProcessError as error:
-        slow = f"takes the CAD kernel longer than {seconds:.0f} s; {LIMITS_VARIABLE}=2 doubles that"
-        what = "crashes the CAD kernel: it is damaged or hostile; export it again from the program that made it"
+        slow = (
+            f"takes the CAD kernel longer than {seconds:.0f} s; set the environment variable {LIMITS_VARIABLE}=2 to "
+            "double this limit"
+        )
+        what = "crashes the CAD kernel, because it is damaged or malicious; export it again from your CAD program"
         raise InputError("file", str(path), slow if error.seconds else what) from None
 
 
 @contextlib.contextmanager
 def kernel_errors(path: Path) -> Iterator[None]:
-    """Turn the kernel's own exceptions into the one that the user is shown.
+    """Replace exceptions of the kernel by a CheckFailedError with a message for the user.
 
     Raises:
-        CheckFailedError: The kernel raised something.
+        CheckFailedError: The kernel raised an exception.
     """
     try:
         yield
@@ -307,22 +313,22 @@ def kernel_errors(path: Path) -> Iterator[None]:
         if not type(error).__module__.startswith("OCP"):
             raise
         detail = one_line(error, 200) or type(error).__name__
-        raise CheckFailedError(f"{path}: the kernel refuses this STEP file: {detail}") from error
+        raise CheckFailedError(f"{path}: the CAD kernel refuses this STEP file: {detail}") from error
 
 
 def read_step(path: Path) -> TopoDS_Shape:
-    """Read a STEP file's shape, in millimetres.
+    """Read the shape of a STEP file, in millimetres.
 
     Args:
         path: The file.
 
     Returns:
-        Its root shape, or a compound of several.
+        The root shape, or a compound if the file has several root shapes.
 
     Raises:
-        InputError: There is no such file, or it is a folder.
-        MissingToolError: There is no kernel.
-        CheckFailedError: The file is empty, cut off, no STEP, or holds no shape.
+        InputError: The file does not exist, or is a folder.
+        MissingToolError: The kernel is not available.
+        CheckFailedError: The file is empty, incomplete, not a STEP file, or contains no shape.
     """
     _require_step(not_empty(path))
     require_kernel()
@@ -335,16 +341,16 @@ def read_step(path: Path) -> TopoDS_Shape:
             raise CheckFailedError(f"{path}: the kernel cannot read this STEP file")
         reader.TransferRoots()
         if reader.NbShapes() == 0:
-            raise CheckFailedError(f"{path}: the STEP file holds no shape")
+            raise CheckFailedError(f"{path}: the STEP file contains no shape")
         return reader.OneShape()
 
 
 def require_readable(path: Path) -> None:
-    """Have a file from outside read in a child process, so that one which crashes the kernel is refused.
+    """Check that the kernel can read an untrusted file. A child process reads it, in case it crashes the kernel.
 
     Raises:
-        InputError: See :func:`with_kernel`.
-        CheckFailedError: See :func:`read_step`.
+        InputError: Same as for :func:`with_kernel`.
+        CheckFailedError: Same as for :func:`read_step`.
     """
     with_kernel(path, _probe, path)
 
@@ -354,19 +360,19 @@ def _probe(path: Path) -> None:
 
 
 def read_parts(path: Path) -> list[tuple[str, TopoDS_Shape]]:
-    """Read the parts of an assembly, each use of each part at its place, in millimetres.
+    """Read the parts of an assembly in the assembly's frame, in millimetres.
 
     Args:
         path: The file.
 
     Returns:
-        Name of the product (empty where it has none) and shape, in the order of the file. A file that is no assembly
-        has one.
+        For each use of a part, the name of its product (empty if it has none) and its shape, in the order of the file.
+        If the file is not an assembly, the list has one item for each root shape.
 
     Raises:
-        InputError: See :func:`read_step`.
-        MissingToolError: Likewise.
-        CheckFailedError: Likewise.
+        InputError: Same as for :func:`read_step`.
+        MissingToolError: Same as for :func:`read_step`.
+        CheckFailedError: Same as for :func:`read_step`.
     """
     _require_step(not_empty(path))
     require_kernel()
@@ -387,15 +393,15 @@ def read_parts(path: Path) -> list[tuple[str, TopoDS_Shape]]:
 
 
 def _parts(label: Any, place: Any) -> Iterator[tuple[str, TopoDS_Shape]]:
-    """What stands under a label, assemblies taken apart."""
+    """Yield the parts below a label of the document. Assemblies are divided into their parts."""
     from OCP.TDataStd import TDataStd_Name
     from OCP.TDF import TDF_Label, TDF_LabelSequence
     from OCP.XCAFDoc import XCAFDoc_ShapeTool
 
     if not XCAFDoc_ShapeTool.IsAssembly_s(label):
         name = TDataStd_Name()
-        found = label.FindAttribute(TDataStd_Name.GetID_s(), name)
-        yield name.Get().ToExtString() if found else "", XCAFDoc_ShapeTool.GetShape_s(label).Moved(place)
+        has_name = label.FindAttribute(TDataStd_Name.GetID_s(), name)
+        yield name.Get().ToExtString() if has_name else "", XCAFDoc_ShapeTool.GetShape_s(label).Moved(place)
         return
     uses = TDF_LabelSequence()
     XCAFDoc_ShapeTool.GetComponents_s(label, uses, False)
@@ -406,12 +412,12 @@ def _parts(label: Any, place: Any) -> Iterator[tuple[str, TopoDS_Shape]]:
 
 
 def _require_step(path: Path) -> None:
-    """Refuse a file without STEP's first or last line before the kernel, which may end badly on it, sees it."""
+    """Check that a file has the first and the last line of a STEP file. The kernel can crash on other files."""
     with open_input(path, kind="step") as stream:
         head = stream.read(1024)
         stream.seek(max(0, stream.seek(0, 2) - 1024))
         tail = stream.read()
     if not head.lstrip().upper().startswith(_FIRST):
-        raise CheckFailedError(f'{path}: this is no STEP file; one begins with "{_FIRST.decode()}"')
+        raise CheckFailedError(f'{path}: this is not a STEP file; a STEP file begins with "{_FIRST.decode()}"')
     if _LAST not in tail.upper():
-        raise CheckFailedError(f'{path}: the STEP file is cut off; its last line "{_LAST.decode()}" is missing')
+        raise CheckFailedError(f'{path}: the STEP file is incomplete; its last line "{_LAST.decode()}" is missing')

@@ -1,7 +1,8 @@
-"""Binary STL by NumPy, and a reader that refuses what is not one.
+"""A writer of binary STL files, and a strict reader of binary and ASCII STL files, both with NumPy.
 
-An STL has no units, no names beyond 80 bytes and no shared vertices. Ours are in millimetres; the header holds
-``tacbench-cad`` and the part's name and no date, so that the same part gives the same bytes.
+An STL file has no units, no names except for 80 bytes in its header, and no shared vertices. The files of this project
+are in millimetres. Their header contains ``tacbench-cad`` and the name of the part, but no date, so that the same part
+gives the same bytes.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.files import not_empty
 from tacbench_cad.util.types import Floats, Floats32, Indices
 
-#: Length of a binary STL's header.
+#: The length of the header of a binary STL, in bytes.
 HEADER_BYTES = 80
-#: Coordinates beyond this are refused.
+#: The largest allowed absolute value of a coordinate.
 MAX_MM = 1e7
 _FACET = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (9,)), ("attribute", "<u2")])
 
@@ -31,14 +32,14 @@ def write_stl(part: Part, path: Path) -> None:
     """Write a part's mesh as binary STL.
 
     Args:
-        part: The part; its mesh is built if it is not yet.
+        part: The part. Its mesh is built if necessary.
         path: The file; see :func:`tacbench_cad.util.files.replacing`.
     """
     mesh, _ = part.mesh
     with path.open("wb") as stream:
         stream.write(_header(part.name))
         stream.write(np.uint32(len(mesh.faces)).astype("<u4").tobytes())
-        stream.write(_facets(mesh).view(np.uint8).data)  # unlike tofile, it says why a disk takes no more
+        stream.write(_facets(mesh).view(np.uint8).data)  # unlike tofile, write reports why it fails
 
 
 def _header(name: str) -> bytes:
@@ -47,7 +48,7 @@ def _header(name: str) -> bytes:
 
 
 def _facets(mesh: Mesh) -> NDArray[np.void]:
-    """The file's records, shape (m,). Normals come from float64 and have length one (zero for a facet without area)."""
+    """Return the records of the file, shape (m,), with unit normals from float64 (zero for a facet without area)."""
     facets = np.empty(len(mesh.faces), dtype=_FACET)
     corners = mesh.vertices[mesh.faces.ravel()].reshape(-1, 9)
     facets["corners"] = corners
@@ -65,18 +66,18 @@ def _facets(mesh: Mesh) -> NDArray[np.void]:
 def read_stl(path: Path) -> Mesh:
     """Read a binary or an ASCII STL.
 
-    Corners with the same float32 coordinates become one vertex; nothing else is repaired.
+    Corners with the same float32 coordinates become one vertex. Nothing else is repaired.
 
     Args:
         path: The file.
 
     Returns:
-        The mesh, in the file's unit (STL names none; millimetres by custom).
+        The mesh in the unit of the file. An STL file names no unit, but most programs use millimetres.
 
     Raises:
-        InputError: There is no such file, or it is a folder.
-        CheckFailedError: The file is empty, cut off, of another kind, without triangles, has a wrong count of
-            triangles, or a coordinate that is not a finite number.
+        InputError: The file does not exist, or is a folder.
+        CheckFailedError: The file is empty, incomplete or not an STL, has no triangles or a wrong number of triangles,
+            or has a coordinate that is not a finite number.
     """
     data = read_bytes(not_empty(path), kind="mesh")
     corners = _binary(path, data) if _is_binary(data) else None
@@ -89,14 +90,20 @@ def read_stl(path: Path) -> Mesh:
 
 
 def stl_header(path: Path) -> str:
-    """What a binary STL's 80 bytes say, as text without padding; empty for an ASCII one."""
+    """Return the text in the 80-byte header of a binary STL, without padding.
+
+    For an ASCII STL, the function returns the first 80 bytes of the file.
+    """
     with open_input(path, kind="mesh") as stream:
         data = stream.read(HEADER_BYTES)
     return data.split(b"\0")[0].decode("ascii", "replace").strip()
 
 
 def _is_binary(data: bytes) -> bool:
-    """Whether length and count agree: the only sure sign, since binary files may begin with ``solid`` too."""
+    """Check whether the length of the file agrees with the number of triangles in its header.
+
+    This is the only reliable sign of a binary STL, because binary files can also begin with ``solid``.
+    """
     return len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
 
 
@@ -111,12 +118,12 @@ def _binary(path: Path, data: bytes) -> Floats32:
 
 
 def _refuse(path: Path, data: bytes) -> Floats32:
-    """Say why the bytes are no STL."""
+    """Raise an error that explains why the data are not an STL."""
     for magic, kind in ((b"PK\x03\x04", "a zip or 3MF file"), (b"ISO-10303-21", "a STEP file"), (b"ply", "a PLY file")):
         if data.startswith(magic):
             raise CheckFailedError(f"{path}: this is {kind}, not an STL")
     if len(data) < 84:
-        raise CheckFailedError(f"{path}: {len(data)} bytes is too short for an STL, whose header alone has 84")
+        raise CheckFailedError(f"{path}: has {len(data)} bytes, but every binary STL has at least 84 bytes")
     count, room = int.from_bytes(data[80:84], "little"), (len(data) - 84) / 50.0
     if room < count and b"\0" in data[:1024]:
         raise CheckFailedError(
@@ -130,12 +137,12 @@ def _refuse(path: Path, data: bytes) -> Floats32:
 
 
 def _ascii(path: Path, data: bytes) -> Floats32:
-    """Corners of an ASCII STL, shape (3 m, 3)."""
+    """Return the corners of an ASCII STL, shape (3 m, 3)."""
     text = data.lower()
     corners = [row.split() for row in re.findall(rb"(?m)^[ \t]*vertex\b(.*)$", text)]
     begun, ended = (len(re.findall(rb"(?m)^[ \t]*%s\b" % word, text)) for word in (b"facet", b"endfacet"))
     if begun != ended or not re.search(rb"(?m)^[ \t]*endsolid\b", text):
-        raise CheckFailedError(f"{path}: the ASCII STL is cut off: {begun} facets begin, {ended} end")
+        raise CheckFailedError(f"{path}: the ASCII STL is incomplete: {begun} facets begin, but {ended} facets end")
     if len(corners) != 3 * begun or any(len(corner) != 3 for corner in corners):
         raise CheckFailedError(f"{path}: the ASCII STL has {len(corners)} corners for {begun} facets")
     try:
@@ -143,15 +150,15 @@ def _ascii(path: Path, data: bytes) -> Floats32:
             return np.array(corners, dtype=np.float64).reshape(-1, 3).astype(np.float32)
     except ValueError as error:
         detail = str(error)[:100]
-        raise CheckFailedError(f"{path}: the ASCII STL has a coordinate that is no number: {detail}") from None
+        raise CheckFailedError(f"{path}: the ASCII STL has a coordinate that is not a number: {detail}") from None
 
 
 def require_finite(path: Path, corners: NDArray[np.floating[Any]]) -> None:
-    """Refuse coordinates that are NaN, infinite or absurd: what follows (manifold3d above all) may hang on them.
+    """Check that no coordinate is NaN, infinite or extremely large. Later steps, mainly manifold3d, can hang on these.
 
     Args:
-        path: Named in the message.
-        corners: Coordinates, shape (n, 3).
+        path: The file, for error messages.
+        corners: The coordinates, shape (n, 3).
 
     Raises:
         CheckFailedError: A coordinate is not finite, or larger than :data:`MAX_MM`.
@@ -166,16 +173,17 @@ def require_finite(path: Path, corners: NDArray[np.floating[Any]]) -> None:
 
 
 def weld(corners: Floats32) -> tuple[Floats, Indices]:
-    """Make corners with equal float32 coordinates one vertex.
+    """Merge corners with equal float32 coordinates into one vertex.
 
-    Equal means every bit, but -0 is 0. Sorting one 64-bit hash of each corner is several times faster than sorting
-    the corners; a hash shared by different corners is found and then sorted in full.
+    Coordinates are equal if all bits are equal; -0 counts as 0. The corners are sorted by a 64-bit hash, which is
+    several times faster than sorting them by their coordinates. The slower sort is only used if two different corners
+    have the same hash.
 
     Args:
-        corners: Three rows a triangle, shape (3 m, 3).
+        corners: Three rows for each triangle, shape (3 m, 3).
 
     Returns:
-        Vertices (n, 3) in float64, and triangles (m, 3).
+        The vertices in float64, shape (n, 3), and the triangles, shape (m, 3).
     """
     clean = np.ascontiguousarray(corners, dtype=np.float32) + np.float32(0.0)
     bits = clean.view(np.uint32).astype(np.uint64)

@@ -1,9 +1,11 @@
-"""3MF by lib3mf: millimetres, the part's parameters as metadata, and the same bytes for the same part.
+"""3MF files by lib3mf: millimetres, and the part's parameters as metadata. The same part gives the same bytes.
 
-Three things of lib3mf's own output are replaced afterwards. Its vertex writer rounds in single precision, so that one
-float32 coordinate in sixteen comes back as its neighbour at any setting of its precision: the vertices are written
-here with the nine digits that give every float32 back. The zip container is packed again with fixed dates and order.
-And all UUIDs, random by default, are derived from the part's name and parameters.
+Three things differ from the usual output of lib3mf:
+
+- The vertices are written with nine digits, which preserve every float32 value. The writer of lib3mf rounds in single
+  precision: with any setting of its precision, one float32 coordinate in sixteen is read back as a neighbouring value.
+- The zip container has fixed dates and a fixed order.
+- All UUIDs are derived from the name and the parameters of the part. By default, they are random.
 """
 
 from __future__ import annotations
@@ -32,30 +34,31 @@ from tacbench_cad.util.errors import CheckFailedError, MissingToolError, one_lin
 from tacbench_cad.util.files import not_empty
 from tacbench_cad.util.types import Floats
 
-#: XML name space of our metadata (3MF asks for one for names that it does not define). It is a name, not a page.
+#: The XML namespace of this project's metadata. 3MF requires a namespace for names that it does not define. It is only
+#: a name, not the address of a page.
 NAMESPACE = "urn:tacbench-cad:2026"
-#: Every zip entry's date: the earliest that a zip can hold.
+#: The date of every zip entry: the earliest date that a zip file can store.
 ZIP_DATE = (1980, 1, 1, 0, 0, 0)
-#: A model that unpacks to more than this is refused before it is read, in MB.
+#: The largest allowed size of an unpacked model, in MB. It is checked before the model is read.
 MAX_UNPACKED_MB = 2000
-#: A model may not be this many times smaller packed than unpacked (ours are 8 to 10 times smaller).
+#: The largest allowed ratio of unpacked to packed size. Files of this project have ratios of 8 to 10.
 MAX_PACKING = 200
 
 _MODEL = "3D/3dmodel.model"
 
 
 def why_missing() -> str | None:
-    """Why 3MF cannot be written on this machine, or None."""
+    """Return the reason why this machine cannot write 3MF files, or None if it can."""
     if importlib.util.find_spec("lib3mf") is None:
-        return 'lib3mf is not installed (it has no wheel for ARM Linux); elsewhere: pip install "tacbench-cad"'
+        return 'lib3mf is not installed: pip install "tacbench-cad" (there is no lib3mf package for Linux on ARM)'
     return None
 
 
 def _lib3mf() -> tuple[Any, Any]:
-    """The wrapper and the module of lib3mf's generated classes.
+    """Return the wrapper of lib3mf and the module of its generated classes.
 
     Raises:
-        MissingToolError: It is not installed or does not load.
+        MissingToolError: lib3mf is not installed, or does not load.
     """
     if (reason := why_missing()) is not None:
         raise MissingToolError(f"3MF: {reason}")
@@ -68,13 +71,13 @@ def _lib3mf() -> tuple[Any, Any]:
 
 
 def metadata(part: Part) -> dict[str, str]:
-    """What a 3MF file says of a part: one entry for each parameter of its spec; lists and tables as JSON.
+    """Return the metadata of a part's 3MF file, with one entry for each parameter of the part's spec.
 
     Args:
         part: The part.
 
     Returns:
-        Texts by name, in the order of the spec.
+        Strings by name, in the order of the spec. Lists and tables are written as JSON.
     """
     entries = {"version": __version__, "name": part.name, "kind": part.kind}
     for key, value in part.spec.items():
@@ -86,20 +89,20 @@ def write_3mf(part: Part, path: Path) -> None:
     """Write a part's mesh as 3MF.
 
     Args:
-        part: The part; its mesh is built if it is not yet.
+        part: The part. Its mesh is built if necessary.
         path: The file; see :func:`tacbench_cad.util.files.replacing`.
 
     Raises:
-        MissingToolError: lib3mf is not there.
+        MissingToolError: lib3mf is not available.
         OSError: The file cannot be written.
     """
     if part.placed:
-        return write_plate([(one, (0.0, 0.0)) for one in _in_place(part)], part.name, path, kind=part.kind)
+        return write_plate([(use, (0.0, 0.0)) for use in _in_place(part)], part.name, path, kind=part.kind)
     return _write([(part, None)], part.title, metadata(part), path)
 
 
 def _in_place(assembly: Part) -> list[Part]:
-    """The parts of an assembly with their meshes where they are used; each use is a part of its own."""
+    """Return one part for each use of a part in an assembly, with its mesh in the assembly's frame."""
 
     def transformed(part: Part, matrix: Floats) -> tuple[Mesh, ExpectedGeometry]:
         mesh, expected = part.mesh
@@ -115,16 +118,18 @@ def _in_place(assembly: Part) -> list[Part]:
 
 
 def write_plate(placed: Sequence[tuple[Part, tuple[float, float]]], name: str, path: Path, kind: str = "plate") -> None:
-    """Write several parts, each at its place on a bed, as one 3MF. The same part twice is one object.
+    """Write several parts at their positions on a bed as one 3MF file.
+
+    If a part occurs twice, the file has one object for it, which is used twice.
 
     Args:
-        placed: Parts and where their lower corner lies, in mm.
-        name: The plate's name.
+        placed: The parts, each with the x and y of its lower corner, in mm.
+        name: The name of the plate.
         path: The file; see :func:`tacbench_cad.util.files.replacing`.
-        kind: What the file says that it is: ``plate`` or ``assembly``.
+        kind: The kind that the file states in its metadata: ``plate`` or ``assembly``.
 
     Raises:
-        MissingToolError: lib3mf is not there.
+        MissingToolError: lib3mf is not available.
         OSError: The file cannot be written.
     """
     places = [[part.name, *place] for part, place in placed]
@@ -135,7 +140,7 @@ def write_plate(placed: Sequence[tuple[Part, tuple[float, float]]], name: str, p
 def _write(
     placed: Sequence[tuple[Part, tuple[float, float] | None]], title: str, entries: dict[str, str], path: Path
 ) -> None:
-    """Write a model of parts, each at a place or where it is."""
+    """Write a model of parts, each with its position on the bed, or None if the part is not moved."""
     wrapper, module = _lib3mf()
     identity = uuid.uuid5(uuid.NAMESPACE_URL, f"{NAMESPACE}:{json.dumps(entries, sort_keys=True)}")
     model = wrapper.CreateModel()
@@ -161,13 +166,13 @@ def _write(
         group.AddMetaData(NAMESPACE, name, text, "xs:string", True)
     writer = model.QueryWriter("3mf")
     writer.SetStrictModeActive(True)
-    writer.SetDecimalPrecision(1)  # its vertices are replaced, so they may be short
-    # Not WriteToFile: where the disk is full, that ends the whole process.
+    writer.SetDecimalPrecision(1)  # the vertices are replaced later, so a low precision is faster
+    # Do not use WriteToFile: it terminates the process if the disk is full.
     path.write_bytes(_repacked(bytes(writer.WriteToBuffer()), [mesh.vertices for mesh in meshes]))
 
 
 def _set_geometry(wrapper: Any, module: Any, thing: Any, mesh: Mesh) -> None:
-    """Hand over whole arrays: the wrapper's own method converts vertex by vertex in Python."""
+    """Pass whole arrays to lib3mf. The method of the wrapper would convert each vertex in Python."""
     vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float32)
     triangles = np.ascontiguousarray(mesh.faces, dtype=np.uint32)
     wrapper.checkError(
@@ -183,14 +188,14 @@ def _set_geometry(wrapper: Any, module: Any, thing: Any, mesh: Mesh) -> None:
 
 
 def _repacked(container: bytes, vertices: Sequence[Floats]) -> bytes:
-    """The container with the exact vertices of its objects in its model, packed with fixed dates and order."""
+    """Repack a container with the exact vertices of its objects, with fixed dates and a fixed order."""
     with zipfile.ZipFile(io.BytesIO(container)) as packed:
         entries = {name: packed.read(name) for name in sorted(packed.namelist())}
     pieces, rest = [], entries[_MODEL]
-    for each in vertices:
+    for points in vertices:
         before, _, rest = rest.partition(b"<vertices>")
         _, _, rest = rest.partition(b"</vertices>")
-        pieces += [before, b"<vertices>\n", _vertex_lines(each), b"\n</vertices>"]
+        pieces += [before, b"<vertices>\n", _vertex_lines(points), b"\n</vertices>"]
     entries[_MODEL] = b"".join([*pieces, rest])
     result = io.BytesIO()
     with zipfile.ZipFile(result, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as packed:
@@ -202,7 +207,7 @@ def _repacked(container: bytes, vertices: Sequence[Floats]) -> bytes:
 
 
 def _vertex_lines(vertices: Floats) -> bytes:
-    """One XML element a vertex. Each distinct number is put into digits once: a grid has few."""
+    """Return one XML element for each vertex. Each distinct number is formatted only once, because a grid has few."""
     values, index = np.unique(vertices, return_inverse=True)
     words = [f"{value:.9g}" for value in values.tolist()]
     rows = index.reshape(-1, 3).tolist()
@@ -210,40 +215,40 @@ def _vertex_lines(vertices: Floats) -> bytes:
 
 
 def read_3mf(path: Path) -> tuple[Mesh, dict[str, str]]:
-    """Read a 3MF in strict mode, without repairing anything: everything in its build as one mesh.
+    """Read all parts in the build of a 3MF file as one mesh, in strict mode and without repairs.
 
     Args:
         path: The file.
 
     Returns:
-        The mesh in mm, with a shell or more for each part, and the metadata by names without their name space.
+        The mesh in mm, with at least one shell for each part, and the metadata by names without their namespace.
 
     Raises:
-        InputError: See :func:`read_parts`.
-        MissingToolError: Likewise.
-        CheckFailedError: Likewise.
+        InputError: Same as for :func:`read_parts`.
+        MissingToolError: Same as for :func:`read_parts`.
+        CheckFailedError: Same as for :func:`read_parts`.
     """
     parts, entries = read_parts(path)
     return Mesh.joined([mesh for _, mesh in parts]), entries
 
 
 def read_parts(path: Path) -> tuple[list[tuple[str, Mesh]], dict[str, str]]:
-    """Read each part of a 3MF's build at its place, in strict mode, without repairing anything.
+    """Read each part in the build of a 3MF file at its position, in strict mode and without repairs.
 
-    A unit other than the millimetre is converted.
+    Units other than the millimetre are converted.
 
     Args:
         path: The file.
 
     Returns:
-        Name of the object (empty where it has none) and its mesh in mm, in the order of the file; and the metadata by
-        names without their name space.
+        The name of each object (empty if it has none) with its mesh in mm, in the order of the file. And the metadata
+        by names without their namespace.
 
     Raises:
-        InputError: There is no such file, or it is a folder.
-        MissingToolError: lib3mf is not there.
-        CheckFailedError: The file is empty, no 3MF, refused or warned of by the strict reader, or has an object
-            without triangles.
+        InputError: The file does not exist, or is a folder.
+        MissingToolError: lib3mf is not available.
+        CheckFailedError: The file is empty or not a 3MF, the strict reader refuses it or reports a warning, or an
+            object has no triangles.
     """
     wrapper, module = _lib3mf()
     _require_container(not_empty(path))
@@ -264,27 +269,30 @@ def read_parts(path: Path) -> tuple[list[tuple[str, Mesh]], dict[str, str]]:
 
 
 def _require_container(path: Path) -> None:
-    """Refuse what is no zip, and what would unpack to far more than a model has, before anything is unpacked."""
+    """Check, before anything is unpacked, that a file is a zip container and would not unpack to an extreme size."""
     try:
         with open_input(path, kind="mesh") as stream, zipfile.ZipFile(stream) as packed:
             infos = packed.infolist()
-    # On a damaged directory the zip reader ends in almost any error.
+    # If the zip directory is damaged, the reader can raise almost any error.
     except (zipfile.BadZipFile, OSError, NotImplementedError, ValueError, struct.error, OverflowError) as error:
-        raise CheckFailedError(f"{path}: this is no 3MF: {error}") from None
+        raise CheckFailedError(f"{path}: this is not a 3MF: {error}") from None
     if not any(info.filename.lower().endswith(".model") for info in infos):
-        raise CheckFailedError(f"{path}: this zip file holds no 3MF model")
+        raise CheckFailedError(f"{path}: this zip file contains no 3MF model")
     unpacked = sum(info.file_size for info in infos)
     packed_size = sum(info.compress_size for info in infos)
     require_within("file", unpacked / 1e6, MAX_UNPACKED_MB, "MB unpacked", str(path))
     if unpacked > MAX_PACKING * max(packed_size, 10_000):
-        raise CheckFailedError(f"{path}: unpacks from {packed_size} to {unpacked} bytes; no 3MF model packs like that")
+        raise CheckFailedError(
+            f"{path}: would unpack from {packed_size} to {unpacked} bytes; a 3MF model may be at most {MAX_PACKING} "
+            "times as large unpacked"
+        )
 
 
 _MM = {"MicroMeter": 1e-3, "MilliMeter": 1.0, "CentiMeter": 10.0, "Inch": 25.4, "Foot": 304.8, "Meter": 1000.0}
 
 
 def _placed(path: Path, wrapper: Any, module: Any, model: Any) -> list[tuple[str, Mesh]]:
-    """The build items with their names, at their places, in mm."""
+    """Return the names and the meshes of the build items, at their positions, in mm."""
     unit = model.GetUnit()
     factor = _MM[getattr(unit, "name", None) or module.ModelUnit(unit).name]
     parts: list[tuple[str, Mesh]] = []
@@ -293,7 +301,7 @@ def _placed(path: Path, wrapper: Any, module: Any, model: Any) -> list[tuple[str
         item = items.GetCurrent()
         thing = item.GetObjectResource()
         if not thing.IsMeshObject():
-            raise CheckFailedError(f"{path}: holds an assembly of components; check its parts one by one")
+            raise CheckFailedError(f"{path}: contains an assembly of components; check each of its parts separately")
         points, indices = _geometry(wrapper, module, model.GetMeshObjectByID(thing.GetUniqueResourceID()))
         if item.HasObjectTransform():
             fields = np.array([list(row) for row in item.GetObjectTransform().Fields])
@@ -301,7 +309,7 @@ def _placed(path: Path, wrapper: Any, module: Any, model: Any) -> list[tuple[str
         require_finite(path, points)
         parts.append((thing.GetName(), Mesh(points if factor == 1.0 else points * factor, indices)))
     if not parts or not all(len(mesh.faces) for _, mesh in parts):
-        raise CheckFailedError(f"{path}: the 3MF has no triangles in its build, or none in one of its objects")
+        raise CheckFailedError(f"{path}: the build of the 3MF is empty, or one of its objects has no triangles")
     return parts
 
 

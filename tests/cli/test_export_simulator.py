@@ -56,4 +56,4 @@ def test_a_folder_with_another_texture_is_refused(tmp_path: Path, capsys: Captur
     capsys.readouterr()
     assert main(["export-simulator", "--to", "npy", "--texture", "1", "--scale", "2", "--out", str(tmp_path)]) == 2
     out, err = capsys.readouterr()
-    assert out == "" and "holds another texture" in err and "scale 1" in err and str(tmp_path / "texture-1") in err
+    assert out == "" and "contains another texture" in err and "scale 1" in err and str(tmp_path / "texture-1") in err

@@ -1,4 +1,4 @@
-"""STEP out and in: one valid solid, named, coloured, in millimetres."""
+"""Writing and reading of STEP files: one valid solid with its name and colour, in millimetres."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tacbench_cad.spec.block import Block
 
 
 @pytest.mark.parametrize("block", [Block.of(1), Block.of(2, key_mm=3.0), Block.of(5, "released")], ids=lambda b: b.name)
-def test_comes_back_as_one_valid_solid(block: Block, tmp_path: Path) -> None:
+def test_file_contains_one_valid_solid(block: Block, tmp_path: Path) -> None:
     part = block_part(block)
     write_step(part, tmp_path / "a.step")
     shape = read_step(tmp_path / "a.step")
@@ -30,7 +30,7 @@ def test_comes_back_as_one_valid_solid(block: Block, tmp_path: Path) -> None:
     assert report.deviation_mm <= 0.001
 
 
-def test_coordinates_agree_to_a_billionth(tmp_path: Path) -> None:
+def test_coordinates_agree_to_1e_9_mm(tmp_path: Path) -> None:
     part = block_part(Block.of(2))
     write_step(part, tmp_path / "a.step")
     before = solidcheck.points_on(solidcheck.curved(part.solid[0]), points=500)
@@ -52,7 +52,7 @@ def test_header_has_schema_and_name_but_no_time(tmp_path: Path) -> None:
     assert str(tmp_path) not in text
 
 
-def test_name_and_colour_reach_another_reader(tmp_path: Path) -> None:
+def test_another_reader_finds_name_and_colour(tmp_path: Path) -> None:
     from OCP.Quantity import Quantity_Color
     from OCP.STEPCAFControl import STEPCAFControl_Reader
     from OCP.TCollection import TCollection_ExtendedString
@@ -100,7 +100,7 @@ def test_kernel_stays_quiet_and_keeps_its_settings(tmp_path: Path, capfd: pytest
     from OCP.Interface import Interface_Static
 
     part = block_part(Block.of(1))
-    write_step(part, tmp_path / "first.step")  # the kernel's defaults exist from the first use on
+    write_step(part, tmp_path / "first.step")  # the kernel sets its defaults when it is first used
     Interface_Static.SetCVal_s("write.step.product.name", "mine")
     write_step(part, tmp_path / "a.step")
     read_step(tmp_path / "a.step")

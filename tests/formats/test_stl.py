@@ -1,4 +1,4 @@
-"""Binary STL out and in; ASCII in."""
+"""Writing and reading of binary STL files, and reading of ASCII STL files."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from tacbench_cad.util.errors import CheckFailedError
 
 
 def _sorted_corners(mesh: Mesh) -> np.ndarray:
-    """Triangles as sorted rows, each begun at its least corner: equal for equal meshes however they are numbered."""
+    """Return the triangles as sorted rows that begin with the lowest corner. Equal meshes give equal rows."""
     corners = mesh.triangle_points
-    least = np.lexsort(np.moveaxis(corners, 2, 0)[::-1], axis=1)[:, 0]
-    turned = np.stack([np.take_along_axis(corners, (least[:, None, None] + i) % 3, axis=1)[:, 0] for i in range(3)], 1)
+    lowest = np.lexsort(np.moveaxis(corners, 2, 0)[::-1], axis=1)[:, 0]
+    turned = np.stack([np.take_along_axis(corners, (lowest[:, None, None] + i) % 3, axis=1)[:, 0] for i in range(3)], 1)
     rows = turned.reshape(-1, 9)
     return rows[np.lexsort(rows.T[::-1])]
 
@@ -33,7 +33,7 @@ def test_round_trip_keeps_every_triangle_exactly(number: int, tmp_path: Path) ->
     np.testing.assert_array_equal(_sorted_corners(back), _sorted_corners(part.mesh[0]))
 
 
-def test_layout_is_the_formats(tmp_path: Path) -> None:
+def test_bytes_follow_the_format(tmp_path: Path) -> None:
     part = mesh_part(box_mesh(), name="box_x1")
     write_stl(part, tmp_path / "a.stl")
     data = (tmp_path / "a.stl").read_bytes()
@@ -67,7 +67,7 @@ def test_reads_ascii(tmp_path: Path) -> None:
     back = read_stl(tmp_path / "a.stl")
     np.testing.assert_array_equal(_sorted_corners(back), _sorted_corners(mesh))
     (tmp_path / "b.stl").write_text("\n".join(lines))
-    with pytest.raises(CheckFailedError, match="cut off"):
+    with pytest.raises(CheckFailedError, match="incomplete"):
         read_stl(tmp_path / "b.stl")
 
 
@@ -78,10 +78,10 @@ def test_binary_that_begins_with_solid_is_read_as_binary(tmp_path: Path) -> None
     assert len(read_stl(tmp_path / "a.stl").faces) == 12
 
 
-def test_weld_joins_equal_corners_only() -> None:
+def test_weld_merges_only_equal_corners() -> None:
     rng = np.random.default_rng(3)
     points = rng.integers(-4, 4, (300, 3)).astype(np.float32)
-    points[::7] *= np.float32(1.0 + 2.0**-23)  # neighbours of others: one unit in the last place away
+    points[::7] *= np.float32(1.0 + 2.0**-23)  # these differ from other points by one unit in the last place
     points[::11, 0] = -0.0
     vertices, triangles = weld(points)
     np.testing.assert_array_equal(vertices[triangles.ravel()].astype(np.float32), points)

@@ -1,4 +1,4 @@
-"""3MF out and in: strict, exact, in millimetres, with its parameters."""
+"""Writing and reading of 3MF files: strict, exact, in millimetres, and with the parameters."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_round_trip_is_exact_and_strict(number: int, tmp_path: Path) -> None:
     np.testing.assert_array_equal(mesh.faces, part.mesh[0].faces)
 
 
-def test_every_float32_comes_back(tmp_path: Path) -> None:
+def test_every_float32_value_is_preserved(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     values = rng.uniform(-1.0, 1.0, (6000, 3)) * 10.0 ** rng.integers(-30, 5, (6000, 1))
     vertices = values.astype(np.float32).astype(np.float64)
@@ -38,20 +38,20 @@ def test_every_float32_comes_back(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_3mf(tmp_path / "a.3mf")[0].vertices, vertices)
 
 
-def test_metadata_says_what_it_is(tmp_path: Path) -> None:
+def test_metadata_contain_the_parameters(tmp_path: Path) -> None:
     block = Block.of(4, scale=0.5, sampling="grid")
     write_3mf(block_part(block), tmp_path / "a.3mf")
-    _, found = read_3mf(tmp_path / "a.3mf")
-    assert found["texture"] == "texture-4"
-    assert found["preset"] == "paper"
-    assert json.loads(found["scale"]) == 0.5
-    assert found["version"] == __version__
-    assert found["name"] == block.name
-    assert len(json.loads(found["waves"])) == 26
-    assert json.loads(found["size_mm"]) == list(block.size_mm)
+    _, entries = read_3mf(tmp_path / "a.3mf")
+    assert entries["texture"] == "texture-4"
+    assert entries["preset"] == "paper"
+    assert json.loads(entries["scale"]) == 0.5
+    assert entries["version"] == __version__
+    assert entries["name"] == block.name
+    assert len(json.loads(entries["waves"])) == 26
+    assert json.loads(entries["size_mm"]) == list(block.size_mm)
 
 
-def test_a_reader_of_its_own_sees_millimetres_and_the_name(tmp_path: Path) -> None:
+def test_lib3mf_reads_millimetres_and_the_name(tmp_path: Path) -> None:
     write_3mf(mesh_part(box_mesh(), name="my_box"), tmp_path / "a.3mf")
     model = lib3mf.get_wrapper().CreateModel()
     reader = model.QueryReader("3mf")
@@ -75,7 +75,7 @@ def test_container_has_fixed_dates_and_order(tmp_path: Path) -> None:
         assert packed.namelist() == sorted(packed.namelist())
 
 
-def test_units_and_transforms_of_others_are_taken(tmp_path: Path) -> None:
+def test_other_units_and_transforms_are_converted(tmp_path: Path) -> None:
     write_3mf(mesh_part(box_mesh((1.0, 2.0, 3.0))), tmp_path / "a.3mf")
     with zipfile.ZipFile(tmp_path / "a.3mf") as packed:
         entries = {name: packed.read(name) for name in packed.namelist()}
@@ -91,7 +91,7 @@ def test_units_and_transforms_of_others_are_taken(tmp_path: Path) -> None:
     np.testing.assert_allclose(high, [25.4 * 5.0, 25.4, 25.4 * 3.0], atol=1e-5)
 
 
-def test_says_why_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reason_for_a_missing_package(monkeypatch: pytest.MonkeyPatch) -> None:
     assert threemf.why_missing() is None
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    assert "ARM Linux" in (threemf.why_missing() or "")
+    assert "Linux on ARM" in (threemf.why_missing() or "")

@@ -1,8 +1,8 @@
-"""Textures for simulators: a folder for each texture, with each engine's files and a note of frame, units and contact.
+"""Export of textures to simulators: each texture gets a folder with the files of each engine and a note about them.
 
-A print format is one part in one file, checked and put in place by itself (:mod:`tacbench_cad.formats`). A target here
-is several files that refer to each other and to the folder that they lie in, so these have a package of their own. A
-new target is one file here and one row of :data:`SIMULATOR_TARGETS`. Every writer needs the base install only.
+A print format (:mod:`tacbench_cad.formats`) writes one part into one file. A target of this package writes several
+files that refer to each other, so all files of a texture must stay in one folder. To add a target, add a module to this
+package and a row to :data:`SIMULATOR_TARGETS`. No target needs an optional package.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from tacbench_cad.formats.simulators.asset import SimulatorAsset, TargetFiles
 
 @dataclass(frozen=True)
 class SimulatorTarget:
-    """What a texture can be exported to.
+    """A format or engine that a texture can be exported to.
 
     Args:
-        name: What ``--to`` calls it.
-        title: Heading of its note.
-        write: Writes its files into an existing folder, of which it makes the subfolders.
+        name: The word for ``--to``.
+        title: The heading of the target's note.
+        write: A function that writes the target's files into an existing folder. It creates the subfolders.
     """
 
     name: str
@@ -30,7 +30,7 @@ class SimulatorTarget:
     write: Callable[[SimulatorAsset, Path], TargetFiles]
 
 
-#: What a texture can be written for, by the names of ``--to``.
+#: The targets, by their words for ``--to``.
 SIMULATOR_TARGETS: dict[str, SimulatorTarget] = {
     target.name: target
     for target in (

@@ -1,4 +1,4 @@
-"""What every target is written from: a block, its closed mesh, and its heights on an even grid; and what it gives."""
+"""The input of every target (a block, its closed mesh, and its heights on an even grid) and the output of a target."""
 
 from __future__ import annotations
 
@@ -17,23 +17,24 @@ from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
-#: Distance from the formula that an even grid is made fine enough for, in mm.
+#: The intended largest distance between the surface of an even grid and the formula, in mm.
 GRID_DISTANCE_MM = 0.025
-#: The grid is at most this many times as fine as the preset's own; past that its error is stated, not met.
+#: The grid is at most this many times as fine as the preset's own grid. If that is too coarse for
+#: :data:`GRID_DISTANCE_MM`, the grid is used all the same, and its note states the larger error.
 MAX_TIMES = 8
-#: Samples of one grid: beyond this the files are no longer of use.
+#: The largest number of samples of a grid. Larger files would be of no practical use.
 MAX_SAMPLES = 20_000_000
-#: Density of the printed blocks that masses are worked out from (PLA), in kg/m^3.
+#: The density of the printed blocks (PLA), in kg/m^3, for the calculation of masses.
 DENSITY_KG_M3 = 1240.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class TargetFiles:
-    """The files of one target in one folder.
+    """The files that a target has written into a folder.
 
     Args:
-        files: Their paths from the folder, with ``/``.
-        note: Markdown for the folder's README: files, units, axes, error, contact settings, what was tested.
+        files: The paths of the files relative to the folder, with ``/``.
+        note: Markdown for the folder's README: files, units, axes, error, contact settings, and tests.
     """
 
     files: tuple[str, ...]
@@ -45,10 +46,11 @@ class HeightField:
     """Heights on an even grid, in the block frame.
 
     Args:
-        x_mm: Lines along x from 0 to the side, shape (nx,).
-        y_mm: Lines along y, shape (ny,).
-        z_mm: Heights, shape (ny, nx): row 0 lies at y = 0, column 0 at x = 0.
-        certificate: What is proved of the surface that joins the samples by triangles, whichever the diagonals.
+        x_mm: The x coordinates of the columns, from 0 to the length of the side, shape (nx,).
+        y_mm: The y coordinates of the rows, shape (ny,).
+        z_mm: The heights, shape (ny, nx). Row 0 is at y = 0, and column 0 is at x = 0.
+        certificate: Proved bounds for the surface that joins the samples by triangles. They hold for both choices of
+            the diagonal in each cell.
     """
 
     x_mm: Floats
@@ -58,30 +60,30 @@ class HeightField:
 
     @property
     def pitch_mm(self) -> tuple[float, float]:
-        """Distance between neighbouring samples along x and y, in mm."""
+        """The distance between neighbouring samples along x and y, in mm."""
         return (float(self.x_mm[-1]) / (len(self.x_mm) - 1), float(self.y_mm[-1]) / (len(self.y_mm) - 1))
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatorAsset:
-    """A block on its way into a simulator.
+    """A block that is exported to simulators.
 
     Args:
-        block: The block, without a key; its label is kept in the meshes.
+        block: The block, without a key. The meshes keep its label.
 
     Raises:
-        InputError: The block has a key: a height field cannot show the missing corner.
+        InputError: The block has a key. A height field cannot represent the missing corner.
     """
 
     block: Block
 
     def __post_init__(self) -> None:
         if self.block.key_mm is not None:
-            raise InputError("key", self.block.key_mm, "simulation assets are made of blocks without a key")
+            raise InputError("key", self.block.key_mm, "must not be set; only blocks without a key can be exported")
 
     @property
     def name(self) -> str:
-        """Stem of the files: the texture's name."""
+        """The name of the texture, which is also the stem of the file names."""
         return self.block.texture.name
 
     @cached_property
@@ -90,17 +92,21 @@ class SimulatorAsset:
 
     @property
     def mesh(self) -> Mesh:
-        """The closed mesh that is printed, in mm."""
+        """The closed mesh for printing, in mm."""
         return self._meshed[0]
 
     @property
     def mesh_certificate(self) -> Certificate:
-        """What is proved of the mesh's top."""
+        """The proved bounds for the top of the mesh."""
         return self._meshed[1]
 
     @cached_property
     def heights(self) -> HeightField:
-        """Heights on an even grid: the block's own, or one that is fine enough for :data:`GRID_DISTANCE_MM`."""
+        """The heights on an even grid.
+
+        If the block has a sample grid, that grid is used; otherwise a grid that is fine enough for
+        :data:`GRID_DISTANCE_MM`, within the limits of :data:`MAX_TIMES` and :data:`MAX_SAMPLES`.
+        """
         if isinstance(self.block.sampling, SampleGrid):
             return sampled(self.block, self.block.sampling)
         block = self.block
@@ -115,23 +121,23 @@ class SimulatorAsset:
 
     @property
     def mass_kg(self) -> float:
-        """Mass of the printed block, massive PLA, in kg."""
+        """The mass of the block in kg, if it is printed in PLA with 100 % infill."""
         return self.block.volume_mm3(self.block.datum_mm) * 1e-9 * DENSITY_KG_M3
 
 
 def sampled(block: Block, grid: SampleGrid) -> HeightField:
-    """The formula's heights on a grid of the block.
+    """Evaluate the formula of a block on a grid.
 
     Args:
-        block: The block; its datum stays its own.
-        grid: The samples.
+        block: The block. Its datum is kept, also if the grid has other samples than the block's own.
+        grid: The numbers of samples.
 
     Raises:
         InputError: The grid has more than :data:`MAX_SAMPLES` samples.
     """
     if grid.nx * grid.ny > MAX_SAMPLES:
         raise InputError(
-            "grid", f"{grid.nx}x{grid.ny}", f"must have at most {MAX_SAMPLES:,} samples; take a smaller domain"
+            "grid", f"{grid.nx}x{grid.ny}", f"must have at most {MAX_SAMPLES:,} samples; use a smaller domain"
         )
     x, y = replace(block, sampling=grid).samples_mm
     z = block.surface.grid(x, y)

@@ -1,4 +1,4 @@
-"""The folder of a texture: written whole or not at all, extended by other targets, never mixed with another texture."""
+"""The folder of a texture. It is written completely or not at all, and never contains files of another texture."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from tacbench_cad.util.door import read_document
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.files import TEMPORARY_PREFIX, locked, refusing, sha256
 
-#: What the folder holds, for programs: the block, and for each target its files and its note.
+#: The description of the folder for programs: the block, and the files and the note of each target.
 RECORD = "texture.json"
-#: The note of the folder, for people.
+#: The description of the folder for people.
 README = "README.md"
-#: What makes a block another one; the rest of its description follows from these.
+#: The keys that identify a block. All other keys of its description follow from these.
 IDENTITY = (
     *("texture", "waves", "preset", "scale", "size_mm", "height_mm", "mm_per_unit", "domain", "sampling"),
     *("key_mm", "label", "copy"),
@@ -34,12 +34,12 @@ _NEW, _OLD = f"{TEMPORARY_PREFIX}new-", f"{TEMPORARY_PREFIX}old-"
 
 @dataclass(frozen=True, kw_only=True)
 class Exported:
-    """A folder that was written.
+    """The result of an export: one folder.
 
     Args:
-        texture: Name of the texture.
-        folder: Where its files lie.
-        files: Paths from the folder of the files written this time, with their sizes in bytes.
+        texture: The name of the texture.
+        folder: The folder.
+        files: The files written by this export: their paths relative to the folder, and their sizes in bytes.
     """
 
     texture: str
@@ -48,22 +48,22 @@ class Exported:
 
 
 def export_to_simulators(blocks: Iterable[Block], targets: Sequence[str], out: Path) -> list[Exported]:
-    """Write blocks for some simulators, ``out/NAME`` for each texture.
+    """Export blocks to simulators. Each texture gets the folder ``out/NAME``.
 
-    A folder that holds the same block gains the targets or has them replaced; its other files stay. Nothing is written
-    before every folder has been found fit to take its texture.
+    If a folder already contains the same block, the targets are added or replaced, and all other files are kept. All
+    folders are checked before the first file is written.
 
     Args:
-        blocks: The blocks, each of another texture.
+        blocks: The blocks, each with a different texture.
         targets: Names of :data:`tacbench_cad.formats.simulators.SIMULATOR_TARGETS`.
-        out: The folder that takes the textures' folders; made if it is not there.
+        out: The parent of the textures' folders. It is created if it does not exist.
 
     Returns:
-        One row a texture, in the order of the blocks.
+        One item for each texture, in the order of the blocks.
 
     Raises:
-        InputError: A target is unknown, a block cannot be exported, a folder holds another texture or other files, or
-            it cannot be written.
+        InputError: A target is unknown, a block cannot be exported, a folder contains another texture or other files,
+            or a folder cannot be written.
     """
     if not targets:
         one_of("to", "", SIMULATOR_TARGETS)
@@ -77,7 +77,7 @@ def export_to_simulators(blocks: Iterable[Block], targets: Sequence[str], out: P
 
 
 def _recover(out: Path) -> None:
-    """Put right what a killed run left: a folder that was moved aside and not yet replaced, and unfinished ones."""
+    """Clean up after a killed export: restore folders that were moved aside, and remove unfinished folders."""
     for old in out.glob(f"{_OLD}*"):
         folder = out / old.name.removeprefix(_OLD)
         if folder.exists():
@@ -89,16 +89,16 @@ def _recover(out: Path) -> None:
 
 
 def _described(block: Block) -> dict[str, Any]:
-    """The block as it stands in the record."""
+    """Return the description of a block as it is written to the record."""
     plain: dict[str, Any] = json.loads(json.dumps(block_spec(block)))
     return plain
 
 
 def _record_of(folder: Path, asset: SimulatorAsset) -> dict[str, Any]:
-    """The record of the targets that the folder holds already.
+    """Return the record of the targets that the folder already contains.
 
     Raises:
-        InputError: It is no folder, holds files that are not ours, or another texture.
+        InputError: The path is not a folder, or the folder contains other files or another texture.
     """
     if not folder.exists():
         return {}
@@ -107,7 +107,7 @@ def _record_of(folder: Path, asset: SimulatorAsset) -> dict[str, Any]:
     record = folder / RECORD
     if not record.exists():
         if any(folder.iterdir()):
-            raise InputError("out", str(folder), f"holds files but no {RECORD}; empty it or choose another --out")
+            raise InputError("out", str(folder), f"contains files but no {RECORD}; empty it or choose another --out")
         return {}
     try:
         document = read_document(record, "out", "json")
@@ -118,7 +118,7 @@ def _record_of(folder: Path, asset: SimulatorAsset) -> dict[str, Any]:
             _ = [*target["files"]], target["note"] + ""
     except (InputError, ValueError, KeyError, TypeError) as error:
         raise InputError(
-            "out", str(record), f"cannot be read as a record of ours ({error}); remove the folder"
+            "out", str(record), f"is not a record of export-simulator ({error}); remove the folder"
         ) from None
     own = _described(asset.block)
     differs = [key for key in IDENTITY if block.get(key) != own[key]]
@@ -126,7 +126,7 @@ def _record_of(folder: Path, asset: SimulatorAsset) -> dict[str, Any]:
         raise InputError(
             "out",
             str(folder),
-            f"holds another texture ({what}; not the same: {', '.join(differs)}); remove it or choose another --out",
+            f"contains another texture ({what}; different: {', '.join(differs)}); remove it or choose another --out",
         )
     return known
 
@@ -157,7 +157,7 @@ def _write(asset: SimulatorAsset, targets: Sequence[SimulatorTarget], out: Path)
 def _fill(
     asset: SimulatorAsset, targets: Sequence[SimulatorTarget], record: dict[str, Any], folder: Path, new: Path
 ) -> dict[str, int]:
-    """Write the targets into the new folder, beside what the present one holds of other targets and of the user's."""
+    """Write the targets into the new folder, and copy the files of other targets and of the user from the old one."""
     replaced = {README, RECORD}
     for target in targets:
         replaced.update(record.pop(target.name, {}).get("files", {}))

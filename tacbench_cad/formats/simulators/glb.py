@@ -1,4 +1,4 @@
-"""glTF 2.0 in one binary file: metres, y up, as the format lays down."""
+"""glTF 2.0 in one binary file: metres, with y up, as the format requires."""
 
 from __future__ import annotations
 
@@ -67,13 +67,14 @@ def write_glb(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     chunks = struct.pack("<I4s", len(header), b"JSON") + header + struct.pack("<I4s", len(binary), b"BIN\0") + binary
     (folder / file).write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
     note = f"""\
-- `{file}`: one mesh, {len(asset.mesh.faces):,} triangles, without normals, so that viewers shade the facets flat.
-- Units and axes: metres, y up, as glTF lays down: the block frame's (x, y, z) is (x, z, -y) here.
+- `{file}`: one mesh with {len(asset.mesh.faces):,} triangles. It has no normals, so viewers shade each triangle flat.
+- Units and axes: metres, y up, as glTF requires. The point (x, y, z) of the block frame is stored as (x, z, -y).
 - {mesh_error(asset)}
-- Contact: glTF says nothing of it. Tell your engine to collide the triangles; most begin with the convex hull, which
-  has no relief.
-- Tested with pygltflib 1.16 and trimesh 5.2: accessors and bounds, a closed body, heights of the triangles against the
-  formula; a steel ball of 0.5 mm radius, dropped in PyBullet on the triangles that pygltflib hands out, rests within
-  0.05 mm of where the formula lets it (textures 2 and 4, scale 1).
+- Contact: a glTF file has no contact settings. Set your engine to use the triangles for collisions. By default, most
+  engines use the convex hull, which has no relief.
+- Tested with pygltflib 1.16 and trimesh 5.2: the accessors and bounds are correct, the mesh is closed, and the heights
+  of the triangles agree with the formula. The triangles that pygltflib reads were also tested in PyBullet: a steel ball
+  of 0.5 mm radius, dropped into a valley, comes to rest within 0.05 mm of the height that the formula predicts
+  (textures 2 and 4, scale 1).
 """
     return TargetFiles(files=(file,), note=note)

@@ -1,4 +1,4 @@
-"""Heights on an even grid for programs of one's own: a NumPy array in mm, and a 16-bit grey PNG."""
+"""Heights on an even grid for other programs: a NumPy array in mm, and a 16-bit grey PNG."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from tacbench_cad.formats.simulators.asset import HeightField, SimulatorAsset, TargetFiles
 
-#: Value of the highest sample in the PNG.
+#: The value of the highest sample in the PNG.
 WHITE = 65535
 
 
@@ -24,16 +24,16 @@ def write_npy(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     heights, file = asset.heights, f"{asset.name}.npy"
     np.save(folder / file, np.ascontiguousarray(heights.z_mm, dtype="<f8"), allow_pickle=False)
     note = f"""\
-- `{file}`: float64, shape {heights.z_mm.shape}: row 0 at y = 0, column 0 at x = 0, `z[row, column]`.
-- Units: millimetres above the underside. {_pitch(heights)} Samples lie on the borders.
-- {_error(heights)} The samples themselves are the formula's values.
-- Tested with NumPy: every sample against the formula (texture 4).
+- `{file}`: float64 array `z[row, column]` with shape {heights.z_mm.shape}. Row 0 is at y = 0, column 0 is at x = 0.
+- Units: millimetres above the underside. {_pitch(heights)} The outermost samples lie on the border of the block.
+- {_error(heights)} The samples themselves are exact values of the formula.
+- Tested with NumPy: every sample agrees with the formula (texture 4).
 """
     return TargetFiles(files=(file,), note=note)
 
 
 def write_png16(asset: SimulatorAsset, folder: Path) -> TargetFiles:
-    """Write ``NAME.png``: 16 bits a sample, grey, the first row at the highest y as pictures are seen.
+    """Write ``NAME.png``: grey, with 16 bits for each sample. As usual in pictures, the first row is at the highest y.
 
     Args:
         asset: The block.
@@ -41,7 +41,7 @@ def write_png16(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     """
     heights, file = asset.heights, f"{asset.name}.png"
     low, high = float(heights.z_mm.min()), float(heights.z_mm.max())
-    step = (high - low) / WHITE or 1.0  # a plane is black
+    step = (high - low) / WHITE or 1.0  # avoids a division by zero: a plane becomes black
     levels = np.rint((heights.z_mm[::-1] - low) / step).astype(">u2")
     px, py = heights.pitch_mm
     words = {
@@ -53,34 +53,35 @@ def write_png16(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     (folder / file).write_bytes(_png(levels, words))
     rows, columns = levels.shape
     note = f"""\
-- `{file}`: {columns} x {rows} pixels of 16 bits, grey, linear; first row at the highest y, first column at x = 0.
-- Units: height in mm = {low:.9g} + level * {step:.9g}. {_pitch(heights)} Pixel centres lie on the borders. The
-  same stands in the file's own text.
-- {_error(heights)} Rounding to 16 bits adds {step / 2.0:.1g} mm.
-- Many loaders keep 8 bits only (MuJoCo's does, and so does an image library told to read "grey"): that is a staircase
-  of {(high - low) / 255.0:.2g} mm. Use the file of the engine where there is one.
-- Tested with Pillow: every pixel against the formula (texture 4).
+- `{file}`: {columns} x {rows} pixels, grey, 16 bits, linear. The first row is at the highest y, the first column at
+  x = 0.
+- Units: height in mm = {low:.9g} + level * {step:.9g}. {_pitch(heights)} The centres of the outermost pixels lie on
+  the border of the block. The text in the PNG file states the same.
+- {_error(heights)} Rounding to 16 bits adds at most {step / 2.0:.1g} mm.
+- Many loaders keep only 8 bits, for example the loader of MuJoCo, and image libraries that convert to 8-bit grey. The
+  heights then have steps of {(high - low) / 255.0:.2g} mm. If there is a file for your engine, use that file.
+- Tested with Pillow: every pixel agrees with the formula (texture 4).
 """
     return TargetFiles(files=(file,), note=note)
 
 
 def _pitch(heights: HeightField) -> str:
     x, y = heights.pitch_mm
-    return f"Neighbouring samples are {x:.9g} mm apart along x and {y:.9g} mm along y."
+    return f"The distance between neighbouring samples is {x:.9g} mm along x and {y:.9g} mm along y."
 
 
 def _error(heights: HeightField) -> str:
     proof = heights.certificate
     return (
-        f"Error of the surface that joins the samples by triangles: {proof.distance_mm:.2g} mm in distance, "
-        f"{proof.vertical_mm:.2g} mm in height (proved)."
+        f"If the samples are joined by triangles, the surface is at most {proof.distance_mm:.2g} mm away from the "
+        f"formula, and its heights differ by at most {proof.vertical_mm:.2g} mm (proved)."
     )
 
 
 def _png(levels: np.ndarray[tuple[int, ...], np.dtype[np.uint16]], words: dict[str, str]) -> bytes:
-    """A grey PNG of 16-bit samples (big-endian, shape (rows, columns)) with text chunks."""
+    """Encode 16-bit samples (big-endian, shape (rows, columns)) as a grey PNG with text chunks."""
     rows, columns = levels.shape
-    lines = np.zeros((rows, 1 + 2 * columns), dtype=np.uint8)  # each row begins with its filter: none
+    lines = np.zeros((rows, 1 + 2 * columns), dtype=np.uint8)  # each row begins with filter type 0 (none)
     lines[:, 1:] = np.ascontiguousarray(levels).view(np.uint8).reshape(rows, 2 * columns)
     chunks = [(b"IHDR", struct.pack(">IIBBBBB", columns, rows, 16, 0, 0, 0, 0))]
     chunks += [(b"tEXt", key.encode("latin-1") + b"\0" + text.encode("latin-1")) for key, text in words.items()]

@@ -1,10 +1,11 @@
-"""MuJoCo: the block as one height field (for probes) and as 8 x 8 of them (for domes), in metres, z up.
+"""MuJoCo: the block as one height field (for probes) and as 8 x 8 height fields (for domes), in metres, with z up.
 
-MuJoCo collides a mesh as its convex hull, which has no relief, so height fields it is. It keeps at most 50 contacts a
-pair of geoms: a dome that touches more lets go of the rest and sinks; with tiles each tile has 50 of its own.
+For collisions, MuJoCo replaces a mesh by its convex hull, which has no relief. Height fields keep the relief. MuJoCo
+keeps at most 50 contacts for each pair of geoms. A dome that has more contacts with one field loses the others and
+sinks in; if the field is divided into tiles, there are 50 contacts for each tile.
 
-A field's file is ``int32 rows, int32 columns`` and ``float32`` heights, row 0 at the lowest y; the loader scales the
-heights to 0..1, so that the size along z has to be the samples' own range.
+The file of a field contains ``int32 rows, int32 columns`` and the heights as ``float32``, with row 0 at the lowest y.
+The loader scales the heights to the range from 0 to 1. The size along z is therefore the range of the samples.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ import numpy as np
 from tacbench_cad.formats.simulators.asset import HeightField, SimulatorAsset, TargetFiles
 from tacbench_cad.util.types import Floats
 
-#: Tiles along each side in the file for domes.
+#: The number of tiles along each side in the file for domes.
 TILES = 8
-#: The step that the contact settings are meant for, in s: a time constant must be two steps at least.
+#: The time step for the contact settings, in s. The time constant of ``solref`` must be at least two steps.
 STEP_S = 0.0005
-#: Stiff contacts that win over the probe's own settings (``priority``).
+#: The settings for stiff contacts. They replace the settings of the probe because of their ``priority``.
 CONTACT = 'solref="0.002 1" solimp="0.99 0.999 0.0001" friction="0.5 0.0001 0.000001" condim="3" priority="1"'
-#: A field without range would be refused; no relief is as small as this, in m.
+#: The smallest range of a field along z, in m, for flat fields: MuJoCo refuses a range of 0. Every relief is larger.
 MIN_RANGE_M = 1e-9
 
 
@@ -49,7 +50,10 @@ def write_mjcf(asset: SimulatorAsset, folder: Path) -> TargetFiles:
 
 
 def _tiles(heights: HeightField) -> Iterator[tuple[str, HeightField]]:
-    """The field cut into tiles that share their border samples, with row and column; fewer for too few cells."""
+    """Divide a field into tiles that share their border samples. Yield each tile with the text ``ROW-COLUMN``.
+
+    A field that has fewer cells than :data:`TILES` along a side is divided into single cells along that side.
+    """
     x, y, z = heights.x_mm, heights.y_mm, heights.z_mm
     for row, (k, m) in enumerate(pairwise(_cuts(len(y) - 1))):
         for column, (i, j) in enumerate(pairwise(_cuts(len(x) - 1))):
@@ -58,7 +62,7 @@ def _tiles(heights: HeightField) -> Iterator[tuple[str, HeightField]]:
 
 
 def _cuts(cells: int) -> list[int]:
-    """Lines at which a side of some cells is cut."""
+    """Return the indices of the lines at which a side with this number of cells is divided."""
     tiles = min(TILES, cells)
     return [round(cells * i / tiles) for i in range(tiles + 1)]
 
@@ -108,19 +112,24 @@ def _note(asset: SimulatorAsset) -> str:
     rows, columns = heights.z_mm.shape
     proof = heights.certificate
     return f"""\
-- `{name}.xml` with `{name}.hf`: one height field, {columns} x {rows} samples. For probes of a few mm.
-- `{name}-tiles.xml` with the folder `{name}-tiles`: the same samples as {TILES} x {TILES} fields that share their
-  borders. For domes: MuJoCo keeps 50 contacts a pair of geoms, which a soft dome uses up, and looks at every sample
-  below a dome (with tiles many times fewer).
-- Units and axes: metres, z up, block frame. Static; put it into your scene with `<attach>` or `MjSpec.attach` (body
-  `{name}`).
+- For probes of a few mm: `{name}.xml` with `{name}.hf`, one height field with {columns} x {rows} samples.
+- For domes: `{name}-tiles.xml` with the folder `{name}-tiles`. It has the same samples, divided into {TILES} x {TILES}
+  fields that share their borders. MuJoCo keeps at most 50 contacts for each pair of geoms, and a soft dome on one field
+  needs more. MuJoCo also checks every sample below the dome; with tiles it checks many times fewer samples.
+- Units and axes: metres, z up, block frame. The body `{name}` does not move. Add it to your scene with `<attach>` or
+  `MjSpec.attach`.
 - Error against the formula: {proof.distance_mm:.2g} mm in distance, {proof.vertical_mm:.2g} mm in height (proved).
-- Contact settings, on the geoms, with a `priority` that lets them hold against any probe:
-  `{CONTACT}`,
-  with `timestep="{STEP_S:g}"` (the time constant must be two steps at least; `<attach>` does not bring the step along).
-- A mesh geom would not do: MuJoCo collides its convex hull, although its rays see the triangles.
-- Tested in MuJoCo 4.0 with the paper's six at scale 1: rays against the formula; a steel ball of 0.5 mm radius dropped
-  into a valley rests within 0.05 mm of where the formula lets it, in both files; a dome of 20 mm radius under 2 N,
-  dropped by 0.3 mm, rests within 0.05 mm of it on textures 2 and 4, in the tiles. With MuJoCo's default settings it
-  is still 0.4 mm too deep in texture 2 after 0.3 s with one field, 0.02 mm with tiles, and small balls fall through.
+- The geoms have these contact settings. Because of their `priority`, they replace the settings of any probe:
+  `{CONTACT}`.
+- Set `timestep="{STEP_S:g}"` in your own scene, because `<attach>` does not copy it. The first number of `solref`, the
+  time constant, must be at least two steps.
+- Do not use a mesh geom: MuJoCo replaces it by its convex hull for collisions, although rays meet the triangles.
+- Tested in MuJoCo 4.0 with the six textures of the paper at scale 1:
+  - Heights measured by rays agree with the formula.
+  - With both files, a steel ball of 0.5 mm radius, dropped into a valley, comes to rest within 0.05 mm of the height
+    that the formula predicts.
+  - With the tiles, a dome of 20 mm radius under 2 N, dropped by 0.3 mm, comes to rest within 0.05 mm of the predicted
+    height (textures 2 and 4).
+  - With the default settings of MuJoCo, the dome is still too deep in texture 2 after 0.3 s: by 0.4 mm with one field
+    and by 0.02 mm with tiles. Small balls fall through.
 """

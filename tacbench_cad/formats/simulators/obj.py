@@ -1,4 +1,4 @@
-"""Wavefront OBJ: the closed mesh that is printed, in mm, z up. An OBJ names no unit, so readers are given a scale."""
+"""Wavefront OBJ: the closed mesh for printing, in mm, with z up. An OBJ file names no unit."""
 
 from __future__ import annotations
 
@@ -16,19 +16,21 @@ def write_obj(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     """
     file = write_mesh(asset, folder)
     note = f"""\
-- `{file}`: the closed mesh that is printed, {len(asset.mesh.faces):,} triangles, wound outwards, without normals.
-- Units and axes: millimetres, z up (an OBJ names no unit: give your reader the scale 0.001 for metres).
+- `{file}`: the closed mesh for printing, with {len(asset.mesh.faces):,} triangles. The corners of each triangle are in
+  counter-clockwise order seen from outside. The file has no normals.
+- Units and axes: millimetres, z up. An OBJ file names no unit: if your program uses metres, set the scale to 0.001.
 - {mesh_error(asset)}
-- Contact: most engines collide a mesh as its convex hull unless told otherwise, and lose the relief in silence.
-- Tested with trimesh 5.2: a closed body, heights of the triangles against the formula; a steel ball of 0.5 mm radius,
-  dropped in PyBullet on the triangles that trimesh hands out, rests within 0.05 mm of where the formula lets it
-  (textures 2 and 4, scale 1).
+- Contact: by default, most engines replace a mesh by its convex hull, which has no relief, and show no message. Set
+  your engine to use the triangles for collisions.
+- Tested with trimesh 5.2: the mesh is closed, and the heights of the triangles agree with the formula. The triangles
+  that trimesh reads were also tested in PyBullet: a steel ball of 0.5 mm radius, dropped into a valley, comes to rest
+  within 0.05 mm of the height that the formula predicts (textures 2 and 4, scale 1).
 """
     return TargetFiles(files=(file,), note=note)
 
 
 def write_mesh(asset: SimulatorAsset, folder: Path) -> str:
-    """Write the mesh and give the file's name; the targets that refer to it share it."""
+    """Write the mesh and return the name of its file. Targets that refer to the mesh share this file."""
     mesh, file = asset.mesh, f"{asset.name}.obj"
     with (folder / file).open("w", encoding="ascii", newline="\n") as stream:
         stream.write(f"# {asset.block.name}: millimetres, z up\no {asset.name}\n")
@@ -38,25 +40,25 @@ def write_mesh(asset: SimulatorAsset, folder: Path) -> str:
 
 
 def write_with_mesh(asset: SimulatorAsset, folder: Path, suffix: str, model: str, note: str) -> TargetFiles:
-    """Write the mesh, and beside it a model in metres that refers to it as ``NAME.obj`` and scales it.
+    """Write the mesh and a model in metres, which refers to the mesh as ``NAME.obj`` and scales it.
 
     Args:
         asset: The block.
         folder: An existing folder.
-        suffix: Of the model's file.
-        model: Its text.
-        note: What to say of it after the names of the files, the units and the axes.
+        suffix: The suffix of the model's file.
+        model: The text of the model's file.
+        note: The rest of the note, after the names of the files, the units and the axes.
     """
     mesh, file = write_mesh(asset, folder), f"{asset.name}{suffix}"
     (folder / file).write_text(model, encoding="utf-8")
     about = f"""\
-- `{file}` with `{mesh}` ({len(asset.mesh.faces):,} triangles), which has to lie beside it.
+- `{file}` with the mesh `{mesh}` ({len(asset.mesh.faces):,} triangles). Keep both files in the same folder.
 - Units and axes: metres, z up, block frame (the OBJ's millimetres are scaled by 0.001). """
     return TargetFiles(files=(file, mesh), note=about + note)
 
 
 def mesh_error(asset: SimulatorAsset) -> str:
-    """What is proved of the mesh's top, as a sentence."""
+    """Return a sentence about the proved error of the mesh."""
     proof = asset.mesh_certificate
     return (
         f"Error against the formula: {proof.distance_mm:.2g} mm in distance, {proof.vertical_mm:.2g} mm in height on "

@@ -1,4 +1,4 @@
-"""SDFormat with its OBJ, for Drake: metres, z up, a rigid hydroelastic surface."""
+"""SDFormat with its OBJ, for Drake: metres, with z up, and a rigid hydroelastic surface."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from tacbench_cad.formats.simulators.urdf import METRES
 
 
 def _inertia_kg_m2(asset: SimulatorAsset) -> tuple[float, float, float]:
-    """Moments of inertia about the centre of the block's box, taken as a massive box, in kg m^2."""
+    """Return the moments of inertia of a massive box with the size of the block, about its centre, in kg m^2."""
     x, y, z = ((side / 1e3) ** 2 for side in (*asset.block.size_mm, asset.block.height_mm))
     return (asset.mass_kg / 12.0 * (y + z), asset.mass_kg / 12.0 * (x + z), asset.mass_kg / 12.0 * (x + y))
 
 
 def _centre_m(asset: SimulatorAsset) -> str:
-    """Centre of the block's box, in m."""
+    """Return the centre of the block's bounding box, in m."""
     return " ".join(f"{side / 2e3:.9g}" for side in (*asset.block.size_mm, asset.block.height_mm))
 
 
@@ -57,16 +57,17 @@ def write_sdf(asset: SimulatorAsset, folder: Path) -> TargetFiles:
 </sdf>
 """
     note = f"""\
-Weld it to the world. Its mass
-  is that of massive PLA, its inertia that of a box.
+Weld the block
+  to the world. Its mass is the mass of solid PLA, and its inertia is the inertia of a box.
 - {mesh_error(asset)}
-- Contact: rigid hydroelastic, so give the probe a compliant surface and the plant `contact_model = "hydroelastic"`.
-  With `hydroelastic_with_fallback` a probe that is rigid or has no hydroelastic properties falls back to point contact,
-  which uses the convex hull.
-- Suggested for balls up to 1 mm radius: step 0.001 s, the probe's `hydroelastic_modulus` 1e7 Pa and `resolution_hint` a
-  quarter of its radius. Pressure grows with depth over radius, so a dome is softer: one of 20 mm radius under 2 N sinks
-  into texture 2 by 0.78 mm at 1e7 Pa and by 0.10 mm at 1e9 Pa.
-- Tested in Drake 1.51 with textures 2, 3, 4 and 6 at scale 1: the signed distance of points on the formula; a steel
-  ball of 0.5 mm radius with those settings, dropped into a valley, rests within 0.05 mm of where the formula lets it.
+- Contact: the block is rigid hydroelastic. The probe therefore needs a compliant hydroelastic surface, and the plant
+  needs `contact_model = "hydroelastic"`. With `hydroelastic_with_fallback`, Drake uses point contact for a probe that
+  is rigid or has no hydroelastic properties, and point contact uses the convex hull.
+- Suggested for balls up to 1 mm radius: a step of 0.001 s, a `hydroelastic_modulus` of the probe of 1e7 Pa, and a
+  `resolution_hint` of a quarter of its radius. The pressure grows with depth divided by radius, so a dome is softer: a
+  dome of 20 mm radius under 2 N sinks into texture 2 by 0.78 mm at 1e7 Pa and by 0.10 mm at 1e9 Pa.
+- Tested in Drake 1.51 with textures 2, 3, 4 and 6 at scale 1. The signed distances of points on the formula are
+  correct. With the suggested settings, a steel ball of 0.5 mm radius, dropped into a valley, comes to rest within
+  0.05 mm of the height that the formula predicts.
 """
     return write_with_mesh(asset, folder, ".sdf", text, note)

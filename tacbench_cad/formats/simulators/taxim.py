@@ -1,7 +1,7 @@
 """Taxim: the top surface as an ASCII PLY in mm.
 
-Taxim reads the file by its lines: the count of vertices from the fourth, the vertices from the eleventh on. It drops
-each vertex on the pixel below it, 0.0295 mm wide, and leaves pixels empty that get none.
+Taxim reads the file line by line: the number of vertices from line 4, and the vertices from line 11 on. It assigns each
+vertex to the pixel below it. A pixel is 0.0295 mm wide, and a pixel without a vertex stays empty.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
-#: Width of Taxim's pixels, in mm.
+#: The width of Taxim's pixels, in mm.
 PIXEL_MM = 0.0295
 
 
@@ -30,7 +30,7 @@ def write_taxim(asset: SimulatorAsset, folder: Path) -> TargetFiles:
         folder: An existing folder.
 
     Raises:
-        InputError: At this size it would take too many vertices.
+        InputError: The block is so large that the file would need too many vertices.
     """
     heights, file = _fine(asset.block), f"{asset.name}.ply"
     rows, columns = heights.z_mm.shape
@@ -54,16 +54,18 @@ def write_taxim(asset: SimulatorAsset, folder: Path) -> TargetFiles:
             stream.write("".join([f"{at}{middle}{z:.5f}\n" for at, z in zip(x, row, strict=True)]))
     px, py = heights.pitch_mm
     note = f"""\
-- `{file}`: {rows * columns:,} vertices of the top surface in an ASCII PLY with a header of ten lines; no faces.
-- Units and axes: millimetres, z up, block frame (Taxim centres x and y itself, and presses down along z).
-- Vertices are {px:.4f} x {py:.4f} mm apart, at most {PIXEL_MM} mm: every pixel of Taxim's height map gets one.
+- `{file}`: {rows * columns:,} vertices of the top surface in an ASCII PLY with a header of ten lines and without faces.
+- Units and axes: millimetres, z up, block frame. Taxim centres x and y itself, and presses down along z.
+- The distance between vertices is {px:.4f} mm along x and {py:.4f} mm along y. It is at most {PIXEL_MM} mm, so every
+  pixel of Taxim's height map gets a vertex.
 - Each vertex lies on the {"published sampled surface" if _is_sampled(asset.block) else "formula"}, to 0.00001 mm.
-- Suggested press depths: 0.5 to 1.5 mm; the relief is {asset.block.relief_mm:.3g} mm from lowest to highest point.
-- Taxim's height map shows {640 * PIXEL_MM:.4g} x {480 * PIXEL_MM:.4g} mm about the block's centre; shift the object to
-  see the rest.
-- Tested with textures 2 and 4 at scale 1 by reading the file as Taxim's loader does, line by line: a height map without
-  holes, its heights against the formula, and a ball of 0.5 mm radius that touches the map in a valley within 0.05 mm of
-  where the formula lets it. Taxim itself, which has no package, was not run.
+- Suggested press depths: 0.5 to 1.5 mm. The lowest and the highest point of the relief differ by
+  {asset.block.relief_mm:.3g} mm.
+- Taxim's height map shows {640 * PIXEL_MM:.4g} x {480 * PIXEL_MM:.4g} mm around the centre of the block. Shift the
+  object to see the rest.
+- Tested with textures 2 and 4 at scale 1. The test reads the file line by line, as Taxim's loader does. The height map
+  has no holes, and its heights agree with the formula. A ball of 0.5 mm radius touches the map in a valley within
+  0.05 mm of the height that the formula predicts. Taxim itself was not run, because it is not available as a package.
 """
     return TargetFiles(files=(file,), note=note)
 
@@ -73,15 +75,19 @@ def _is_sampled(block: Block) -> bool:
 
 
 def _fine(block: Block) -> HeightField:
-    """Heights close enough together; on a sample grid those of the surface that joins its samples."""
+    """Return heights that are close enough together for Taxim's pixels.
+
+    If the block has a sample grid, they lie on the surface that joins its samples.
+    """
     x, y = block.size_mm
-    # Coordinates are written to 0.00001 mm: a distance must not be rounded past the pixel.
+    # Coordinates are rounded to 0.00001 mm. The rounded distances must not be wider than a pixel.
     nx, ny = (math.ceil(side / (PIXEL_MM - 2e-5)) + 1 for side in (x, y))
     if nx * ny > MAX_SAMPLES:
         raise InputError(
             "scale",
             block.scale,
-            f"a top of {x:g} x {y:g} mm takes {nx * ny:,} vertices at {PIXEL_MM} mm, {MAX_SAMPLES:,} at most",
+            f"a top of {x:g} x {y:g} mm needs {nx * ny:,} vertices at a distance of {PIXEL_MM} mm, but at most "
+            f"{MAX_SAMPLES:,} are allowed; use a smaller scale",
         )
     if not isinstance(block.sampling, SampleGrid):
         return sampled(block, SampleGrid(nx=nx, ny=ny))
@@ -92,7 +98,10 @@ def _fine(block: Block) -> HeightField:
 
 
 def _between(rows: Floats, at: Floats, to: Floats) -> Floats:
-    """Rows given at some places, interpolated linearly to others; shape (n, k) to (m, k)."""
+    """Interpolate rows linearly from the positions ``at``, shape (n,), to the positions ``to``, shape (m,).
+
+    The rows have shape (n, k), the result has shape (m, k).
+    """
     i = np.clip(np.searchsorted(at, to, side="right") - 1, 0, len(at) - 2)
     fraction = ((to - at[i]) / (at[i + 1] - at[i]))[:, None]
     return np.asarray((1.0 - fraction) * rows[i] + fraction * rows[i + 1])

@@ -1,7 +1,7 @@
-"""URDF with its OBJ, for PyBullet: metres, z up, collision with the triangles (``concave``) and not with their hull.
+"""URDF with its OBJ, for PyBullet: metres, with z up. ``concave`` keeps the triangles for collisions.
 
-The block has no mass, so that PyBullet holds it still, and above all no centre of mass beside the origin: with one,
-PyBullet's rays miss three quarters of the block.
+The mass is 0, so that PyBullet does not move the block. The file also gives no centre of mass other than the origin:
+otherwise PyBullet's rays miss three quarters of the block.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from pathlib import Path
 from tacbench_cad.formats.simulators.asset import SimulatorAsset, TargetFiles
 from tacbench_cad.formats.simulators.obj import mesh_error, write_with_mesh
 
-#: From the OBJ's millimetres to metres.
+#: The scale from the OBJ's millimetres to metres.
 METRES = "0.001 0.001 0.001"
 
 
@@ -47,16 +47,19 @@ def write_urdf(asset: SimulatorAsset, folder: Path) -> TargetFiles:
 </robot>
 """
     note = f"""\
-Mass 0: it stands still.
+The mass is 0,
+  so the block does not move.
 - {mesh_error(asset)}
-- Load it with `setPhysicsEngineParameter(enableFileCaching=0)` before `loadURDF`: else a mesh that changed under its
-  name is taken from the cache. `concave="yes"` on `<collision>` keeps the relief; on `<link>` it has no effect.
-- Contact settings: `setTimeStep(1/2000)` or finer, on the probe `restitution=0` and some `linearDamping`; friction 0.5
-  is in the file.
-- Probes that hold: balls of 0.5 and of 1 mm radius, on this very mesh (tolerance 0.01 mm). PyBullet keeps four contacts
-  a pair: a ball of 5 mm radius sank by 0.1 mm into texture 4, one of 12 mm by 0.4 mm, a dome of 20 mm radius under 2 N
-  by 0.28 mm into texture 2. Press domes in MuJoCo.
-- Tested in PyBullet 3.2.7 with the paper's six at scale 1: rays against the formula; a steel ball of 0.5 mm radius
-  dropped into a valley rests within 0.05 mm of where the formula lets it (1 mm radius: textures 2 and 4).
+- Call `setPhysicsEngineParameter(enableFileCaching=0)` before `loadURDF`. Otherwise PyBullet takes an old mesh of the
+  same name from its cache. `concave="yes"` on `<collision>` keeps the relief; on `<link>` it has no effect.
+- Contact settings: use `setTimeStep(1/2000)` or a smaller step, and give the probe `restitution=0` and some
+  `linearDamping`. The file sets the friction to 0.5.
+- Suitable probes: balls of 0.5 mm and 1 mm radius, tested on meshes with a tolerance of 0.01 mm. PyBullet keeps four
+  contacts for each pair of bodies, so larger probes sink in. In texture 4, a ball of 5 mm radius sank in by 0.1 mm, and
+  a ball of 12 mm radius by 0.4 mm. In texture 2, a dome of 20 mm radius under 2 N sank in by 0.28 mm. Use MuJoCo for
+  domes.
+- Tested in PyBullet 3.2.7 at scale 1. Heights measured by rays agree with the formula (the six textures of the paper).
+  A steel ball dropped into a valley comes to rest within 0.05 mm of the height that the formula predicts: with 0.5 mm
+  radius on the six textures of the paper, and with 1 mm radius on textures 2 and 4.
 """
     return write_with_mesh(asset, folder, ".urdf", text, note)

@@ -1,4 +1,4 @@
-"""OpenUSD as text (``.usda``): one mesh in metres, z up, not subdivided, colliding with its triangles."""
+"""OpenUSD as text (``.usda``): one mesh in metres, with z up, without subdivision. Collisions use its triangles."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ def write_usd(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     """
     mesh, file = asset.mesh, f"{asset.name}.usda"
     prim = asset.name.replace("-", "_")
-    prim = prim if prim[0].isalpha() else f"_{prim}"  # a prim's name may hold no hyphen and begin with no digit
+    prim = (
+        prim if prim[0].isalpha() else f"_{prim}"
+    )  # the name of a prim has no hyphens and does not begin with a digit
     points = ", ".join(f"({x:.9g}, {y:.9g}, {z:.9g})" for x, y, z in (mesh.vertices / 1e3).tolist())
-    low, high = (", ".join(f"{value / 1e3:.9g}" for value in one) for one in mesh.bounds_mm)
+    low, high = (", ".join(f"{value / 1e3:.9g}" for value in corner) for corner in mesh.bounds_mm)
     text = f"""\
 #usda 1.0
 (
@@ -62,15 +64,18 @@ def Xform "{prim}" (
 """
     (folder / file).write_text(text, encoding="utf-8")
     note = f"""\
-- `{file}`: one mesh, {len(asset.mesh.faces):,} triangles, as text; reference it by its default prim.
-- Units and axes: metres (`metersPerUnit = 1`), z up (`upAxis = "Z"`), block frame. No rigid body: it stands still.
+- `{file}`: one mesh with {len(asset.mesh.faces):,} triangles, as text. Reference its default prim.
+- Units and axes: metres (`metersPerUnit = 1`), z up (`upAxis = "Z"`), block frame. The block is not a rigid body, so it
+  does not move.
 - {mesh_error(asset)}
-- `subdivisionScheme = "none"`: else a viewer smooths the relief away. Collision with the triangles themselves
-  (`physics:approximation = "none"`); leave it so: a convex hull has no relief. Only a still body may collide like that.
-- Contact settings: friction 0.5 and restitution 0 are in the file. Suggested, not tested here: a step of 0.0005 s or
-  finer for probes of about 1 mm, and a contact offset far below the relief.
-- Tested with usd-core 26.11: OpenUSD's own validators find nothing (texture 2); heights of the triangles against
-  the formula; a steel ball of 0.5 mm radius, dropped in PyBullet on the triangles that usd-core hands out, rests
-  within 0.05 mm of where the formula lets it (textures 2 and 4, scale 1). No engine that reads USD itself was run.
+- `subdivisionScheme = "none"` is set, because subdivision would smooth the relief away.
+- `physics:approximation = "none"` is set, so the triangles are used for collisions. Do not change it: a convex hull has
+  no relief. This setting is allowed only for bodies that do not move.
+- Contact settings: the file sets the friction to 0.5 and the restitution to 0. For probes of about 1 mm, a step of
+  0.0005 s or less and a contact offset much smaller than the relief are suggested, but not tested.
+- Tested with usd-core 26.11: the validators of OpenUSD report no errors (texture 2), and the heights of the triangles
+  agree with the formula. The triangles that usd-core reads were also tested in PyBullet: a steel ball of 0.5 mm radius,
+  dropped into a valley, comes to rest within 0.05 mm of the height that the formula predicts (textures 2 and 4,
+  scale 1). No engine that reads USD files was run.
 """
     return TargetFiles(files=(file,), note=note)

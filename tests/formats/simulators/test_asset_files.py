@@ -1,4 +1,4 @@
-"""What stands in the files, by readers of our own: bytes, frames, units and the proved error."""
+"""The contents of the files, read by independent code: bytes, frames, units and the proved error."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_grids_follow_the_formula_within_what_is_proved(block: Block) -> None:
 def test_a_grid_of_too_many_samples_is_refused() -> None:
     with pytest.raises(InputError, match="samples"):
         sampled(Block.of("1"), SampleGrid(nx=5000, ny=5000))
-    # a finer one than the first is not tried where it would pass the limit
+    # no finer grid than the first is tried if it would exceed the limit
     block = Block.of("4", size_mm=(1500.0, 1800.0), mm_per_unit=(5.0, 5.0, 1.0))
     assert SimulatorAsset(block).heights.z_mm.size <= assets.MAX_SAMPLES
 
@@ -139,11 +139,11 @@ def test_robot_descriptions_name_their_mesh_and_its_scale(target: str, tmp_path:
     folder = export_to_simulators([Block.of("5")], [target], tmp_path)[0].folder
     root = ElementTree.parse(folder / f"texture-5.{target}").getroot()
     if target == "urdf":
-        meshes = [(one.get("filename"), one.get("scale")) for one in root.iter("mesh")]
-        assert [one.get("concave") for one in root.iter("collision")] == ["yes"]
-        assert [one.get("value") for one in root.iter("mass")] == ["0"]
+        meshes = [(element.get("filename"), element.get("scale")) for element in root.iter("mesh")]
+        assert [element.get("concave") for element in root.iter("collision")] == ["yes"]
+        assert [element.get("value") for element in root.iter("mass")] == ["0"]
     else:
-        meshes = [(one.findtext("uri"), one.findtext("scale")) for one in root.iter("mesh")]
+        meshes = [(element.findtext("uri"), element.findtext("scale")) for element in root.iter("mesh")]
         mass = Block.of("5").volume_mm3(Block.of("5").datum_mm) * 1.24e-6
         assert float(str(root.findtext("model/link/inertial/mass"))) == pytest.approx(mass, rel=1e-5)
     assert meshes == [("texture-5.obj", "0.001 0.001 0.001")] * 2

@@ -1,4 +1,4 @@
-"""The folder of a texture: whole or not there, extended by other targets, never mixed with another texture."""
+"""The folder of a texture: written completely or not at all, extended by other targets, with only one texture."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from tacbench_cad.util.errors import InputError
 LIGHT = ["obj", "npy"]
 
 
-def everything(root: Path) -> dict[str, str]:
-    """Every file below a folder with its hash."""
+def hashes_below(root: Path) -> dict[str, str]:
+    """Return the hash of every file below a folder."""
     return {
         path.relative_to(root).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in root.rglob("*")
@@ -28,17 +28,17 @@ def everything(root: Path) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("target", SIMULATOR_TARGETS)
-def test_every_target_lists_the_files_that_it_writes_and_says_what_they_are(target: str, tmp_path: Path) -> None:
-    (made,) = export_to_simulators([Block.of("5", scale=0.5)], [target], tmp_path)
-    assert made.folder == tmp_path / "texture-5"
-    found = everything(made.folder)
-    assert set(found) == {*made.files, RECORD, README}
-    assert all(made.files.values())
-    record = json.loads((made.folder / RECORD).read_text(encoding="utf-8"))
-    assert record["targets"][target]["files"] == {name: found[name] for name in made.files}
-    note = (made.folder / README).read_text(encoding="utf-8")
+def test_every_target_lists_and_describes_its_files(target: str, tmp_path: Path) -> None:
+    (export,) = export_to_simulators([Block.of("5", scale=0.5)], [target], tmp_path)
+    assert export.folder == tmp_path / "texture-5"
+    hashes = hashes_below(export.folder)
+    assert set(hashes) == {*export.files, RECORD, README}
+    assert all(export.files.values())
+    record = json.loads((export.folder / RECORD).read_text(encoding="utf-8"))
+    assert record["targets"][target]["files"] == {name: hashes[name] for name in export.files}
+    note = (export.folder / README).read_text(encoding="utf-8")
     assert SIMULATOR_TARGETS[target].title in note and "Tested" in note and "Units" in note
-    for name in made.files:
+    for name in export.files:
         assert name in note or "tiles/" in name
     for words in ("scale 0.5", "Block frame", "lower corner of the underside", "Formula"):
         assert words in note
@@ -50,19 +50,19 @@ def test_the_same_block_gives_the_same_bytes(target: str, tmp_path: Path) -> Non
     block = Block.of("1", scale=0.3)
     for name in "ab":
         export_to_simulators([block], [target], tmp_path / name)
-    assert everything(tmp_path / "a") == everything(tmp_path / "b")
+    assert hashes_below(tmp_path / "a") == hashes_below(tmp_path / "b")
 
 
-def test_another_target_joins_and_the_users_own_files_stay(tmp_path: Path) -> None:
+def test_another_target_is_added_and_the_users_files_are_kept(tmp_path: Path) -> None:
     block = Block.of("5")
     export_to_simulators([block], ["mjcf", "urdf"], tmp_path)
     own = tmp_path / "texture-5" / "mine" / "scene.xml"
     own.parent.mkdir()
     own.write_text("mine")
-    before = everything(tmp_path)
-    (made,) = export_to_simulators([block], ["sdf"], tmp_path)
-    after = everything(tmp_path)
-    assert set(made.files) == {"texture-5.sdf", "texture-5.obj"}
+    before = hashes_below(tmp_path)
+    (export,) = export_to_simulators([block], ["sdf"], tmp_path)
+    after = hashes_below(tmp_path)
+    assert set(export.files) == {"texture-5.sdf", "texture-5.obj"}
     changed = {"texture-5/README.md", "texture-5/texture.json"}
     assert {name for name in before if before[name] != after[name]} == changed
     assert set(after) - set(before) == {"texture-5/texture-5.sdf"}
@@ -75,7 +75,7 @@ def test_another_target_joins_and_the_users_own_files_stay(tmp_path: Path) -> No
     ]
 
 
-def test_a_target_written_again_leaves_no_file_of_before(tmp_path: Path) -> None:
+def test_a_second_export_removes_the_old_files_of_its_target(tmp_path: Path) -> None:
     export_to_simulators([Block.of("5")], ["mjcf"], tmp_path)
     record = tmp_path / "texture-5" / RECORD
     document = json.loads(record.read_text(encoding="utf-8"))
@@ -95,16 +95,16 @@ def test_a_target_written_again_leaves_no_file_of_before(tmp_path: Path) -> None
         (Block.of(dataclasses.replace(Block.of("2").texture, name="texture-1", number=1)), "waves"),
     ],
 )
-def test_a_folder_with_another_texture_is_refused_and_stays(other: Block, needle: str, tmp_path: Path) -> None:
+def test_a_folder_with_another_texture_is_refused_and_not_changed(other: Block, needle: str, tmp_path: Path) -> None:
     export_to_simulators([Block.of("1")], LIGHT, tmp_path)
-    before = everything(tmp_path)
-    with pytest.raises(InputError, match="holds another texture") as refusal:
+    before = hashes_below(tmp_path)
+    with pytest.raises(InputError, match="contains another texture") as refusal:
         export_to_simulators([Block.of("2"), other], LIGHT, tmp_path)
     assert needle in str(refusal.value) and "texture-1" in str(refusal.value)
-    assert everything(tmp_path) == before, "something was written"
+    assert hashes_below(tmp_path) == before, "something was written"
 
 
-def test_folders_that_are_not_ours_are_refused(tmp_path: Path) -> None:
+def test_folders_with_other_files_are_refused(tmp_path: Path) -> None:
     place = tmp_path / "texture-1"
     place.write_text("a file")
     with pytest.raises(InputError, match="is a file"):
@@ -112,20 +112,20 @@ def test_folders_that_are_not_ours_are_refused(tmp_path: Path) -> None:
     place.unlink()
     place.mkdir()
     (place / "thesis.tex").write_text("precious")
-    with pytest.raises(InputError, match=r"holds files but no texture\.json"):
+    with pytest.raises(InputError, match=r"contains files but no texture\.json"):
         export_to_simulators([Block.of("1")], LIGHT, tmp_path)
     for text in ("", "[]", "{}", '{"block": {}, "targets": {}}', '{"block": 3, "targets": {"obj": 4}}'):
         (place / RECORD).write_text(text)
-        with pytest.raises(InputError, match="cannot be read as a record"):
+        with pytest.raises(InputError, match="is not a record of export-simulator"):
             export_to_simulators([Block.of("1")], LIGHT, tmp_path)
     assert (place / "thesis.tex").read_text() == "precious"
     with pytest.raises(InputError, match="not a folder"):
         export_to_simulators([Block.of("1")], LIGHT, place / "thesis.tex")
 
 
-def test_a_writer_that_fails_leaves_the_folder_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_export_does_not_change_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     export_to_simulators([Block.of("1")], ["npy"], tmp_path)
-    before = everything(tmp_path)
+    before = hashes_below(tmp_path)
 
     def half(asset: SimulatorAsset, where: Path) -> TargetFiles:
         (where / "half.obj").write_text("half")
@@ -134,18 +134,18 @@ def test_a_writer_that_fails_leaves_the_folder_as_it_was(tmp_path: Path, monkeyp
     monkeypatch.setitem(SIMULATOR_TARGETS, "obj", dataclasses.replace(SIMULATOR_TARGETS["obj"], write=half))
     with pytest.raises(InputError, match="is full"):
         export_to_simulators([Block.of("1")], ["npy", "obj"], tmp_path)
-    assert everything(tmp_path) == before
-    assert [one.name for one in tmp_path.iterdir()] == ["texture-1"]
+    assert hashes_below(tmp_path) == before
+    assert [path.name for path in tmp_path.iterdir()] == ["texture-1"]
     with pytest.raises(InputError, match="is full"):
         export_to_simulators([Block.of("2")], ["obj"], tmp_path)
-    assert [one.name for one in tmp_path.iterdir()] == ["texture-1"]
+    assert [path.name for path in tmp_path.iterdir()] == ["texture-1"]
 
 
 @pytest.mark.parametrize("state", ["before the swap", "amid the swap", "after the swap"])
-def test_what_a_killed_run_left_is_put_right(state: str, tmp_path: Path) -> None:
+def test_a_killed_export_is_cleaned_up(state: str, tmp_path: Path) -> None:
     export_to_simulators([Block.of("1")], ["npy"], tmp_path)
     place = tmp_path / "texture-1"
-    before = everything(place)
+    before = hashes_below(place)
     new, old = tmp_path / f"{folder._NEW}texture-1", tmp_path / f"{folder._OLD}texture-1"
     if state == "after the swap":
         old.mkdir()
@@ -156,8 +156,8 @@ def test_what_a_killed_run_left_is_put_right(state: str, tmp_path: Path) -> None
     if state == "amid the swap":
         place.rename(old)
     export_to_simulators([Block.of("2")], ["npy"], tmp_path)
-    assert everything(place) == before
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["texture-1", "texture-2"]
+    assert hashes_below(place) == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["texture-1", "texture-2"]
 
 
 def test_unknown_and_missing_targets_are_refused(tmp_path: Path) -> None:
