@@ -1,1 +1,1 @@
-"""From a spec to a mesh and to a solid, each with a certificate."""
+"""Meshes and solids of parts, each with proved bounds of its error."""

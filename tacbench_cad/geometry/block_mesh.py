@@ -12,22 +12,22 @@ from tacbench_cad.spec.block import Block
 
 
 def mesh_block(block: Block) -> tuple[Mesh, Certificate]:
-    """A closed mesh of a block and what is proved of its top.
+    """Make a closed mesh of a block, and prove how far its top lies from the formula.
 
     Args:
-        block: The block; its ``sampling`` says how the top follows the formula.
+        block: The block. Its ``sampling`` decides how the top follows the formula.
 
     Returns:
-        The mesh, whose highest vertex is at exactly the float32 of the block's height, and the certificate.
+        The mesh and the proved bounds. The z of the highest vertex is exactly the block's height, rounded to float32.
 
     Raises:
-        InputError: The mesh would pass :data:`~tacbench_cad.geometry.mesh.MAX_TRIANGLES` or the tolerance is too
-            fine for single precision.
+        InputError: The mesh would have more triangles than :data:`~tacbench_cad.geometry.mesh.MAX_TRIANGLES`, or the
+            tolerance is too fine for single precision.
     """
     top = textured_top(block)
     return mesh_of_top(block, top), top.certificate
 
 
 def mesh_of_top(block: Block, top: Top) -> Mesh:
-    """The closed mesh below a top of the block."""
+    """Close a top of the block with walls and an underside."""
     return close(sheet(top, block.key_mm, float(np.float32(block.height_mm))), block.engraving)

@@ -1,4 +1,4 @@
-"""A block as a part: its mesh, its solid and what readers of its files must find."""
+"""A block as a part: its mesh, its solid, and the expected geometry of its files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def block_part(block: Block) -> Part:
-    """Wrap a block as a part; nothing is built before it is asked for."""
+    """Wrap a block as a part. The mesh and the solid are only built when they are needed."""
     from tacbench_cad.geometry.brep import solid_refusal
 
     def make_mesh() -> tuple[Mesh, ExpectedGeometry]:
@@ -62,14 +62,14 @@ def block_part(block: Block) -> Part:
 
 
 def as_part(thing: Any) -> Part:
-    """The part that something describes; nothing is built before it is asked for.
+    """Convert an object to a part. The mesh and the solid are only built when they are needed.
 
     Args:
-        thing: A block, a :class:`~tacbench_cad.geometry.part.Part`, or anything with a method ``part()`` that
-            returns one, as a holder has.
+        thing: A block, a :class:`~tacbench_cad.geometry.part.Part`, or an object with a method ``part()`` that returns
+            a part, for example a holder.
 
     Raises:
-        InputError: It is none of these.
+        InputError: The object is none of these.
     """
     if isinstance(thing, Part):
         return thing
@@ -83,7 +83,7 @@ def as_part(thing: Any) -> Part:
 
 
 def block_spec(block: Block) -> dict[str, Any]:
-    """Everything that went into a block and what follows from it, as plain JSON values; lengths in mm."""
+    """Return all input values of a block and the values derived from them, as plain JSON values with lengths in mm."""
     sampling = block.sampling
     extremes = block.extremes
     grid = PressGrid.paper(block.scale)

@@ -1,10 +1,10 @@
-"""Open CASCADE solids of blocks, straight from the formula: no point is fitted and nothing is sewn.
+"""Open CASCADE solids of blocks, made directly from the formula. No points are fitted, and no faces are sewn together.
 
-The top is cut into spline patches (:mod:`.splines.patches`). On a patch the surface's parameters are x and
-y in mm. Each patch is a face of its own and the side walls are split along with them, because the kernel's volume,
-bounding box, Boolean operations and mesher are right and fast on such faces and wrong or slow on one large face.
+The top is divided into spline patches (:mod:`.splines.patches`). The parameters of each patch are x and y in mm. Each
+patch is a separate face, and the side walls are divided in the same way. On such faces, the kernel's volume, bounding
+box, Boolean operations and mesher are correct and fast. On one large face, they are wrong or slow.
 
-Importing this module does not load the kernel; the functions that make shapes do.
+Importing this module does not load the kernel. The functions that make shapes load it.
 """
 
 from __future__ import annotations
@@ -22,55 +22,56 @@ if TYPE_CHECKING:
 
 
 def solid_refusal(block: Block) -> str | None:
-    """Why there is no solid of a block, or None where there is one."""
+    """Return the reason why a block has no solid, or None if it has one."""
     if not block.grid_aliases:
         return None
     assert isinstance(block.sampling, SampleGrid)
     return (
-        f"{block.name} has none: its sample grid of {block.sampling.nx} x {block.sampling.ny} is too coarse for the "
-        "formula's finest wave and draws another shape, and the formula itself within 1 micrometre would take millions "
-        "of poles"
+        f"{block.name} has no solid: its sample grid of {block.sampling.nx} x {block.sampling.ny} is too coarse for "
+        "the formula's finest wave and gives another shape, and a solid of the formula within 1 micrometre would need "
+        "millions of poles"
     )
 
 
 def solid_block(block: Block) -> tuple[TopoDS_Solid, Certificate]:
-    """The block as a solid within its ``step_tolerance_mm`` of the formula, proved.
+    """Make a solid of a block. Its top is proved to lie within the block's ``step_tolerance_mm`` of the formula.
 
-    The solid lies in the block frame, its formula's zero at :attr:`~tacbench_cad.spec.block.Block.solid_datum_mm`. The
-    last few are kept: asking again gives new topology over the same geometry, which may be moved and meshed freely.
+    The solid is in the block frame. The zero of its formula is at
+    :attr:`~tacbench_cad.spec.block.Block.solid_datum_mm`. The solids of the last few blocks are cached. Every call
+    returns new topology, so that callers can move and mesh the solid without an effect on each other.
 
     Args:
         block: The block.
 
     Returns:
-        The solid and what is proved of its top.
+        The solid and the proved bounds for its top.
 
     Raises:
-        InputError: There is no solid of this block (:func:`solid_refusal`), the tolerance is not allowed, or it
-            needs too many poles.
+        InputError: The block has no solid (:func:`solid_refusal`), or the tolerance is not allowed or needs too many
+            poles.
     """
     from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
     from OCP.TopoDS import TopoDS
 
     _require_solid(block)
     kept, certificate = _solid(block)
-    # Topology of its own: the kernel keeps a mesh in the faces, and takes it into later bounding boxes.
+    # The topology is copied, because the kernel stores meshes in faces and uses them for later bounding boxes.
     return TopoDS.Solid_s(BRepBuilderAPI_Copy(kept, False, False).Shape()), certificate
 
 
 def texture_face(block: Block) -> TopoDS_Face:
-    """The textured surface alone, as one face with parameters x and y in mm.
+    """Make only the textured surface, as one face with parameters x and y in mm.
 
-    A single face is what projecting, thickening and splitting want. It is not what measuring wants: the kernel's
-    default area takes 61 points along each axis of a face however rich it is, which gives texture 4 of preset paper an
-    area 9 % too large. Ask for ``BRepGProp.SurfaceProperties_s(face, properties, 1e-3)``, or take the top faces of
-    :func:`solid_block`. The bounding box is right.
+    Use the face to project, thicken or split. Do not use it to measure an area with the kernel's default: the kernel
+    uses at most 61 points along each axis of a face, and for texture 4 of preset paper the area is 9 % too large. To
+    measure an area, call ``BRepGProp.SurfaceProperties_s(face, properties, 1e-3)``, or use the top faces of
+    :func:`solid_block`. The bounding box is correct.
 
     Args:
-        block: The block; its key is cut off, its label does not matter.
+        block: The block. Its key is cut off. Its label has no effect.
 
     Raises:
-        InputError: As for :func:`solid_block`.
+        InputError: Same as for :func:`solid_block`.
     """
     from tacbench_cad.geometry.splines.build import SolidBuilder
     from tacbench_cad.geometry.splines.patches import patches

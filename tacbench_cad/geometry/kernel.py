@@ -1,4 +1,4 @@
-"""What is asked of Open CASCADE's shapes in several places: their parts, their places, their volume, area and box."""
+"""Functions for Open CASCADE shapes: their sub-shapes, locations, volumes, areas and bounding boxes."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 
 def each(shape: TopoDS_Shape, kind: str, outside_of: str = "SHAPE") -> Iterator[Any]:
-    """The sub-shapes of a kind in the order of the shape, each use by itself.
+    """Yield the sub-shapes of a kind in the order of the shape. A sub-shape that is used twice is yielded twice.
 
     Args:
         shape: The shape.
         kind: ``SOLID``, ``SHELL``, ``FACE``, ``WIRE``, ``EDGE`` or ``VERTEX``.
-        outside_of: Leave out those that belong to a sub-shape of this kind.
+        outside_of: A kind of sub-shape. Everything inside a sub-shape of this kind is left out.
     """
     from OCP.TopAbs import TopAbs_ShapeEnum
     from OCP.TopExp import TopExp_Explorer
@@ -34,7 +34,7 @@ def each(shape: TopoDS_Shape, kind: str, outside_of: str = "SHAPE") -> Iterator[
 
 
 def distinct(shape: TopoDS_Shape, kind: str) -> list[Any]:
-    """The sub-shapes of a kind, each once however often it is used."""
+    """Return the sub-shapes of a kind. A sub-shape that is used several times is listed once."""
     from OCP.TopAbs import TopAbs_ShapeEnum
     from OCP.TopExp import TopExp
     from OCP.TopoDS import TopoDS
@@ -46,7 +46,7 @@ def distinct(shape: TopoDS_Shape, kind: str) -> list[Any]:
 
 
 def location(matrix: Floats) -> TopLoc_Location:
-    """The kernel's form of a homogeneous matrix (4, 4), in mm."""
+    """Convert a homogeneous matrix, shape (4, 4), in mm, to a location of the kernel."""
     from OCP.gp import gp_Trsf
     from OCP.TopLoc import TopLoc_Location
 
@@ -56,7 +56,7 @@ def location(matrix: Floats) -> TopLoc_Location:
 
 
 def volume_mm3(shape: TopoDS_Shape) -> float:
-    """The default volume; negative where the solid is inside out."""
+    """Return the volume by the kernel's default method. It is negative if the solid is inside out."""
     from OCP.BRepGProp import BRepGProp
     from OCP.GProp import GProp_GProps
 
@@ -66,20 +66,20 @@ def volume_mm3(shape: TopoDS_Shape) -> float:
 
 
 def area_mm2(shapes: Iterable[TopoDS_Shape]) -> float:
-    """The default area of some faces together."""
+    """Return the total area of some faces by the kernel's default method."""
     from OCP.BRepGProp import BRepGProp
     from OCP.GProp import GProp_GProps
 
     total = 0.0
     for shape in shapes:
-        properties = GProp_GProps()  # the kernel begins anew with every call
+        properties = GProp_GProps()  # a new object for each face, because the kernel overwrites it
         BRepGProp.SurfaceProperties_s(shape, properties)
         total += properties.Mass()
     return total
 
 
 def box_mm(shape: TopoDS_Shape) -> tuple[Floats, Floats]:
-    """Lower and upper corner of the bounding box, each (3,); zeros where there is nothing."""
+    """Return the lower and the upper corner of the bounding box, shape (3,) each, or zeros for an empty shape."""
     from OCP.Bnd import Bnd_Box
     from OCP.BRepBndLib import BRepBndLib
 

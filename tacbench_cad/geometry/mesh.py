@@ -1,4 +1,4 @@
-"""Triangle meshes of printable parts, and what is expected and proved of them."""
+"""Triangle meshes of printable parts, their expected geometry, and proved bounds of their error."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from tacbench_cad.util.types import Floats, Indices
 
-#: A mesh that would need more triangles than this is refused.
+#: The largest allowed number of triangles of a mesh.
 MAX_TRIANGLES = 20_000_000
 
 
@@ -19,9 +19,9 @@ class Mesh:
     """A triangle mesh in millimetres.
 
     Args:
-        vertices: Shape (n, 3). Every coordinate is a float32 value held as float64, so that what is checked in memory
-            is what an STL file holds.
-        faces: Vertex indices of each triangle, shape (m, 3), counter-clockwise seen from outside.
+        vertices: The coordinates, shape (n, 3). They are float32 values stored as float64, so that a mesh in memory is
+            equal to the mesh in an STL file.
+        faces: The vertex indices of each triangle, counter-clockwise seen from outside, shape (m, 3).
     """
 
     vertices: Floats
@@ -29,44 +29,44 @@ class Mesh:
 
     @classmethod
     def joined(cls, meshes: Sequence[Mesh]) -> Mesh:
-        """Some meshes as one, the vertices and the triangles of each after those of the one before."""
+        """Join meshes into one mesh. The vertices and triangles are in the order of the meshes."""
         ends = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])[:-1].tolist()
         triangles = [mesh.faces + np.int32(end) for mesh, end in zip(meshes, ends, strict=True)]
         return cls(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(triangles))
 
     def transformed(self, matrix: Floats) -> Mesh:
-        """The mesh at another place. Its coordinates need not be float32 values any more.
+        """Return a transformed copy of the mesh. In general, its coordinates are no longer float32 values.
 
         Args:
-            matrix: Homogeneous, shape (4, 4), in mm.
+            matrix: The homogeneous matrix, shape (4, 4), in mm.
         """
         return Mesh(self.vertices @ matrix[:3, :3].T + matrix[:3, 3], self.faces)
 
     @property
     def triangle_points(self) -> Floats:
-        """Corner coordinates of every triangle, shape (m, 3, 3)."""
+        """The corner coordinates of every triangle, shape (m, 3, 3), in mm."""
         return self.vertices[self.faces]
 
     @property
     def doubled_normals(self) -> Floats:
-        """Normals of the triangles, twice their area long; shape (m, 3), in mm^2."""
+        """The normals of the triangles, shape (m, 3). The length of a normal is twice the area, in mm^2."""
         a, b, c = np.moveaxis(self.triangle_points, 1, 0)
         return cross(b - a, c - a)
 
     @property
     def bounds_mm(self) -> tuple[Floats, Floats]:
-        """Lowest and highest corner of the bounding box, each (3,), in mm."""
+        """The lower and the upper corner of the bounding box, shape (3,) each, in mm."""
         return self.vertices.min(axis=0), self.vertices.max(axis=0)
 
     @property
     def volume_mm3(self) -> float:
-        """Enclosed volume in mm^3, by the divergence theorem about the box's centre; negative when inside out."""
+        """The enclosed volume in mm^3, by the divergence theorem. It is negative if the mesh is inside out."""
         low, high = self.bounds_mm
         a, b, c = np.moveaxis(self.triangle_points - (low + high) / 2.0, 1, 0)
         return float(np.einsum("ij,ij->", a, cross(b, c)) / 6.0)
 
     def as_manifold(self) -> Any:
-        """The mesh as a body of manifold3d. Only for finite coordinates: it hangs on infinite ones."""
+        """Convert the mesh to an object of manifold3d. All coordinates must be finite, otherwise manifold3d hangs."""
         import manifold3d
 
         triangles = np.ascontiguousarray(self.faces, dtype=np.uint32)
@@ -74,11 +74,11 @@ class Mesh:
 
 
 def cross(a: Floats, b: Floats) -> Floats:
-    """The cross products of rows; numpy.cross is several times slower.
+    """Return the cross products of the rows of two arrays. This is several times faster than numpy.cross.
 
     Args:
-        a: Shape (m, 3).
-        b: Shape (m, 3).
+        a: The left factors, shape (m, 3).
+        b: The right factors, shape (m, 3).
     """
     return np.stack(
         [
@@ -92,11 +92,11 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 @dataclass(frozen=True, kw_only=True)
 class Certificate:
-    """What is proved of a surface against the formula, over all of it.
+    """Proved bounds for the difference between a surface and the formula. They hold for the whole surface.
 
     Args:
-        distance_mm: Bound of ``|z - formula| / sqrt(1 + |gradient|^2)``.
-        vertical_mm: Bound of ``|z - formula|``.
+        distance_mm: The bound of ``|z - formula| / sqrt(1 + |gradient|^2)``.
+        vertical_mm: The bound of ``|z - formula|``.
     """
 
     distance_mm: float
@@ -105,14 +105,15 @@ class Certificate:
 
 @dataclass(frozen=True, kw_only=True)
 class ExpectedGeometry:
-    """What a file must hold that holds a part's mesh, or its solid.
+    """The expected contents of a file with the mesh or the solid of a part.
 
     Args:
-        volume_mm3: Volume in closed form.
-        volume_slack_mm3: How far the true volume of this mesh or solid may lie from it.
-        size_slack_mm: How far its box may lie within the part's: chords cut round sides short.
-        certificate: What is proved of a block's top against its formula; None for other parts.
-        datum_mm: z of the formula's zero; None for other parts.
+        volume_mm3: The volume in closed form.
+        volume_slack_mm3: The allowed difference between this volume and the volume of the mesh or solid.
+        size_slack_mm: The allowed distance by which the bounding box is smaller than the part's, because the chords of
+            a round side lie inside it.
+        certificate: The proved bounds for the top of a block; None for other parts.
+        datum_mm: The z of the formula's zero; None for parts that are not blocks.
     """
 
     volume_mm3: float

@@ -1,4 +1,4 @@
-"""Part: everything printable, with what is expected of its files. Blocks, fixtures and assemblies are Parts."""
+"""Printable parts and the expected geometry of their files. Blocks, fixtures and assemblies are parts."""
 
 from __future__ import annotations
 
@@ -20,45 +20,47 @@ if TYPE_CHECKING:
     from tacbench_cad.spec.block import Block
     from tacbench_cad.util.types import Floats
 
-#: Colours of the kinds where several parts are shown together, as 0xRRGGBB, distinct with any colour vision.
+#: The colours of kinds of parts as 0xRRGGBB. They can be distinguished with any colour vision.
 COLOURS = {"block": 0xE3B778, "holder": 0x8FA3B5, "jig": 0x7FB3A2, "coupon": 0xB9A7C9}
-#: Colour of every other kind.
+#: The colour of all other kinds.
 OTHER_COLOUR = 0xC9A58F
-#: An assembly's mesh is transformed after it was rounded to float32: its volume may differ by this fraction.
+#: The fraction by which the volume of an assembly's mesh may differ, because its parts are rounded to float32 before
+#: they are transformed.
 _TRANSFORMED = 1e-6
 _WORD = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]*")
 
 
 def colour_of(kind: str) -> int:
-    """Colour of a kind of part, as 0xRRGGBB."""
+    """Return the colour of a kind of part as 0xRRGGBB."""
     return COLOURS.get(kind, OTHER_COLOUR)
 
 
 def rgb_of(kind: str) -> tuple[float, float, float]:
-    """Colour of a kind of part, as red, green and blue from 0 to 1 (sRGB)."""
+    """Return the colour of a kind of part as red, green and blue from 0 to 1 (sRGB)."""
     red, green, blue = ((colour_of(kind) >> shift & 0xFF) / 255.0 for shift in (16, 8, 0))
     return red, green, blue
 
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """Something to print.
+    """A printable part.
 
     Args:
-        name: What it is called in its files.
-        kind: What it is: ``block``, ``holder`` and so on, or a word of your own.
-        title: One line for people.
-        size_mm: Bounding box x, y, z in mm; the lower corner lies at the origin.
-        genus: Through holes (0 for a block).
-        make_mesh: Builds the mesh, and what is expected of a file that holds it.
-        make_solid: The same for the Open CASCADE solid; None where there can be none.
-        solid_name: What it is called in a STEP file; empty where that is the same.
-        spec: Everything that went into it, as plain JSON values: for the manifest and the files' metadata.
-        min_wall_mm: Thinnest wall, for a fixture; None for a block.
-        block: The block itself where the part is one.
-        no_solid: Why there is no solid.
-        mesh_needs_cad: Whether the mesh is made by the CAD kernel.
-        placed: The parts of an assembly, each with the matrix (4, 4) from its own frame to the assembly's, in mm.
+        name: The name of the part in its files.
+        kind: The kind of part: ``block``, ``holder`` and so on, or a word of your own.
+        title: A description for people, in one line.
+        size_mm: The size of the bounding box along x, y and z, in mm. Its lower corner is at the origin.
+        genus: The number of through holes (0 for a block).
+        make_mesh: A function that builds the mesh and the expected geometry of a file that contains it.
+        make_solid: The same for the Open CASCADE solid; None if the part has no solid.
+        solid_name: The name in a STEP file; empty if it is the same as ``name``.
+        spec: All input values of the part as plain JSON values, for the manifest and the metadata of files.
+        min_wall_mm: The thickness of the thinnest wall of a fixture; None for a block.
+        block: The block, if the part is a block.
+        no_solid: The reason why the part has no solid.
+        mesh_needs_cad: Whether the CAD kernel is needed to make the mesh.
+        placed: The parts of an assembly, each with the matrix from its own frame to the assembly's frame, shape
+            (4, 4), in mm.
 
     Raises:
         InputError: The name or the kind is not allowed.
@@ -83,7 +85,9 @@ class Part:
         for name in ("name", "kind"):
             if not _WORD.fullmatch(getattr(self, name)):
                 raise InputError(
-                    f"part {name}", getattr(self, name), "use letters, digits, and after the first . _ + - and blanks"
+                    f"part {name}",
+                    getattr(self, name),
+                    "must begin with a letter or digit; use only letters, digits, spaces and . _ + -",
                 )
 
     @classmethod
@@ -98,19 +102,19 @@ class Part:
         volume_mm3: float | None = None,
         spec: Mapping[str, Any] | None = None,
     ) -> Part:
-        """A part of your own, from a solid whose faces are planes, cylinders and cones.
+        """Make a part from your own solid. All its faces must be planes, cylinders or cones.
 
-        Its files hold the solid with the lower corner of its box at the origin. Give the volume in closed form: the
-        checks then find a solid that came out wrong; without it they compare the files with the solid alone.
+        In the files, the lower corner of the bounding box is at the origin. If you give the volume in closed form, the
+        checks can also find an error in the solid. Without it, they only compare the files with the solid.
 
         Args:
             solid: A solid of CadQuery, build123d or Open CASCADE, in mm.
-            name: What it is called in its files.
-            kind: What it is, a word of your own.
-            title: One line for people.
-            genus: Number of its through holes.
-            volume_mm3: Its volume in closed form; None for what the kernel measures.
-            spec: What went into it, as plain JSON values.
+            name: The name of the part in its files.
+            kind: The kind of part, a word of your own.
+            title: A description for people, in one line.
+            genus: The number of through holes.
+            volume_mm3: The volume in closed form; None for the volume that the kernel measures.
+            spec: The input values of the part, as plain JSON values.
 
         Raises:
             InputError: The solid has another kind of face, or an argument is not allowed.
@@ -132,13 +136,13 @@ class Part:
 
     @classmethod
     def assembled(cls, name: str, title: str, placed: tuple[tuple[Part, Floats], ...], spec: Mapping[str, Any]) -> Part:
-        """Parts at their places as one part: a 3MF of several objects, a STEP file of several products.
+        """Combine parts into an assembly. Its 3MF file has several objects, and its STEP file has several products.
 
         Args:
-            name: What it is called.
-            title: One line for people.
-            placed: The parts, each with the matrix (4, 4) from its own frame to the assembly's, in mm.
-            spec: What went into it, as plain JSON values.
+            name: The name of the assembly.
+            title: A description for people, in one line.
+            placed: The parts, each with the matrix from its own frame to the assembly's frame, shape (4, 4), in mm.
+            spec: The input values of the assembly, as plain JSON values.
         """
 
         def make_mesh() -> tuple[Mesh, ExpectedGeometry]:
@@ -175,24 +179,24 @@ class Part:
         )
 
     def name_in(self, shape: str) -> str:
-        """What it is called in files that hold its ``mesh`` or its ``solid``."""
+        """Return the part's name in files with its ``mesh`` or its ``solid``."""
         return self.solid_name if shape == "solid" and self.solid_name else self.name
 
     def stem(self, shape: str) -> str:
-        """The same, made short, for the name of the file."""
+        """Return a shortened form of this name for the file name."""
         return short_name(self.name_in(shape))
 
     @cached_property
     def mesh(self) -> tuple[Mesh, ExpectedGeometry]:
-        """The mesh and what is expected of its file, built once."""
+        """The mesh and the expected geometry of its file. They are built once."""
         return self.make_mesh()
 
     @cached_property
     def solid(self) -> tuple[TopoDS_Shape, ExpectedGeometry]:
-        """The solid and what is expected of its file, built once.
+        """The solid and the expected geometry of its file. They are built once.
 
         Raises:
-            InputError: The part has none; the message says why.
+            InputError: The part has no solid. The message states the reason.
         """
         if self.make_solid is None:
             raise InputError("formats", "step", self.no_solid or "this part has no solid")
@@ -200,6 +204,6 @@ class Part:
 
 
 def box_of(placed: tuple[tuple[Part, Floats], ...]) -> tuple[Floats, Floats]:
-    """Lower and upper corner of placed parts together, from their sizes; each (3,), in mm."""
+    """Return the lower and the upper corner of the bounding box of some parts, shape (3,) each, in mm."""
     corners = np.array([m[:3, 3] + m[:3, :3] @ (np.array(part.size_mm) * end) for part, m in placed for end in (0, 1)])
     return corners.min(axis=0), corners.max(axis=0)

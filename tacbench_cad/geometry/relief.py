@@ -1,7 +1,7 @@
-"""Points of a textured top, from triangles, and how far they lie from a formula.
+"""Points on the triangles of a textured top, and their distances from a formula.
 
-The distance at a point of the top is ``|z - formula| / sqrt(1 + |gradient|^2)`` at its own x and y: to first order
-the distance to the surface, and the measure in which the certificates are stated.
+The distance of a point is ``|z - formula| / sqrt(1 + |gradient|^2)`` at its x and y. To first order, this is the
+distance to the surface. The proved bounds use the same definition.
 """
 
 from __future__ import annotations
@@ -14,24 +14,24 @@ from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.types import Bools, Floats
 
-#: Triangles whose normal has a smaller vertical fraction than this are walls.
+#: A triangle is a wall if the z component of its unit normal is smaller than this.
 WALL_FRACTION = 1e-4
-#: Relative rounding of a float32 value.
+#: The relative rounding of a float32 value.
 _FLOAT32 = 2.0**-23
-#: About so many points are taken inside the triangles of a top; never fewer than four in each triangle.
+#: The approximate number of points in the triangles of a top. Every triangle gets at least four points.
 POINTS = 200_000
-#: The finest lattice of points in one triangle: so many steps along a side, 1,035 points.
+#: The largest number of steps along a side of the lattice in a triangle. It gives 1,035 points.
 MAX_STEPS = 44
 
 
 @dataclass(frozen=True, kw_only=True)
 class Distance:
-    """How far points lie from a formula.
+    """The distances of points from a formula.
 
     Attributes:
         largest_mm: The largest distance.
-        rms_mm: The root mean square.
-        at_mm: x, y, z of the point with the largest distance.
+        rms_mm: The root mean square of the distances.
+        at_mm: The x, y and z of the point with the largest distance.
     """
 
     largest_mm: float
@@ -40,10 +40,10 @@ class Distance:
 
 
 def upward(mesh: Mesh, normals: Floats) -> Bools:
-    """Which triangles face upwards and are no walls, shape (m,); in a block of ours they are the textured top.
+    """Return which triangles face upwards and are not walls, shape (m,). In a block, these form the textured top.
 
-    A narrow triangle of a slanting wall, such as the key's, may lean by what float32 rounds its corners: its area seen
-    from above is then smaller than that rounding can make it.
+    The float32 rounding of its corners can tilt a narrow triangle of a wall, for example of the key's wall. A triangle
+    therefore counts as a wall if its area seen from above is not larger than the effect of this rounding.
     """
     length = np.sqrt(np.einsum("ij,ij->i", normals, normals))
     rounded = 4.0 * _FLOAT32 * np.abs(mesh.vertices).max(initial=0.0) * np.ptp(mesh.triangle_points, axis=1).max(axis=1)
@@ -51,18 +51,19 @@ def upward(mesh: Mesh, normals: Floats) -> Bools:
 
 
 def points_on(mesh: Mesh, which: Bools, points: int = POINTS) -> Floats:
-    """Dense points on triangles: their corners, the middles of their sides, and points inside.
+    """Return dense points on triangles: their corners, the middles of their sides, and points inside.
 
-    Every triangle carries a regular lattice with an even number of steps a side (so that side middles, where straight
-    lines are worst, belong to it); few triangles carry finer lattices. Each vertex comes once.
+    Every triangle gets a regular lattice with an even number of steps along each side. The lattice therefore includes
+    the middles of the sides, where the error of straight lines is largest. If there are few triangles, the lattice is
+    finer. Each vertex is returned once.
 
     Args:
         mesh: The mesh.
-        which: Its triangles to take, shape (m,).
-        points: About how many are wanted.
+        which: A mask of the triangles to use, shape (m,).
+        points: The approximate number of points.
 
     Returns:
-        Points, shape (k, 3).
+        The points, shape (k, 3).
     """
     triangles = mesh.faces[which]
     per_triangle = points / max(len(triangles), 1)
@@ -82,16 +83,17 @@ def points_on(mesh: Mesh, which: Bools, points: int = POINTS) -> Floats:
 
 
 def distance(points: Floats, surface: WaveSum, datum_mm: float) -> Distance:
-    """Distances of points from ``z = datum + surface(x, y)``.
+    """Return the distances of points from ``z = datum + surface(x, y)``.
 
     Args:
-        points: Shape (k, 3), in mm, in the surface's frame.
+        points: The points in the frame of the surface, shape (k, 3), in mm.
         surface: The formula in mm.
-        datum_mm: z of its zero.
+        datum_mm: The z of the formula's zero.
     """
     x, y, z = np.ascontiguousarray(points.T)
     vertical = np.abs(z - datum_mm - surface(x, y))
-    # The gradient is needed only where it can matter: no distance is larger than the vertical one.
+    # The gradient is only computed for points that can have the largest distance, because no distance is larger than
+    # the vertical distance.
     likely = np.argpartition(vertical, -min(len(vertical), 1000))[-1000:]
     best = float(_slanted(vertical[likely], x[likely], y[likely], surface).max())
     possible = np.nonzero(vertical >= best)[0]

@@ -1,6 +1,6 @@
-"""Solids of the CAD kernel whose faces are planes, cylinders and cones: their meshes, and what is expected of them.
+"""Meshes and expected geometry of CAD solids whose faces are planes, cylinders and cones.
 
-A textured face is never meshed here: its mesh comes from the formula.
+Textured faces are not meshed here, because their meshes are made from the formula.
 """
 
 from __future__ import annotations
@@ -21,15 +21,17 @@ if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Compound, TopoDS_Shape
 
 
-#: Fraction of a volume by which the kernel may differ: rounding.
+#: The fraction of a volume by which the kernel's value may differ because of rounding.
 KERNEL_FRACTION = 1e-8
-#: Distance by which a circle's chords may miss the circle, in mm.
+#: The largest distance between a circle and its chords, in mm.
 DEFLECTION_MM = 0.01
-#: Largest angle between neighbouring chords, in radians: small holes stay round.
+#: The largest angle between neighbouring chords, in radians. It keeps small holes round.
 ANGLE_RAD = 0.25
-#: Nodes closer than this are one vertex: the faces of a solid place the nodes of a shared edge alike but for rounding.
+#: Nodes that are closer than this become one vertex, in mm. The nodes of an edge that two faces share differ only by
+#: rounding.
 WELD_MM = 1e-6
-#: Decimals of a mm that are kept before coordinates become float32: far below what it resolves.
+#: The number of decimals to which coordinates in mm are rounded before they become float32. This is much finer than
+#: float32.
 ROUND_DECIMALS = 9
 
 
@@ -38,14 +40,14 @@ def tessellate(shape: TopoDS_Shape, deflection_mm: float = DEFLECTION_MM) -> Mes
 
     Args:
         shape: An Open CASCADE solid.
-        deflection_mm: Distance by which chords may miss their circles.
+        deflection_mm: The largest distance between a circle and its chords.
 
     Returns:
-        A closed mesh. Same solid, same bytes.
+        A closed mesh. The same solid always gives the same mesh.
 
     Raises:
         InputError: The deflection is not positive, or a face is of another kind.
-        CheckFailedError: The kernel left a face without a mesh, or the mesh is not closed.
+        CheckFailedError: The kernel did not mesh a face, or the mesh is not closed.
     """
     if not (np.isfinite(deflection_mm) and deflection_mm > 0.0):
         raise InputError("deflection", deflection_mm, "must be a positive number of mm")
@@ -58,13 +60,13 @@ def tessellate(shape: TopoDS_Shape, deflection_mm: float = DEFLECTION_MM) -> Mes
 
 @dataclass(frozen=True, eq=False)
 class SimpleSolid:
-    """A solid with such faces as a part: its mesh, its solid, and what is expected of their files.
+    """A solid whose faces are planes, cylinders and cones, with its mesh and the expected geometry of its files.
 
     Args:
-        shape: The Open CASCADE solid, the lower corner of its box at the origin.
-        size_mm: Its bounding box.
+        shape: The Open CASCADE solid. The lower corner of its bounding box is at the origin.
+        size_mm: The size of its bounding box.
         volume_mm3: Its volume.
-        round_mm2: Area of its cylinders and cones, which chords cut short.
+        round_mm2: The area of its cylinders and cones, where the mesh differs from the solid.
     """
 
     shape: TopoDS_Shape
@@ -74,14 +76,14 @@ class SimpleSolid:
 
     @classmethod
     def of(cls, solid: Any, volume_mm3: float | None = None) -> SimpleSolid:
-        """Take a solid of CadQuery, build123d or the kernel to the origin and measure it.
+        """Move a solid of CadQuery, build123d or the kernel to the origin, and measure it.
 
         Args:
             solid: The solid, in mm.
-            volume_mm3: Its volume in closed form; None for what the kernel measures.
+            volume_mm3: Its volume in closed form; None for the volume that the kernel measures.
 
         Raises:
-            InputError: It is no solid, or a face is of another kind.
+            InputError: The object is not a solid, or a face is of another kind.
         """
         shape = solid.val() if hasattr(solid, "val") else solid
         shape = getattr(shape, "wrapped", shape)
@@ -96,7 +98,7 @@ class SimpleSolid:
         return cls(shape.Moved(kernel.location(to_origin)), (x, y, z), volume, round_mm2)
 
     def mesh(self) -> tuple[Mesh, ExpectedGeometry]:
-        """The mesh; its chords take less than their sagitta off every round face."""
+        """Return the mesh and its expected geometry. The chords reduce the volume by at most deflection times area."""
         chords = self.round_mm2 * DEFLECTION_MM
         expected = ExpectedGeometry(
             volume_mm3=self.volume_mm3,
@@ -106,23 +108,26 @@ class SimpleSolid:
         return tessellate(self.shape), expected
 
     def solid(self) -> tuple[TopoDS_Shape, ExpectedGeometry]:
-        """The solid itself."""
+        """Return the solid and its expected geometry."""
         return self.shape, ExpectedGeometry(
             volume_mm3=self.volume_mm3, volume_slack_mm3=KERNEL_FRACTION * self.volume_mm3
         )
 
 
 def rounding_mm3(size_mm: tuple[float, float, float]) -> float:
-    """How much rounding to float32 may change a volume: by 2^-24 of a coordinate; inner faces add to the box's own."""
+    """Return how much the rounding of coordinates to float32 (by a fraction of 2^-24) can change a volume.
+
+    The factor of 6 allows for inner faces in addition to the faces of the box.
+    """
     x, y, z = size_mm
     return 6.0 * (x * y + y * z + z * x) * max(x, y, z) * 2.0**-24
 
 
 def compound(placed: Sequence[tuple[TopoDS_Shape, Floats]]) -> TopoDS_Compound:
-    """Shapes at their places as one compound.
+    """Combine shapes into a compound.
 
     Args:
-        placed: Shapes, each with the matrix (4, 4) that takes it there, in mm.
+        placed: The shapes, each with the matrix that moves it to its position, shape (4, 4), in mm.
     """
     from OCP.BRep import BRep_Builder
     from OCP.TopoDS import TopoDS_Compound
@@ -135,7 +140,7 @@ def compound(placed: Sequence[tuple[TopoDS_Shape, Floats]]) -> TopoDS_Compound:
 
 
 def _require_simple(shape: TopoDS_Shape) -> float:
-    """Area of the round faces, in mm^2, if there are none but planes, cylinders and cones."""
+    """Check that all faces are planes, cylinders or cones. Return the area of the cylinders and cones in mm^2."""
     from OCP.BRepAdaptor import BRepAdaptor_Surface
     from OCP.GeomAbs import GeomAbs_SurfaceType as Kind
 
@@ -145,12 +150,15 @@ def _require_simple(shape: TopoDS_Shape) -> float:
         if kind in (Kind.GeomAbs_Cylinder, Kind.GeomAbs_Cone):
             curved.append(face)
         elif kind != Kind.GeomAbs_Plane:
-            raise InputError("shape", None, "only planes, cylinders and cones are meshed here")
+            raise InputError("shape", None, "has another kind of face; use only planes, cylinders and cones")
     return kernel.area_mm2(curved)
 
 
 def _weld(nodes: Floats, triangles: Indices) -> tuple[Floats, Indices]:
-    """Join nodes at one place, round to float32, and drop the triangles that a cone's or seam's double nodes leave."""
+    """Merge nodes at the same position, round them to float32, and drop triangles without area.
+
+    Such triangles occur where a cone or a seam has two nodes at the same position.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -158,18 +166,18 @@ def _weld(nodes: Floats, triangles: Indices) -> tuple[Floats, Indices]:
     pairs = cKDTree(nodes).query_pairs(WELD_MM, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(nodes), len(nodes)))
     count, group = connected_components(links, directed=False)
-    # The smallest node of a group stands for it, whatever order the faces came in.
+    # A group is represented by its lowest node, so that the result does not depend on the order of the faces.
     order = np.lexsort((nodes[:, 2], nodes[:, 1], nodes[:, 0]))
     chosen = np.full(count, -1)
     for node in order[::-1]:
         chosen[group[node]] = node
-    # Rounding first takes off what turning a shape leaves (1e-15 for 0); adding zero turns -0.0 into 0.0.
+    # The first rounding removes the errors of rotated shapes (1e-15 for 0). Adding zero changes -0.0 to 0.0.
     rounded = nodes[chosen].round(ROUND_DECIMALS).astype(np.float32).astype(np.float64) + 0.0
     vertices, index = np.unique(rounded, axis=0, return_inverse=True)
     welded = index.reshape(-1)[group[triangles]].astype(np.int32)
     a, b, c = welded.T
     welded = welded[(a != b) & (b != c) & (c != a)]
-    # Each triangle begins at its lowest vertex and the list is sorted: the order of faces leaves no trace.
+    # Each triangle begins at its lowest vertex, and the list is sorted, so the order of the faces has no effect.
     start = welded.argmin(axis=1)[:, None]
     welded = np.take_along_axis(welded, (start + np.arange(3)) % 3, axis=1)
     return vertices, np.ascontiguousarray(welded[np.lexsort(welded.T[::-1])])
@@ -177,9 +185,9 @@ def _weld(nodes: Floats, triangles: Indices) -> tuple[Floats, Indices]:
 
 def _require_closed(vertices: Floats, triangles: Indices) -> None:
     if np.any(np.linalg.norm(Mesh(vertices, triangles).doubled_normals, axis=1) == 0.0):
-        raise CheckFailedError("the fixture's mesh has a triangle without area")
+        raise CheckFailedError("the mesh of the solid has a triangle without area")
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
     there = edges[:, 0] * len(vertices) + edges[:, 1]
     back = edges[:, 1] * len(vertices) + edges[:, 0]
     if len(np.unique(there)) != len(there) or not np.array_equal(np.sort(there), np.sort(back)):
-        raise CheckFailedError("the fixture's mesh is not closed")
+        raise CheckFailedError("the mesh of the solid is not closed")

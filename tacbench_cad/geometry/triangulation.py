@@ -1,4 +1,4 @@
-"""Triangles of any shape from the CAD kernel, face by face: for fixtures, whose faces are simple, and for pictures."""
+"""Triangulation of shapes by the CAD kernel, face by face. It is used for fixtures and for pictures."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ if TYPE_CHECKING:
 
 
 def triangulate(shape: TopoDS_Shape, deflection_mm: float, angle_rad: float) -> tuple[Floats, Indices]:
-    """Nodes and triangles of all faces, each face with nodes of its own.
+    """Return the nodes and triangles of all faces. Faces do not share nodes.
 
     Args:
-        shape: An Open CASCADE shape; it is left as it is.
-        deflection_mm: Distance by which chords may miss their curves; the kernel does not prove it for rich faces.
-        angle_rad: Largest angle between neighbouring chords.
+        shape: An Open CASCADE shape. It is not changed.
+        deflection_mm: The largest distance between a curve and its chords. The kernel can exceed it on complex faces.
+        angle_rad: The largest angle between neighbouring chords.
 
     Returns:
-        Nodes in mm, shape (n, 3), and triangles as indices of them, seen from outside counter-clockwise, shape (m, 3).
+        The nodes in mm, shape (n, 3), and the node indices of each triangle, counter-clockwise seen from outside, shape
+        (m, 3).
 
     Raises:
-        CheckFailedError: The kernel left a face without a mesh.
+        CheckFailedError: The kernel did not mesh a face.
     """
     from OCP.BRep import BRep_Tool
     from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
@@ -34,7 +35,7 @@ def triangulate(shape: TopoDS_Shape, deflection_mm: float, angle_rad: float) -> 
     from OCP.TopAbs import TopAbs_Orientation
     from OCP.TopLoc import TopLoc_Location
 
-    # A copy without the meshes of earlier calls: the kernel keeps one on the shape and would hand it out again.
+    # The kernel stores a mesh in the shape and would return it again, so a copy without earlier meshes is used.
     own = BRepBuilderAPI_Copy(shape, True, False).Shape()
     BRepMesh_IncrementalMesh(own, deflection_mm, False, angle_rad, False)
     nodes: list[tuple[float, float, float]] = []
@@ -43,7 +44,7 @@ def triangulate(shape: TopoDS_Shape, deflection_mm: float, angle_rad: float) -> 
         place = TopLoc_Location()
         mesh = BRep_Tool.Triangulation_s(face, place)
         if mesh is None:
-            raise CheckFailedError("the CAD kernel left a face without a mesh")
+            raise CheckFailedError("the CAD kernel did not mesh a face")
         first, move = len(nodes), place.Transformation()
         for i in range(1, mesh.NbNodes() + 1):
             point = mesh.Node(i).Transformed(move)

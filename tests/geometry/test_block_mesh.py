@@ -1,4 +1,4 @@
-"""Block meshes against the formula: tops, closing, key, label, volumes, refusals."""
+"""Comparison of block meshes with the formula: tops, walls, key, label, volumes, and errors."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ def vertices_of_top(mesh: Mesh, block: Block) -> Floats:
     ("number", "preset", "scale"),
     [
         *((number, "paper", 1.0) for number in SIX),
-        *((number, "paper", 0.4) for number in (1, 2, 3, 5)),  # of 4 and 6 the same mesh, scaled
+        *((number, "paper", 0.4) for number in (1, 2, 3, 5)),  # textures 4 and 6 have the same mesh at another scale
         (2, "paper", 2.5),
         *((number, "released", 1.0) for number in (1, 2, 5)),
-        # 4 has 0.1 million cells of 102 waves
+        # texture 4 has 0.1 million cells with 102 waves
         *(pytest.param(number, "released", 1.0, marks=pytest.mark.long) for number in (3, 4, 6)),
     ],
 )
@@ -64,7 +64,7 @@ def test_within_a_tolerance(number: int, preset: str, scale: float) -> None:
 @pytest.mark.parametrize(
     ("number", "preset", "scale"),
     [
-        # The published geometry has 350,000 triangles, and the odd scale only repeats the other one.
+        # The published geometry has 350,000 triangles, and the odd scale would test nothing new.
         pytest.param(number, preset, scale, marks=() if number in quick else pytest.mark.long)
         for preset, scale, quick in [("paper", 1.0, SIX), ("released", 1.0, (6,)), ("paper", 0.37, (4,))]
         for number in SIX
@@ -151,7 +151,7 @@ def test_a_key_through_grid_vertices(key: float, texture: int | Texture) -> None
     mesh = closed_to_the_height(block)
     excess = mesh.vertices[:, 0] - mesh.vertices[:, 1] - (24.0 - key)
     on_cut = mesh.vertices[(excess == 0.0) & (mesh.vertices[:, 2] > 0.0)]
-    # a planar cell needs no more than its two corners on the cut, two triangles their diagonal's middle as well
+    # a planar cell has two corners on the cut; two triangles also have the middle of their diagonal on it
     step = 0.25 if texture == 2 else 0.125
     assert np.array_equal(np.sort(on_cut[:, 1]), np.arange(round(key / step) + 1) * step)
 
@@ -181,7 +181,7 @@ def test_the_label_is_engraved(key: float | None, sampling: Tolerance | str) -> 
     engraving = block.engraving
     assert engraving is not None
     ceiling = mesh.vertices[mesh.vertices[:, 2] == np.float32(0.4)]
-    assert len(ceiling) == sum(len(one) for one in engraving.contours)
+    assert len(ceiling) == sum(len(contour) for contour in engraving.contours)
     corners = mesh.triangle_points
     flat = corners[np.all(corners[:, :, 2] == np.float32(0.4), axis=1)]
     assert np.all(normals(flat)[:, 2] < 0.0)
@@ -241,13 +241,13 @@ def test_the_part_states_everything_in_plain_values() -> None:
     assert spec["formula_above_height_mm"] == 0.0
 
 
-def test_on_a_grid_the_part_says_how_much_higher_the_formula_stands() -> None:
+def test_on_a_grid_the_part_states_how_much_higher_the_formula_is() -> None:
     spec = block_part(Block.of(4, sampling="grid")).spec
     assert spec["formula_above_height_mm"] == pytest.approx(0.033, abs=5e-4)
     assert spec["sampling"] == {"grid": [189, 201], "aliases": False}
 
 
-def test_a_solid_that_cannot_be_says_why() -> None:
+def test_a_missing_solid_has_a_reason() -> None:
     part = block_part(Block.of(4, "released"))
     assert part.make_solid is None
     assert part.no_solid
@@ -260,5 +260,5 @@ def test_meshing_loads_no_cad_and_no_plotting() -> None:
         "block_part(Block.of(2)).mesh;"
         "print([m for m in sys.modules if m.split('.')[0] in ('OCP', 'cadquery', 'build123d', 'matplotlib', 'scipy')])"
     )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"

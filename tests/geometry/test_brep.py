@@ -1,4 +1,4 @@
-"""The solids: against the formula, as the kernel sees them, and what is refused."""
+"""Solids: comparison with the formula, checks by the kernel, and errors."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ BLOCKS = {
     "2-other-domain": Block.of(2, size_mm=(41.0, 17.0), mm_per_unit=(1.1, 0.6, 0.9)),
     "oblique": Block.of(OBLIQUE),
 }
-#: Over these the kernel integrates for 1 to 8 s each; of their textures others are asked the same.
+#: The kernel needs 1 to 8 s to integrate over each of these. Other solids of the same textures get the same tests.
 LONG_TO_INTEGRATE = ("3-paper", "3-released", "4-paper", "4-half", "5-released", "6-triple")
 FEATURES = {
     "2-key": Block.of(2, key_mm=3.0),
@@ -61,15 +61,15 @@ FEATURES = {
 
 
 def volume_mm3(shape: TopoDS_Shape) -> float:
-    found = GProp_GProps()
-    BRepGProp.VolumeProperties_s(shape, found)
-    return float(found.Mass())
+    properties = GProp_GProps()
+    BRepGProp.VolumeProperties_s(shape, properties)
+    return float(properties.Mass())
 
 
 def area_mm2(shape: TopoDS_Shape) -> float:
-    found = GProp_GProps()
-    BRepGProp.SurfaceProperties_s(shape, found)
-    return float(found.Mass())
+    properties = GProp_GProps()
+    BRepGProp.SurfaceProperties_s(shape, properties)
+    return float(properties.Mass())
 
 
 def box_mm(shape: TopoDS_Shape) -> np.ndarray:
@@ -79,7 +79,7 @@ def box_mm(shape: TopoDS_Shape) -> np.ndarray:
 
 
 def require_closed(shape: TopoDS_Shape) -> None:
-    """Valid, every edge shared by exactly two faces in opposite directions, and the right way out."""
+    """Check that a solid is valid and not inside out, and that each edge belongs to two faces, in both directions."""
     assert BRepCheck_Analyzer(shape).IsValid()
     owners = TopTools_IndexedDataMapOfShapeListOfShape()
     TopExp.MapShapesAndAncestors_s(shape, TopAbs_ShapeEnum.TopAbs_EDGE, TopAbs_ShapeEnum.TopAbs_FACE, owners)
@@ -99,9 +99,9 @@ def test_solid_follows_the_formula(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(one, marks=pytest.mark.long if one in LONG_TO_INTEGRATE else ()) for one in BLOCKS]
+    "name", [pytest.param(name, marks=pytest.mark.long if name in LONG_TO_INTEGRATE else ()) for name in BLOCKS]
 )
-def test_what_a_user_asks_first_is_right(name: str) -> None:
+def test_volume_area_and_box_are_correct(name: str) -> None:
     block = BLOCKS[name]
     solid = solid_block(block)[0]
     assert volume_mm3(solid) == pytest.approx(block.volume_mm3(block.solid_datum_mm), rel=1e-5)
@@ -111,7 +111,8 @@ def test_what_a_user_asks_first_is_right(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(one, marks=pytest.mark.long if one in ("4-key-label", "5-key") else ()) for one in FEATURES]
+    "name",
+    [pytest.param(name, marks=pytest.mark.long if name in ("4-key-label", "5-key") else ()) for name in FEATURES],
 )
 def test_key_and_label(name: str) -> None:
     block = FEATURES[name]
@@ -167,9 +168,9 @@ def test_texture_face_is_the_top(name: str) -> None:
     assert np.abs(z - block.solid_datum_mm - block.surface(x, y)).max() <= 0.001
     low, high = block.extremes.low + block.solid_datum_mm, block.extremes.high + block.solid_datum_mm
     assert box_mm(face) == pytest.approx([0, 0, low, *block.size_mm, high], abs=1e-3)
-    found = GProp_GProps()
-    BRepGProp.SurfaceProperties_s(face, found, 1e-3)
-    assert found.Mass() == pytest.approx(top_area_mm2(block, 400), rel=2e-4)
+    properties = GProp_GProps()
+    BRepGProp.SurfaceProperties_s(face, properties, 1e-3)
+    assert properties.Mass() == pytest.approx(top_area_mm2(block, 400), rel=2e-4)
 
 
 def test_texture_face_follows_the_key() -> None:
@@ -210,7 +211,7 @@ def test_a_coarser_tolerance_takes_fewer_poles() -> None:
     assert counts[0] > 1.5 * counts[1] > 1.5 * 1.5 * counts[2]
 
 
-def test_meshing_one_leaves_the_next_as_it_is() -> None:
+def test_meshing_does_not_change_the_next_solid() -> None:
     block = Block.of(2)
     first = cq.Solid(solid_block(block)[0])
     BRepMesh_IncrementalMesh(first.wrapped, 0.5)
@@ -218,7 +219,7 @@ def test_meshing_one_leaves_the_next_as_it_is() -> None:
     assert (box.xmin, box.ymin, box.zmax) == pytest.approx((0.0, 0.0, 7.0), abs=1e-3)
 
 
-def test_asking_again_gives_one_that_was_not_moved() -> None:
+def test_moving_does_not_change_the_next_solid() -> None:
     block = Block.of(1)
     first = cq.Solid(solid_block(block)[0])
     first.move(cq.Location((100.0, 0.0, 0.0)))
@@ -237,7 +238,7 @@ def test_released_square_textures_have_no_solid(number: int) -> None:
             make(block)
 
 
-def test_released_6_has_one_within_a_tolerance() -> None:
+def test_released_6_has_a_solid_within_a_tolerance() -> None:
     block = Block.of(6, "released", sampling=Tolerance())
     assert solid_refusal(block) is None
     assert patches(block, 0.001).pole_count < 50_000
@@ -249,9 +250,9 @@ def test_tolerances_that_are_refused(tolerance: float) -> None:
         solid_block(Block.of(1, step_tolerance_mm=tolerance))
 
 
-def test_too_many_poles_names_the_tolerance_that_would_do() -> None:
+def test_too_many_poles_names_a_sufficient_tolerance() -> None:
     block = Block.of(4, size_mm=(150.0, 150.0))
-    with pytest.raises(InputError, match=r"4 million is the most; --step-tolerance \S+ would do") as refusal:
+    with pytest.raises(InputError, match=r"4 million is the maximum; use --step-tolerance \S+") as refusal:
         patches(block, 0.0005)
     proposed = float(refusal.value.allowed.split("--step-tolerance ")[1].split()[0])
     assert patches(block, proposed).pole_count <= MAX_POLES
@@ -274,7 +275,7 @@ def test_refusals_need_no_kernel() -> None:
 
 @pytest.mark.parametrize("name", ["2-paper", pytest.param("4-paper", marks=pytest.mark.long)])
 def test_the_kernels_mesher_gets_through(name: str) -> None:
-    """Nodes of its mesh lie on the top; for texture 4 it takes 20 to 40 s and under 1 GB."""
+    """The nodes of the kernel's mesh lie on the top. Texture 4 needs 20 to 40 s and less than 1 GB."""
     solid, _ = solid_block(BLOCKS[name])
     mesher = BRepMesh_IncrementalMesh(solid, 0.01, False, 0.5, False)
     assert mesher.IsDone()

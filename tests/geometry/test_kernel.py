@@ -1,4 +1,4 @@
-"""What is asked of the kernel's shapes, on a box and a box inside of it."""
+"""Functions for shapes of the kernel, with a box and a smaller box inside it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def test_the_parts_of_a_box() -> None:
 
     box = BRepPrimAPI_MakeBox(2.0, 3.0, 4.0).Solid()
     assert [len(kernel.distinct(box, kind)) for kind in ("SOLID", "FACE", "EDGE", "VERTEX")] == [1, 6, 12, 8]
-    assert len(list(kernel.each(box, "EDGE"))) == 24  # each is used by two faces
+    assert len(list(kernel.each(box, "EDGE"))) == 24  # two faces use each of them
     assert list(kernel.each(box, "FACE", outside_of="SOLID")) == []
     assert kernel.volume_mm3(box) == pytest.approx(24.0)
     assert kernel.area_mm2(kernel.distinct(box, "FACE")) == pytest.approx(52.0)

@@ -1,4 +1,4 @@
-"""Meshes of fixtures: closed, welded, the same bytes every time, and as close as asked."""
+"""Meshes of fixtures: closed, welded, reproducible, and within the deflection."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_chords_stay_within_the_deflection(deflection: float) -> None:
     mesh = tessellate(bored_plate(), deflection)
     a, b, c = np.moveaxis(mesh.triangle_points, 1, 0)
     middles = np.concatenate([a + b, b + c, c + a]) / 2.0
-    # Edges of the hole's wall below the cone: both ends at radius 2, so the middle is where the chord is furthest off.
+    # Edges of the hole below the cone: both ends have radius 2, and the error is largest at the middle of the chord.
     below = middles[middles[:, 2] < 0.0]
     radius = np.hypot(below[:, 0], below[:, 1])
     chords = radius[radius < 2.0]
@@ -44,7 +44,7 @@ def test_chords_stay_within_the_deflection(deflection: float) -> None:
     assert 2.0 - chords.min() <= deflection + 1e-6
 
 
-def test_no_cap_on_accuracy() -> None:
+def test_accuracy_is_not_limited() -> None:
     true = 200.0 - math.pi * 4.0 * 1.75 - math.pi * 0.25 / 3.0 * (6.25 + 5.0 + 4.0)
     errors = [tessellate(bored_plate(), d).volume_mm3 - true for d in (0.05, 0.005, 0.0005)]
     assert errors[0] > errors[1] > errors[2] > 0.0
@@ -83,6 +83,6 @@ def test_curved_faces_of_other_kinds_are_refused() -> None:
 
 
 @pytest.mark.parametrize("deflection", [0.0, -1.0, math.nan, math.inf])
-def test_a_deflection_that_is_none_is_refused(deflection: float) -> None:
+def test_an_invalid_deflection_is_refused(deflection: float) -> None:
     with pytest.raises(InputError, match="deflection"):
         tessellate(bored_plate(), deflection)

@@ -1,1 +1,1 @@
-"""How the mesh of a block is made from its formula, and what is proved of it."""
+"""Meshes of blocks from their formulas, and proved bounds of the error of these meshes."""

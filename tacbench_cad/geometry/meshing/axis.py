@@ -1,4 +1,4 @@
-"""One axis of a top within a tolerance: the tube that a sum of sines allows and the fit with the fewest lines."""
+"""One axis of a top within a tolerance: the allowed tube around a sum of sines, and the fit with the fewest lines."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from tacbench_cad.spec.waves import Sines
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
-#: Samples of the tube for each link.
+#: The number of samples of the tube for each link.
 SAMPLES_PER_LINK = 20
-#: Points for each radian of the finest wave at which the density of samples is planned.
+#: The number of points for each radian of the finest wave from which the density of samples is computed.
 PLAN_PER_RADIAN = 3.0
 
 
@@ -25,9 +25,9 @@ class Axis:
 
     Args:
         sines: The sum p, in mm.
-        length_mm: Length of the side.
-        peak_mm: A place where p is highest: the fit is exactly as high there, and nowhere higher.
-        peak_height_mm: The value of p there.
+        length_mm: The length of the side.
+        peak_mm: A position where p has its maximum. The fit has the same height there, and is nowhere higher.
+        peak_height_mm: The maximum of p.
     """
 
     sines: Sines
@@ -36,7 +36,7 @@ class Axis:
     peak_height_mm: float
 
     def links_needed(self, allowance: Allowance) -> float:
-        """About how many links a fit takes: the integral of ``sqrt(|p''| / (16 w))`` with the tube's half width w."""
+        """Estimate the number of links of a fit: the integral of ``sqrt(|p''| / (16 w))``. The tube is 2 w wide."""
         t, slope, second, third = self._plan()
         bend = np.hypot(second, third / (2.0 * self._finest))
         return float(_integral(t, np.sqrt(bend / allowance.half_width(slope)))[-1]) / 4.0
@@ -46,20 +46,20 @@ class Axis:
         return float(np.max(np.abs(self.sines.frequency)))
 
     def _plan(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Points along the side and the first three derivatives there."""
+        """Return points along the side, and the first three derivatives at these points."""
         count = int(np.clip(PLAN_PER_RADIAN * self._finest * self.length_mm, 50, 200_000))
         t = np.linspace(0.0, self.length_mm, count)
         slope, second, third = derivatives(self.sines, t, [1, 2, 3])
         return t, slope, second, third
 
     def fit(self, allowance: Allowance) -> tuple[Floats, Floats, AxisProof]:
-        """The fewest lines with which the fit stays within an allowance, and the proof that it does.
+        """Find the fit with the fewest lines within an allowance, and prove that it is within the allowance.
 
         Returns:
-            Lines (float32 values) and heights, each (n,); the proof.
+            The positions of the lines (float32 values) and the heights, shape (n,) each, and the proof.
 
         Raises:
-            InputError: The rounding of the lines' places alone takes up the allowance.
+            InputError: The rounding of the positions alone exceeds the allowance.
         """
         aim = allowance
         while True:
@@ -78,7 +78,7 @@ class Axis:
         whole = allowance.half_width(slope)
         gap = np.diff(t)
         widest = np.maximum(np.append(gap, 0.0), np.append(0.0, gap))
-        # what formula and tube may do between two samples, and what the rounding of a vertex's place may do
+        # subtract the possible effect of the formula and the tube between two samples, and of rounded positions
         half = (1.0 - SPARE) * whole - (second + allowance.bend(slope, slope, second, third)) * widest**2 / 8.0
         half -= 2.0 * np.spacing(np.float32(self.length_mm)) * np.sqrt(second * whole)
         half = np.maximum(half, 0.25 * whole)
@@ -89,7 +89,7 @@ class Axis:
         return _rounded(at, height, self.peak_height_mm)
 
     def _samples(self, allowance: Allowance) -> Floats:
-        """Samples that leave the same fraction of the tube between them, the place of the peak among them."""
+        """Return samples such that each interval uses the same fraction of the tube. The peak is one of them."""
         t, slope, second, third = self._plan()
         slope, second, third = np.abs(slope), np.abs(second), np.abs(third)
         bend = np.hypot(second, third / (2.0 * self._finest)) + allowance.bend(slope, slope, second, third)
@@ -106,17 +106,17 @@ class Axis:
 
 
 def _integral(t: Floats, density: Floats) -> Floats:
-    """Running integral by the trapezoid rule, from 0; shape of ``t``."""
+    """Return the running integral by the trapezoid rule, from 0, with the shape of ``t``."""
     return np.append(0.0, np.cumsum(np.diff(t) * (density[1:] + density[:-1]) / 2.0))
 
 
 def _rounded(at: Floats, height: Floats, peak: float) -> tuple[Floats, Floats]:
-    """Move the vertices to float32 lines along the links that they begin; the highest is exactly the peak."""
+    """Move each vertex to a float32 position along its following link. The highest vertex has the peak's height."""
     places = at.astype(np.float32).astype(np.float64)
     keep = np.append(True, np.diff(places) > 0.0)
     at, height, places = at[keep], height[keep], places[keep]
     slope = np.diff(height) / np.diff(at)
-    moved = height + np.append(slope, slope[-1]) * (places - at)
-    moved = np.minimum(moved, peak)
-    moved[np.argmax(moved)] = peak
-    return places, moved
+    rounded = height + np.append(slope, slope[-1]) * (places - at)
+    rounded = np.minimum(rounded, peak)
+    rounded[np.argmax(rounded)] = peak
+    return places, rounded

@@ -1,9 +1,9 @@
-"""Proved bounds of how far a faceted top lies from its formula.
+"""Proved bounds for the distance between a faceted top and its formula.
 
-Along one axis a fit is piecewise linear, and the formula is a sum of sines. Each link is cut into pieces; on a piece
-the deviation ``e = fit - p`` is at most its larger end plus ``max(-e'') h^2 / 8``, where ``e'' = -p''`` is bounded by
-its own values at the ends and the bound of ``p''''`` over the whole line, ``sum |A| k^4``. Nothing is left to samples:
-every statement holds for all points of a piece.
+Along one axis, a fit is piecewise linear, and the formula is a sum of sines. Each link is divided into pieces of length
+h. On a piece, the deviation ``e = fit - p`` is at most its larger value at the two ends plus ``max(-e'') h^2 / 8``. Its
+second derivative ``e'' = -p''`` is bounded by its values at the ends and by the bound of ``p''''`` over the whole line,
+``sum |A| k^4``. The bounds hold for all points of a piece, not only for samples.
 """
 
 from __future__ import annotations
@@ -17,77 +17,77 @@ import numpy as np
 from tacbench_cad.spec.waves import Sines
 from tacbench_cad.util.types import Floats, Ints
 
-#: Pieces that a link is cut into, at least.
+#: The smallest number of pieces of a link.
 PIECES = 40
-#: Fraction of what is allowed that a formula may do between the ends of a piece, about.
+#: The approximate fraction of the allowance that the formula can use between the ends of a piece.
 SPARE = 0.00125
-#: A piece spans at most this phase of the finest wave, in radians.
+#: The largest phase of the finest wave on a piece, in radians.
 PIECE_PHASE = 0.125
-#: Bins of the slope that two axes are paired through.
+#: The number of bins of the slope for pairing two axes.
 BINS = 400
 
 
 def derivatives(sines: Sines, t: Floats, orders: Sequence[int]) -> list[Floats]:
-    """Several derivatives of a sum of sines at once.
+    """Compute several derivatives of a sum of sines.
 
     Args:
         sines: The sum.
-        t: Points, shape (n,).
-        orders: Orders of the derivatives wanted, 0 for the value.
+        t: The points, shape (n,).
+        orders: The orders of the derivatives; 0 is the value itself.
 
     Returns:
-        One array (n,) for each order.
+        An array of shape (n,) for each order.
     """
     if len(sines.frequency) == 0:
         return [np.zeros(len(t)) for _ in orders]
     phase = np.multiply.outer(t, sines.frequency) + sines.phase
     parts = (np.sin(phase), np.cos(phase))
-    found = []
+    results = []
     for order in orders:
         weight = sines.amplitude * sines.frequency**order
-        found.append((parts[order % 2] @ weight) * (1.0 if order % 4 < 2 else -1.0))
-    return found
+        results.append((parts[order % 2] @ weight) * (1.0 if order % 4 < 2 else -1.0))
+    return results
 
 
 @dataclass(frozen=True, kw_only=True)
 class Allowance:
-    """What one axis p of a separable top may deviate: ``w = fraction tolerance sqrt(1 + p'^2 / fraction)``.
+    """The allowed deviation of one axis p of a separable top: ``w = fraction tolerance sqrt(1 + p'^2 / fraction)``.
 
     Args:
-        tolerance_mm: The distance allowed to the whole top.
-        fraction: This axis's part of it, above 0 and at most 1.
+        tolerance_mm: The allowed distance of the whole top.
+        fraction: The fraction of the tolerance for this axis, above 0 and at most 1.
     """
 
     tolerance_mm: float
     fraction: float
 
     def half_width(self, slope: Floats) -> Floats:
-        """The deviation allowed where p has this slope."""
+        """Return the allowed deviation where p has this slope."""
         return np.asarray(self.fraction * self.tolerance_mm * np.sqrt(1.0 + slope**2 / self.fraction))
 
-    def bend(self, least: Floats, most: Floats, second: Floats, third: Floats) -> Floats:
-        """Bound of ``|w''|`` where ``least <= |p'| <= most`` and ``|p''|``, ``|p'''|`` have these bounds.
+    def bend(self, lowest: Floats, highest: Floats, second: Floats, third: Floats) -> Floats:
+        """Return a bound of ``|w''|`` where ``lowest <= |p'| <= highest`` and ``|p''|``, ``|p'''|`` have these bounds.
 
         As a function of ``s = p'``, w has the slope ``tolerance s / sqrt(1 + s^2 / fraction)`` and the second
         derivative ``tolerance (1 + s^2 / fraction)^(-3/2)``.
         """
-        slope = most / np.sqrt(1.0 + most**2 / self.fraction)
-        curve = (1.0 + least**2 / self.fraction) ** -1.5
+        slope = highest / np.sqrt(1.0 + highest**2 / self.fraction)
+        curve = (1.0 + lowest**2 / self.fraction) ** -1.5
         return np.asarray(self.tolerance_mm * (curve * second**2 + slope * third))
 
 
 @dataclass(frozen=True, eq=False)
 class AxisProof:
-    """What is proved of a one-dimensional fit, piece by piece.
+    """Proved bounds for a one-dimensional fit, for each piece.
 
     Args:
-        above: Upper bound of ``fit - p`` on each piece, shape (n,).
-        below: Upper bound of ``p - fit`` on each piece, shape (n,).
-        steep: Lower bound of ``|p'|`` on each piece, shape (n,).
-        steepest: Upper bound of ``|p'|`` on each piece, shape (n,).
-        ends: ``|fit - p|`` and ``p'`` at both ends of each piece, shape (2, 2, n).
-        bend: Upper bounds of ``|p''|`` and ``|p'''|`` on each piece, shape (2, n).
-        width: Length of each piece, shape (n,).
+        above: The upper bound of ``fit - p`` on each piece, shape (n,).
+        below: The upper bound of ``p - fit`` on each piece, shape (n,).
+        steep: The lower bound of ``|p'|`` on each piece, shape (n,).
+        steepest: The upper bound of ``|p'|`` on each piece, shape (n,).
+        ends: The values of ``|fit - p|`` and ``p'`` at both ends of each piece, shape (2, 2, n).
+        bend: The upper bounds of ``|p''|`` and ``|p'''|`` on each piece, shape (2, n).
+        width: The length of each piece, shape (n,).
     """
 
     above: Floats
@@ -100,14 +100,15 @@ class AxisProof:
 
     @property
     def exact(self) -> bool:
-        """Whether the fit is the function itself."""
+        """Whether the fit is equal to the function."""
         return not (np.any(self.above) or np.any(self.below))
 
     def used(self, allowance: Allowance) -> float:
-        """The least distance in whose allowance the fit stays, as a bound; infinite above the allowance's own.
+        """Return an upper bound of the smallest tolerance that the fit meets, in mm.
 
-        With w for the allowance and r for the part of it that is used, ``F = |fit - p| - r w`` is at most its larger
-        end plus ``max(-F'') h^2 / 8``, and ``-F'' <= |p''| + |w''|`` as long as r is at most 1.
+        The result is infinite if it is larger than the tolerance of the allowance. With the allowance w and the used
+        fraction r of it, ``F = |fit - p| - r w`` is at most its larger value at the two ends plus
+        ``max(-F'') h^2 / 8``, and ``-F'' <= |p''| + |w''|`` if r is at most 1.
         """
         second, third = self.bend
         spare = (second + allowance.bend(self.steep, self.steepest, second, third)) * self.width**2 / 8.0
@@ -121,9 +122,10 @@ def prove_axis(sines: Sines, at: Floats, heights: Floats, allowance: Allowance |
 
     Args:
         sines: The sum p.
-        at: Abscissae of the vertices, ascending, shape (n,).
-        heights: Heights of the vertices, shape (n,).
-        allowance: What is allowed, where something is: pieces are then short enough to tell it sharply.
+        at: The abscissae of the vertices, ascending, shape (n,).
+        heights: The heights of the vertices, shape (n,).
+        allowance: The allowance; None if there is none. With an allowance, the pieces are so short that
+            :meth:`AxisProof.used` gives a tight bound.
     """
     lengths = np.diff(at)
     if sines.is_constant:
@@ -154,7 +156,7 @@ def prove_axis(sines: Sines, at: Floats, heights: Floats, allowance: Allowance |
 
 
 def _pieces(sines: Sines, at: Floats, allowance: Allowance | None) -> tuple[Ints, Floats]:
-    """The link and the fraction along it of every end of a piece, the very last one included."""
+    """Return the link and the fraction along it for the start of every piece and the end of the last piece."""
     lengths = np.diff(at)
     finest = float(np.max(np.abs(sines.frequency)))
     numbers = np.maximum(PIECES, lengths * (finest / PIECE_PHASE))
@@ -171,20 +173,20 @@ def _pieces(sines: Sines, at: Floats, allowance: Allowance | None) -> tuple[Ints
 
 
 def within(along_x: AxisProof, along_y: AxisProof, tolerance_mm: float, fraction: float) -> float:
-    """Bound of the distance of a separable top whose axes were given fractions s and 1 - s of a tolerance.
+    """Bound the distance of a separable top whose axes have the fractions s and 1 - s of a tolerance.
 
     The square root is concave, so by Jensen's inequality
-    ``s sqrt(1 + p'^2 / s) + (1 - s) sqrt(1 + q'^2 / (1 - s)) <= sqrt(1 + p'^2 + q'^2)``: where each axis stays in its
-    allowance, the distance stays within the tolerance.
+    ``s sqrt(1 + p'^2 / s) + (1 - s) sqrt(1 + q'^2 / (1 - s)) <= sqrt(1 + p'^2 + q'^2)``. If each axis is within its
+    allowance, the distance is therefore within the tolerance.
 
     Args:
         along_x: The proof along x.
         along_y: The proof along y.
         tolerance_mm: The tolerance.
-        fraction: The part of it that x was given.
+        fraction: The fraction of the tolerance for x.
 
     Returns:
-        The bound in mm, infinite where an axis leaves its allowance.
+        The bound in mm. It is infinite if an axis exceeds its allowance.
     """
     used = [0.0]
     for proof, part in ((along_x, fraction), (along_y, 1.0 - fraction)):
@@ -194,31 +196,36 @@ def within(along_x: AxisProof, along_y: AxisProof, tolerance_mm: float, fraction
 
 
 def vertical(along_x: AxisProof, along_y: AxisProof) -> float:
-    """Bound of the vertical deviation ``e_p(x) + e_q(y)`` of a separable top."""
+    """Bound the vertical deviation ``e_p(x) + e_q(y)`` of a separable top."""
     highest = float(along_x.above.max() + along_y.above.max())
     return max(highest, float(along_x.below.max() + along_y.below.max()), 0.0)
 
 
 def paired(along_x: AxisProof, along_y: AxisProof) -> float:
-    """Bound of the distance of a separable top, by pairing all pieces of one axis with all of the other."""
+    """Bound the distance of a separable top by pairing all pieces of one axis with all pieces of the other axis."""
     return max(_paired(along_x, along_y, "above"), _paired(along_x, along_y, "below"), 0.0)
 
 
 def _paired(along_x: AxisProof, along_y: AxisProof, side: str) -> float:
-    """Largest ``(e_p + e_q) / sqrt(1 + p'^2 + q'^2)`` over all pairs of pieces."""
+    """Return the largest ``(e_p + e_q) / sqrt(1 + p'^2 + q'^2)`` over all pairs of pieces."""
     e, s = _binned(getattr(along_x, side), along_x.steep**2)
     f, r = _binned(getattr(along_y, side), along_y.steep**2)
     return float(np.max((e[:, None] + f[None, :]) / np.sqrt(1.0 + s[:, None] + r[None, :])))
 
 
 def _binned(deviation: Floats, steep: Floats) -> tuple[Floats, Floats]:
-    """For each bin of the slope its largest deviation and least slope: no pair of pieces gives more than its bins."""
+    """Return the largest deviation and the smallest slope in each bin of the slope.
+
+    Pairs of bins then give an upper bound for all pairs of pieces.
+    """
     level = np.log1p(steep)
-    most = float(level.max())
-    place = np.zeros(len(level), dtype=np.int64) if most == 0.0 else (level * ((BINS - 1) / most)).astype(np.int64)
+    highest = float(level.max())
+    place = (
+        np.zeros(len(level), dtype=np.int64) if highest == 0.0 else (level * ((BINS - 1) / highest)).astype(np.int64)
+    )
     largest = np.full(BINS, -np.inf)
     np.maximum.at(largest, place, deviation)
-    least = np.full(BINS, np.inf)
-    np.minimum.at(least, place, steep)
+    smallest = np.full(BINS, np.inf)
+    np.minimum.at(smallest, place, steep)
     used = np.isfinite(largest)
-    return largest[used], least[used]
+    return largest[used], smallest[used]

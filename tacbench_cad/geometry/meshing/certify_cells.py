@@ -1,9 +1,10 @@
-"""Proved bounds for tops whose cells are two triangles each: oblique waves, and sample grids of them.
+"""Proved bounds for tops whose cells consist of two triangles: oblique waves, and sample grids of oblique waves.
 
-Every cell is cut into ``s`` by ``s`` parts. On a part the deviation ``e = fit - f`` is at most the largest of its four
-corners and what ``e`` may do between them. A part that a diagonal crosses is split along it, so ``e`` is smooth on each
-right triangle with legs ``a, b`` and within ``(a^2 M_uu + 2 a b M_uv + b^2 M_vv) / 8`` of its linear interpolation,
-where ``M`` bounds the second derivatives of f: their values at the cell's corners and a remainder from the fourth.
+Every cell is divided into ``s`` by ``s`` parts. On a part, the deviation ``e = fit - f`` is at most its largest value
+at the four corners plus its possible change between the corners. A part on a diagonal is divided along the diagonal, so
+``e`` is smooth on each right triangle. On a triangle with legs ``a, b``, it differs from its linear interpolation by at
+most ``(a^2 M_uu + 2 a b M_uv + b^2 M_vv) / 8``. Here ``M`` bounds the second derivatives of f. It follows from their
+values at the corners of the cell and a remainder from the fourth derivatives.
 """
 
 from __future__ import annotations
@@ -16,19 +17,19 @@ import numpy as np
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.types import Floats
 
-#: Parts of all cells together, at most (unless there are more cells).
+#: The largest number of parts of all cells together, unless there are more cells than this.
 MAX_PARTS = 1_000_000
-#: Parts along each side of a cell, at most.
+#: The largest number of parts along each side of a cell.
 MAX_PARTS_A_SIDE = 12
 
 
 @dataclass(frozen=True, eq=False)
 class CellProof:
-    """What is proved of each cell, shape (n - 1, m - 1) each.
+    """Proved bounds for each cell, shape (n - 1, m - 1) each.
 
     Args:
-        distance: Bound of ``|fit - f| / sqrt(1 + |gradient|^2)`` on the cell.
-        vertical: Bound of ``|fit - f|``.
+        distance: The bound of ``|fit - f| / sqrt(1 + |gradient|^2)`` on the cell.
+        vertical: The bound of ``|fit - f|`` on the cell.
     """
 
     distance: Floats
@@ -36,12 +37,12 @@ class CellProof:
 
 
 class Cells:
-    """A formula over the cells of a tensor grid, evaluated once for both choices of the diagonals.
+    """A formula on the cells of a tensor grid. It is evaluated once for both choices of the diagonals.
 
     Args:
         surface: The formula.
-        x: Lines along x, ascending, shape (n,).
-        y: Lines along y, shape (m,).
+        x: The positions of the lines along x, ascending, shape (n,).
+        y: The positions of the lines along y, ascending, shape (m,).
     """
 
     def __init__(self, surface: WaveSum, x: Floats, y: Floats) -> None:
@@ -66,8 +67,9 @@ class Cells:
         """Bound the deviation of the faceted surface with these heights.
 
         Args:
-            z: Heights over the formula's zero at the crossings, shape (n, m).
-            rising: Whether diagonals run from (i, j) to (i + 1, j + 1), else from (i + 1, j) to (i, j + 1).
+            z: The heights above the formula's zero at the crossings of the lines, shape (n, m).
+            rising: True if the diagonals run from (i, j) to (i + 1, j + 1), False if they run from (i + 1, j) to
+                (i, j + 1).
         """
         vertical = _largest_corner(np.abs(self._facets(z, rising) - self._value)) + self._between
         return CellProof(self._largest_part(vertical / self._stretch), self._largest_part(vertical))
@@ -77,7 +79,7 @@ class Cells:
         return np.asarray(values.reshape(n, self._parts, m, self._parts).max(axis=(1, 3)))
 
     def _facets(self, z: Floats, rising: bool) -> Floats:
-        """Heights of the facets at the corners of all parts."""
+        """Return the heights of the facets at the corners of all parts."""
         parts = self._parts
         z00, z10, z01, z11 = z[:-1, :-1], z[1:, :-1], z[:-1, 1:], z[1:, 1:]
         fit = np.empty(self._value.shape)
@@ -96,7 +98,7 @@ class Cells:
 
 
 def grid_derivative(surface: WaveSum, x: Floats, y: Floats, order: tuple[int, int]) -> Floats:
-    """A partial derivative on a tensor grid, shape (n, m)."""
+    """Return a partial derivative on a tensor grid, shape (n, m)."""
     amplitude, f, g, phase = surface.table.T
     weight = amplitude * f ** order[0] * g ** order[1]
     turn = (order[0] + order[1]) * (math.pi / 2.0)
@@ -106,7 +108,7 @@ def grid_derivative(surface: WaveSum, x: Floats, y: Floats, order: tuple[int, in
 
 
 def _bend(surface: WaveSum, x: Floats, y: Floats, a: Floats, b: Floats, order: tuple[int, int]) -> Floats:
-    """Bound of a second derivative on each cell."""
+    """Return a bound of a second derivative on each cell."""
     value = _largest_corner(np.abs(grid_derivative(surface, x, y, order)))
     remainder = surface.bound(order[0] + 2, order[1]) * a**2 + surface.bound(order[0], order[1] + 2) * b**2
     return np.asarray(np.minimum(value + remainder / 8.0, surface.bound(*order)))

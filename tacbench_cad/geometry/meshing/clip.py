@@ -1,4 +1,4 @@
-"""A faceted top as triangles, with the key's corner cut off where there is one, and its outline side by side."""
+"""Triangles of a faceted top, without the corner that the key cuts off, and the outline divided into its sides."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from tacbench_cad.geometry.meshing.top import Top, single
 from tacbench_cad.util.types import Bools, Floats, Indices
 
-#: Vertices this many float32 steps from the cut count as lying on it.
+#: A vertex counts as on the cut if it is at most this many float32 steps away from it.
 ON_CUT_STEPS = 8.0
 
 
@@ -18,9 +18,9 @@ class Sheet:
     """An open triangulated surface over a convex outline.
 
     Args:
-        vertices: Shape (n, 3), float32 values in mm.
-        faces: Vertex indices of each triangle, counter-clockwise seen from above, shape (m, 3).
-        sides: The outline counter-clockwise, one run of vertices for each straight side, corners in both runs.
+        vertices: The coordinates, float32 values in mm, shape (n, 3).
+        faces: The vertex indices of each triangle, counter-clockwise seen from above, shape (m, 3).
+        sides: The outline in counter-clockwise order: the vertex indices along each straight side, including both ends.
     """
 
     vertices: Floats
@@ -33,8 +33,8 @@ def sheet(top: Top, key_mm: float | None, height_mm: float) -> Sheet:
 
     Args:
         top: The top.
-        key_mm: Leg of the corner at (X, 0) that is cut off, or None.
-        height_mm: Height of the highest vertex, a float32 value: vertices on the cut are held down to it.
+        key_mm: The leg of the corner at (X, 0) that is cut off, or None.
+        height_mm: The height of the highest vertex, a float32 value. Vertices on the cut are limited to this height.
     """
     if key_mm is not None:
         return _keyed(top, key_mm, height_mm)
@@ -54,7 +54,7 @@ def _vertices(top: Top) -> Floats:
 
 
 def _cell_triangles(index: Indices, rising: Bools | None, chosen: Bools | None) -> Indices:
-    """Two triangles for each cell, or for each chosen one, split along its diagonal."""
+    """Return two triangles for each cell or each chosen cell, which is divided along its diagonal."""
     corners = (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
     a, b, c, d = (part.ravel() if chosen is None else part[chosen] for part in corners)
     triangles = np.empty((len(a), 2, 3), dtype=np.int32)
@@ -81,13 +81,13 @@ def _keyed(top: Top, key_mm: float, height_mm: float) -> Sheet:
         faces.extend(_fan(cutter.keep(polygon)) for polygon in _pieces(top, int(i), int(j), corners))
     added = np.array(cutter.added).reshape(-1, 3)
     vertices = np.concatenate([cutter.vertices, added])
-    found = _compact(vertices, np.concatenate(faces), np.append(excess.ravel(), np.zeros(len(added))), top)
-    _crown(found.vertices, height_mm)
-    return found
+    keyed = _compact(vertices, np.concatenate(faces), np.append(excess.ravel(), np.zeros(len(added))), top)
+    _crown(keyed.vertices, height_mm)
+    return keyed
 
 
 def _pieces(top: Top, i: int, j: int, corners: list[int]) -> list[tuple[int, ...]]:
-    """The planar pieces of a cell: itself, or its two triangles."""
+    """Return the planar pieces of a cell: the whole cell, or its two triangles."""
     a, b, c, d = corners
     if top.profiles is not None:
         return [(a, b, c, d)]
@@ -97,14 +97,14 @@ def _pieces(top: Top, i: int, j: int, corners: list[int]) -> list[tuple[int, ...
 
 
 def _crown(vertices: Floats, height_mm: float) -> None:
-    """Hold vertices down to the height; the highest one equals it also where it was moved by rounding the cut."""
+    """Limit the vertices to a height, and set the highest vertex to exactly this height in spite of rounding."""
     z = vertices[:, 2]
     np.minimum(z, height_mm, out=z)
     z[np.argmax(z)] = height_mm
 
 
 class _Cutter:
-    """Clips polygons by the cut; an edge that several of them share gets one new vertex."""
+    """Clips polygons by the cut. An edge that several polygons share gets only one new vertex."""
 
     def __init__(self, vertices: Floats, excess: Floats) -> None:
         self.vertices = vertices
@@ -113,7 +113,7 @@ class _Cutter:
         self._on_edge: dict[tuple[int, int], int] = {}
 
     def keep(self, polygon: tuple[int, ...]) -> list[int]:
-        """The part of a convex polygon at or below the cut; fewer than three vertices where nothing is left."""
+        """Return the part of a convex polygon that is not cut off. It is an empty list if no area is left."""
         kept: list[int] = []
         for first, second in zip(polygon, (*polygon[1:], polygon[0]), strict=True):
             e0, e1 = self.excess[first], self.excess[second]
@@ -124,19 +124,19 @@ class _Cutter:
         return kept if any(v < len(self.excess) and self.excess[v] < 0.0 for v in kept) else []
 
     def _crossing(self, first: int, second: int) -> int:
-        found = self._on_edge.get((first, second))
-        if found is None:
+        vertex = self._on_edge.get((first, second))
+        if vertex is None:
             p, q = self.vertices[first], self.vertices[second]
             fraction = self.excess[first] / (self.excess[first] - self.excess[second])
             place = single(p + fraction * (q - p))
-            # the height belongs to the rounded place, so that an edge along a grid line stays straight
+            # the height is taken at the rounded position, so that an edge along a grid line stays straight
             along = 0 if abs(q[0] - p[0]) >= abs(q[1] - p[1]) else 1
             fraction = (place[along] - p[along]) / (q[along] - p[along])
             place[2] = single(p[2] + fraction * (q[2] - p[2]))
-            found = len(self.vertices) + len(self.added)
+            vertex = len(self.vertices) + len(self.added)
             self.added.append(place)
-            self._on_edge[first, second] = found
-        return found
+            self._on_edge[first, second] = vertex
+        return vertex
 
 
 def _fan(polygon: list[int]) -> Indices:
@@ -145,7 +145,7 @@ def _fan(polygon: list[int]) -> Indices:
 
 
 def _compact(vertices: Floats, triangles: Indices, excess: Floats, top: Top) -> Sheet:
-    """Drop unused vertices and find the five sides."""
+    """Remove unused vertices and find the five sides."""
     used = np.zeros(len(vertices), dtype=np.bool_)
     used[triangles] = True
     number = np.cumsum(used, dtype=np.int32) - 1

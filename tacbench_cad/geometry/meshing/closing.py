@@ -1,4 +1,4 @@
-"""Walls and underside: what turns a textured sheet into a closed body, with no vertex more than it needs."""
+"""The walls and the underside, which close a textured sheet. They have no unnecessary vertices."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ def close(sheet: Sheet, engraving: Engraving | None) -> Mesh:
 
     Args:
         sheet: The top, with heights above zero.
-        engraving: Pockets in the underside, or None.
+        engraving: The pockets in the underside, or None.
 
     Returns:
-        A closed mesh, wound outwards.
+        A closed mesh whose faces are counter-clockwise seen from outside.
     """
     count = len(sheet.vertices)
     corners = sheet.vertices[[side[0] for side in sheet.sides]]
@@ -41,15 +41,15 @@ def close(sheet: Sheet, engraving: Engraving | None) -> Mesh:
 
 
 def _wall(vertices: Floats, side: Indices, start: int, end: int) -> Indices:
-    """Triangulate the polygon between a run of the top's outline and the straight edge below it.
+    """Triangulate the polygon between a side of the top's outline and the straight edge below it.
 
-    The polygon is monotone along the side, so the stack of Garey and others (1978) does it without new vertices.
+    The polygon is monotone along the side, so the stack algorithm of Garey and others (1978) needs no new vertices.
 
     Args:
-        vertices: The top's vertices.
-        side: Indices along the side, counter-clockwise seen from above.
-        start: Index of the corner below the first of them.
-        end: Index of the corner below the last of them.
+        vertices: The vertices of the top.
+        side: The vertex indices along the side, counter-clockwise seen from above.
+        start: The index of the corner below the first of these vertices.
+        end: The index of the corner below the last of these vertices.
     """
     run = vertices[side]
     first, last = run[0], run[-1]
@@ -68,34 +68,34 @@ def _wall(vertices: Floats, side: Indices, start: int, end: int) -> Indices:
             triangles.append((chain[i], chain[k], chain[j]))
             stack.pop()
         stack.append(k)
-    # what is left rises ever more steeply from the near corner below: the far corner sees all of it
+    # the remaining chain becomes steeper and steeper from the start corner, so the end corner is visible from all of it
     triangles.extend((end, chain[j], chain[i]) for i, j in itertools.pairwise(stack))
     return np.array(triangles, dtype=np.int32)
 
 
 def _engraved_underside(corners: Floats, engraving: Engraving, count: int) -> tuple[Floats, Indices]:
-    """The underside around the pockets, the pockets' walls and their ceilings.
+    """Make the underside around the pockets, and the walls and ceilings of the pockets.
 
     Args:
         corners: The outline, counter-clockwise seen from above, shape (k, 3).
         engraving: The pockets.
-        count: Index of the first of the vertices that are returned.
+        count: The index of the first returned vertex.
 
     Returns:
-        Vertices (corners first) and triangles with final indices.
+        The vertices, beginning with the corners, and the triangles with their final indices.
     """
     from manifold3d import triangulate
 
-    contours = [np.asarray(one, dtype=np.float64) for one in engraving.contours]
+    contours = [np.asarray(contour, dtype=np.float64) for contour in engraving.contours]
     points = np.concatenate(contours)
     total = len(points)
     low = np.column_stack([points, np.zeros(total)])
     high = np.column_stack([points, np.full(total, float(np.float32(LABEL_DEPTH_MM)))])
     first_low = count + len(corners)
     first_high = first_low + total
-    ends = np.cumsum([len(one) for one in contours])
-    runs = [np.arange(stop - len(one), stop) for one, stop in zip(contours, ends, strict=True)]
-    # underside: seen from above the outline is counter-clockwise and the pockets are holes in it
+    ends = np.cumsum([len(contour) for contour in contours])
+    runs = [np.arange(stop - len(contour), stop) for contour, stop in zip(contours, ends, strict=True)]
+    # the underside: seen from above, the outline is counter-clockwise, and the pockets are holes in it
     reversed_runs = [run[::-1] for run in runs]
     outline = [corners[:, :2], *(points[run] for run in reversed_runs)]
     numbers = np.concatenate([count + np.arange(len(corners)), *(first_low + run for run in reversed_runs)])

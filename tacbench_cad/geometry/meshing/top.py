@@ -1,4 +1,4 @@
-"""The textured top of a block as heights over a tensor grid of lines, within a tolerance or on a sample grid."""
+"""The textured top of a block as heights on a tensor grid of lines, either within a tolerance or on a sample grid."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from tacbench_cad.util.types import Bools, Floats
 
 @dataclass(frozen=True, eq=False)
 class Profiles:
-    """A separable top's two fits: the height over (x, y) is the datum and both of them.
+    """The two fits of a separable top. The height at (x, y) is the sum of the datum and both fits.
 
     Args:
-        a: Heights along x at the lines, shape (n,), in mm.
-        b: Heights along y, shape (m,).
+        a: The heights at the lines along x, shape (n,), in mm.
+        b: The heights at the lines along y, shape (m,), in mm.
     """
 
     a: Floats
@@ -36,13 +36,13 @@ class Top:
     """A faceted top.
 
     Args:
-        x: Lines along x, float32 values from 0 to the side, ascending, shape (n,).
-        y: Lines along y, shape (m,).
-        z: Heights at the crossings, float32 values, shape (n, m), in mm.
-        profiles: The two fits where cells are planar; None where each cell is two triangles of their own.
-        rising: Cells whose diagonal runs from (i, j) to (i + 1, j + 1), shape (n - 1, m - 1); the others', and all
-            where this is None, from (i + 1, j) to (i, j + 1).
-        certificate: What is proved of it.
+        x: The positions of the lines along x, float32 values from 0 to the side, ascending, shape (n,).
+        y: The positions of the lines along y, shape (m,).
+        z: The heights at the crossings of the lines, float32 values, shape (n, m), in mm.
+        profiles: The two fits, if all cells are planar; None if each cell consists of two different triangles.
+        rising: True for cells whose diagonal runs from (i, j) to (i + 1, j + 1), False for cells whose diagonal runs
+            from (i + 1, j) to (i, j + 1), shape (n - 1, m - 1). None means that it is False for all cells.
+        certificate: The proved bounds.
     """
 
     x: Floats
@@ -54,58 +54,60 @@ class Top:
 
 
 def single(values: Floats) -> Floats:
-    """Round to float32, kept as float64."""
+    """Round to float32 values, and return them as float64."""
     return np.asarray(values, dtype=np.float64).astype(np.float32).astype(np.float64)
 
 
 def triangles_of(n: int, m: int) -> int:
-    """Triangles of a block without key and label whose top has n by m lines."""
+    """Return the number of triangles of a block without key and label whose top has n by m lines."""
     return 2 * (n - 1) * (m - 1) + 2 * (n + m) + 2
 
 
 def refuse_too_many(field: str, value: object, needed: float, advice: str) -> None:
-    """Refuse a mesh above :data:`tacbench_cad.geometry.mesh.MAX_TRIANGLES`.
+    """Check that a mesh has at most :data:`tacbench_cad.geometry.mesh.MAX_TRIANGLES` triangles.
 
     Args:
-        field: What asks for so many.
-        value: Its value.
-        needed: The triangles that it takes.
-        advice: What would do.
+        field: The option that decides the number of triangles, for the error message.
+        value: The value of the option.
+        needed: The number of triangles.
+        advice: What the user can do, for the error message.
 
     Raises:
-        InputError: Says how many it would need.
+        InputError: The mesh has too many triangles. The message states the number.
     """
     if needed > MAX_TRIANGLES:
         raise InputError(
-            field, value, f"the mesh would need {needed:.4g} triangles, {MAX_TRIANGLES:,} at most; {advice}"
+            field, value, f"the mesh would need {needed:.4g} triangles, but {MAX_TRIANGLES:,} is the maximum; {advice}"
         )
 
 
 def textured_top(block: Block) -> Top:
-    """The top of a block, as its ``sampling`` asks for.
+    """Make the top of a block according to its ``sampling``.
 
     Raises:
-        InputError: It would take too many triangles, or the tolerance is finer than what single precision can hold.
+        InputError: The top would need too many triangles, or the tolerance is too fine for single precision.
     """
     if isinstance(block.sampling, SampleGrid):
         return _sampled_top(block, block.sampling)
     tolerance = block.sampling.mm
     rounding = _rounding_mm(block)
     if tolerance < 8.0 * rounding:
-        least = f"{8.0 * rounding:.2g}"
-        raise InputError("tolerance", tolerance, f"must be at least {least} mm: STL files hold single precision")
+        limit = f"{8.0 * rounding:.2g}"
+        raise InputError(
+            "tolerance", tolerance, f"must be at least {limit} mm, because STL files have single precision"
+        )
     if block.surface.is_separable and _peak_survives(block):
         return _fitted_top(block, tolerance)
     return _interpolated_top(block, tolerance)
 
 
 def _rounding_mm(block: Block) -> float:
-    """Largest rounding of a height to float32, in mm."""
+    """Return the largest error of rounding a height to float32, in mm."""
     return float(np.spacing(np.float32(block.height_mm))) / 2.0
 
 
 def _peak_survives(block: Block) -> bool:
-    """Whether the whole rectangle's highest point is on the top that the key leaves."""
+    """Check whether the highest point of the whole rectangle is not cut off by the key."""
     if block.key_mm is None:
         return True
     x, y = block.size_mm
@@ -114,14 +116,14 @@ def _peak_survives(block: Block) -> bool:
 
 
 def _cut_excess(block: Block, x: Floats, y: Floats) -> Floats:
-    """How far each crossing of the lines lies beyond the key's cut: positive for what is cut off."""
+    """Return how far each crossing of the lines lies beyond the key's cut. Crossings that are cut off are positive."""
     if block.key_mm is None:
         return np.full((len(x), len(y)), -np.inf)
     return np.asarray(x[:, None] - y[None, :] - (x[-1] - block.key_mm))
 
 
 def _crowned(z: Floats, block: Block, kept: Bools, top: tuple[int, int] | None) -> Floats:
-    """Heights in float32 of which none that is kept passes the block's height, and the one at ``top`` equals it."""
+    """Round heights to float32, limit those in ``kept`` to the block's height, and set the height at ``top`` to it."""
     height = float(np.float32(block.height_mm))
     rounded = single(z)
     rounded[kept] = np.minimum(rounded[kept], height)
@@ -131,10 +133,10 @@ def _crowned(z: Floats, block: Block, kept: Bools, top: tuple[int, int] | None) 
 
 
 def _cells_certificate(block: Block, proof: CellProof, z: Floats, excess: Floats) -> Certificate:
-    """The worst of the cells that the block shows.
+    """Return the largest bounds of all cells that are not completely cut off.
 
-    Where the cut crosses a cell with a corner above the block's height, the new vertices are held down to it: by no
-    more than the facet's own deviation there, which so counts twice.
+    If the cut crosses a cell with a corner above the block's height, the new vertices are limited to the height. This
+    lowers them by at most the deviation of the facet, so the deviation of such a cell counts twice.
     """
     shown = excess[:-1, 1:] < 0.0
     lifted = shown & (excess[1:, :-1] > 0.0) & (_highest_corner(z) > block.height_mm)
@@ -156,7 +158,7 @@ def _highest_corner(z: Floats) -> Floats:
 
 def _sampled_top(block: Block, grid: SampleGrid) -> Top:
     size = f"{grid.nx}x{grid.ny}"
-    refuse_too_many("grid", size, triangles_of(grid.nx, grid.ny), "take fewer samples")
+    refuse_too_many("grid", size, triangles_of(grid.nx, grid.ny), "use fewer samples")
     x, y = block.samples_mm
     surface, datum = block.surface, block.datum_mm
     lines = (single(x), single(y))
@@ -176,7 +178,7 @@ def _sampled_top(block: Block, grid: SampleGrid) -> Top:
 def _fitted_top(block: Block, tolerance: float) -> Top:
     p, q = _axes(block)
     rounding = _rounding_mm(block)
-    fraction = _share(p, q)
+    fraction = _fraction_of_x(p, q)
     budget = tolerance - rounding
     fractions = (fraction, 1.0 - fraction)
     _refuse_fine(tolerance, *(_lines_needed(axis, budget, part) for axis, part in zip((p, q), fractions, strict=True)))
@@ -186,7 +188,7 @@ def _fitted_top(block: Block, tolerance: float) -> Top:
     distance = within(*proofs, budget, fraction)
     high = vertical(*proofs)
     certificate = Certificate(distance_mm=min(distance, high) + rounding, vertical_mm=high + rounding)
-    refuse_too_many("tolerance", tolerance, triangles_of(len(x), len(y)), "take a coarser one")
+    refuse_too_many("tolerance", tolerance, triangles_of(len(x), len(y)), "use a larger tolerance")
     z = block.formula_datum_mm + (a[:, None] + b[None, :])
     highest = (int(np.argmax(a)), int(np.argmax(b)))
     everywhere = np.ones(z.shape, dtype=np.bool_)
@@ -194,17 +196,17 @@ def _fitted_top(block: Block, tolerance: float) -> Top:
 
 
 def _axes(block: Block) -> tuple[Axis, Axis]:
-    found = []
-    sines = (block.surface.along_u, block.surface.along_v)
-    for one, side, place in zip(sines, block.size_mm, block.extremes.at_high, strict=True):
+    axes = []
+    sums = (block.surface.along_u, block.surface.along_v)
+    for sines, side, place in zip(sums, block.size_mm, block.extremes.at_high, strict=True):
         length = float(np.float32(side))
         peak = length if abs(place - length) < 1e-6 * length else place
-        found.append(Axis(sines=one, length_mm=length, peak_mm=peak, peak_height_mm=float(one(place))))
-    return found[0], found[1]
+        axes.append(Axis(sines=sines, length_mm=length, peak_mm=peak, peak_height_mm=float(sines(place))))
+    return axes[0], axes[1]
 
 
-def _share(p: Axis, q: Axis) -> float:
-    """The part of the tolerance that x gets."""
+def _fraction_of_x(p: Axis, q: Axis) -> float:
+    """Return the fraction of the tolerance for x."""
     if q.sines.is_constant:
         return 1.0
     return 0.0 if p.sines.is_constant else 0.5
@@ -225,7 +227,7 @@ def _fit(axis: Axis, tolerance: float, fraction: float) -> tuple[Floats, Floats,
 
 
 def _refuse_fine(tolerance: float, n: float, m: float) -> None:
-    """Refuse before the fit what its estimate puts well above the limit."""
+    """Check before the fit that the estimated number of triangles is not far above the limit."""
     needed = triangles_of(math.ceil(n), math.ceil(m))
     if needed > 1.1 * MAX_TRIANGLES:
         ratio = needed / MAX_TRIANGLES
@@ -234,7 +236,10 @@ def _refuse_fine(tolerance: float, n: float, m: float) -> None:
 
 
 def _interpolated_top(block: Block, tolerance: float) -> Top:
-    """Vertices on the formula, on lines as dense as its second derivatives ask for, through its highest point."""
+    """Make a top with vertices on the formula. The second derivatives decide how dense the lines are.
+
+    One line in each direction goes through the highest point.
+    """
     surface, datum = block.surface, block.formula_datum_mm
     at = block.extremes.at_high
     finer, best = 1.0, None
@@ -252,21 +257,21 @@ def _interpolated_top(block: Block, tolerance: float) -> Top:
             best = Top(x, y, z, None, flip, certificate)
         if best is not None and (attempt >= 4 or best.certificate.distance_mm >= 0.97 * tolerance):
             return best
-        # the bound goes with the square of the step, nearly
+        # the bound is nearly proportional to the square of the step
         finer *= 1.003 * math.sqrt(certificate.distance_mm / tolerance)
     raise AssertionError("unreachable")
 
 
 def _tensor_lines(block: Block, tolerance: float, finer: float) -> tuple[Floats, Floats]:
-    """Lines along x and y with steps that go with ``1 / sqrt(max |f_xx|)`` and ``1 / sqrt(max |f_yy|)``."""
+    """Return lines with steps along x and y proportional to ``1 / sqrt(max |f_xx|)`` and ``1 / sqrt(max |f_yy|)``."""
     surface = block.surface
     sides = [float(np.float32(side)) for side in block.size_mm]
     counts = [int(np.clip(3.0 * k * side, 20, 600)) for k, side in zip(surface.highest_frequency, sides, strict=True)]
     t, s = (np.linspace(0.0, side, count) for side, count in zip(sides, counts, strict=True))
     along_x = np.abs(grid_derivative(surface, t, s, (2, 0))).max(axis=1)
     along_y = np.abs(grid_derivative(surface, t, s, (0, 2))).max(axis=0)
-    floor = 1e-4 * max(along_x.max(), along_y.max())
-    per_x, per_y = (finer * np.sqrt((bend + floor) / (6.0 * tolerance)) for bend in (along_x, along_y))
+    lowest = 1e-4 * max(along_x.max(), along_y.max())
+    per_x, per_y = (finer * np.sqrt((bend + lowest) / (6.0 * tolerance)) for bend in (along_x, along_y))
     needed = triangles_of(math.ceil(float(np.trapezoid(per_x, t))), math.ceil(float(np.trapezoid(per_y, s))))
     coarser = tolerance * needed / MAX_TRIANGLES
     refuse_too_many("tolerance", tolerance, needed, f"about {coarser:.2g} mm would do")
@@ -275,7 +280,7 @@ def _tensor_lines(block: Block, tolerance: float, finer: float) -> tuple[Floats,
 
 
 def _lines(t: Floats, per_mm: Floats, through: float) -> Floats:
-    """Lines at equal steps of a density on both sides of a given place; float32 values."""
+    """Return lines with a given density, one of them at a given position, as float32 values."""
     total = np.append(0.0, np.cumsum(np.diff(t) * (per_mm[1:] + per_mm[:-1]) / 2.0))
     place = float(np.float32(through))
     gap = 1e-5 * t[-1]

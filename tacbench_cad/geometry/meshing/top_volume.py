@@ -1,6 +1,6 @@
-"""Volume below a faceted top in closed form, from its lines and heights alone.
+"""The volume below a faceted top in closed form, computed only from its lines and heights.
 
-It does not look at triangles, so it checks them.
+The calculation does not use the triangles, so it is an independent check of them.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from tacbench_cad.util.types import Floats
 
 
 def piecewise_volume_mm3(block: Block, top: Top) -> float:
-    """Volume of the block whose top is this one, key and label taken off.
+    """Return the volume of a block with a faceted top, without its key and its label.
 
     Args:
         block: The block.
-        top: Its top, as :func:`tacbench_cad.geometry.meshing.top.textured_top` makes it.
+        top: The top of the block, made by :func:`tacbench_cad.geometry.meshing.top.textured_top`.
     """
     if top.profiles is not None:
         volume = _separable(block, top, top.profiles)
@@ -27,7 +27,7 @@ def piecewise_volume_mm3(block: Block, top: Top) -> float:
 
 
 def volume_slack_mm3(block: Block) -> float:
-    """How far rounding to float32 can take a mesh's volume from the closed form, in mm^3."""
+    """Return how much rounding to float32 can change the volume of a mesh from the closed form, in mm^3."""
     x, y = block.size_mm
     heights = float(np.spacing(np.float32(block.height_mm))) * block.footprint_mm2
     places = float(np.spacing(np.float32(max(x, y)))) * (2.0 * (block.key_mm or 0.0) * block.height_mm)
@@ -36,7 +36,7 @@ def volume_slack_mm3(block: Block) -> float:
 
 
 def _separable(block: Block, top: Top, profiles: Profiles) -> float:
-    """``integral of datum + a(x) + b(y)``: the trapezoid rule is exact on each axis."""
+    """Return the integral of ``datum + a(x) + b(y)``. The trapezoid rule is exact on each axis."""
     x, y, a, b = top.x, top.y, profiles.a, profiles.b
     volume = block.datum_mm * x[-1] * y[-1] + y[-1] * np.trapezoid(a, x) + x[-1] * np.trapezoid(b, y)
     if block.key_mm is not None:
@@ -49,7 +49,7 @@ def _separable(block: Block, top: Top, profiles: Profiles) -> float:
 
 
 def _weighted(t: Floats, height: Floats, low: float, high: float, apex: float) -> float:
-    """``integral of height(t) |t - apex|`` over ``[low, high]``: Simpson's rule is exact between lines."""
+    """Return the integral of ``height(t) |t - apex|`` over ``[low, high]``. Simpson's rule is exact between lines."""
     inner = t[(t > low) & (t < high)]
     points = np.concatenate([[low], inner, [high]])
     middle = (points[:-1] + points[1:]) / 2.0
@@ -61,7 +61,7 @@ def _weighted(t: Floats, height: Floats, low: float, high: float, apex: float) -
 
 
 def _cells(top: Top) -> float:
-    """Two triangles a cell: the ends of its diagonal count twice."""
+    """Return the volume below cells of two triangles. The ends of the diagonal of each cell count twice."""
     z = top.z
     rise, fall = z[:-1, :-1] + z[1:, 1:], z[1:, :-1] + z[:-1, 1:]
     extra = fall if top.rising is None else np.where(top.rising, rise, fall)
@@ -69,7 +69,7 @@ def _cells(top: Top) -> float:
 
 
 def _corner_of_cells(top: Top, key_mm: float) -> float:
-    """What the key cuts off of a top with two triangles a cell."""
+    """Return the volume that the key cuts off below a top with two triangles in each cell."""
     x, y, z = top.x, top.y, top.z
     excess = x[:, None] - y[None, :] - (x[-1] - key_mm)
     area = np.multiply.outer(np.diff(x), np.diff(y)) / 2.0
@@ -84,12 +84,12 @@ def _corner_of_cells(top: Top, key_mm: float) -> float:
 
 
 def _above_cut(excess: Floats, height: Floats, area: Floats) -> float:
-    """Volume above the parts of triangles on which a linear function is positive.
+    """Return the volume below those parts of triangles on which a linear function is positive.
 
     Args:
-        excess: The function at the corners, shape (3, k).
-        height: Heights at the corners, shape (3, k).
-        area: Areas, shape (k,).
+        excess: The values of the function at the corners, shape (3, k).
+        height: The heights at the corners, shape (3, k).
+        area: The areas of the triangles seen from above, shape (k,).
     """
     order = np.argsort(excess, axis=0)
     e, h = np.take_along_axis(excess, order, axis=0), np.take_along_axis(height, order, axis=0)
@@ -103,7 +103,7 @@ def _above_cut(excess: Floats, height: Floats, area: Floats) -> float:
 
 
 def _tip(excess: Floats, height: Floats, area: Floats) -> Floats:
-    """Volume above the tip of each triangle, cut off at the zero line; the first corner is the only positive one."""
+    """Return the volume below the tip of each triangle, at its first corner. Only this corner is positive."""
     fraction = excess[0] / (excess[0] - excess[1:])
     return np.asarray(
         area * fraction.prod(axis=0) * (height[0] + (fraction * (height[1:] - height[0])).sum(axis=0) / 3.0)

@@ -1,9 +1,10 @@
-"""The fewest straight links inside a tube: one axis of a textured top.
+"""The path with the fewest straight links inside a tube, for one axis of a textured top.
 
-The tube is sampled; between samples its walls are straight. The path with the fewest links through it is the greedy one
-of Imai and Iri (1986): each link is the line that reaches furthest, and the next one has to cross it between its last
-contact with the wall it does not leave through and the point where it leaves. The furthest line is found
-sample by sample from the two hulls of O'Rourke (1981), which takes linear time in all.
+The tube is given by samples. Between samples its walls are straight. The greedy path of Imai and Iri (1986) has the
+fewest links. Each of its links is the line that stays in the tube for the longest distance. A link leaves the tube
+through one wall. The next link must cross it between its last contact with the other wall and the point where it leaves
+the tube. The line of each link is found sample by sample with the two hulls of O'Rourke (1981). The total time is
+linear.
 """
 
 from __future__ import annotations
@@ -15,20 +16,20 @@ import numpy as np
 
 from tacbench_cad.util.types import Floats
 
-#: A line as a point on it and its slope.
+#: A line, given by the abscissa and the height of a point on it, and by its slope.
 Line = tuple[float, float, float]
 
 
 def fewest_links(t: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
-    """A continuous piecewise-linear function with the fewest links between two walls.
+    """Find a continuous piecewise-linear function with the fewest links between two walls.
 
     Args:
-        t: Abscissae, strictly ascending, shape (n,), at least two.
-        low: Lower wall at ``t``, shape (n,).
-        high: Upper wall at ``t``, nowhere below ``low``, shape (n,).
+        t: The abscissae of the samples, strictly ascending, shape (n,). There must be at least two.
+        low: The lower wall at the samples, shape (n,).
+        high: The upper wall at the samples, nowhere below the lower wall, shape (n,).
 
     Returns:
-        Abscissae and heights of the vertices, the ends included; each shape (links + 1,).
+        The abscissae and the heights of the vertices, including both ends, shape (links + 1,) each.
     """
     lines, windows = _furthest_lines(t.tolist(), low.tolist(), high.tolist())
     at, height = [float(t[0])], [_value(lines[0], float(t[0]))]
@@ -46,7 +47,7 @@ def _value(line: Line, t: float) -> float:
 
 
 def _crossing(first: Line, second: Line, start: float, end: float) -> float:
-    """Where two lines cross, kept inside of the window against rounding."""
+    """Return the abscissa where two lines cross. It is limited to the window, because of rounding."""
     turn = first[2] - second[2]
     if turn == 0.0:
         return end
@@ -57,10 +58,10 @@ def _crossing(first: Line, second: Line, start: float, end: float) -> float:
 def _furthest_lines(
     t: Sequence[float], low: Sequence[float], high: Sequence[float]
 ) -> tuple[list[Line], list[tuple[float, float]]]:
-    """The lines of the greedy path and, between each two, the window (start, end) where they cross.
+    """Return the lines of the greedy path, and for each pair of neighbours the window (start, end) where they cross.
 
-    Every link is worked out in a frame in which the line before left through the upper wall: where it left through the
-    lower one, heights are negated.
+    Every link is computed in a frame in which the previous line leaves through the upper wall. If it leaves through the
+    lower wall, all heights are negated.
     """
     count = len(t)
     walls = {1.0: (low, high), -1.0: ([-h for h in high], [-v for v in low])}
@@ -93,7 +94,7 @@ def _furthest_lines(
 
 
 def _leaves(line: Line, t0: float, z0: float, t1: float, z1: float) -> float:
-    """Where a line that passes a wall between two samples crosses it."""
+    """Return the abscissa where a line crosses a wall between two samples."""
     gap0, gap1 = _value(line, t0) - z0, _value(line, t1) - z1
     if gap0 == gap1:
         return t0
@@ -101,7 +102,7 @@ def _leaves(line: Line, t0: float, z0: float, t1: float, z1: float) -> float:
 
 
 def _push_upper(hull: list[tuple[float, float]], x: float, z: float) -> None:
-    """Add a point on the right to an upper hull."""
+    """Add a point at the right end of an upper hull."""
     while len(hull) > 1:
         (x0, z0), (x1, z1) = hull[-2], hull[-1]
         if (z1 - z0) * (x - x1) > (z - z1) * (x1 - x0):
@@ -119,20 +120,20 @@ def _one_link(
     above: list[tuple[float, float]],
     steepest: Line,
 ) -> tuple[Line, int, int, bool]:
-    """The line that stabs the most intervals from sample ``at`` on.
+    """Find the line that stays in the tube for the most samples from sample ``at`` on.
 
     Args:
-        t: Abscissae of all samples.
-        lo: Lower wall.
-        hi: Upper wall.
-        at: The first sample to stab.
-        below: Upper hull of the lower wall's points before it.
-        above: Lower hull of the upper wall's points before it.
+        t: The abscissae of all samples.
+        lo: The lower wall.
+        hi: The upper wall.
+        at: The first sample.
+        below: The upper hull of the earlier points of the lower wall.
+        above: The lower hull of the earlier points of the upper wall.
         steepest: The steepest line that these points allow.
 
     Returns:
-        The line, the first sample that it misses (or the number of samples), the sample of its last contact with the
-        wall that it does not leave through, and whether it leaves through the upper wall.
+        The line, the first sample where it is outside of the tube (or the number of samples), the sample of its last
+        contact with the wall through which it does not leave, and whether it leaves through the upper wall.
     """
     count = len(t)
     first_below = first_above = 0
@@ -147,7 +148,7 @@ def _one_link(
             return (x_min, z_min, min_slope), at, min_contact, True
         if top < low:
             return (x_max, z_max, max_slope), at, max_contact, False
-        if top > high:  # the steepest line now ends at this sample's upper end and leans on the lower hull
+        if top > high:  # the steepest line now goes through this upper point and touches the lower hull
             x0, z0 = below[first_below]
             max_slope = (high - z0) / (x - x0)
             while first_below + 1 < len(below):
@@ -184,7 +185,7 @@ def _one_link(
         at += 1
     if math.isinf(min_slope):
         return (x_max, z_max, max_slope), count, max_contact, True
-    # any line between the two extreme ones will do: take the one halfway
+    # all lines between the two extreme lines are allowed: use the line in the middle
     x = t[count - 1]
     top, bottom = z_max + max_slope * (x - x_max), z_min + min_slope * (x - x_min)
     return (x, (top + bottom) / 2.0, (max_slope + min_slope) / 2.0), count, max_contact, True

@@ -1,1 +1,1 @@
-"""How the Open CASCADE solid of a block is made from its formula, and what is proved of it."""
+"""Open CASCADE solids of blocks from their formulas, and proved bounds of the error of these solids."""

@@ -1,4 +1,4 @@
-"""Builds a block's solid from its spline patches."""
+"""Construction of a block's solid from its spline patches."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from tacbench_cad.geometry.splines.topology import Point, Topology, plane, turne
 from tacbench_cad.geometry.splines.underside import underside
 from tacbench_cad.spec.block import Block
 
-#: A corner of the patch grid: its line of x and its line of y.
+#: A corner of the patch grid, given by the indices of its lines along x and y.
 Corner = tuple[int, int]
 
 
 class SolidBuilder:
-    """Makes each vertex and edge of a block once, on the first call for it.
+    """Builds the solid of a block. Each vertex and each edge is made once, when it is first needed.
 
     Args:
         block: The block.
-        relief: Its patches.
+        relief: The patches of the block.
     """
 
     def __init__(self, block: Block, relief: Patches) -> None:
@@ -40,19 +40,19 @@ class SolidBuilder:
         self._traces_y = [Geom2d_Line(gp_Pnt2d(x, 0.0), gp_Dir2d(0.0, 1.0)) for x in self._xs]
 
     def solid(self) -> TopoDS_Solid:
-        """The whole block."""
+        """Build the solid of the whole block."""
         faces = list(self._patch_faces())
         faces.extend(self._walls_and_underside())
         return self._top.solid(faces)
 
     def face(self) -> TopoDS_Face:
-        """One face over the whole surface, bounded by the same edges as the patches."""
+        """Build one face for the whole surface. It has the same edges as the outline of the patches."""
         surface = self._geometry.whole_surface()
         wire = self._wire_on(surface, self._outline())
         return self._top.face(surface, [wire], whole=self._key == 0)
 
     def _wire_on(self, surface: Geom_BSplineSurface, corners: list[Corner]) -> TopoDS_Wire:
-        """The wire through corners that are neighbours, laid on a surface of x and y."""
+        """Make a wire through neighbouring corners, on a surface with parameters x and y."""
         edges = []
         for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
             edge = self._edge(start, end)
@@ -61,7 +61,7 @@ class SolidBuilder:
         return self._top.wire(edges)
 
     def _patch_faces(self) -> Iterator[TopoDS_Face]:
-        """The faces of the top: whole patches, and halves of those on the key's diagonal."""
+        """Yield the faces of the top: whole patches, and half patches along the key's diagonal."""
         first = self._nx - self._key
         for i in range(self._nx):
             for j in range(self._ny):
@@ -75,7 +75,7 @@ class SolidBuilder:
                 yield self._top.face(surface, [self._wire_on(surface, corners)], whole=beyond < 0)
 
     def _walls_and_underside(self) -> Iterator[TopoDS_Face]:
-        """A wall below each edge of the outline, and what closes the block from below."""
+        """Yield a wall below each edge of the outline, and the faces of the underside."""
         corners = self._outline()
         points = [(self._xs[i], self._ys[j], 0.0) for i, j in corners]
         feet = [self._top.vertex(point) for point in points]
@@ -96,7 +96,7 @@ class SolidBuilder:
         yield from underside(self._top, outer, self._block.engraving)
 
     def _outline(self) -> list[Corner]:
-        """Corners of the patch grid along the block's outline, counter-clockwise from the origin."""
+        """Return the corners of the patch grid along the block's outline, counter-clockwise from the origin."""
         nx, ny, key = self._nx, self._ny, self._key
         corners = [(i, 0) for i in range(nx - key)]
         corners += [(nx - key + k, k) for k in range(key)]
@@ -113,7 +113,7 @@ class SolidBuilder:
         return self._vertices[corner]
 
     def _edge(self, start: Corner, end: Corner) -> TopoDS_Edge:
-        """The edge of the top from one corner to its neighbour, oriented so."""
+        """Return the edge of the top from a corner to its neighbour, with this orientation."""
         if start > end:
             return turned(self._edge(end, start))
         if (start, end) not in self._edges:
@@ -129,7 +129,7 @@ class SolidBuilder:
         return self._edges[start, end]
 
     def _trace(self, start: Corner, end: Corner) -> Geom2d_Line:
-        """The curve of an edge in the plane of x and y, with the edge's own parameter."""
+        """Return the curve of an edge in the plane of x and y. It has the same parameter as the edge."""
         (i, j), (k, m) = min(start, end), max(start, end)
         if j == m:
             return self._traces_x[j]

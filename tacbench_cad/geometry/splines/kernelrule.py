@@ -1,8 +1,8 @@
-"""How far off the kernel's default area of a patch will be, known before there is a patch.
+"""The error of the kernel's default area of a patch, computed before the patch exists.
 
-Asked for an area or a volume, Open CASCADE takes Gauss' rule with as many points along each axis of a face as its
-degree and knots suggest, but never more than :data:`KERNEL_POINTS`. The area of steep waves needs many; this module
-does the kernel's sum on the formula, so that a block can be cut into patches on which it comes out right.
+For areas and volumes, Open CASCADE uses Gauss' rule. The number of points along each axis of a face follows from its
+degree and its knots, but is at most :data:`KERNEL_POINTS`. The area of steep waves needs many points. This module
+applies the kernel's rule to the formula, so that a block can be divided into patches whose areas are correct.
 """
 
 from __future__ import annotations
@@ -17,22 +17,27 @@ from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.types import Floats
 
-#: The most Gauss points that the kernel's default area and volume take along an axis of a face.
+#: The largest number of Gauss points along an axis of a face for the kernel's default area and volume.
 KERNEL_POINTS = 61
-#: Patches along an axis that are looked at.
-_MAX_PATCHES_LOOKED_AT = 14
-#: Rows of points summed in one array operation.
+#: The largest number of patches along an axis for which the error is computed.
+_MAX_PATCHES = 14
+#: The number of rows of points in one array operation.
 _ROWS_AT_A_TIME = 64
 
 
 def area_error(block: Block, patches: tuple[int, int]) -> float:
-    """Error of the top's area by the kernel's rule on so many patches, against twice as many along each axis.
+    """Return the error of the top's area by the kernel's rule, relative to the area of the whole block.
 
-    Relative to the area of the whole block. Of a large block's top only the corner at the origin is looked at.
+    The reference is the area with twice as many patches along each axis. For a large block, only the corner of the top
+    at the origin is used.
+
+    Args:
+        block: The block.
+        patches: The numbers of patches along x and y.
     """
     areas = []
     for more in (1, 2):
-        taken = [min(count, _MAX_PATCHES_LOOKED_AT) for count in patches]
+        taken = [min(count, _MAX_PATCHES) for count in patches]
         ends = [side * few / count for side, few, count in zip(block.size_mm, taken, patches, strict=True)]
         (x, weight_x), (y, weight_y) = (_gauss(end, more * few) for end, few in zip(ends, taken, strict=True))
         areas.append(sum(float(np.dot(weight_x[rows], area)) for rows, area in _strips(block.surface, x, y, weight_y)))
@@ -42,9 +47,10 @@ def area_error(block: Block, patches: tuple[int, int]) -> float:
 
 
 def _strips(surface: WaveSum, x: Floats, y: Floats, weight_y: Floats) -> Iterator[tuple[slice, Floats]]:
-    """``sqrt(1 + |gradient|^2)`` integrated along y at each x, some rows at a time so that they stay in the cache.
+    """Integrate ``sqrt(1 + |gradient|^2)`` along y at each x, for some rows at a time, which fit into the cache.
 
-    In single precision and without threads: it is a matter of 1e-5, and of milliseconds.
+    The calculation uses single precision and no threads, because an accuracy of 1e-5 is enough, and because it takes
+    only milliseconds.
     """
     amplitude, f, g, phase = surface.table.T
     weights = weight_y.astype(np.float32)
@@ -65,7 +71,7 @@ def _strips(surface: WaveSum, x: Floats, y: Floats, weight_y: Floats) -> Iterato
 
 
 def _gauss(length: float, patches: int) -> tuple[Floats, Floats]:
-    """Places and weights of Gauss' rule with :data:`KERNEL_POINTS` points on each patch of [0, length]."""
+    """Return the points and weights of Gauss' rule with :data:`KERNEL_POINTS` points on each patch of [0, length]."""
     points, weights = _rule()
     width = length / patches
     places = (np.arange(patches)[:, None] + (points + 1.0) / 2.0) * width

@@ -1,6 +1,6 @@
-"""The relief of a block as spline patches: how many, of which degree, with how many poles, and what is proved of them.
+"""The relief of a block as spline patches: their number, degree and poles, and proved bounds of their error.
 
-No CAD kernel is needed here; :mod:`tacbench_cad.geometry.brep` makes the solid from these patches.
+This module does not need the CAD kernel. :mod:`tacbench_cad.geometry.brep` makes the solid from these patches.
 """
 
 from __future__ import annotations
@@ -19,40 +19,44 @@ from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Complexes, Floats
 
-#: A surface that would need more poles than this is refused.
+#: The largest allowed number of poles of a surface.
 MAX_POLES = 4_000_000
-#: Tolerances below this, ten times the kernel's own, are refused.
+#: The smallest allowed tolerance, in mm. It is ten times the tolerance of the kernel.
 FINEST_TOLERANCE_MM = 1e-6
-#: Polynomial degree of the splines, along an axis without waves as well. Texture 4 of preset paper takes 136,000 poles
-#: with degree 5 and 110,000 with 7 or 9, but what is then done with it takes longer with every degree. With 5, 7 and 9:
-#: the kernel's volume 1.5, 2.0 and 3.0 s, a hole 2.7, 3.1 and 4.3 s, a mesh of 20,000 nodes by gmsh 20, 39 and 53 s.
+#: The polynomial degree of the splines, also along an axis without waves. Texture 4 of preset paper needs 136,000 poles
+#: with degree 5, and 110,000 poles with degree 7 or 9. But a higher degree makes later steps slower. With the degrees
+#: 5, 7 and 9, the kernel's volume takes 1.5, 2.0 and 3.0 s, a hole takes 2.7, 3.1 and 4.3 s, and a mesh of 20,000
+#: nodes by gmsh takes 20, 39 and 53 s.
 DEGREE = 5
-#: Fewest spans on a patch, also along an axis without waves: the kernel's default volume takes as many points as twice
-#: the spans times (degree + 1) along y, for both axes of a face; with 5 spans that is 60 of at most 61.
+#: The smallest number of spans on a patch, also along an axis without waves. For both axes of a face, the kernel's
+#: default volume uses a number of points that is twice the number of spans along y times (degree + 1). With 5 spans,
+#: these are 60 points; the kernel's maximum is 61.
 MIN_SPANS = 5
-#: More spans on a patch are not tried: an axis that needs more gets more patches.
+#: The largest number of spans on a patch. An axis that needs more spans gets more patches.
 MAX_SPANS = 64
-#: Waves of the finest kind on one patch, at most. More leave the kernel's area and volume wrong, fewer make it slow.
+#: The largest number of the finest waves on a patch. With more waves, the kernel's area and volume are wrong. With
+#: fewer waves, the kernel is slow.
 WAVES_PER_PATCH = 6.5
-#: Error of the kernel's area of the top, relative to the area of the block, that is let pass.
+#: The allowed error of the kernel's area of the top, relative to the area of the block.
 AREA_ERROR = 5e-5
-#: The part of the tolerance that is aimed at: a tenth more poles, half the ripple in the area.
+#: The fraction of the tolerance that the splines aim for. With 0.5, there are 10 % more poles, and the ripple in the
+#: area is half as large.
 AIM = 0.5
-#: Waves above which no other tolerance is tried for the sake of a better message.
+#: The largest number of waves for which an error message suggests another tolerance.
 _MAX_WAVES_PLANNED = 1500
 
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Spline patches over the rectangle of a block. Build them with :func:`patches`.
+    """Spline patches over the rectangle of a block. Create them with :func:`patches`.
 
     Args:
         surface: The formula in mm.
-        datum_mm: z of the formula's zero.
-        x: The axis x.
-        y: The axis y.
-        certificate: What is proved of the distance between patches and formula.
-        key_patches: Patches of either axis within the key's square; 0 without a key.
+        datum_mm: The z of the formula's zero.
+        x: The axis along x.
+        y: The axis along y.
+        certificate: The proved bounds of the distance between the patches and the formula.
+        key_patches: The number of patches along each side of the key's square; 0 without a key.
     """
 
     surface: WaveSum
@@ -64,12 +68,15 @@ class Patches:
 
     @property
     def pole_count(self) -> int:
-        """Poles of the whole surface; those at the joints are shared."""
+        """The number of poles of the whole surface. Poles at joints are counted once."""
         return self.x.pole_count * self.y.pole_count
 
     @cached_property
     def profiles_mm(self) -> tuple[Floats, Floats] | None:
-        """Of a separable surface ``p(x) + q(y)``: poles of p with the datum, and of q; (patches, count) each."""
+        """The poles of p, including the datum, and of q, if the surface is ``p(x) + q(y)``; otherwise None.
+
+        The shape of each array is (patches, count).
+        """
         if not self.surface.is_separable:
             return None
         p, q = self.surface.along_u, self.surface.along_v
@@ -81,10 +88,10 @@ class Patches:
         return self.x.poles(f) * (amplitude * np.exp(1j * phase)), self.y.poles(g)
 
     def heights_mm(self, i: int, j: int) -> Floats:
-        """Heights z of the poles of patch (i, j) in mm, shape (count x, count y).
+        """Return the heights z of the poles of patch (i, j) in mm, shape (count x, count y).
 
-        B-splines sum to one, so ``a_i + b_j`` are the poles of ``S_p(x) + S_q(y)``. A surface that is not separable
-        is a sum of products of exponentials, and so are its poles.
+        B-splines sum to one, so ``a_i + b_j`` are the poles of ``S_p(x) + S_q(y)``. A surface that is not separable is
+        a sum of products of exponentials, and its poles are the sums of the products of their poles.
         """
         if self.profiles_mm is not None:
             along_x, along_y = self.profiles_mm
@@ -93,12 +100,12 @@ class Patches:
         return np.asarray(self.datum_mm + np.imag(factor_x[i] @ factor_y[j].T), dtype=np.float64)
 
     def __call__(self, x: Floats, y: Floats) -> Floats:
-        """Heights z of the patches at the points (x, y), all in mm; one-dimensional arrays of one length."""
+        """Return the heights z of the patches at the points (x, y), in mm. All arrays are one-dimensional."""
         i = np.clip(np.searchsorted(self.x.lines, x, side="right") - 1, 0, self.x.patches - 1)
         j = np.clip(np.searchsorted(self.y.lines, y, side="right") - 1, 0, self.y.patches - 1)
         z = np.empty(len(x))
-        for one in np.unique(i * self.y.patches + j):
-            a, b = divmod(int(one), self.y.patches)
+        for number in np.unique(i * self.y.patches + j):
+            a, b = divmod(int(number), self.y.patches)
             here = (i == a) & (j == b)
             left = self.x.basis.values(self._unit(self.x, a, x[here]))
             right = self.y.basis.values(self._unit(self.y, b, y[here]))
@@ -112,15 +119,16 @@ class Patches:
 
 
 def patches(block: Block, tolerance_mm: float) -> Patches:
-    """Patches that stay within a tolerance of the formula everywhere.
+    """Make patches that are within a tolerance of the formula everywhere.
 
-    The error of the surface is at most ``sum A (E_x + (1 + E_x) E_y)`` over the waves, E_x and E_y being the errors
-    of the splines of their factors: for ``P_x, P_y`` the two projections, ``F - P_x P_y F`` is ``(F - P_x F)`` plus
-    ``P_x (F - P_y F)``. For a wave along one axis the other error is zero.
+    The error of the surface is at most the sum of ``A (E_x + (1 + E_x) E_y)`` over the waves. E_x and E_y are the
+    errors of the splines of the factors of a wave. The reason is that with the two projections ``P_x`` and ``P_y``,
+    ``F - P_x P_y F = (F - P_x F) + P_x (F - P_y F)``. For a wave along one axis, the error along the other axis is
+    zero.
 
     Args:
         block: The block.
-        tolerance_mm: Greatest distance along z in mm.
+        tolerance_mm: The largest allowed distance along z, in mm.
 
     Raises:
         InputError: The tolerance is not allowed, or needs more than :data:`MAX_POLES` poles.
@@ -146,12 +154,12 @@ def patches(block: Block, tolerance_mm: float) -> Patches:
 
 @dataclass(frozen=True)
 class _Plan:
-    """How the axes are cut, as numbers only.
+    """The numbers of patches and spans of both axes.
 
     Args:
-        patches: Patches along x and y outside of the key's square.
-        key_patches: Patches of either axis within it.
-        spans: Spans on each patch along x and y.
+        patches: The numbers of patches along x and y outside of the key's square.
+        key_patches: The number of patches along each side of the key's square.
+        spans: The numbers of spans on each patch along x and y.
     """
 
     patches: tuple[int, int]
@@ -160,12 +168,12 @@ class _Plan:
 
     @property
     def poles(self) -> int:
-        """Poles of the whole surface."""
+        """The number of poles of the whole surface."""
         along = [(self.patches[i] + self.key_patches) * (DEGREE + self.spans[i] - 1) + 1 for i in (0, 1)]
         return along[0] * along[1]
 
     def axes(self, block: Block) -> tuple[Axis, Axis]:
-        """Both axes; the key's square ends x and begins y."""
+        """Return both axes. The key's square is at the end of x and at the beginning of y."""
         (x, y), key, square = block.size_mm, block.key_mm or 0.0, self.key_patches
         steps = key * np.arange(square + 1) / max(square, 1)
         along_x = np.concatenate([_steps(x - key, self.patches[0]), (x - key) + steps[1:]])
@@ -182,9 +190,9 @@ def _steps(length: float, count: int) -> Floats:
 
 
 def _plan(block: Block, tolerance_mm: float) -> _Plan:
-    """Patches for a tolerance; half of what is aimed at belongs to each axis.
+    """Plan the patches for a tolerance. Each axis gets half of the intended error.
 
-    Where even the fewest spans make more than :data:`MAX_POLES` poles, that plan is returned.
+    If even the smallest number of spans gives more than :data:`MAX_POLES` poles, the plan with these spans is returned.
     """
     table = block.surface.table[block.surface.table[:, 0] != 0.0]
     amplitude = np.abs(table[:, 0])
@@ -194,9 +202,9 @@ def _plan(block: Block, tolerance_mm: float) -> _Plan:
     limit = 1024.0 * max(float(f.max()) for f in frequency)
     while max(finest) <= limit:
         patches, in_key = _patches(block, finest)
-        least = _Plan(patches, in_key, (MIN_SPANS, MIN_SPANS))
-        if least.poles > MAX_POLES:
-            return least
+        smallest = _Plan(patches, in_key, (MIN_SPANS, MIN_SPANS))
+        if smallest.poles > MAX_POLES:
+            return smallest
         along_x = _spans(frequency[0] * _widest(block, 0, patches, in_key), amplitude, fraction)
         weight = amplitude
         if along_x <= MAX_SPANS and not block.surface.is_separable:
@@ -211,7 +219,7 @@ def _plan(block: Block, tolerance_mm: float) -> _Plan:
 
 
 def _finest(amplitude: Floats, frequency: Floats, rest: float) -> float:
-    """The frequency above which all amplitudes together are at most ``rest``."""
+    """Return the frequency above which the sum of all amplitudes is at most ``rest``."""
     order = np.argsort(-frequency)
     above = np.cumsum(amplitude[order])
     first = int(np.searchsorted(above, rest, side="right"))
@@ -219,14 +227,14 @@ def _finest(amplitude: Floats, frequency: Floats, rest: float) -> float:
 
 
 def _patches(block: Block, finest: list[float]) -> tuple[tuple[int, int], int]:
-    """Patches along x and y outside of the key's square, and of either axis within it.
+    """Return the numbers of patches along x and y outside of the key's square, and along each side of the square.
 
-    The kernel's default area takes few points on a face (see :mod:`.kernelrule`). Where waves are
-    steep, :data:`WAVES_PER_PATCH` on a patch are too many for that, and more patches are made.
+    The kernel's default area uses few points on a face (see :mod:`.kernelrule`). If the waves are steep, the area of a
+    patch with :data:`WAVES_PER_PATCH` waves is not accurate enough, so more patches are made.
 
     Args:
         block: The block.
-        finest: Along x and y the frequency in radians per mm that counts.
+        finest: The highest relevant frequencies along x and y, in radians per mm.
     """
     (x, y), key = block.size_mm, block.key_mm or 0.0
     on_patch = WAVES_PER_PATCH
@@ -241,16 +249,17 @@ def _patches(block: Block, finest: list[float]) -> tuple[tuple[int, int], int]:
 
 
 def _widest(block: Block, axis: int, patches: tuple[int, int], in_key: int) -> float:
-    """Width of the widest patch along an axis in mm."""
+    """Return the width of the widest patch along an axis, in mm."""
     key = block.key_mm or 0.0
     return max((block.size_mm[axis] - key) / patches[axis], key / max(in_key, 1))
 
 
 def _spans(turn: Floats, weight: Floats, fraction: float) -> int:
-    """The fewest spans on one patch that keep the error within a fraction; one more than :data:`MAX_SPANS` if none do.
+    """Return the smallest number of spans on a patch that keeps the error within a limit in mm.
 
-    On spans of which one holds the part a < 1/2 of a wave, a spline takes the wave for its alias with 1 - a as well, so
-    that its error is near ``2 (a / (1 - a))^(degree + 1)``. From there one or two steps find the number.
+    The result is :data:`MAX_SPANS` + 1 if no allowed number is enough. If a span holds the fraction a < 1/2 of a wave,
+    a spline cannot distinguish the wave from its alias with the fraction 1 - a, and its error is about
+    ``2 (a / (1 - a))^(degree + 1)``. This estimate is the start value; usually one or two more steps are needed.
     """
     if not np.any(turn):
         return MIN_SPANS
@@ -258,41 +267,43 @@ def _spans(turn: Floats, weight: Floats, fraction: float) -> int:
     part = np.minimum(np.abs(turn) / (2.0 * math.pi * tried[:, None]), 0.5)
     near = 2.0 * (part / (1.0 - part)) ** (DEGREE + 1) @ weight
     enough = np.flatnonzero(near <= fraction)
-    found = int(tried[enough[0]]) if len(enough) else MAX_SPANS
+    number = int(tried[enough[0]]) if len(enough) else MAX_SPANS
 
     @cache
     def error(spans: int) -> float:
         return basis(DEGREE, spans).error(turn, weight)
 
-    while error(found) > fraction:
-        if found == MAX_SPANS:
+    while error(number) > fraction:
+        if number == MAX_SPANS:
             return MAX_SPANS + 1
-        further = math.ceil(found * (error(found) / fraction) ** (1.0 / (DEGREE + 1)))
-        found = min(max(found + 1, further), MAX_SPANS)
-    while found > MIN_SPANS and error(found - 1) <= fraction:
-        found -= 1
-    return found
+        further = math.ceil(number * (error(number) / fraction) ** (1.0 / (DEGREE + 1)))
+        number = min(max(number + 1, further), MAX_SPANS)
+    while number > MIN_SPANS and error(number - 1) <= fraction:
+        number -= 1
+    return number
 
 
 def _bound(surface: WaveSum, x: Axis, y: Axis) -> float:
-    """The proved vertical bound of :func:`patches`."""
+    """Return the proved bound of the vertical error; see :func:`patches`."""
     amplitude, f, g, phase = np.abs(surface.table.T)
     first = x.error(f, amplitude)
-    one = np.ones(1)
-    single = np.zeros(len(f)) if surface.is_separable else np.array([x.error(f[[k]], one) for k in range(len(f))])
+    unit = np.ones(1)
+    single = np.zeros(len(f)) if surface.is_separable else np.array([x.error(f[[k]], unit) for k in range(len(f))])
     second = y.error(g, amplitude * (1.0 + single))
     rounding = 4.0 * np.finfo(float).eps * float(amplitude @ (1.0 + np.abs(phase)))
     return float(first + second + rounding)
 
 
 def _too_many(block: Block, tolerance_mm: float, poles: int) -> str:
-    """What a solid would need, and the tolerance that would do."""
-    need = f"the solid would need at least {poles / 1e6:.3g} million poles, {MAX_POLES / 1e6:g} million is the most"
+    """Return a message with the number of poles that a solid would need, and a tolerance that is large enough."""
+    need = (
+        f"the solid would need at least {poles / 1e6:.3g} million poles, but {MAX_POLES / 1e6:g} million is the maximum"
+    )
     if len(block.surface.waves) > _MAX_WAVES_PLANNED:
         return f"{need}; use a coarser --step-tolerance"
     coarser = tolerance_mm
     while coarser < block.relief_mm / 12.0:
         coarser = float(f"{coarser * 3.0:.1g}")
         if _plan(block, coarser).poles <= MAX_POLES:
-            return f"{need}; --step-tolerance {coarser:g} would do"
-    return f"{need}; no tolerance would do"
+            return f"{need}; use --step-tolerance {coarser:g}"
+    return f"{need}; no tolerance is large enough"

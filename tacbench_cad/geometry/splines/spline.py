@@ -1,12 +1,13 @@
 """One-dimensional B-splines of sines, with a proved error.
 
 The surface of a block is a sum of plane waves, and a plane wave is a product of two complex exponentials, one along
-each axis. A spline surface needs therefore nothing but splines of ``exp(i k t)`` along an axis. An axis is cut into
-patches; on each patch the same clamped basis with equal spans is used, scaled to the patch.
+each axis. A spline surface can therefore be made from splines of ``exp(i k t)`` along an axis. An axis is divided into
+patches. All patches have the same clamped basis with equal spans, which is scaled to the patch.
 
-The spline of a function keeps its value and its slope at both ends of the patch, so that neighbours join with C1, and
-is for the rest its least-squares projection. On two patches of the same width the splines of one exponential differ by
-a constant factor of modulus one only: what is proved on one patch holds on all.
+The spline of a function has the same value and the same slope as the function at both ends of the patch, so neighbours
+join with C1. Otherwise it is the least-squares projection of the function. On two patches of the same width, the
+splines of an exponential only differ by a constant factor of modulus one. A bound for one patch therefore holds for
+all patches of this width.
 """
 
 from __future__ import annotations
@@ -22,23 +23,24 @@ from numpy.typing import NDArray
 from tacbench_cad.spec.waves import Sines
 from tacbench_cad.util.types import Bools, Complexes, Floats
 
-#: Polynomial degree above the basis' own at which a wave is replaced by its interpolant in the proof, at the least.
+#: In the proof, a wave is replaced by its interpolant. The degree of the interpolant is at least this much higher than
+#: the degree of the basis.
 _EXTRA_DEGREE = 8
-#: Nodes for each degree in the proof: the bound is at most ``1 / cos(pi / 12)``, 3.5 %, above the error at the nodes.
+#: The number of nodes for each degree in the proof. With 6, the bound is at most 3.5 % above the error at the nodes,
+#: because the factor is ``1 / cos(pi / 12)``.
 _NODES_PER_DEGREE = 6
-# The products below are einsum's on purpose: they are small, and a threaded BLAS takes ten times as long for them where
-# the machine is busy.
-#: Waves treated in one array operation: bounds the memory that a long series takes.
+# The products below use einsum. They are small, and on a busy machine a threaded BLAS takes ten times as long.
+#: The number of waves in one array operation. It limits the memory for a long series.
 _WAVES_AT_A_TIME = 256
 
 
 @dataclass(frozen=True)
 class Basis:
-    """A clamped B-spline basis on [0, 1] with equal spans. Take one from :func:`basis`, which keeps them.
+    """A clamped B-spline basis on [0, 1] with equal spans. Get it from :func:`basis`, which caches the bases.
 
     Args:
-        degree: Polynomial degree, at least 3.
-        spans: Number of spans.
+        degree: The polynomial degree, at least 3.
+        spans: The number of spans.
     """
 
     degree: int
@@ -46,91 +48,91 @@ class Basis:
 
     @property
     def count(self) -> int:
-        """Number of poles."""
+        """The number of poles."""
         return self.degree + self.spans
 
     @cached_property
     def breaks(self) -> Floats:
-        """Ends of the spans, shape (spans + 1,)."""
+        """The ends of the spans, shape (spans + 1,)."""
         return np.arange(self.spans + 1) / self.spans
 
     @cached_property
     def knots(self) -> Floats:
-        """Knots with the end ones ``degree + 1`` times, shape (spans + 1 + 2 degree,)."""
+        """The knots, with ``degree + 1`` knots at each end, shape (spans + 1 + 2 degree,)."""
         return np.concatenate([np.zeros(self.degree), self.breaks, np.ones(self.degree)])
 
     @cached_property
     def greville(self) -> Floats:
-        """Greville abscissae, shape (count,): poles at which the spline is ``t`` itself."""
+        """The Greville abscissae, shape (count,). With these poles, the spline is the function ``t``."""
         windows = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], self.degree)
         return np.asarray(windows.mean(axis=1), dtype=np.float64)
 
     def local(self, t: Floats) -> tuple[NDArray[np.intp], Floats]:
-        """The ``degree + 1`` functions that are not zero at ``t`` in [0, 1], by the recursion of Cox and de Boor.
+        """Compute the ``degree + 1`` nonzero functions at ``t`` in [0, 1], by the recursion of Cox and de Boor.
 
         Returns:
-            The number of the first of them, shape (len(t),), and their values, shape (degree + 1, len(t)).
+            The index of the first of these functions, shape (len(t),), and their values, shape (degree + 1, len(t)).
         """
         span = np.clip((t * self.spans).astype(np.intp), 0, self.spans - 1)
-        found = np.ones((1, len(t)))
+        values = np.ones((1, len(t)))
         for k in range(1, self.degree + 1):
             low = self.knots[span + self.degree + 1 - k + np.arange(k)[:, None]]
             high = self.knots[span + self.degree + 1 + np.arange(k)[:, None]]
-            upper = found * ((t - low) / (high - low))
-            lower = found - upper
-            found = np.zeros((k + 1, len(t)))
-            found[:-1] = lower
-            found[1:] += upper
-        return span, found
+            upper = values * ((t - low) / (high - low))
+            lower = values - upper
+            values = np.zeros((k + 1, len(t)))
+            values[:-1] = lower
+            values[1:] += upper
+        return span, values
 
     def values(self, t: Floats) -> Floats:
-        """All basis functions at ``t`` in [0, 1], shape (len(t), count)."""
+        """Return all basis functions at ``t`` in [0, 1], shape (len(t), count)."""
         first, local = self.local(t)
         full = np.zeros((len(t), self.count))
         np.put_along_axis(full, first[:, None] + np.arange(self.degree + 1), local.T, axis=1)
         return full
 
     def nodes(self, count: int) -> Floats:
-        """``count`` Chebyshev nodes in each span, ascending, shape (spans * count,)."""
-        one = (1.0 - np.cos((np.arange(count) + 0.5) * (math.pi / count))) / 2.0
-        places: Floats = (np.arange(self.spans)[:, None] + one) / self.spans
+        """Return ``count`` Chebyshev nodes in each span, ascending, shape (spans * count,)."""
+        in_span = (1.0 - np.cos((np.arange(count) + 0.5) * (math.pi / count))) / 2.0
+        places: Floats = (np.arange(self.spans)[:, None] + in_span) / self.spans
         return places.ravel()
 
     @cached_property
     def _projection(self) -> tuple[Floats, Floats, Floats]:
-        """Nodes, basis values there, and the matrix that gives the inner poles from values at the nodes."""
+        """The nodes, the basis values at the nodes, and the matrix from values at the nodes to the inner poles."""
         t = self.nodes(2 * (self.degree + 1))
         values = self.values(t)
         solve: Floats = np.linalg.pinv(values[:, 2:-2]).astype(np.float64)
         return t, values, solve
 
     def poles(self, turn: Floats) -> Complexes:
-        """Poles of the spline of ``exp(i turn t)``.
+        """Return the poles of the splines of ``exp(i turn t)``.
 
         Args:
-            turn: Phase that each wave runs through on [0, 1], shape (n,).
+            turn: The phase change of each wave on [0, 1], in radians, shape (n,).
 
         Returns:
-            Shape (count, n).
+            The poles, shape (count, n).
         """
         end = np.exp(1j * turn)
         step = 1j * turn / (self.degree * self.spans)
-        found = np.zeros((self.count, len(turn)), dtype=np.complex128)
-        found[0], found[1], found[-2], found[-1] = 1.0, 1.0 + step, end * (1.0 - step), end
+        poles = np.zeros((self.count, len(turn)), dtype=np.complex128)
+        poles[0], poles[1], poles[-2], poles[-1] = 1.0, 1.0 + step, end * (1.0 - step), end
         if self.count > 4:
             t, values, solve = self._projection
             ends = [0, 1, -2, -1]
-            rest = np.exp(1j * np.outer(t, turn)) - np.einsum("tk,kn->tn", values[:, ends], found[ends])
-            found[2:-2] = np.einsum("kt,tn->kn", solve, rest)
-        found[:, turn == 0.0] = 1.0
-        return found
+            rest = np.exp(1j * np.outer(t, turn)) - np.einsum("tk,kn->tn", values[:, ends], poles[ends])
+            poles[2:-2] = np.einsum("kt,tn->kn", solve, rest)
+        poles[:, turn == 0.0] = 1.0
+        return poles
 
     @cached_property
     def _proof(self) -> tuple[int, float, Floats, NDArray[np.intp], Floats]:
-        """Degree of the interpolant, inverse of the Ehlich-Zeller factor, nodes, and :meth:`local` there.
+        """The degree of the interpolant, the Ehlich-Zeller factor, the nodes, and :meth:`local` at the nodes.
 
-        Only the first half of the spans is looked at. Turned about, t to 1 - t, the basis and the least-squares nodes
-        are what they were, and a wave becomes its own conjugate times a constant: its error is as large on both sides.
+        Only the first half of the spans is used, because the error is symmetric. If t is replaced by 1 - t, the basis
+        and the least-squares nodes do not change, and a wave becomes its own conjugate times a constant.
         """
         degree = self.degree + max(_EXTRA_DEGREE, self.degree // 2)
         count = _NODES_PER_DEGREE * degree
@@ -138,17 +140,17 @@ class Basis:
         return degree, 1.0 / math.cos(math.pi * degree / (2.0 * count)), t, *self.local(t)
 
     def error(self, turn: Floats, weight: Floats) -> float:
-        """A proved bound, over [0, 1], of ``sum weight |exp(i turn t) - spline of it|``.
+        """Return a proved bound of the weighted sum of ``|exp(i turn t) - its spline|`` over [0, 1].
 
-        On a span of half-width r each wave is replaced by its interpolant of degree m at Chebyshev nodes; the
-        remainder is at most ``rho = 2 (|turn| r / 2)^(m+1) / (m+1)!``. What is left to bound is a polynomial of
-        degree m, and by Ehlich and Zeller (1964) it nowhere passes its greatest value at N > m Chebyshev nodes by
-        more than the factor ``1 / cos(pi m / (2 N))``. This holds for every rotation of the single errors in the
-        complex plane, therefore for the weighted sum of their moduli.
+        On a span of half-width r, each wave is replaced by its interpolant of degree m at Chebyshev nodes. The
+        remainder is at most ``rho = 2 (|turn| r / 2)^(m+1) / (m+1)!``. The rest of the error is a polynomial of degree
+        m. By Ehlich and Zeller (1964), its maximum is at most its largest value at N > m Chebyshev nodes times the
+        factor ``1 / cos(pi m / (2 N))``. This is true for every rotation of the single errors in the complex plane,
+        and therefore for the weighted sum of their moduli.
 
         Args:
-            turn: Phase that each wave runs through, shape (n,).
-            weight: Weights, none negative, shape (n,).
+            turn: The phase change of each wave on [0, 1], in radians, shape (n,).
+            weight: The weights, not negative, shape (n,).
         """
         turn, weight = turn[turn != 0.0], weight[turn != 0.0]
         if len(turn) == 0:
@@ -172,7 +174,7 @@ class Basis:
         return (float(distance.max()) + remainder) * factor + remainder + rounding + crude
 
     def _crude_error(self, turn: Floats) -> Floats:
-        """A bound of each error from the size of the poles alone, for waves too fine for the spans."""
+        """Return a bound of each error from the size of the poles, for waves that are too fine for the spans."""
         ends = 1.0 + np.abs(turn) / (self.degree * self.spans)
         if self.count == 4:
             return 1.0 + ends
@@ -182,16 +184,16 @@ class Basis:
 
 @lru_cache(maxsize=256)
 def basis(degree: int, spans: int) -> Basis:
-    """The basis of this degree and number of spans."""
+    """Return the basis with this degree and this number of spans."""
     return Basis(degree, spans)
 
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """One axis of a block, cut into patches that all carry the same basis.
+    """One axis of a block, divided into patches with the same basis.
 
     Args:
-        lines: Ends of the patches in mm, ascending, shape (patches + 1,).
+        lines: The ends of the patches in mm, ascending, shape (patches + 1,).
         basis: The basis on each patch.
     """
 
@@ -200,55 +202,55 @@ class Axis:
 
     @property
     def patches(self) -> int:
-        """Number of patches."""
+        """The number of patches."""
         return len(self.lines) - 1
 
     @property
     def pole_count(self) -> int:
-        """Poles along the whole axis; those at the joints are shared."""
+        """The number of poles along the whole axis. Poles at joints are counted once."""
         return self.patches * (self.basis.count - 1) + 1
 
     @cached_property
     def _widths(self) -> Floats:
-        """Widths of the patches in mm; those that differ by rounding only are made equal."""
+        """The widths of the patches in mm. Widths that only differ by rounding are made equal."""
         widths = np.diff(self.lines)
-        for one in widths.copy():
-            widths[np.abs(widths - one) <= 1e-12 * self.lines[-1]] = one
+        for width in widths.copy():
+            widths[np.abs(widths - width) <= 1e-12 * self.lines[-1]] = width
         return widths
 
     def knots_mm(self, patch: int) -> Floats:
-        """Ends of the spans of a patch in mm, shape (spans + 1,)."""
+        """Return the ends of the spans of a patch in mm, shape (spans + 1,)."""
         return self._scaled(patch, self.basis.breaks)
 
     def abscissae_mm(self, patch: int) -> Floats:
-        """Where the poles of a patch lie along the axis, in mm, shape (count,)."""
+        """Return the positions of the poles of a patch along the axis in mm, shape (count,)."""
         return self._scaled(patch, self.basis.greville)
 
     def _scaled(self, patch: int, unit: Floats) -> Floats:
         low, high = self.lines[patch], self.lines[patch + 1]
-        found = low + (high - low) * unit
-        found[0], found[-1] = low, high
-        return np.asarray(found, dtype=np.float64)
+        scaled = low + (high - low) * unit
+        scaled[0], scaled[-1] = low, high
+        return np.asarray(scaled, dtype=np.float64)
 
     def poles(self, frequency: Floats) -> Complexes:
-        """Poles of the splines of ``exp(i frequency t)``.
+        """Return the poles of the splines of ``exp(i frequency t)``.
 
         Args:
-            frequency: In radians per mm, shape (n,).
+            frequency: The frequencies in radians per mm, shape (n,).
 
         Returns:
-            Shape (patches, count, n). At a joint both patches have the same number.
+            The poles, shape (patches, count, n). At a joint, both patches have the same pole.
         """
         starts = np.exp(1j * np.outer(self.lines[:-1], frequency))
-        found = np.empty((self.patches, self.basis.count, len(frequency)), dtype=np.complex128)
+        poles = np.empty((self.patches, self.basis.count, len(frequency)), dtype=np.complex128)
         for width, chosen in self._by_width():
             unit = self.basis.poles(frequency * width)
-            found[chosen] = unit[None, :, :] * starts[chosen][:, None, :]
-        found[1:, 0] = found[:-1, -1]
-        return found
+            poles[chosen] = unit[None, :, :] * starts[chosen][:, None, :]
+        poles[1:, 0] = poles[:-1, -1]
+        return poles
 
     def sines(self, function: Sines) -> Floats:
-        """Poles of the spline of a sum of sines, shape (patches, count)."""
+        """Return the poles of the spline of a sum of sines, shape (patches, count)."""
         total = np.zeros((self.patches, self.basis.count))
         for start in range(0, len(function.amplitude), _WAVES_AT_A_TIME):
             part = slice(start, start + _WAVES_AT_A_TIME)
@@ -257,11 +259,11 @@ class Axis:
         return total
 
     def error(self, frequency: Floats, weight: Floats) -> float:
-        """A proved bound, over the whole axis, of ``sum weight |exp(i frequency t) - spline of it|``."""
+        """Return a proved bound of the weighted sum of ``|exp(i frequency t) - its spline|`` over the whole axis."""
         worst = max(self.basis.error(frequency * width, weight) for width, _ in self._by_width())
         rounding = 4.0 * np.finfo(float).eps * float(weight @ np.abs(frequency)) * float(np.abs(self.lines).max())
         return worst + rounding
 
     def _by_width(self) -> Iterator[tuple[float, Bools]]:
-        for width in sorted(set(self._widths.tolist())):  # np.unique would load numpy.ma, longer than the rest takes
+        for width in sorted(set(self._widths.tolist())):  # np.unique would load numpy.ma, which is slow
             yield width, self._widths == width

@@ -18,7 +18,7 @@ from tacbench_cad.util.types import Bools, Floats
 
 
 class SplineGeometry:
-    """Curves and surfaces of the patches; a curve that two patches share is made once.
+    """The curves and surfaces of the patches. A curve that two patches share is made once.
 
     Args:
         relief: The patches.
@@ -32,14 +32,14 @@ class SplineGeometry:
         self._profiles_y: dict[int, Geom_BSplineCurve] = {}
 
     def corner_height_mm(self, i: int, j: int) -> float:
-        """Height z at the crossing of line i of x and line j of y, in mm."""
+        """Return the height z at the crossing of line i of x and line j of y, in mm."""
         if self._relief.profiles_mm is not None:
             return _at_line(self._relief.profiles_mm[0], i) + _at_line(self._relief.profiles_mm[1], j)
         last = i == self._relief.x.patches
         return float(self._row_along_x(i - last, j)[-1 if last else 0])
 
     def curve_x(self, i: int, j: int) -> Geom_BSplineCurve:
-        """The curve of patch i of x at line j of y; its parameter is x in mm."""
+        """Return the curve of patch i of x at line j of y. Its parameter is x in mm."""
         if (i, j) not in self._made_x:
             axis, y = self._relief.x, float(self._relief.y.lines[j])
             if self._relief.profiles_mm is None:
@@ -54,7 +54,7 @@ class SplineGeometry:
         return self._made_x[i, j]
 
     def curve_y(self, i: int, j: int) -> Geom_BSplineCurve:
-        """The curve of patch j of y at line i of x; its parameter is y in mm."""
+        """Return the curve of patch j of y at line i of x. Its parameter is y in mm."""
         if (i, j) not in self._made_y:
             axis, x = self._relief.y, float(self._relief.x.lines[i])
             if self._relief.profiles_mm is None:
@@ -69,10 +69,10 @@ class SplineGeometry:
         return self._made_y[i, j]
 
     def surface(self, i: int, j: int) -> Geom_BSplineSurface:
-        """The surface of patch (i, j); its parameters are x and y in mm.
+        """Return the surface of patch (i, j). Its parameters are x and y in mm.
 
-        For ``p(x) + q(y)`` the poles are ``(X_i, Y_j, a_i + b_j)``, and that is just what the kernel's Coons patch of
-        the four boundary curves has: it is made there, without a loop over the poles here.
+        For ``p(x) + q(y)``, the poles are ``(X_i, Y_j, a_i + b_j)``. The kernel's Coons patch of the four boundary
+        curves has the same poles, and is faster than a loop over the poles in Python.
         """
         if self._relief.profiles_mm is not None:
             return _coons(self.curve_x(i, j), self.curve_y(i + 1, j), self.curve_x(i, j + 1), self.curve_y(i, j))
@@ -81,21 +81,21 @@ class SplineGeometry:
         return _surface(*poles, _knots(x, i), _knots(y, j), (x.basis.degree, y.basis.degree))
 
     def curve_diagonal(self, i: int, j: int) -> Geom_BSplineCurve:
-        """The curve over the diagonal of the square patch (i, j); its parameter is ``sqrt(2) y`` in mm.
+        """Return the curve over the diagonal of the square patch (i, j). Its parameter is ``sqrt(2) y`` in mm.
 
-        On the diagonal the surface is a spline again: its knots are those of both axes, its degree the greater of the
-        two degrees where the surface is separable, else their sum, and it is as smooth at a knot as the axis that the
-        knot comes from. Interpolation in that space gives it exactly.
+        On the diagonal, the surface is a spline with the knots of both axes. If the surface is separable, its degree is
+        the larger of the two degrees, otherwise their sum. At each knot, it is as smooth as the axis of the knot.
+        Interpolation in the space of these splines is exact.
         """
         from scipy.interpolate import BSpline
 
         x, y = self._relief.x.basis, self._relief.y.basis
         degrees = (x.degree, y.degree)
         degree = max(degrees) if self._relief.profiles_mm is not None else sum(degrees)
-        count = {(one, basis.spans): basis.degree for basis in (x, y) for one in range(1, basis.spans)}
+        degree_at = {(number, basis.spans): basis.degree for basis in (x, y) for number in range(1, basis.spans)}
         breaks: dict[float, int] = {}
-        for (one, spans), own in count.items():
-            place = one / spans
+        for (number, spans), own in degree_at.items():
+            place = number / spans
             breaks[place] = max(breaks.get(place, 1), degree - own + 1)
         inner = np.repeat(sorted(breaks), [breaks[place] for place in sorted(breaks)])
         knots = np.concatenate([np.zeros(degree + 1), inner, np.ones(degree + 1)])
@@ -114,10 +114,10 @@ class SplineGeometry:
         ends = math.sqrt(2.0) * lines_y[j : j + 2]
         along = ends[0] + (ends[1] - ends[0]) * places
         along[-1] = ends[1]
-        return _curve(poles, along, [degree + 1, *(breaks[one] for one in sorted(breaks)), degree + 1], degree)
+        return _curve(poles, along, [degree + 1, *(breaks[place] for place in sorted(breaks)), degree + 1], degree)
 
     def whole_surface(self) -> Geom_BSplineSurface:
-        """All patches as one surface with C1 at the joints; its parameters are x and y in mm."""
+        """Return all patches as one surface that is C1 at the joints. Its parameters are x and y in mm."""
         x, y = self._relief.x, self._relief.y
         knots_x, keep_x = _joined(x)
         knots_y, keep_y = _joined(y)
@@ -134,7 +134,7 @@ class SplineGeometry:
         return _coons(sides_x[0], sides_y[1], sides_x[1], sides_y[0])
 
     def _row_along_x(self, i: int, j: int) -> Floats:
-        """Heights z of the poles of patch i of x at line j of y, in mm."""
+        """Return the heights z of the poles of patch i of x at line j of y, in mm."""
         last = j == self._relief.y.patches
         return self._relief.heights_mm(i, j - last)[:, -1 if last else 0]
 
@@ -144,7 +144,7 @@ class SplineGeometry:
 
 
 def _at_line(profile: Floats, line: int) -> float:
-    """Value of a profile (patches, count) at a line between patches."""
+    """Return the value of a profile, shape (patches, count), at a line between patches."""
     return float(profile[line, 0] if line < len(profile) else profile[-1, -1])
 
 
@@ -153,15 +153,15 @@ def _points(x: Floats | float, y: Floats | float, z: Floats) -> Floats:
 
 
 def _knots(axis: Axis, patch: int) -> tuple[Floats, list[int]]:
-    """Knots of a patch and how often each counts."""
+    """Return the knots of a patch and their multiplicities."""
     ends = axis.basis.degree + 1
     return axis.knots_mm(patch), [ends, *([1] * (axis.basis.spans - 1)), ends]
 
 
 def _joined(axis: Axis) -> tuple[tuple[Floats, list[int]], Bools]:
-    """Knots of the whole axis with C1 at the joints, how often each counts, and which of all poles stay.
+    """Return the knots of the whole axis with C1 at the joints, their multiplicities, and a mask of the kept poles.
 
-    A joint's own pole is a mean of its neighbours and goes.
+    The pole at a joint is a mean of its neighbours and is removed.
     """
     degree, spans, count = axis.basis.degree, axis.basis.spans, axis.basis.count
     keep = np.ones((axis.patches, count), dtype=np.bool_)
@@ -175,7 +175,7 @@ def _joined(axis: Axis) -> tuple[tuple[Floats, list[int]], Bools]:
 
 
 def _curve(poles: Floats, knots: Floats, times: Sequence[int], degree: int) -> Geom_BSplineCurve:
-    """A curve from poles (n, 3)."""
+    """Make a curve from poles, shape (n, 3)."""
     points = TColgp_Array1OfPnt(1, len(poles))
     for i, pole in enumerate(poles.tolist(), start=1):
         points.SetValue(i, gp_Pnt(*pole))
@@ -190,7 +190,7 @@ def _surface(
     knots_y: tuple[Floats, Sequence[int]],
     degrees: tuple[int, int],
 ) -> Geom_BSplineSurface:
-    """A surface from abscissae x (n,), y (m,) and heights z (n, m) of its poles."""
+    """Make a surface from its poles: positions x, shape (n,), positions y, shape (m,), and heights z, shape (n, m)."""
     points = TColgp_Array2OfPnt(1, len(x), 1, len(y))
     across = y.tolist()
     for i, (at, row) in enumerate(zip(x.tolist(), z.tolist(), strict=True), start=1):
@@ -205,7 +205,7 @@ def _surface(
 def _coons(
     low: Geom_BSplineCurve, right: Geom_BSplineCurve, high: Geom_BSplineCurve, left: Geom_BSplineCurve
 ) -> Geom_BSplineSurface:
-    """The bilinearly blended patch of four boundary curves."""
+    """Make the bilinearly blended patch of four boundary curves."""
     return GeomFill_BSplineCurves(low, right, high, left, GeomFill_FillingStyle.GeomFill_StretchStyle).Surface()
 
 

@@ -1,4 +1,4 @@
-"""The underside of a block as faces: the plane, and the pockets of a label."""
+"""The faces of the underside of a block: the plane and the pockets of a label."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _ALONG: Point = (1.0, 0.0, 0.0)
 
 
 def underside(top: Topology, outline: TopoDS_Wire, engraving: Engraving | None) -> Iterator[TopoDS_Face]:
-    """The faces that close a block from below.
+    """Yield the faces that close a block from below.
 
     Args:
-        top: Makes the shapes.
-        outline: The block's outline at z = 0, counter-clockwise seen from below.
-        engraving: The label's pockets, or None.
+        top: The builder of the shapes.
+        outline: The outline of the block at z = 0, counter-clockwise seen from below.
+        engraving: The pockets of the label, or None.
     """
     contours = engraving.contours if engraving else ()
     owners = _owners(contours)
@@ -43,7 +43,7 @@ def underside(top: Topology, outline: TopoDS_Wire, engraving: Engraving | None) 
 
 
 def _owners(contours: tuple[Floats, ...]) -> list[int | None]:
-    """For each contour the index of the smallest one around it."""
+    """Return for each contour the index of the smallest contour around it."""
     areas = [abs(area_mm2(contour)) for contour in contours]
     owners: list[int | None] = []
     for k, contour in enumerate(contours):
@@ -55,10 +55,13 @@ def _owners(contours: tuple[Floats, ...]) -> list[int | None]:
 
 
 def _pocket_walls(top: Topology, contour: Floats) -> tuple[TopoDS_Wire, TopoDS_Wire, list[TopoDS_Face]]:
-    """The rim at z = 0 along the contour, the ceiling's outline against it, and the walls between them."""
+    """Make the rim of a pocket along its contour at z = 0, the outline of its ceiling, and the walls between them.
+
+    The outline of the ceiling runs in the opposite direction.
+    """
     low: list[Point] = [(x, y, 0.0) for x, y in contour.tolist()]
     high: list[Point] = [(x, y, LABEL_DEPTH_MM) for x, y, _ in low]
-    low_vertices, high_vertices = [top.vertex(one) for one in low], [top.vertex(one) for one in high]
+    low_vertices, high_vertices = [top.vertex(point) for point in low], [top.vertex(point) for point in high]
     posts = [
         top.segment(a, b, start, end) for a, b, start, end in zip(low, high, low_vertices, high_vertices, strict=True)
     ]
@@ -70,7 +73,9 @@ def _pocket_walls(top: Topology, contour: Floats) -> tuple[TopoDS_Wire, TopoDS_W
         feet.append(top.segment(low[k], low[after], low_vertices[k], low_vertices[after]))
         heads.append(top.segment(high[k], high[after], high_vertices[k], high_vertices[after]))
         dx, dy = low[after][0] - low[k][0], low[after][1] - low[k][1]
-        wall = plane(low[k], (-dy, dx, 0.0), (dx, dy, 0.0))  # the pocket, and so the outside, is on the left
+        wall = plane(
+            low[k], (-dy, dx, 0.0), (dx, dy, 0.0)
+        )  # the pocket is on the left, and so is the outside of the solid
         wire = top.wire([posts[k], heads[k], turned(posts[after]), turned(feet[k])])
         walls.append(top.face(wall, [wire]))
     return top.wire(feet), top.wire([turned(head) for head in reversed(heads)]), walls

@@ -1,4 +1,4 @@
-"""Certificates: never below what dense points show, and close above it."""
+"""Proved bounds: never below the error at dense points, and not far above it."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_never_below_the_sampled_truth_in_full(seed: int) -> None:
 def test_tight_within_a_tolerance(number: int) -> None:
     block = Block.of(number, sampling=Tolerance(mm=0.02))
     mesh, certificate = mesh_block(block)
-    # strips along a flat axis are 30 mm long: the lattice has to be fine across them
+    # strips along a flat axis are 30 mm long, so the lattice must be fine across them
     distance, vertical = deviations(block, mesh, 96 if len(mesh.faces) < 2000 else 10)
     assert distance <= certificate.distance_mm <= 1.03 * distance
     assert vertical <= certificate.vertical_mm <= 1.05 * vertical
@@ -82,7 +82,7 @@ def test_tight_on_a_grid(number: int, sampling: str | SampleGrid) -> None:
     assert vertical <= certificate.vertical_mm <= 1.10 * vertical
 
 
-def test_a_wrong_height_is_seen() -> None:
+def test_a_wrong_height_increases_the_bound() -> None:
     sines = Sines.of([(1.0, 1.0, 0.0)])
     at = np.linspace(0.0, 6.0, 40)
     heights = sines(at)
@@ -93,12 +93,12 @@ def test_a_wrong_height_is_seen() -> None:
     assert 0.05 < after.above.max() < 0.06
 
 
-def test_derivatives_at_once_are_those_one_by_one() -> None:
+def test_several_derivatives_equal_single_derivatives() -> None:
     sines = Sines.of([(0.7, 1.3, 0.2), (-0.1, 9.0, 1.0), (0.4, 0.0, 0.5)])
     t = np.linspace(-3.0, 8.0, 50)
-    for order, found in enumerate(derivatives(sines, t, range(6))):
-        assert np.allclose(found, sines(t, order), rtol=1e-12, atol=1e-10)
+    for order, values in enumerate(derivatives(sines, t, range(6))):
+        assert np.allclose(values, sines(t, order), rtol=1e-12, atol=1e-10)
 
 
-def test_the_limit_is_the_one_that_is_documented() -> None:
+def test_documented_limit() -> None:
     assert MAX_TRIANGLES == 20_000_000

@@ -1,4 +1,4 @@
-"""The fewest links inside a tube: they stay inside, and no path has fewer."""
+"""The path with the fewest links inside a tube: it stays inside, and no path has fewer links."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def random_tube(seed: int) -> tuple[Floats, Floats, Floats]:
 
 
 def links_of_any_path(t: Floats, low: Floats, high: Floats, levels: int) -> int:
-    """Fewest links of paths whose vertices lie on samples and on a few levels of the tube: never below the optimum."""
+    """Return the fewest links of paths with vertices at samples and a few levels of the tube, at least the optimum."""
     fractions = np.linspace(0.0, 1.0, levels)
     z = low[:, None] + fractions * (high - low)[:, None]
     best = np.full(z.shape, np.inf)
@@ -49,10 +49,10 @@ def test_stays_inside_with_no_more_links_than_any_path_on_the_samples(seed: int)
 
 
 @pytest.mark.parametrize("half", [0.3, 0.021, 0.0011])
-def test_a_parabola_takes_the_links_that_theory_gives(half: float) -> None:
+def test_number_of_links_of_a_parabola_agrees_with_theory(half: float) -> None:
     t = np.linspace(0.0, 10.0, 20_000)
     at, _ = fewest_links(t, t**2 - half, t**2 + half)
-    # the best line over a length h is off by |f''| h^2 / 16
+    # the error of the best line over a length h is |f''| h^2 / 16
     assert len(at) - 1 == np.ceil(10.0 / np.sqrt(16.0 * half / 2.0))
 
 

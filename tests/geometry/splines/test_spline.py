@@ -1,4 +1,4 @@
-"""The splines of sines: exact where they must be, and never further off than is proved."""
+"""The splines of sines: exact at the ends, and within the proved bounds."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ CASES = [(3, 1), (5, 1), (5, 5), (5, 26), (7, 12), (9, 3)]
 
 
 @pytest.mark.parametrize(("degree", "spans"), CASES)
-def test_basis_is_scipys(degree: int, spans: int) -> None:
-    one = Basis(degree, spans)
-    t = np.concatenate([np.linspace(0.0, 1.0, 101), one.breaks])
-    ours, theirs = one.values(t), BSpline.design_matrix(t, one.knots, degree).toarray()
+def test_basis_agrees_with_scipy(degree: int, spans: int) -> None:
+    splines = Basis(degree, spans)
+    t = np.concatenate([np.linspace(0.0, 1.0, 101), splines.breaks])
+    ours, theirs = splines.values(t), BSpline.design_matrix(t, splines.knots, degree).toarray()
     assert np.abs(ours - theirs).max() < 1e-14
     assert np.abs(ours.sum(axis=1) - 1.0).max() < 1e-14
-    assert np.abs(ours @ one.greville - t).max() < 1e-14
+    assert np.abs(ours @ splines.greville - t).max() < 1e-14
 
 
 @pytest.mark.parametrize(("degree", "spans"), CASES)
@@ -38,17 +38,19 @@ def test_ends_keep_value_and_slope(degree: int, spans: int) -> None:
 @pytest.mark.parametrize("fineness", [0.3, 1.0, 3.0, 40.0])
 def test_error_is_never_below_the_truth(degree: int, spans: int, fineness: float) -> None:
     rng = np.random.default_rng(degree * 100 + spans)
-    one = basis(degree, spans)
+    splines = basis(degree, spans)
     t = np.linspace(0.0, 1.0, 20_001)
-    values = one.values(t)
+    values = splines.values(t)
     for _ in range(6):
         turn = rng.uniform(-1.0, 1.0, 4) * fineness * np.pi * spans
         weight = rng.uniform(0.0, 1.0, 4)
-        truth = float((np.abs(np.exp(1j * np.outer(t, turn)) - values @ one.poles(turn)) @ weight).max())
-        proved = one.error(turn, weight)
+        truth = float((np.abs(np.exp(1j * np.outer(t, turn)) - values @ splines.poles(turn)) @ weight).max())
+        proved = splines.error(turn, weight)
         assert truth <= proved
         if fineness <= 1.0:
-            assert proved <= 1.15 * truth + 1e-10, "the bound should be close, or poles are wasted"
+            assert proved <= 1.15 * truth + 1e-10, (
+                "the bound must not be much too high, otherwise too many poles are used"
+            )
 
 
 def test_error_bounds_each_sum_of_sines_on_an_axis() -> None:
@@ -77,7 +79,7 @@ def test_neighbours_share_their_pole_and_their_slope() -> None:
 
 
 def test_many_waves_take_no_more_memory_than_few() -> None:
-    """A long series is projected in parts; the sum must not depend on how it is cut."""
+    """A long series is projected in parts. The sum must not depend on the size of the parts."""
     i = np.arange(1.0, 1400.0, 2.0)
     whole = Sines(1.0 / i**3, i, np.zeros_like(i))
     axis = Axis(np.linspace(0.0, 3.0, 4), basis(5, 8))
