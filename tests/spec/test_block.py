@@ -20,7 +20,7 @@ from tacbench_cad.util.text import decimal
 
 SINGLE_PEAK = Texture(
     name="peak",
-    equation="one hill whose top lies near the key",
+    equation="one hill with its top near the key",
     waves=WaveSum((Wave(amplitude=1.0, f=0.1, g=0.0), Wave(amplitude=1.0, f=0.0, g=0.1, phase=math.pi / 2))),
 )
 
@@ -218,7 +218,7 @@ def test_only_the_published_grids_of_4_and_6_alias() -> None:
         ({"preset": "released", "sampling": Tolerance()}, "texture-4_released_x1_tol0.01"),
     ],
 )
-def test_names_say_what_is_not_default(options: dict[str, object], name: str) -> None:
+def test_names_contain_options_that_are_not_default(options: dict[str, object], name: str) -> None:
     assert Block.of(**{"texture": 4, **options}).name == name  # type: ignore[arg-type]
 
 
@@ -230,7 +230,7 @@ def test_the_rounding_of_a_product_is_left_out_of_names(size: float, text: str) 
     assert block_part(block).stem("mesh") == block.name
 
 
-def test_a_block_made_without_of_needs_a_known_preset_too() -> None:
+def test_the_constructor_also_needs_a_known_preset() -> None:
     block = Block.of(4)
     with pytest.raises(InputError, match=r"preset = 'anything': allowed: paper, released"):
         replace(block, preset="anything")
@@ -242,7 +242,7 @@ def test_decimals_are_the_shortest_exact_ones(value: float, text: str) -> None:
     assert float(decimal(value)) == value
 
 
-def test_printed_it_is_a_dimension_report() -> None:
+def test_str_is_a_dimension_report() -> None:
     block = Block.of(2, scale=1.5, key_mm=3.0, copy=7)
     title, *lines = str(block).splitlines()
     assert title == block_part(block).title == "texture-2, preset paper, 34.95 x 45 x 10.5 mm"
@@ -263,7 +263,7 @@ def test_printed_it_is_a_dimension_report() -> None:
     }
 
 
-def test_the_report_says_what_is_not_there_and_what_is_too_coarse() -> None:
+def test_the_report_names_missing_options_and_a_coarse_grid() -> None:
     text = str(Block.of(6, "released"))
     assert "joins 294 x 301 samples; too coarse for the finest wave" in text
     assert "  key          none\n  label        none" in text

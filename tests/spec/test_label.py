@@ -1,4 +1,4 @@
-"""The engraved label: drawn as asked, legible, inside the outline and printable."""
+"""The engraved label: correct, legible, inside the outline and printable."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def section(engraving: Engraving) -> CrossSection:
 
 
 def seen_from_below(engraving: Engraving, step: float = 0.05) -> Bools:
-    """Picture of the underside, turned over about x: row 0 is the top (low y), column 0 the left (low x)."""
+    """Return a picture of the underside, turned over about x. Row 0 is at the top (low y), column 0 is left (low x)."""
     points = np.concatenate(engraving.contours)
     x = np.arange(points[:, 0].min(), points[:, 0].max(), step) + step / 2
     y = np.arange(points[:, 1].min(), points[:, 1].max(), step) + step / 2
@@ -57,7 +57,7 @@ def seen_from_below(engraving: Engraving, step: float = 0.05) -> Bools:
 
 
 def as_drawn(character: str, height: float, step: float = 0.05) -> Bools:
-    """The glyph by distance from its centre lines: another way to draw it than the module's."""
+    """Draw the glyph by the distance from its centre lines, which is not the method of the module."""
     glyph, unit = GLYPHS[character], (height - STROKE_MM) / UNITS_HIGH
     x = np.arange(0.0, glyph.width * unit + STROKE_MM, step) + step / 2 - STROKE_MM / 2
     y = np.arange(0.0, height, step) + step / 2 - STROKE_MM / 2
@@ -73,7 +73,7 @@ def as_drawn(character: str, height: float, step: float = 0.05) -> Bools:
 
 
 def differing(first: Bools, second: Bools) -> float:
-    """Fraction of the ink in which two pictures differ, the better of the sizes cut to the smaller one."""
+    """Return the fraction of the ink in which two pictures differ, after both are cut to the smaller size."""
     rows, columns = (min(first.shape[i], second.shape[i]) for i in (0, 1))
     if max(abs(first.shape[i] - second.shape[i]) for i in (0, 1)) > 2:
         return 1.0
@@ -84,7 +84,7 @@ def differing(first: Bools, second: Bools) -> float:
 @pytest.mark.parametrize("character", sorted(GLYPHS))
 @pytest.mark.parametrize("size", [(30.0, 30.0), (6.2, 6.2)], ids=["5mm", "3mm"])
 def test_each_glyph_reads_from_below(character: str, size: tuple[float, float]) -> None:
-    """Turned over about x, a lone glyph looks as drawn; neither its mirror image nor another glyph does it better."""
+    """Turned over about x, a glyph matches its drawing better than its mirror image or other glyphs match it."""
     engraving = engrave((character,), size, 0.0)
     assert engraving.glyph_mm == (MAX_GLYPH_MM if size[0] == 30.0 else MIN_GLYPH_MM)
     picture = seen_from_below(engraving)
@@ -96,7 +96,7 @@ def test_each_glyph_reads_from_below(character: str, size: tuple[float, float]) 
 
 
 def test_glyphs_differ() -> None:
-    """No two glyphs share more than nine tenths of their ink."""
+    """Two glyphs have at most 90 % of their ink in common."""
     alike = []
     for first, second in itertools.combinations(sorted(GLYPHS), 2):
         a, b = as_drawn(first, MIN_GLYPH_MM), as_drawn(second, MIN_GLYPH_MM)
@@ -109,7 +109,7 @@ def test_glyphs_differ() -> None:
 
 @pytest.mark.parametrize("character", sorted(GLYPHS))
 def test_strokes_run_along_the_axes_or_at_45_degrees(character: str) -> None:
-    """What makes an octagonal pen exactly as wide as it says; and glyphs fill their box."""
+    """Only with these directions is an octagonal pen exactly as wide as intended. Glyphs also fill their box."""
     glyph = GLYPHS[character]
     for line in glyph.lines:
         for (x0, y0), (x1, y1) in itertools.pairwise(line):
@@ -122,7 +122,7 @@ def test_strokes_run_along_the_axes_or_at_45_degrees(character: str) -> None:
 
 
 def test_turned_text_reads_upwards_from_below() -> None:
-    """On a narrow block the line runs along y: from below, a quarter turn clockwise brings it upright."""
+    """On a narrow block, the line runs along y. Seen from below, a quarter turn clockwise makes it upright."""
     engraving = engrave(("LF",), (8.0, 30.0), 0.0)
     picture = np.rot90(seen_from_below(engraving), k=-1)
     letters = np.flatnonzero(np.diff(np.concatenate([[0], picture.any(axis=0).astype(int), [0]])))
@@ -133,7 +133,7 @@ def test_turned_text_reads_upwards_from_below() -> None:
 
 @pytest.mark.parametrize(("words", "size", "key"), CASES)
 def test_contours_are_clean(words: tuple[str, ...], size: tuple[float, float], key: float) -> None:
-    """Float32 values, no short edge, no point met twice, islands clockwise, and the union's own area."""
+    """Contours have float32 values, no short edges or repeated points, clockwise islands, and the union's area."""
     engraving = engrave(words, size, key)
     points = np.concatenate(engraving.contours)
     assert np.array_equal(points, points.astype(np.float32))
@@ -156,7 +156,7 @@ def test_contours_are_clean(words: tuple[str, ...], size: tuple[float, float], k
 
 @pytest.mark.parametrize(("words", "size", "key"), CASES)
 def test_inside_the_outline(words: tuple[str, ...], size: tuple[float, float], key: float) -> None:
-    """Every point keeps the margin from the sides and from the key."""
+    """Every point is at least the margin away from the sides and from the key."""
     engraving = engrave(words, size, key)
     points = np.concatenate(engraving.contours)
     slack = 0.002  # rounding to 0.001 mm
@@ -168,7 +168,7 @@ def test_inside_the_outline(words: tuple[str, ...], size: tuple[float, float], k
 
 
 def test_area_is_the_strokes_union() -> None:
-    """An L of 5 mm has two strokes: the area follows by hand, the octagonal ends included."""
+    """An L of 5 mm has two strokes. Its area, with octagonal ends, is computed by hand."""
     engraving = engrave(("L",), (30.0, 30.0), 0.0)
     unit = (5.0 - STROKE_MM) / UNITS_HIGH
     octagon = 2.0 * (math.sqrt(2.0) - 1.0) * STROKE_MM**2
@@ -181,7 +181,7 @@ def test_area_is_the_strokes_union() -> None:
 
 @pytest.mark.parametrize(("words", "size", "key"), CASES)
 def test_strokes_are_a_pen_wide(words: tuple[str, ...], size: tuple[float, float], key: float) -> None:
-    """A pen a little thinner than the stroke gets everywhere (nothing vanishes); nowhere is there a blob beyond it."""
+    """A pen slightly thinner than the stroke reaches all parts, and no part is thicker than the stroke."""
     union = section(engrave(words, size, key))
     assert len(union.offset(-0.38, JoinType.Miter).decompose()) == len("".join(words))
     assert union.offset(-0.38, JoinType.Miter).offset(0.38, JoinType.Round).area() > 0.93 * union.area()
@@ -189,7 +189,7 @@ def test_strokes_are_a_pen_wide(words: tuple[str, ...], size: tuple[float, float
 
 @pytest.mark.parametrize(("words", "size", "key"), CASES)
 def test_gaps_can_be_printed(words: tuple[str, ...], size: tuple[float, float], key: float) -> None:
-    """What stands between strokes is a nozzle's width of 0.4 mm where glyphs are 3.2 mm or higher, else 0.3 mm."""
+    """Gaps between strokes are at least 0.4 mm (the nozzle) for glyphs of 3.2 mm or higher, otherwise 0.3 mm."""
     engraving = engrave(words, size, key)
     least = 0.4 if engraving.glyph_mm >= 3.2 else 0.3
     assert engraving.glyph_mm / 2.0 - 1.5 * STROKE_MM >= least - 1e-9
@@ -208,7 +208,7 @@ def test_equal_on_every_run() -> None:
 
 
 def test_the_key_moves_the_label() -> None:
-    """A large key would meet the centred label: it moves or shrinks, and is not refused."""
+    """A large key would overlap the centred label. The label is moved or made smaller, and the block is not refused."""
     plain, keyed = (engrave(("HEX-WIDE-2", "PAPER", "X1", "03"), BLOCK, key) for key in (0.0, 7.7))
     assert not all(np.array_equal(a, b) for a, b in zip(plain.contours, keyed.contours, strict=False))
 
@@ -228,14 +228,14 @@ def test_every_block_of_the_catalogue_takes_a_label(number: int, preset: str) ->
 
 @pytest.mark.parametrize("scale", [0.4, 0.5])
 def test_too_small_is_refused(scale: float) -> None:
-    """The message has the room that it needs and the room that there is."""
+    """The message names the required size and the available size."""
     with pytest.raises(
         InputError, match=r"needs an underside of [\d.]+ x [\d.]+ mm .* this one has [\d.]+ x [\d.]+ mm"
     ):
         engrave(("T4", "PAPER", f"X{scale}", "03"), (23.3 * scale, 30.0 * scale), 0.0)
 
 
-def test_the_room_that_a_refusal_names_is_enough() -> None:
+def test_the_size_in_the_error_message_is_enough() -> None:
     words = ("T4", "PAPER", "X1", "03")
     with pytest.raises(InputError) as refused:
         engrave(words, (10.0, 12.0), 0.0)

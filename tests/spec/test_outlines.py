@@ -1,4 +1,4 @@
-"""Area and inside of closed outlines."""
+"""The area of closed outlines, and points inside them."""
 
 from __future__ import annotations
 

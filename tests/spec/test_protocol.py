@@ -1,4 +1,4 @@
-"""The press grid as the paper gives it."""
+"""The press grid of the paper."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The catalogue against the paper's equations, and texture files with everything that can be wrong in them."""
+"""The catalogue and the paper's equations, and texture files with all kinds of errors."""
 
 from __future__ import annotations
 

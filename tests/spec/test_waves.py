@@ -1,4 +1,4 @@
-"""Wave sums against direct evaluation, finite differences, quadrature and sampling."""
+"""Comparison of wave sums with direct evaluation, finite differences, quadrature and sampling."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def kind(request: pytest.FixtureRequest) -> str:
 
 
 def seeds(small: int, full: int) -> list[object]:
-    """Seeds for ``parametrize``: the first few always, the rest with --long."""
+    """Return seeds for ``parametrize``. All but the first few are only used with --long."""
     return [pytest.param(i, marks=[] if i < small else [pytest.mark.long]) for i in range(full)]
 
 
