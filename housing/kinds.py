@@ -1,4 +1,4 @@
-"""The kinds of fixtures. To add a kind, write a subclass of :class:`housing.fixture.Fixture` and add it here."""
+"""The kinds of fixtures. To add a kind, write a subclass of ``housing.fixture.Fixture`` and add it here."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What printers do to a part: slicers' files read back, and the surface that they will leave."""
+"""The way from a part to a print: plates for printers, G-code of slicers, and the surface that will be printed."""

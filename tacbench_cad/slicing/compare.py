@@ -1,8 +1,8 @@
-"""How far the surface that a slicer's G-code will print lies from the formula.
+"""The distance between the formula and the surface that a slicer's G-code will print.
 
-Where the surface is flatter than 45 degrees the height error counts; on steeper walls the same error in height means
-little, and the sideways error counts: how far along the line of steepest slope the formula has the printed height.
-The edge of the block, where every bead has a round shoulder, is left out of all numbers.
+Where the surface is flatter than 45 degrees, the height error is used. On steeper walls a height error says little, so
+there the sideways error is used: the horizontal distance, along the steepest slope, to the point where the formula has
+the printed height. All numbers exclude the edge of the block, where every bead is rounded.
 """
 
 from __future__ import annotations
@@ -22,32 +22,32 @@ from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats
 
-#: Slope above which a wall counts as steep.
+#: The slope from which a wall counts as steep.
 STEEP = 1.0
-#: Width of the edge that is left out, in mm.
+#: The width of the edge that is left out, in mm.
 EDGE_MM = 0.5
-#: The misplacement whose effect is shown, in mm.
+#: The position error for which the effect on the height error is computed, in mm.
 MISPLACED_MM = 0.1
-#: A peak's printed top, and a valley's floor, may lie this far beside it, in mm.
+#: The largest horizontal distance between a peak or valley of the formula and its printed extremum, in mm.
 NEAR_MM = 0.15
-#: Above this fraction of the relief's own standard deviation, the print is not of this texture.
+#: If the height error exceeds this fraction of the relief's standard deviation, the print shows another texture.
 UNLIKE = 0.5
-#: How far sideways the formula's height is looked for, in steps, in mm; and how many steep points are asked.
+#: The search for a height on a steep wall: largest distance and step, in mm, and the largest number of points.
 _REACH_MM, _STEP_MM, _MAX_STEEP = 0.8, 0.02, 20_000
-#: Points that are enough to tell the quarter turns, and the textures, apart: their distance in mm.
+#: The distance of the points with which quarter turns and textures are distinguished, in mm.
 _COARSE_MM = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
 class Extrema:
-    """What became of the peaks, or of the valleys.
+    """The errors of all peaks or of all valleys.
 
     Args:
-        count: How many the formula has away from the edge.
-        missed: How many are off by more than one layer: peaks lost, valleys filled.
-        mean_mm: How far they are off in the mean: peaks too low, valleys too high.
-        worst_mm: How far the worst one is off.
-        missed_mm: Where the missed ones are, shape (k, 2) in the block's frame.
+        count: The number of peaks or valleys of the formula, without the edge.
+        missed: The number of peaks that are too low, or valleys that are too high, by more than one layer.
+        mean_mm: The mean error; positive if peaks are too low or valleys too high.
+        worst_mm: The largest error.
+        missed_mm: The positions of the missed peaks or valleys in the block frame, shape (k, 2).
     """
 
     count: int
@@ -59,12 +59,13 @@ class Extrema:
 
 @dataclass(frozen=True, kw_only=True)
 class Sideways:
-    """Sideways error on steep walls.
+    """The sideways error on steep walls.
 
     Args:
-        rms_mm: Root mean square of it, where the formula reaches the printed height nearby.
-        ideal_rms_mm: The same for the ideal staircase.
-        missing_fraction: Fraction of the steep top where the formula has no such height within reach.
+        rms_mm: The root mean square of the error, where the formula has the printed height within 0.8 mm.
+        ideal_rms_mm: The same number for the ideal staircase.
+        missing_fraction: The fraction of the steep walls where the formula does not have the printed height within
+            0.8 mm.
     """
 
     rms_mm: float
@@ -74,17 +75,17 @@ class Sideways:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AsSliced:
-    """The printed surface beside the formula.
+    """The comparison of a printed surface with the formula.
 
     Args:
         sliced: The G-code.
         block: The block.
-        frame: Where it lies on the bed.
-        x_mm: Places along x, shape (n,).
-        y_mm: Places along y, shape (m,).
-        printed_mm: Heights as printed, shape (n, m).
-        formula_mm: The formula's.
-        ideal_mm: The ideal staircase's.
+        frame: The position of the block on the bed.
+        x_mm: The x coordinates of the grid, shape (n,).
+        y_mm: The y coordinates of the grid, shape (m,).
+        printed_mm: The heights of the print, shape (n, m).
+        formula_mm: The heights of the formula, shape (n, m).
+        ideal_mm: The heights of the ideal staircase, shape (n, m).
     """
 
     sliced: Sliced
@@ -98,43 +99,43 @@ class AsSliced:
 
     @cached_property
     def inside(self) -> Bools:
-        """Where the comparison holds: away from the edge and from the key's cut."""
+        """Whether a point is compared: it is not near the edge or the cut of the key. Shape (n, m)."""
         return _inside(self.block, self.x_mm, self.y_mm)
 
     @cached_property
     def slope(self) -> Floats:
-        """Steepness of the formula."""
+        """The slope of the formula, shape (n, m)."""
         along_x, along_y = self.block.surface.gradient(self.x_mm[:, None], self.y_mm[None, :])
         return np.hypot(along_x, along_y)
 
     @cached_property
     def flat(self) -> Bools:
-        """Where the height error counts."""
+        """Whether the height error of a point is used, shape (n, m)."""
         return self.inside & (self.slope < STEEP)
 
     @property
     def flat_fraction(self) -> float:
-        """Fraction of the inside that is flatter than :data:`STEEP`."""
+        """The fraction of the compared points that are flatter than :data:`STEEP`."""
         return float(self.flat.sum() / self.inside.sum())
 
     @cached_property
     def rms_mm(self) -> float | None:
-        """Root mean square of the height error on the flat part; None where there is none."""
+        """The root mean square of the height error on the flat part; None if there is no flat part."""
         return _rms((self.printed_mm - self.formula_mm)[self.flat])
 
     @property
     def mean_mm(self) -> float | None:
-        """Mean of the height error there: above 0 where too much is printed."""
+        """The mean height error on the flat part; positive if too much is printed."""
         return float((self.printed_mm - self.formula_mm)[self.flat].mean()) if self.flat.any() else None
 
     @cached_property
     def ideal_rms_mm(self) -> float | None:
-        """What the ideal staircase has in place of :attr:`rms_mm`."""
+        """The value of :attr:`rms_mm` for the ideal staircase."""
         return _rms((self.ideal_mm - self.formula_mm)[self.flat])
 
     @cached_property
     def misplaced_rms_mm(self) -> float | None:
-        """The largest height error (rms) with the frame 0.1 mm beside where it was found, along x or y."""
+        """The largest height error (rms) if the position of the block is wrong by 0.1 mm along x or y."""
         errors = []
         for dx, dy in ((MISPLACED_MM, 0.0), (-MISPLACED_MM, 0.0), (0.0, MISPLACED_MM), (0.0, -MISPLACED_MM)):
             shifted = self.block.datum_mm + self.block.surface.grid(self.x_mm + dx, self.y_mm + dy)
@@ -143,7 +144,7 @@ class AsSliced:
 
     @cached_property
     def sideways(self) -> Sideways | None:
-        """Sideways error on the steep part; None where there is none."""
+        """The sideways error on steep walls; None if there are no steep walls."""
         i, j = np.nonzero(self.inside & (self.slope >= STEEP))
         if len(i) == 0:
             return None
@@ -159,19 +160,19 @@ class AsSliced:
 
     @cached_property
     def peaks(self) -> Extrema:
-        """The formula's local maxima: a ridge or a saddle-free summit counts once."""
+        """The errors at the local maxima of the formula. A ridge counts as one maximum."""
         return self._extrema(1.0)
 
     @cached_property
     def valleys(self) -> Extrema:
-        """The formula's local minima."""
+        """The errors at the local minima of the formula."""
         return self._extrema(-1.0)
 
     def _extrema(self, sign: float) -> Extrema:
         from scipy import ndimage
 
         formula, printed = sign * self.formula_mm, sign * self.printed_mm
-        # A texture along one axis has equal heights along its ridges, up to rounding.
+        # A texture that varies along one axis only has equal heights along its ridges, except for rounding.
         highest = formula >= ndimage.maximum_filter(formula, size=3) - 1e-9
         labels, count = ndimage.label(highest & self.inside, structure=np.ones((3, 3)))
         if count == 0:
@@ -192,7 +193,7 @@ class AsSliced:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """What the user should know of the file, the block or the numbers."""
+        """Warnings about the file, the block or the numbers."""
         sliced, block = self.sliced, self.block
         warnings = []
         first = float(sliced.layer_tops_mm[0] - sliced.floor_mm)
@@ -200,34 +201,38 @@ class AsSliced:
         if abs(layers - round(layers)) * sliced.layer_mm > 0.002:
             below, above = (first + count * sliced.layer_mm for count in (math.floor(layers), math.ceil(layers)))
             warnings.append(
-                f"the block's height of {block.height_mm:.6g} mm is no whole number of layers: a first one of "
-                f"{first:.4g} mm and others of {sliced.layer_mm:.4g} mm end at {below:.6g} or {above:.6g} mm"
+                f"the block's height of {block.height_mm:.6g} mm is not a whole number of layers: with a first layer "
+                f"of {first:.4g} mm and layers of {sliced.layer_mm:.4g} mm it becomes {below:.6g} or {above:.6g} mm"
             )
         steps = np.diff(sliced.layer_tops_mm)
         if len(steps) and float(np.ptp(steps)) > 0.002:
-            warnings.append(f"the layers are from {steps.min():.4g} to {steps.max():.4g} mm high")
+            warnings.append(f"the layer height varies from {steps.min():.4g} to {steps.max():.4g} mm")
         if sliced.filament_assumed:
             warnings.append(
-                f"the file does not name its filament's diameter, {sliced.filament_mm:g} mm is assumed (--filament): "
-                f"beads are then {float(np.median(sliced.beads.width_mm)):.3g} mm wide"
+                f"the file does not state the diameter of the filament; with {sliced.filament_mm:g} mm the beads are "
+                f"{float(np.median(sliced.beads.width_mm)):.3g} mm wide (use --filament for another diameter)"
             )
         if sliced.unknown:
             warnings.append(
-                f"counted as part of the block though unknown to {sliced.dialect}: {', '.join(sliced.unknown)}"
+                f"these features are unknown for {sliced.dialect} and were counted as part of the block: "
+                f"{', '.join(sliced.unknown)}"
             )
         if self.frame.outline_mm is not None:
             sides = block.size_mm if self.frame.quarters % 2 == 0 else block.size_mm[::-1]
             off = max(abs(length - side) for length, side in zip(self.frame.outline_mm, sides, strict=True))
             if off > 0.1:
                 warnings.append(
-                    f"the outline is {off:.2g} mm off the block's sides; was it scaled, or shrunk for its fit?"
+                    f"the outline differs from the block's sides by {off:.2g} mm; check the scale and the horizontal "
+                    "expansion in the slicer"
                 )
         if block.grid_aliases:
-            warnings.append("the published surface draws another shape than its formula; the formula is compared here")
+            warnings.append(
+                "the published surface has another shape than its formula; the print is compared with the formula"
+            )
         return tuple(warnings)
 
     def as_dict(self) -> dict[str, object]:
-        """For JSON: lengths in mm, fractions from 0 to 1."""
+        """Return the values for JSON: lengths in mm, fractions from 0 to 1."""
         sliced = self.sliced
         return {
             "file": sliced.path.name,
@@ -260,13 +265,13 @@ def slice_check(path: Path, block: Block, frame: Frame | None = None, *, filamen
     """Compare the surface that a slicer's G-code will print with the formula.
 
     Args:
-        path: The G-code.
+        path: The G-code file.
         block: The block that was sliced.
-        frame: Where it lies on the bed; None to find it.
-        filament_mm: Diameter of the filament; None to take it from the file.
+        frame: The position of the block on the bed; None to find it.
+        filament_mm: The diameter of the filament; None to read it from the file.
 
     Raises:
-        InputError: The file is not G-code that can be read, or prints something else than the block.
+        InputError: The file is not readable G-code, or it prints another part than the block.
     """
     return compare(read_gcode(path, filament_mm), block, frame)
 
@@ -276,12 +281,12 @@ def compare(sliced: Sliced, block: Block, frame: Frame | None = None, *, pitch_m
 
     Args:
         sliced: The G-code.
-        block: What it should be.
-        frame: Where the block lies on the bed; None to take it from the outer walls of the low layers.
-        pitch_mm: Distance of the points that are compared.
+        block: The block that was sliced.
+        frame: The position of the block on the bed; None to find it by the outer walls of the low layers.
+        pitch_mm: The distance of the points that are compared.
 
     Raises:
-        InputError: The G-code is of another part, or has nothing where the frame says.
+        InputError: The G-code is for another part, or prints nothing at the given position.
     """
     frames = [frame] if frame is not None else frames_of(sliced, block)
     x, y = points_of(block, _COARSE_MM)
@@ -309,12 +314,12 @@ def _inside(block: Block, x: Floats, y: Floats) -> Bools:
     if block.keep is not None:
         inside &= block.keep.excess(x[:, None], y[None, :]) < -EDGE_MM * math.sqrt(2.0)
     if not inside.any():
-        raise InputError("texture", block.name, f"is smaller than the edge of {EDGE_MM:g} mm that is left out")
+        raise InputError("texture", block.name, f"is too small: nothing remains without its edge of {EDGE_MM:g} mm")
     return inside
 
 
 def _distance(block: Block, texture: Texture, x: Floats, y: Floats, printed: Floats, inside: Bools) -> float:
-    """Standard deviation of the height error about its mean, if the block's texture were this one."""
+    """Return the standard deviation of the height error for another texture of the block."""
     along_x, along_y, up = block.mm_per_unit
     formula = texture.waves.mapped((along_x, along_y), up, block.origin_uv).grid(x, y)
     return float(np.std((printed - formula)[inside]))
@@ -322,7 +327,9 @@ def _distance(block: Block, texture: Texture, x: Floats, y: Floats, printed: Flo
 
 def _require_likeness(sliced: Sliced, block: Block, x: Floats, y: Floats, printed: Floats, inside: Bools) -> None:
     if not printed[inside].any():
-        raise InputError("frame", None, f"{sliced.path} prints nothing there; name the block's corner on the bed")
+        raise InputError(
+            "frame", None, f"{sliced.path} prints nothing there; give the position of the block's corner on the bed"
+        )
     own = _distance(block, block.texture, x, y, printed, inside)
     others = {
         texture.name: _distance(block, texture, x, y, printed, inside)
@@ -331,14 +338,14 @@ def _require_likeness(sliced: Sliced, block: Block, x: Floats, y: Floats, printe
     }
     name = min(others, key=others.__getitem__)
     nearer = others[name] < 0.5 * own
-    spread = float(np.std(block.surface.grid(x, y)[inside]))
-    if own > UNLIKE * spread or (nearer and own > sliced.layer_mm):
-        hint = f", {name} fits better with {others[name]:.3g} mm" if nearer else ""
+    relief_sd = float(np.std(block.surface.grid(x, y)[inside]))
+    if own > UNLIKE * relief_sd or (nearer and own > sliced.layer_mm):
+        hint = f", but only {others[name]:.3g} mm from {name}" if nearer else ""
         raise InputError(
             "file",
             str(sliced.path),
-            f"is of another part: its top is {own:.3g} mm rms from {block.texture.name}{hint}; "
-            "name its own --texture, --preset and --scale",
+            f"is for another part: the rms distance of its top is {own:.3g} mm from {block.texture.name}{hint}; "
+            "give the --texture, --preset and --scale of the sliced block",
         )
 
 
@@ -347,13 +354,16 @@ def _rms(values: Floats) -> float | None:
 
 
 def _sideways(block: Block, x: Floats, y: Floats, heights: Floats) -> Floats:
-    """Distance along the line of steepest slope to where the formula has a height; NaN where it is out of reach.
+    """Return the distance along the steepest slope to the point where the formula has a given height.
 
     Args:
         block: The block.
-        x: Places, shape (n,).
-        y: Places, shape (n,).
-        heights: The heights looked for, shape (n,).
+        x: The x coordinates of the points, shape (n,).
+        y: The y coordinates of the points, shape (n,).
+        heights: The given heights, shape (n,).
+
+    Returns:
+        The distances, shape (n,); NaN if the formula does not have the height within 0.8 mm.
     """
     along_x, along_y = block.surface.gradient(x, y)
     slope = np.hypot(along_x, along_y)

@@ -1,4 +1,4 @@
-"""What slicers call the pieces of a print in the comments of their G-code, and which of them are the part."""
+"""The dialects of slicers: their names for the features of a print, and which features belong to the part."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ Role = Literal["wall", "part", "other"]
 
 @dataclass(frozen=True, kw_only=True)
 class Dialect:
-    """How one family of slicers marks its G-code.
+    """The comments with which a family of slicers marks the features in its G-code.
 
     Args:
-        name: For people.
-        feature: What a comment that names a feature begins with, after the semicolon.
-        roles: What each feature is, by its name in lower case.
+        name: The name of the slicer.
+        feature: The beginning of a comment that names a feature, after the semicolon.
+        roles: The role of each feature, by its name in lower case.
     """
 
     name: str
@@ -41,7 +41,7 @@ _BAMBU = _roles(
     "flush, skirt/brim, multiple",
 )
 
-#: Told apart by the names of their features, so that a file without its header is still understood.
+#: The known dialects. They are distinguished by the names of their features, so a file needs no header.
 DIALECTS = (
     Dialect(
         name="PrusaSlicer",
@@ -68,10 +68,10 @@ DIALECTS = (
 
 
 def dialect_of(comments: set[str]) -> Dialect | None:
-    """The dialect whose outer walls are among the comments, or None.
+    """Return the dialect whose outer walls are among the comments, or None.
 
     Args:
-        comments: Every comment of the file that names a feature, without its semicolon.
+        comments: All comments of the file that name a feature, without the semicolon.
     """
     for dialect in DIALECTS:
         walls = {dialect.feature + word for word, role in dialect.roles.items() if role == "wall"}

@@ -1,9 +1,9 @@
-"""A slicer's G-code, read as beads: straight pieces of plastic with a cross-section, a height and a role.
+"""Reading of G-code as beads: straight pieces of plastic with a cross-section, a height and a role.
 
-The cross-section of a bead follows from the filament that it takes: ``area = E pi/4 d^2 / length``, or ``E / length``
-where E is a volume (``M200``). Absolute and relative axes and extrusion (G90, G91, M82, M83), G92 and arcs (G2, G3)
-are followed. Only M82 and M83 set the mode of E: firmwares disagree on what G90 and G91 do to it, and slicers write
-both. Flow that the printer is told to change (M221) calibrates its extruder and does not count.
+The cross-section of a bead follows from the amount of filament: ``area = E pi/4 d^2 / length``, or ``E / length`` if E
+is a volume (``M200``). The reader follows absolute and relative positions and extrusion (G90, G91, M82, M83), G92 and
+arcs (G2, G3). Only M82 and M83 set the mode of E, because firmwares differ in what G90 and G91 do to E, and slicers
+write both. The reader ignores M221, which calibrates the flow of a particular extruder.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from tacbench_cad.util.door import read_bytes, require_within
 from tacbench_cad.util.errors import InputError, require_between
 from tacbench_cad.util.types import Bools, Floats
 
-#: Arcs become chords that stay within this distance of them, in mm.
+#: The largest distance between an arc and its chords, in mm.
 CHORD_MM = 0.005
-#: The filament that is assumed where neither the file nor the user names one, in mm.
+#: The diameter of the filament if neither the file nor the user states it, in mm.
 USUAL_FILAMENT_MM = 1.75
-#: Longer lines are refused, in characters; so are more beads, chords of arcs included.
+#: The largest number of characters in a line, and of beads (including the chords of arcs) in a file.
 MAX_LINE, MAX_BEADS = 1_000_000, 10_000_000
-#: Coordinates and radii beyond this are refused, in mm, and more filament in one move, in mm or mm^3.
+#: The largest coordinate or radius, in mm, and the largest amount of filament in one move, in mm or mm^3.
 MAX_MM, MAX_FILAMENT = 1e4, 1e6
-#: The heights that a layer or a bead may have, in mm.
+#: The smallest and the largest height of a layer or a bead, in mm.
 MIN_LAYER_MM, MAX_LAYER_MM = 0.009, 5.0
 
 _WORD = re.compile(r"([A-Za-z])\s*([-+]?(?:\d+\.?\d*|\.\d+))")
@@ -43,15 +43,15 @@ _COMMENT_OF_FEATURE = re.compile(r"^;(TYPE:| FEATURE: )(.+)$")
 
 @dataclass(frozen=True, eq=False)
 class Beads:
-    """The beads of a part, in the printer's coordinates, in the order of the file.
+    """The beads of a part in the order of the file, in the printer's coordinates.
 
     Args:
-        start_mm: Where each begins, shape (n, 2).
-        end_mm: Where each ends, shape (n, 2).
-        top_mm: z of the nozzle, which is each bead's top; shape (n,).
-        height_mm: Its height; shape (n,).
-        area_mm2: Its cross-section; shape (n,).
-        wall: Whether it is an outer wall; shape (n,).
+        start_mm: The start points, shape (n, 2).
+        end_mm: The end points, shape (n, 2).
+        top_mm: The z coordinates of the tops, which are those of the nozzle; shape (n,).
+        height_mm: The heights, shape (n,).
+        area_mm2: The cross-sections, shape (n,).
+        wall: Whether a bead is part of an outer wall, shape (n,).
     """
 
     start_mm: Floats
@@ -66,9 +66,10 @@ class Beads:
 
     @property
     def width_mm(self) -> Floats:
-        """Width of each bead, a rectangle with round ends: ``area = (width - height) height + pi/4 height^2``.
+        """The width of each bead, shape (n,), in mm.
 
-        A bead too thin for that is a round string: as wide as high.
+        The cross-section is a rectangle with round ends: ``area = (width - height) height + pi/4 height^2``. If a bead
+        is too thin for this shape, its cross-section is a circle.
         """
         round_mm2 = math.pi / 4.0 * self.height_mm**2
         flat = (self.area_mm2 - round_mm2) / self.height_mm
@@ -77,18 +78,18 @@ class Beads:
 
 @dataclass(frozen=True, eq=False)
 class Sliced:
-    """What a G-code file prints.
+    """The content of a G-code file.
 
     Args:
         path: The file.
-        dialect: Name of the dialect.
-        beads: The part's beads.
-        layer_tops_mm: z of the top of each of the part's layers, ascending; shape (m,).
-        floor_mm: z of the part's underside: above 0 on a raft.
-        filament_mm: Diameter of the filament.
-        filament_assumed: Whether neither the file nor the user said so.
-        left_out: Features that were left out, with the number of their moves.
-        unknown: Features that the dialect is not known to have; they count as the part.
+        dialect: The name of the dialect.
+        beads: The beads of the part.
+        layer_tops_mm: The z coordinates of the tops of the part's layers, ascending; shape (m,).
+        floor_mm: The z coordinate of the part's underside, which is above 0 on a raft.
+        filament_mm: The diameter of the filament.
+        filament_assumed: Whether the diameter is assumed, because neither the file nor the user states it.
+        left_out: The features that do not belong to the part, with the number of their moves.
+        unknown: The features that are unknown for this dialect. They count as features of the part.
     """
 
     path: Path
@@ -103,7 +104,7 @@ class Sliced:
 
     @property
     def layer_mm(self) -> float:
-        """The usual layer height."""
+        """The median of the layer heights, in mm."""
         steps = np.diff(self.layer_tops_mm)
         return float(np.median(steps)) if len(steps) else float(self.layer_tops_mm[0] - self.floor_mm)
 
@@ -112,20 +113,24 @@ def read_gcode(path: Path, filament_mm: float | None = None) -> Sliced:
     """Read the beads of a sliced part.
 
     Args:
-        path: The file, of PrusaSlicer, Cura, Bambu Studio or OrcaSlicer.
-        filament_mm: Diameter of the filament; None for what the file says, or 1.75 mm.
+        path: A file by PrusaSlicer, Cura, Bambu Studio or OrcaSlicer.
+        filament_mm: The diameter of the filament; None for the diameter that the file states, or 1.75 mm.
 
     Raises:
-        InputError: The file cannot be read, is empty or binary, its dialect is not known, a number in it is broken,
-            or it extrudes nothing.
+        InputError: The file cannot be read, is empty or binary, is in an unknown dialect, contains an invalid number,
+            or extrudes nothing.
     """
     if filament_mm is not None:
         require_between("filament", filament_mm, 0.5, 5.0, " mm")
     lines = _lines(path)
     dialect = dialect_of({feature[1] + feature[2] for line in lines if (feature := _COMMENT_OF_FEATURE.match(line))})
     if dialect is None:
-        known = "PrusaSlicer, Cura, Bambu Studio and OrcaSlicer name their features in comments, this file has none"
-        raise InputError("file", str(path), f"is of an unknown dialect: {known}")
+        raise InputError(
+            "file",
+            str(path),
+            "is in an unknown dialect: it has no comments with the features of PrusaSlicer, Cura, Bambu Studio or "
+            "OrcaSlicer; slice the block with one of them",
+        )
     machine = _Machine(path=path, dialect=dialect)
     for machine.number, line in enumerate(lines, start=1):
         if line.startswith(";"):
@@ -140,15 +145,15 @@ def read_gcode(path: Path, filament_mm: float | None = None) -> Sliced:
 def _lines(path: Path) -> list[str]:
     content = read_bytes(path, kind="gcode")
     if not content.strip():
-        raise InputError("file", str(path), "is empty; name a G-code file")
+        raise InputError("file", str(path), "is empty; give a G-code file")
     if content.startswith(b"PK\x03\x04"):
-        raise InputError("file", str(path), "is a ZIP archive; take the plain .gcode file out of it")
+        raise InputError("file", str(path), "is a ZIP archive; extract the plain .gcode file from it")
     if content.startswith(b"GCDE") or b"\x00" in content:
-        raise InputError("file", str(path), "is binary; let the slicer write plain-text G-code")
+        raise InputError("file", str(path), "is binary; turn off binary G-code in the slicer")
     lines = [line.rstrip() for line in content.decode("utf-8", errors="replace").splitlines()]
     longest = max(range(len(lines)), key=lambda i: len(lines[i]))
     if len(lines[longest]) > MAX_LINE:
-        allowed = f"has {len(lines[longest]):,} characters, at most {MAX_LINE:,} are read"
+        allowed = f"has {len(lines[longest]):,} characters; a line may have at most {MAX_LINE:,}"
         raise InputError(f"{path}: line {longest + 1}", None, allowed)
     return lines
 
@@ -162,14 +167,14 @@ def _number(text: str) -> float:
 
 @dataclass
 class _Machine:
-    """A printer's head that follows G-code and notes the beads."""
+    """The state of a printer that executes G-code, and the beads so far."""
 
     path: Path
     dialect: Dialect
-    #: Of the line that it follows.
+    #: The number of the present line.
     number: int = 0
     place: dict[str, float] = field(default_factory=lambda: dict.fromkeys("XYZE", 0.0))
-    #: What G92 has added to the printer's own coordinates.
+    #: The difference between the printer's own coordinates and those that G92 has set.
     offset: dict[str, float] = field(default_factory=lambda: dict.fromkeys("XYZ", 0.0))
     absolute: bool = True
     absolute_e: bool = True
@@ -179,7 +184,7 @@ class _Machine:
     feature: str = "before the first feature"
     stated_height: float = 0.0
     stated_filament: float | None = None
-    #: Nine numbers for each bead.
+    #: Nine numbers for each bead; see :meth:`_move`.
     rows: array[float] = field(default_factory=lambda: array("d"))
     chords: int = 0
     left_out: dict[str, int] = field(default_factory=dict)
@@ -187,11 +192,11 @@ class _Machine:
 
     @property
     def where(self) -> str:
-        """The line that it follows, for messages."""
+        """The file and the present line, for messages."""
         return f"{self.path}: line {self.number}"
 
     def comment(self, line: str) -> None:
-        """Take note of a comment that names a feature, a layer's height or the filament's diameter."""
+        """Read a comment that may state a feature, a layer height or the diameter of the filament."""
         feature = _COMMENT_OF_FEATURE.match(line)
         if feature is not None and feature[1] == self.dialect.feature:
             self.feature = feature[2]
@@ -203,15 +208,15 @@ class _Machine:
         if height := _HEIGHT.match(line):
             self.stated_height = _number(height[1])
             if not (self.stated_height == 0.0 or MIN_LAYER_MM <= self.stated_height <= MAX_LAYER_MM):
-                allowed = f"a layer is from {MIN_LAYER_MM:g} to {MAX_LAYER_MM:g} mm high"
+                allowed = f"a layer height must be from {MIN_LAYER_MM:g} to {MAX_LAYER_MM:g} mm"
                 raise InputError(self.where, line, allowed)
         elif diameter := _FILAMENT.match(line):
             self.stated_filament = _number(diameter[1])
             if not 0.5 <= self.stated_filament <= 5.0:
-                raise InputError(self.where, diameter[1], "a filament has a diameter from 0.5 to 5 mm")
+                raise InputError(self.where, diameter[1], "the diameter of a filament must be from 0.5 to 5 mm")
 
     def command(self, text: str) -> None:
-        """Follow one line."""
+        """Execute a line without its comment."""
         text = text.partition("*")[0].strip()
         if not text:
             return
@@ -222,7 +227,7 @@ class _Machine:
             return
         code = f"{words[0][0]}{words[0][1]:g}"
         if code in ("G0", "G1", "G2", "G3", "G92") and (rest := _WORD.sub("", text).strip()):
-            raise InputError(self.where, text, f"{rest!r} is no letter with a number")
+            raise InputError(self.where, text, f"{rest!r} is not a letter followed by a number")
         values = dict(words[1:])
         for letter, value in values.items():
             if not abs(value) <= (MAX_FILAMENT if letter == "E" else MAX_MM) and letter in "XYZEIJR":
@@ -241,7 +246,7 @@ class _Machine:
             self.volumetric = values.get("D", 0.0) > 0.0 and values.get("S", 1.0) != 0.0
         elif code in ("G20", "G18", "G19"):
             what = "inches (G20)" if code == "G20" else f"arcs in another plane than XY ({code})"
-            raise InputError(self.where, text, f"{what} are not read; slicers write G21 and G17")
+            raise InputError(self.where, text, f"{what} are not supported; use G21 and G17, as slicers do")
 
     def _refuse_far(self, letter: str, value: float) -> NoReturn:
         limit = f"{MAX_FILAMENT:,.0f}" if letter == "E" else f"{MAX_MM:,.0f} mm"
@@ -265,13 +270,13 @@ class _Machine:
             self.place["E"] = values["E"]
 
     def _arc(self, values: dict[str, float], *, clockwise: bool) -> Iterator[tuple[float, float, float]]:
-        """Points along an arc, its end included and its start not."""
+        """Yield points along an arc, with its end but without its start."""
         x0, y0, z0 = (self.place[axis] for axis in "XYZ")
         x1, y1, z1 = self._target(values)
         if "R" in values:
             radius, chord = values["R"], math.hypot(x1 - x0, y1 - y0)
             if chord == 0.0 or chord > 2.0 * abs(radius) + 1e-3:
-                raise InputError(self.where, radius, "no arc of this radius R joins the two ends")
+                raise InputError(self.where, radius, "an arc with this radius R cannot connect the two points")
             away = math.sqrt(max(0.0, radius * radius - chord * chord / 4.0))
             side = away if clockwise == (radius < 0.0) else -away
             centre = ((x0 + x1) / 2.0 - side * (y1 - y0) / chord, (y0 + y1) / 2.0 + side * (x1 - x0) / chord)
@@ -282,7 +287,7 @@ class _Machine:
         radius = math.hypot(x0 - centre[0], y0 - centre[1])
         begin = math.atan2(y0 - centre[1], x0 - centre[0])
         turn = math.atan2(y1 - centre[1], x1 - centre[0]) - begin
-        turn = turn % (2.0 * math.pi) or 2.0 * math.pi  # ends where it begins: a whole circle
+        turn = turn % (2.0 * math.pi) or 2.0 * math.pi  # a full circle if the end is the start
         if clockwise:
             turn = turn - 2.0 * math.pi or -2.0 * math.pi
         step = 2.0 * math.acos(max(0.0, 1.0 - CHORD_MM / radius)) if radius > CHORD_MM else math.pi
@@ -311,7 +316,7 @@ class _Machine:
         lengths = [math.dist(a[:2], b[:2]) for a, b in pairwise(path)]
         total = sum(lengths)
         if total < 1e-6:
-            return  # the filament is pushed back after a retraction
+            return  # the printer pushes the filament forward after a retraction
         self.extruded = True
         if self.role == "other":
             self.left_out[self.feature] = self.left_out.get(self.feature, 0) + 1
@@ -322,24 +327,29 @@ class _Machine:
         for (a, b), length in zip(pairwise(path), lengths, strict=True):
             if length > 1e-6:
                 if abs(a[2] - b[2]) > 1e-3:
-                    raise InputError("file", str(self.path), "climbs while it prints (spiral vase); it has no layers")
+                    raise InputError(
+                        "file",
+                        str(self.path),
+                        "has no layers, because z changes during extrusion; turn off spiral vase in the slicer",
+                    )
                 row = (a[0] + dx, a[1] + dy, b[0] + dx, b[1] + dy, b[2] + dz, self.stated_height, per_mm, wall, volume)
                 self.rows.extend(row)
         self._require_few()
 
     def result(self, filament_mm: float, *, assumed: bool) -> Sliced:
-        """The beads, once the whole file was followed."""
+        """Return the content of the file. All lines must have been read."""
         if not self.rows:
-            what = "extrudes only what is no part: " + ", ".join(self.left_out) if self.extruded else "extrudes nothing"
-            raise InputError("file", str(self.path), f"{what}; slice a block and name its G-code")
+            names = ", ".join(self.left_out)
+            what = f"extrudes only features outside the part ({names})" if self.extruded else "extrudes nothing"
+            raise InputError("file", str(self.path), f"{what}; give the G-code of a sliced block")
         table = np.array(self.rows).reshape(-1, 9)
         tops = np.unique(np.round(table[:, 4], 3))
         if tops[0] <= 0.0:
-            raise InputError("file", str(self.path), f"prints at z = {tops[0]:g} mm, below or on the bed")
+            raise InputError("file", str(self.path), f"prints at z = {tops[0]:g} mm; z must be above 0")
         steps = np.diff(tops, prepend=0.0)
         usual = float(np.median(steps[1:])) if len(steps) > 1 else float(steps[0])
         if not MIN_LAYER_MM <= usual <= MAX_LAYER_MM:
-            allowed = f"layers are from {MIN_LAYER_MM:g} to {MAX_LAYER_MM:g} mm high"
+            allowed = f"layers must be from {MIN_LAYER_MM:g} to {MAX_LAYER_MM:g} mm high"
             raise InputError("file", str(self.path), f"prints layers of {usual:.3g} mm; {allowed}")
         stated = table[:, 5] > 0.0
         lowest = np.round(table[:, 4], 3) == tops[0]
@@ -347,7 +357,7 @@ class _Machine:
             steps[0] = float(np.median(table[lowest & stated, 5]))
             floor = float(tops[0] - steps[0])
         elif steps[0] > 2.5 * usual:
-            # The part stands on a raft. Cura presses it together with its first layer, so the upper layers tell.
+            # The part is on a raft. Cura prints its first layer too low, so the floor follows from the upper layers.
             steps[steps < 0.5 * usual] = steps[0] = usual
             order = np.unique(np.round(table[:, 4], 3), return_index=True)[1].argsort()
             floor = float(np.median(tops[order] - usual * np.arange(1, len(tops) + 1)))

@@ -1,4 +1,4 @@
-"""What of a part hangs in the air while it is printed: whether it needs supports is read off its triangles."""
+"""Overhangs of a part, which show whether it needs supports. They are computed from its triangles."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ import numpy as np
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.util.types import Bools
 
-#: Triangles whose normal is this near to straight down are a ceiling; sine of the angle.
+#: The tolerance of the z component of a unit normal, within which a face counts as horizontal or vertical.
 _FLAT = 1e-4
-#: A ceiling's width is found to this, in mm.
+#: The accuracy of a ceiling's width, in mm.
 _WIDTH_MM = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Overhangs:
-    """Faces that look down and do not lie on the bed.
+    """The faces that face down and are not on the bed.
 
     Attributes:
-        steepest_deg: Largest angle from the vertical of those that are not flat ceilings: 0 where all are upright,
-            45 for a cone that a printer closes layer by layer.
-        ceiling_mm2: Area of flat ceilings.
-        widest_mm: Diameter of the largest circle that goes into a ceiling: what a printer bridges at most, held on at
-            least two sides.
+        steepest_deg: The largest angle between a sloping face and the vertical: 0 if all faces are vertical, 45 for a
+            cone with this slope. Horizontal ceilings are not included.
+        ceiling_mm2: The area of horizontal ceilings.
+        widest_mm: The diameter of the largest circle that fits into a ceiling. A printer has to bridge at most this
+            length, with support on at least two sides.
     """
 
     steepest_deg: float
@@ -32,7 +32,7 @@ class Overhangs:
     widest_mm: float
 
     def __str__(self) -> str:
-        """One line for people."""
+        """Describe the overhangs in one line."""
         if self.steepest_deg == 0.0 and self.ceiling_mm2 == 0.0:
             return "no overhangs"
         steepest, ceilings = f"steepest {self.steepest_deg:.1f} degrees", f"ceilings {self.ceiling_mm2:.1f} mm^2"
@@ -40,7 +40,7 @@ class Overhangs:
 
 
 def overhangs(mesh: Mesh) -> Overhangs:
-    """Look for overhangs of a part printed as it lies, its lowest point on the bed.
+    """Find the overhangs of a part that is printed in its present orientation, with its lowest point on the bed.
 
     Args:
         mesh: A closed mesh.
@@ -50,7 +50,7 @@ def overhangs(mesh: Mesh) -> Overhangs:
     size = np.linalg.norm(normal, axis=1)
     down = -normal[:, 2] / np.maximum(size, 1e-300)
     above_bed = corners[:, :, 2].min(axis=1) > mesh.vertices[:, 2].min() + 1e-6
-    # A cone or a slope may begin on the bed: only what lies flat on it is carried by it.
+    # A sloping face may begin on the bed, but the bed supports only horizontal faces.
     flat = down > 1.0 - _FLAT
     slanted = (down > _FLAT) & ~flat
     ceiling = flat & above_bed
@@ -63,7 +63,7 @@ def overhangs(mesh: Mesh) -> Overhangs:
 
 
 def _widest_mm(mesh: Mesh, ceiling: Bools) -> float:
-    """Diameter of the largest circle in the ceilings: their outlines are moved inwards until nothing is left."""
+    """Return the diameter of the largest circle in the ceilings, found by offsetting their outlines inwards."""
     from manifold3d import CrossSection, FillRule, JoinType
 
     flat = mesh.triangle_points[ceiling][:, ::-1, :2]

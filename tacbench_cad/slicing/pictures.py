@@ -1,4 +1,4 @@
-"""Pictures of plates (the bed from above) and of as-sliced checks (the printed top, its error, and cuts through it)."""
+"""Pictures of plates (the bed from above) and of G-code checks (the printed top, its error, and cuts through it)."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-#: Errors beyond this many layers have the last colour.
+#: The range of the colour scale of errors, in layers.
 _LAYERS_SHOWN = 2.0
-#: Length of the lower cut, in mm.
+#: The length of the lower cut, in mm.
 _CLOSE_MM = 6.0
-#: Light colours that people with any colour vision tell apart; beyond eight textures they come again.
+#: Light colours that people with any colour vision can distinguish. They repeat after eight textures.
 _COLOURS = ("#8ec8ea", "#f3b48a", "#8fd3bd", "#e6b9d3", "#f2d27c", "#c9c9c9", "#a9b5f2", "#d9e68a")
 
 
 def as_sliced_picture(comparison: AsSliced, path: Path) -> None:
-    """Draw the printed top, its error, and a cut along x through the highest peak, whole and close.
+    """Draw the printed top, its error, and a cut along x through the highest peak, complete and enlarged.
 
     Args:
         comparison: The comparison.
@@ -101,7 +101,7 @@ def _map(
 
 
 def _cut(comparison: AsSliced) -> tuple[float, int]:
-    """Where the cut lies, y in mm and column: through the highest point away from the edge, nearest to the middle."""
+    """Return y in mm and the column of the cut, which goes through the highest point (the nearest to the middle)."""
     inside = np.where(comparison.inside, comparison.formula_mm, -np.inf)
     columns = inside.max(axis=0)
     best = np.nonzero(columns >= columns.max() - 0.001 * comparison.block.relief_mm)[0]
@@ -110,7 +110,7 @@ def _cut(comparison: AsSliced) -> tuple[float, int]:
 
 
 def _cuts(figure: Figure, comparison: AsSliced) -> None:
-    """The whole cut, and below it the part where print and formula are furthest apart."""
+    """Draw the complete cut, and below it the part with the largest error."""
     at, column = _cut(comparison)
     x, printed = comparison.x_mm, comparison.printed_mm[:, column]
     formula, ideal = comparison.formula_mm[:, column], comparison.ideal_mm[:, column]
@@ -143,7 +143,7 @@ def plate_picture(plate: Plate, filament: str, path: Path) -> None:
 
     Args:
         plate: The plate.
-        filament: What it is printed of.
+        filament: The name of the filament.
         path: The file; its name ends in ``.png``, ``.svg`` or ``.pdf``.
 
     Raises:
@@ -174,7 +174,7 @@ def plate_picture(plate: Plate, filament: str, path: Path) -> None:
             middle = (placed.x_mm + x / 2.0, placed.y_mm + y / 2.0)
             *first, scale, copy = placed.block.label_words
             lines = (" ".join(first), f"{scale} {copy}")
-            # About as large as its block allows: a letter is 0.75 of the font size wide, an inch has 72 points.
+            # The font is as large as the block allows: a letter is 0.75 of the font size wide, an inch has 72 points.
             room = x / across * wide * 72.0 / (0.75 * max(map(len, lines)))
             axes.text(*middle, "\n".join(lines), ha="center", va="center", fontsize=min(9.0, room), color=INK)
         axes.set(xlim=(-2.0, across + 2.0), ylim=(-2.0, down + 2.0), xlabel="x (mm)", ylabel="y (mm)", aspect="equal")

@@ -1,9 +1,9 @@
-"""Blocks on a printer's bed: as many plates as it takes, with the copies of each texture spread over the bed.
+"""The arrangement of blocks on the beds of a printer, with the copies of each texture distributed over the bed.
 
-Were all copies of one texture printed in one corner, a bed that is warmer or lower there would look like a property of
-the texture. So the blocks of a plate change places until every texture's copies have their middle near the plate's
-middle, and lie about as far from it as all blocks do. Copies are dealt so that each plate has nearly as many of each
-texture.
+If all copies of a texture were printed in one corner, and the bed were warmer or lower there, the effect would look
+like a property of the texture. Therefore the program exchanges the blocks of a plate until, for each texture, the
+middle of its copies is near the middle of the plate, and the mean distance of its copies from there is about the same
+as for all blocks. Each plate gets nearly the same number of copies of each texture.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from tacbench_cad.util.errors import InputError, require_between
 from tacbench_cad.util.files import replacing
 from tacbench_cad.util.types import Floats, Ints
 
-#: What stays free between two blocks, in mm.
+#: The default distance between two blocks, in mm.
 SPACING_MM = 5.0
-#: Beginnings that are tried for each plate, and pairs of blocks that are tried to change places in each.
-_BEGINNINGS, _SWAPS = 4, 2000
-#: Columns of the layout file, which ``tacbench acquire`` reads.
+#: The number of random starts for each plate, and of exchanges that are tried after each start.
+_STARTS, _SWAPS = 4, 2000
+#: The columns of the layout file, which ``tacbench acquire`` reads.
 COLUMNS = (
     *("plate", "label", "texture", "preset", "scale", "key_mm", "copy", "printer", "filament"),
     *("x_mm", "y_mm", "width_mm", "depth_mm"),
@@ -39,9 +39,9 @@ class PlacedBlock:
     """A block on a plate.
 
     Args:
-        block: The block; it has a copy number.
-        x_mm: Its lower corner on the bed.
-        y_mm: Likewise.
+        block: The block, with the number of its copy.
+        x_mm: The smallest x of the block on the bed.
+        y_mm: The smallest y of the block on the bed.
     """
 
     block: Block
@@ -50,18 +50,18 @@ class PlacedBlock:
 
     @property
     def label(self) -> str:
-        """What is engraved in its underside where there is room for it: ``T4 PAPER X1 02``."""
+        """The label: ``T4 PAPER X1 02``. It is engraved in the underside if there is enough room."""
         return " ".join(self.block.label_words)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plate:
-    """One filling of a bed.
+    """Blocks that are printed together on a bed.
 
     Args:
         printer: The printer.
-        number: From 1.
-        blocks: What lies on it.
+        number: The number of the plate, beginning with 1.
+        blocks: The blocks on the plate.
     """
 
     printer: Printer
@@ -70,12 +70,12 @@ class Plate:
 
     @property
     def name(self) -> str:
-        """Stem of its file names."""
+        """The stem of the file names."""
         return f"{self.printer.name}_plate{self.number:02d}"
 
     @property
     def imbalance_mm(self) -> float:
-        """Largest distance between the middle of one texture's copies and that of the whole plate."""
+        """The largest distance between the middle of a texture's copies and the middle of the plate, in mm."""
         places = np.array([[placed.x_mm, placed.y_mm] for placed in self.blocks])
         names = [placed.block.texture.name for placed in self.blocks]
         return _imbalance(places, _index(names))
@@ -84,25 +84,30 @@ class Plate:
 def arrange_plates(
     blocks: Sequence[Block], copies: int, printer: Printer, spacing_mm: float = SPACING_MM
 ) -> list[Plate]:
-    """Put copies of some blocks on as many plates as it takes.
+    """Arrange copies of some blocks on as many plates as needed.
 
     Args:
-        blocks: One of each texture. Its copies get their label engraved where there is room for it.
-        copies: How many of each.
-        printer: Whose bed.
-        spacing_mm: What stays free between two blocks.
+        blocks: One block for each texture. The label is engraved in all copies with enough room for it.
+        copies: The number of copies of each block.
+        printer: The printer.
+        spacing_mm: The smallest distance between two blocks.
 
     Returns:
-        The plates. The same request gives the same plates.
+        The plates. The same arguments always give the same plates.
 
     Raises:
-        InputError: Copies or spacing are not allowed, or one block does not fit on the bed.
+        InputError: The number of copies or the spacing is not allowed, or a block does not fit on the bed.
     """
     require_between("copies", copies, 1, MAX_COPIES)
     require_between("spacing", spacing_mm, 0.0, 100.0, " mm")
     for block in blocks:
         if block.height_mm > printer.height_mm:
-            raise InputError("printer", printer.name, f"prints up to {printer.height_mm:g} mm, {block.name} is higher")
+            raise InputError(
+                "printer",
+                printer.name,
+                f"can print up to {printer.height_mm:g} mm, but {block.name} is {block.height_mm:g} mm high; use a "
+                "smaller --scale or another printer",
+            )
     size = (max(block.size_mm[0] for block in blocks), max(block.size_mm[1] for block in blocks))
     cells = _cells(size, printer, spacing_mm)
     if len(cells) == 0:
@@ -110,8 +115,8 @@ def arrange_plates(
         raise InputError(
             "printer",
             printer.name,
-            f"has a bed of {x:g} x {y:g} mm with a margin of {printer.margin_mm:g} mm: no block of "
-            f"{size[0]:.4g} x {size[1]:.4g} mm fits; a smaller --scale or another printer would do",
+            f"has a bed of {x:g} x {y:g} mm with a margin of {printer.margin_mm:g} mm, and a block of "
+            f"{size[0]:.4g} x {size[1]:.4g} mm does not fit; use a smaller --scale or another printer",
         )
     queue = [(block, copy) for copy in range(1, copies + 1) for block in blocks]
     count = math.ceil(len(queue) / len(cells))
@@ -120,7 +125,7 @@ def arrange_plates(
 
 
 def _cells(size: tuple[float, float], printer: Printer, spacing: float) -> Floats:
-    """Lower corners of all places on a bed, shape (n, 2), the one nearest to the bed's middle first."""
+    """Return the lower corners of all places on a bed, shape (n, 2), beginning with the nearest to the bed's middle."""
     lines = []
     for side, bed in zip(size, printer.bed_mm, strict=True):
         room = bed - 2.0 * printer.margin_mm
@@ -142,11 +147,11 @@ def _plate(
     printer: Printer, number: int, queue: Sequence[tuple[Block, int]], cells: Floats, size: tuple[float, float]
 ) -> Plate:
     places = cells[: len(queue)]
-    order = _spread(places, _index([block.texture.name for block, _ in queue]))
+    order = _assignment(places, _index([block.texture.name for block, _ in queue]))
     placed = []
     for (x, y), i in zip(places.tolist(), order, strict=True):
         block, copy = queue[i]
-        # A smaller block lies in the middle of its place.
+        # A block that is smaller than its place is in the middle of it.
         corner = (x + (size[0] - block.size_mm[0]) / 2.0, y + (size[1] - block.size_mm[1]) / 2.0)
         placed.append(PlacedBlock(block=_marked(block, copy), x_mm=corner[0], y_mm=corner[1]))
     placed.sort(key=lambda block: (block.y_mm, block.x_mm))
@@ -154,7 +159,7 @@ def _plate(
 
 
 def _marked(block: Block, copy: int) -> Block:
-    """The copy with its label engraved, or without it where the block is too small or too thin for one."""
+    """Return a copy of a block with an engraved label, or without a label if the block is too small or too thin."""
     try:
         marked = replace(block, copy=copy, label=True)
         assert marked.engraving is not None
@@ -169,7 +174,7 @@ def _index(names: Sequence[str]) -> Ints:
 
 
 def _off(places: Floats, texture: Ints) -> Floats:
-    """Distance of each texture's middle from the plate's middle."""
+    """Return the distance of each texture's middle from the plate's middle."""
     counts = np.bincount(texture)
     middles = np.column_stack([np.bincount(texture, weights=places[:, axis]) / counts for axis in (0, 1)])
     return np.asarray(np.hypot(*(middles - places.mean(axis=0)).T), dtype=np.float64)
@@ -180,17 +185,21 @@ def _imbalance(places: Floats, texture: Ints) -> float:
 
 
 def _confounding(places: Floats, texture: Ints) -> float:
-    """How much position tells of the texture, in mm^2: by the textures' middles and by their distances from them."""
+    """Return how strongly position and texture are confounded, in mm^2.
+
+    This is the sum, over the textures, of two squares: the distance between the middle of the texture's copies and the
+    middle of the plate, and the difference between their mean distance from there and that of all blocks.
+    """
     away = np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1))
     each = np.bincount(texture, weights=away) / np.bincount(texture)
     return float((_off(places, texture) ** 2).sum() + ((each - away.mean()) ** 2).sum())
 
 
-def _spread(places: Floats, texture: Ints) -> list[int]:
-    """Which block comes to which place: changes of places are kept while position tells less of the texture."""
+def _assignment(places: Floats, texture: Ints) -> list[int]:
+    """Assign blocks to places: an exchange of two blocks is kept if it makes :func:`_confounding` smaller."""
     rng = np.random.default_rng(len(places))
     orders: list[tuple[float, list[int]]] = []
-    for _ in range(_BEGINNINGS):
+    for _ in range(_STARTS):
         order = rng.permutation(len(places))
         best = _confounding(places, texture[order])
         for i, j in rng.integers(0, len(places), (_SWAPS, 2)).tolist():
@@ -207,13 +216,13 @@ def _spread(places: Floats, texture: Ints) -> list[int]:
 
 
 def write_layout(plate: Plate, filament: str, path: Path, files: Mapping[str, str]) -> None:
-    """Write a plate's layout as CSV: one row a block, from the bed's lower left.
+    """Write a plate's layout as CSV, with a row for each block, beginning at the bed's lower left.
 
     Args:
         plate: The plate.
-        filament: What it is printed of.
+        filament: The name of the filament.
         path: The file.
-        files: The names of the files that users' textures come from, by the textures' names.
+        files: The file names of users' textures, by the names of the textures.
 
     Raises:
         InputError: The file cannot be written.

@@ -1,4 +1,4 @@
-"""Printers: how large their beds are, and what the paper printed on them. The paper's own, and a user's beside them."""
+"""Printers: the sizes of their beds and their filaments, for the paper's printers and those of a user's file."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from typing import Annotated
 from tacbench_cad.util.convert import Length, Word, read_toml
 from tacbench_cad.util.errors import InputError, one_of, require_between
 
-#: The paper's printers.
+#: The file with the paper's printers.
 OWN_FILE = Path(__file__).with_name("printers.toml")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Printer:
-    """A printer's bed.
+    """A printer and its bed.
 
     Args:
-        name: As run folders use it.
-        bed_mm: Sides of the bed, x and y.
-        height_mm: How high a print may be.
-        margin_mm: What stays free along the bed's edge.
-        keep_out_mm: Rectangles ``(x low, y low, x high, y high)`` in which nothing may lie.
-        filaments: What is printed on it; the first is the usual one.
+        name: The name, as used in run folders.
+        bed_mm: The sides x and y of the bed.
+        height_mm: The largest height of a print.
+        margin_mm: The width of the edge of the bed that stays free.
+        keep_out_mm: Rectangles ``(x low, y low, x high, y high)`` that must stay free.
+        filaments: The names of the filaments. The first is the default.
 
     Raises:
         InputError: A value is not allowed.
@@ -41,7 +41,7 @@ class Printer:
         for key, side in (("bed_mm", self.bed_mm[0]), ("bed_mm", self.bed_mm[1]), ("height_mm", self.height_mm)):
             require_between(key, side, 10.0, 5000.0, " mm")
         if not 0.0 <= self.margin_mm < min(self.bed_mm) / 2.0:
-            raise InputError("margin_mm", self.margin_mm, "must leave something of the bed")
+            raise InputError("margin_mm", self.margin_mm, "must be at least 0 and less than half of the bed's side")
         for x0, y0, x1, y1 in self.keep_out_mm:
             if not (x0 < x1 and y0 < y1):
                 raise InputError("keep_out_mm", [x0, y0, x1, y1], "must be [x low, y low, x high, y high]")
@@ -53,10 +53,12 @@ class _Document:
 
 
 def printers(own: Path | None = None) -> dict[str, Printer]:
-    """The paper's printers by name, with those of a user's file in place of or beside them.
+    """Return the paper's printers and those of a user's file, by name.
+
+    A printer of the user's file replaces a printer of the paper with the same name.
 
     Args:
-        own: A file in the form of ``printers.toml``.
+        own: The user's file, in the format of ``printers.toml``; None for the paper's printers only.
 
     Raises:
         InputError: The file cannot be read, or a key or value in it is not allowed.
@@ -67,13 +69,13 @@ def printers(own: Path | None = None) -> dict[str, Printer]:
 
 
 def printer_named(name: str, known: dict[str, Printer]) -> Printer:
-    """A printer by its name.
+    """Return the printer with a given name.
 
     Args:
         name: The name.
         known: The printers by their names.
 
     Raises:
-        InputError: There is none of this name; the message has the nearest one.
+        InputError: There is no printer with this name. The message suggests the nearest name.
     """
     return known[one_of("printer", name, known)]

@@ -1,7 +1,7 @@
-"""The top surface that a print will have, from its beads, and where the block lies on the bed.
+"""The top surface that a print will have, computed from its beads, and the position of the block on the bed.
 
-Each bead is as wide as its area needs at its layer's height: a rectangle with round ends.
-The surface at a point is the highest bead there: its top over the flat part, its round shoulder beside that.
+The cross-section of a bead is a rectangle with round ends. Its width follows from its area and from the height of its
+layer. The surface at a point is the surface of the highest bead there, with its flat top and its rounded sides.
 """
 
 from __future__ import annotations
@@ -18,30 +18,32 @@ from tacbench_cad.util.door import require_within
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats, Ints
 
-#: The outline of a block may differ from its sides by this much, in mm: more is another part.
+#: The largest difference between the printed outline and the sides of the block, in mm. If it is larger, the G-code is
+#: for another part.
 OUTLINE_MM = 0.5
-#: Distance of the points at which surfaces are compared, in mm, and the most points that are taken.
+#: The distance of the points at which surfaces are compared, in mm, and the largest number of points.
 PITCH_MM, MAX_POINTS = 0.05, 1_000_000
-#: Long beads are cut into pieces of this length, so that their boxes hold few points, in mm.
+#: The largest length of a piece of a bead, in mm. Long beads are divided, so that their boxes contain few points.
 _PIECE_MM = 1.0
-#: More pieces over the block than this are refused, and more points under them, counted as often as they are covered.
+#: The largest number of pieces over the block, and of points under them. A point counts once for each piece above it.
 MAX_PIECES, MAX_COVERED = 10_000_000, 2e9
-#: Points that are looked at in one go.
+#: The number of points that are processed together.
 _CHUNK = 1_500_000
-#: Layers below this fraction of the base tell where the block lies.
+#: The position of the block follows from the layers below this fraction of its base.
 _LOW_FRACTION = 0.95
 
 
 @dataclass(frozen=True, kw_only=True)
 class Frame:
-    """Where the block lies on the bed.
+    """The position of the block on the bed.
 
     Args:
-        x_mm: Smallest x of the block's outline on the bed.
-        y_mm: Smallest y of it.
-        quarters: Quarter turns, counter-clockwise, that the block was turned by.
-        source: ``outer walls`` or ``given``.
-        outline_mm: Sides of the outline that the outer walls show, along the bed's x and y; None where it was given.
+        x_mm: The smallest x of the block's outline on the bed.
+        y_mm: The smallest y of the block's outline on the bed.
+        quarters: The number of quarter turns of the block, counter-clockwise.
+        source: ``outer walls`` if the position was computed from the G-code, ``given`` if the user gave it.
+        outline_mm: The sides of the outline of the outer walls, along the bed's x and y; None if the user gave the
+            position.
     """
 
     x_mm: float
@@ -54,14 +56,14 @@ class Frame:
         if not (math.isfinite(self.x_mm) and math.isfinite(self.y_mm)):
             raise InputError("frame", (self.x_mm, self.y_mm), "must be finite numbers")
         if self.quarters not in (0, 1, 2, 3):
-            raise InputError("frame", self.quarters * 90, "a block is turned by 0, 90, 180 or 270 degrees")
+            raise InputError("frame", self.quarters * 90, "the rotation must be 0, 90, 180 or 270 degrees")
 
     def to_block(self, points_mm: Floats, size_mm: tuple[float, float]) -> Floats:
-        """Points (n, 2) on the bed as points in the block's frame.
+        """Convert points from the bed to the block frame.
 
         Args:
-            points_mm: Points on the bed.
-            size_mm: The block's sides in its own frame.
+            points_mm: Points on the bed, shape (n, 2).
+            size_mm: The sides of the block in its own frame.
         """
         x, y = points_mm[:, 0] - self.x_mm, points_mm[:, 1] - self.y_mm
         across, down = size_mm
@@ -69,7 +71,7 @@ class Frame:
         return np.column_stack(turned)
 
     def as_dict(self) -> dict[str, object]:
-        """For JSON."""
+        """Return the values for JSON."""
         return {
             "x_mm": self.x_mm,
             "y_mm": self.y_mm,
@@ -80,13 +82,14 @@ class Frame:
 
 
 def frames_of(sliced: Sliced, block: Block) -> list[Frame]:
-    """The frames that the outer walls of the low layers allow: one for each quarter turn that fits the sides.
+    """Return the possible positions of the block: one for each quarter turn that fits the outer walls of low layers.
 
-    A layer's outline is the box around its outer walls, half a bead's width outside of their middle. The median over
-    the layers below the relief counts; the first layer does not, if there are others: slicers shrink it.
+    The outline of a layer is the bounding box of its outer walls, including half the width of the beads. The outline is
+    the median over the layers below the relief. The first layer is left out if there are others, because slicers shrink
+    it.
 
     Raises:
-        InputError: The outline is not the block's.
+        InputError: The outline differs from that of the block.
     """
     beads = sliced.beads
     low = sliced.floor_mm + _LOW_FRACTION * block.base_mm
@@ -99,7 +102,9 @@ def frames_of(sliced: Sliced, block: Block) -> list[Frame]:
             half = beads.width_mm[walls, None] / 2.0
             boxes.append([*(ends - half).min(axis=(0, 1)), *(ends + half).max(axis=(0, 1))])
     if not boxes:
-        raise InputError("file", str(sliced.path), "has no outer walls in its low layers; give --frame X,Y")
+        raise InputError(
+            "file", str(sliced.path), "has no outer walls in its low layers; give the position with --frame X,Y"
+        )
     x0, y0, x1, y1 = np.median(np.array(boxes), axis=0).tolist()
     outline = (x1 - x0, y1 - y0)
     frames = []
@@ -115,14 +120,15 @@ def frames_of(sliced: Sliced, block: Block) -> list[Frame]:
         raise InputError(
             "file",
             str(sliced.path),
-            f"is of another part: its outer walls span {outline[0]:.4g} x {outline[1]:.4g} mm, {block.name} has {own} "
-            "mm; name its --texture, --preset and --scale, or give --frame X,Y where a plate holds more than one block",
+            f"is for another part: its outer walls measure {outline[0]:.4g} x {outline[1]:.4g} mm, but {block.name} "
+            f"measures {own} mm; give the --texture, --preset and --scale of the sliced block, or --frame X,Y if there "
+            "is more than one block on the plate",
         )
     return frames
 
 
 def points_of(block: Block, pitch_mm: float = PITCH_MM) -> tuple[Floats, Floats]:
-    """Middles x (n,) and y (m,) of the cells into which the block's top is divided, in mm."""
+    """Divide the block's top into cells and return the x (n,) and the y (m,) of their middles, in mm."""
     x, y = block.size_mm
     pitch = max(pitch_mm, math.sqrt(x * y / MAX_POINTS))
     counts = (max(1, round(side / pitch)) for side in (x, y))
@@ -131,17 +137,17 @@ def points_of(block: Block, pitch_mm: float = PITCH_MM) -> tuple[Floats, Floats]
 
 
 def printed_heights(sliced: Sliced, block: Block, frame: Frame, x: Floats, y: Floats) -> Floats:
-    """Height of the printed top above the part's underside at the points of a grid; 0 where no bead is.
+    """Return the heights of the printed top above the part's underside on a grid.
 
     Args:
         sliced: The G-code.
         block: The block.
-        frame: Where it lies.
-        x: Evenly spaced, shape (n,), in the block's frame.
-        y: Evenly spaced, shape (m,).
+        frame: The position of the block on the bed.
+        x: The x coordinates of the grid in the block frame, evenly spaced, shape (n,).
+        y: The y coordinates of the grid in the block frame, evenly spaced, shape (m,).
 
     Returns:
-        Heights in mm, shape (n, m).
+        The heights in mm, shape (n, m); 0 at points without a bead.
     """
     beads = replace(
         sliced.beads,
@@ -156,7 +162,7 @@ def printed_heights(sliced: Sliced, block: Block, frame: Frame, x: Floats, y: Fl
 
 
 def _covered(beads: Beads, x: Floats, y: Floats) -> Iterator[tuple[Ints, Floats]]:
-    """Points under beads, as indices into the flattened grid, and the height of the bead there, in chunks."""
+    """Yield, in chunks, the indices of points under beads in the flattened grid, and the heights of the beads there."""
     run = beads.end_mm - beads.start_mm
     pieces = np.maximum(1, np.ceil(np.hypot(run[:, 0], run[:, 1]) / _PIECE_MM)).astype(np.int64)
     half = beads.width_mm[:, None] / 2.0
@@ -202,11 +208,11 @@ def _covered(beads: Beads, x: Floats, y: Floats) -> Iterator[tuple[Ints, Floats]
 
 
 def staircase(sliced: Sliced, formula_mm: Floats) -> Floats:
-    """What layers make of a surface at best: at each point the layers whose middle lies below it.
+    """Return the best approximation of a surface by layers: at each point all layers with their middle below it.
 
     Args:
-        sliced: The G-code, whose layers are taken; above its last one they go on at the same height.
-        formula_mm: Heights above the underside, any shape.
+        sliced: The G-code. Its layers are used, with further layers of the usual height above the last layer.
+        formula_mm: The heights of the surface above the underside, in any shape.
     """
     tops = sliced.layer_tops_mm - sliced.floor_mm
     missing = max(0, math.ceil((float(formula_mm.max()) - tops[-1]) / sliced.layer_mm + 0.5))

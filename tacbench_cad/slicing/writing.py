@@ -1,4 +1,4 @@
-"""The files of plates: a 3MF that was read back, a layout, and a print record to fill in."""
+"""The files of plates: a checked 3MF, a layout, and a print record that the user fills in."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError
 from tacbench_cad.util.files import locked, replacing
 
-#: A corner may come back this far from where it was put, by single precision, in mm.
+#: The largest distance of a vertex from its place in the file, caused by single precision, in mm.
 _PLACE_MM = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlateFiles:
-    """Where a plate's files are.
+    """The paths of a plate's files.
 
     Args:
-        model: The 3MF.
-        layout: The CSV that ``tacbench acquire`` reads.
-        record: The print record to fill in.
-        picture: Where the layout's picture goes.
+        model: The 3MF file.
+        layout: The CSV file that ``tacbench acquire`` reads.
+        record: The print record, which the user fills in.
+        picture: The picture of the layout.
     """
 
     model: Path
@@ -40,7 +40,7 @@ class PlateFiles:
 
     @classmethod
     def of(cls, plate: Plate, filament: str, folder: Path) -> PlateFiles:
-        """Where the files of a plate go: ``bambu-p1p_petg_plate02.3mf`` and so on."""
+        """Return the paths of a plate's files: ``bambu-p1p_petg_plate02.3mf`` and so on."""
         printer, _, number = plate.name.rpartition("_")
         stem = f"{printer}_{filament}_{number}"
         return cls(
@@ -52,32 +52,36 @@ class PlateFiles:
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """What :func:`write_plates` writes."""
+        """The files that :func:`write_plates` writes."""
         return (self.model, self.layout, self.record)
 
 
 def write_plates(
     plates: Sequence[Plate], filament: str, out: Path, texture_files: Sequence[Path] = ()
 ) -> list[PlateFiles]:
-    """Write each plate's 3MF, layout and record. A record that is there already stays: somebody may have filled it in.
+    """Write the 3MF, the layout and the print record of each plate.
+
+    An existing print record is not overwritten, because somebody may have filled it in.
 
     Args:
         plates: The plates.
-        filament: What they are printed of.
-        out: The folder; it is made if it is not there.
-        texture_files: Users' texture files; copies of them lie beside the layouts, which name them.
+        filament: The name of the filament.
+        out: The folder. It is created if it does not exist.
+        texture_files: Users' texture files. They are copied into the folder, because the layouts refer to them.
 
     Raises:
-        MissingToolError: lib3mf is not there.
-        InputError: The folder cannot be written, another process writes to it, or it holds further plates of this
-            printer and filament; or two texture files have one name.
-        CheckFailedError: A 3MF does not come back as it was meant.
+        MissingToolError: lib3mf is not installed.
+        InputError: The folder cannot be written, another process writes to it, it contains further plates for this
+            printer and filament, or two texture files have the same name.
+        CheckFailedError: A 3MF file differs from the plate when it is read back.
     """
     if (reason := threemf.why_missing()) is not None:
         raise MissingToolError(f"3MF: {reason}")
     names = {read_texture(path).texture.name: path.name for path in texture_files}
     if len(set(names.values())) < len(texture_files):
-        raise InputError("texture", [path.name for path in texture_files], "two files have one name; rename one")
+        raise InputError(
+            "texture", [path.name for path in texture_files], "two files have the same name; rename one of them"
+        )
     all_files = [PlateFiles.of(plate, filament, out) for plate in plates]
     with locked(out):
         _require_no_others(all_files, f"{plates[0].printer.name}_{filament}_plate", out)
@@ -95,9 +99,10 @@ def write_plates(
 
 
 def _require_no_others(all_files: Sequence[PlateFiles], stem: str, out: Path) -> None:
-    """Refuse a folder with further plates of this printer and filament: who slices all of them prints too many.
+    """Check that a folder contains no further plates for this printer and filament.
 
-    They are of an earlier request for more, and may be printed and pressed already, so that they are not removed here.
+    Such plates come from an earlier request with more copies. A user who slices all files would print too many blocks.
+    The program does not remove them, because they may already have been printed and pressed.
     """
     known = {path for files in all_files for path in (files.model, files.layout)}
     others = sorted(
@@ -107,7 +112,8 @@ def _require_no_others(all_files: Sequence[PlateFiles], stem: str, out: Path) ->
         raise InputError(
             "output folder",
             str(out),
-            f"holds plates of an earlier, larger request: {', '.join(others)}; move them away or name another folder",
+            f"contains plates of an earlier request with more copies: {', '.join(others)}; move them away or choose "
+            "another folder",
         )
 
 
@@ -121,22 +127,22 @@ def _write_model(plate: Plate, name: str, path: Path) -> None:
 
 
 def _require_as_meant(placed: Sequence[tuple[Part, tuple[float, float]]], path: Path) -> None:
-    """Read the file back: every part's vertices lie where they belong, and all triangles are there."""
+    """Read the file back, and check the places of all vertices and the number of triangles."""
     mesh, _ = threemf.read_3mf(path)
     expected = [np.add(part.mesh[0].vertices, (*place, 0.0)) for part, place in placed]
     triangles = sum(len(part.mesh[0].faces) for part, _ in placed)
     vertices = np.concatenate(expected)
     if mesh.vertices.shape != vertices.shape or len(mesh.faces) != triangles:
-        raise CheckFailedError(f"{path.name}: the plate came back with other triangles than it was written with")
+        raise CheckFailedError(f"{path.name}: the triangles in the file differ from those of the plate")
     if float(np.abs(mesh.vertices - vertices).max()) > _PLACE_MM:
-        raise CheckFailedError(f"{path.name}: a block came back at another place than it was put")
+        raise CheckFailedError(f"{path.name}: a block in the file is not in its place on the plate")
 
 
 def _record(plate: Plate, filament: str, files: PlateFiles) -> str:
-    """The form of a print record, for all blocks of a plate at once."""
+    """Return an empty print record for all blocks of a plate."""
     about = (
         f"Record of plate {plate.number} on {plate.printer.name}: {len(plate.blocks)} blocks, "
-        f"places and labels in {files.layout.name}.\n"
-        "Copy it into each block's run folder as print.toml, with the block's own scores and photos."
+        f"with places and labels in {files.layout.name}.\n"
+        "Copy it into each block's run folder as print.toml, and add the scores and photos of that block."
     )
     return form(about, plate.printer.name, filament)

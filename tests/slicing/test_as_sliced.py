@@ -1,4 +1,4 @@
-"""The comparison of the printed top with the formula, on prints whose errors are known."""
+"""The comparison of the printed top with the formula, for prints with known errors."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TWO = Block.of(2)
 
 @pytest.fixture(scope="module")
 def printed(tmp_path_factory: pytest.TempPathFactory) -> AsSliced:
-    """Texture 2 at 0.2 mm, as plainly sliced as can be."""
+    """Texture 2 in layers of 0.2 mm, sliced in the simplest way."""
     path = write_gcode(tmp_path_factory.mktemp("gcode") / "two.gcode", TWO)
     return compare(read_gcode(path), TWO)
 
@@ -34,7 +34,7 @@ def coarse(printed: AsSliced) -> AsSliced:
 
 
 def with_heights(found: AsSliced, heights: np.ndarray, block: Block = TWO) -> AsSliced:
-    """The same comparison for other printed heights, and for another block."""
+    """Return the same comparison for other printed heights or another block."""
     x, y = points_of(block)
     formula = block.datum_mm + block.surface.grid(x, y)
     return AsSliced(
@@ -179,7 +179,7 @@ def test_the_key_is_left_out(coarse: AsSliced) -> None:
 
 @pytest.mark.parametrize("texture", [1, 3, 4, 5, 6])
 def test_another_texture_is_refused_and_the_right_one_named(printed: AsSliced, texture: int) -> None:
-    with pytest.raises(InputError, match=r"two\.gcode.*another part.*texture-2 fits better"):
+    with pytest.raises(InputError, match=r"two\.gcode.*another part.*mm from texture-2"):
         compare(printed.sliced, Block.of(texture))
 
 

@@ -1,4 +1,4 @@
-"""``tacbench check-gcode``: table, JSON, pictures, and what it refuses."""
+"""``tacbench check-gcode``: table, JSON, pictures and errors."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_numbers_and_a_picture(gcode: Path, tmp_path: Path, monkeypatch: pytest.
     out, err = capsys.readouterr()
     for word in ("Cura", "17 of 0.2 mm", "height error, rms", "ideal staircase", "misplaced by 0.1 mm", "of 9"):
         assert word in out
-    for word in ("3.5 mm is no whole number of layers", "1.75 mm is assumed", "wrote two_as-sliced.png"):
+    for word in ("3.5 mm is not a whole number of layers", "with 1.75 mm the beads", "wrote two_as-sliced.png"):
         assert word in err
     assert [one.name for one in tmp_path.iterdir()] == ["two_as-sliced.png"]
     with image.open(tmp_path / "two_as-sliced.png") as picture:
@@ -66,14 +66,14 @@ def test_without_matplotlib_the_numbers_come_all_the_same(
 @pytest.mark.parametrize(
     ("options", "needle"),
     [
-        (["--texture", "2"], "is of another part: its outer walls span"),
-        (["--texture", "4", "--scale", "0.5"], "texture-2 fits better"),
+        (["--texture", "2"], "is for another part: its outer walls measure"),
+        (["--texture", "4", "--scale", "0.5"], "mm from texture-2"),
         ([*HALF, "--frame", "90"], "X,Y,DEGREES"),
         ([*HALF, "--frame", "a,b"], "X,Y,DEGREES"),
         ([*HALF, "--frame", "90,80,45"], "0, 90, 180 or 270"),
         ([*HALF, "--frame", "nan,80"], "finite"),
         ([*HALF, "--frame", "-300,80"], "prints nothing there"),
-        ([*HALF, "--frame", "93,80"], "is of another part: its top is"),
+        ([*HALF, "--frame", "93,80"], "is for another part: the rms distance of its top is"),
         ([*HALF, "--filament", "17.5"], "from 0.5 to 5 mm"),
         ([*HALF, "--filament", "thick"], "must be a number"),
         ([*HALF, "-o", "picture.gif"], "must end in .png"),

@@ -1,4 +1,4 @@
-"""G-code as beads: modes, arcs, features and their heights; and files that are no such thing."""
+"""G-code as beads: modes, arcs, features and their heights, and files that are not G-code."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def sliced(tmp_path: Path, text: str, filament_mm: float | None = None) -> Slice
 
 
 def beads(tmp_path: Path, text: str) -> np.ndarray:
-    """Rows x0, y0, x1, y1, top, area of the beads of a file whose head is given."""
+    """Return rows x0, y0, x1, y1, top, area of the beads of a file with a given beginning."""
     found = sliced(tmp_path, HEAD + WALL + text).beads
     return np.column_stack([found.start_mm, found.end_mm, found.top_mm, found.area_mm2])
 
@@ -164,14 +164,14 @@ def test_filament(tmp_path: Path, text: str, filament: float | None, expected: f
         (b"G1 X0 Y0\nG1 X10 E5\n", "unknown dialect"),
         (b"%\nO1000\nG17 G21 G90\nG1 X10 F100\nM30\n", "unknown dialect"),
         (WALL.encode() + b"G1 X10 Y10\nG1 X20\n", "extrudes nothing"),
-        (WALL.encode() + b";TYPE:Skirt/Brim\nM83\nG1 X10 Y10 Z.2 E1\n", "no part: Skirt/Brim"),
+        (WALL.encode() + b";TYPE:Skirt/Brim\nM83\nG1 X10 Y10 Z.2 E1\n", "outside the part (Skirt/Brim)"),
         (WALL.encode() + b"G1 X10 Y1O E1\n", "line 2 = 'G1 X10 Y1O E1'"),
         (WALL.encode() + b"G1 X{width} Y10 E1\n", "'X{width}'"),
-        (WALL.encode() + b"G1 Xnan Y10 E1\n", "no letter with a number"),
+        (WALL.encode() + b"G1 Xnan Y10 E1\n", "not a letter followed by a number"),
         (WALL.encode() + b"G20\nG1 X1 Y1 E1\n", "inches"),
         (WALL.encode() + b"G18\nG2 X1 Z1 I1 E1\n", "another plane"),
         (WALL.encode() + b"G2 X1 Y1 E1\n", "I and J, or R"),
-        (WALL.encode() + b"G2 X50 Y1 R2 E1\n", "joins the two ends"),
+        (WALL.encode() + b"G2 X50 Y1 R2 E1\n", "cannot connect the two points"),
         (WALL.encode() + b"M83\nG1 Z.2\nG1 X9 Z.3 E1\n", "spiral vase"),
         (WALL.encode() + b"M83\nG1 X9 E1\n", "z = 0"),
         (WALL.encode() + b"; filament_diameter = 0.0\nM83\nG1 X9 Z1 E1\n", "from 0.5 to 5 mm"),

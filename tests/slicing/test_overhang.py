@@ -1,4 +1,4 @@
-"""What hangs in the air: cones, ceilings and bridges are found; the parts need no supports."""
+"""Overhangs: cones, ceilings and bridges are found, and the parts need no supports."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tacbench_cad.spec.label import STROKE_MM
 
 
 def prism(profile: list[tuple[float, float]], depth_mm: float) -> Mesh:
-    """A profile in x and z, counter-clockwise and convex, drawn out along y."""
+    """Extrude a convex, counter-clockwise profile in x and z along y."""
     n = len(profile)
     vertices = np.array([(x, y, z) for y in (0.0, depth_mm) for x, z in profile])
     ends = [(0, i, i + 1) for i in range(1, n - 1)] + [(n, n + i + 1, n + i) for i in range(1, n - 1)]

@@ -1,4 +1,4 @@
-"""Plates: everything fits, nothing overlaps, copies are spread, and the files say what lies where."""
+"""Plates: all blocks fit, none overlap, copies are distributed, and the files state their places."""
 
 from __future__ import annotations
 
@@ -90,9 +90,9 @@ def test_any_count_on_a_small_bed(copies: int, spacing: float) -> None:
 def test_a_block_that_just_fits_and_one_that_does_not() -> None:
     tight = Printer(name="tight", bed_mm=(27.3, 34.0), height_mm=10.0, margin_mm=2.0, filaments=("x",))
     assert len(arrange_plates([Block.of(1)], 2, tight)) == 2
-    with pytest.raises(InputError, match=r"tight.*27\.3 x 34 mm.*no block of 23\.53 x 30\.3 mm fits"):
+    with pytest.raises(InputError, match=r"tight.*27\.3 x 34 mm.*a block of 23\.53 x 30\.3 mm does not fit"):
         arrange_plates([Block.of(1, scale=1.01, height_mm=6.9)], 1, tight)
-    with pytest.raises(InputError, match="is higher"):
+    with pytest.raises(InputError, match="mm high"):
         arrange_plates([Block.of(1, height_mm=10.1)], 1, tight)
     shut = Printer(**{**vars(tight), "keep_out_mm": ((10.0, 10.0, 11.0, 11.0),)})
     with pytest.raises(InputError, match="no block"):
@@ -282,7 +282,7 @@ def test_a_study_has_blocks_of_one_scale_and_a_layout_alone(tmp_path: Path) -> N
     ("options", "needle"),
     [
         (["--printer", "ender3"], 'did you mean "ender-3"'),
-        (["--printer", "form-3", "--scale", "6"], "no block of"),
+        (["--printer", "form-3", "--scale", "6"], "does not fit"),
         (["--printer", "form-3", "--copies", "0"], "copies = 0"),
         (["--printer", "form-3", "--copies", "six"], "whole number"),
         (["--printer", "form-3", "--spacing", "-3"], "spacing = -3.0"),

@@ -1,4 +1,4 @@
-"""The printed top from beads, and where the block lies on the bed."""
+"""The printed top computed from beads, and the position of the block on the bed."""
 
 from __future__ import annotations
 
