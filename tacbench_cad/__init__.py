@@ -1,10 +1,9 @@
 """Printable tactile texture blocks from formulas, with their fixtures, press protocol and checks.
 
-A texture is a formula, and everything else is derived from it with a stated error: the printed surface, the STEP
-file, the press positions, the simulated sensor and the labels of the classifier. Lengths are in millimetres and forces
-in newtons.
+A texture is a formula. The printed surface, the STEP file, the press positions, the simulated sensor and the labels of
+the classifier are computed from it, with a stated error. Lengths are in millimetres and forces in newtons.
 
-From a texture to a file that was read back and checked:
+This example writes the file of a texture block, reads it back and checks it:
 
 >>> from tacbench_cad import Block, export
 >>> block = Block.of(2, scale=1.5, key_mm=3.0)
@@ -14,8 +13,8 @@ texture-2_paper_x1.5_key3 (34.95, 45.0) relief 6.000 mm
 >>> report.ok, report.deviation_mm < 0.01
 (True, True)
 
-``print(block)`` is its dimension report, and ``print(report)`` lists the checks. A texture of your own is a name and a
-sum of waves ``A sin(f u + g v + phase)``:
+``print(block)`` prints the dimension report, and ``print(report)`` lists the checks. A texture of your own has a name
+and a sum of waves ``A sin(f u + g v + phase)``:
 
 >>> from tacbench_cad import Texture, plane_waves
 >>> weave = Texture(name="weave", waves=plane_waves((0.7, 1.0, 0.5), (0.7, 1.0, -0.5)))
@@ -24,7 +23,7 @@ sum of waves ``A sin(f u + g v + phase)``:
 >>> Block.of(weave, scale=2.0).size_mm
 (46.6, 60.0)
 
-A whole print set, with holder and jig, as ``tacbench make`` makes it::
+This makes a complete print set with holder and jig, like ``tacbench make``::
 
     from tacbench_cad import Request, build
 

@@ -1,4 +1,4 @@
-"""``python -m tacbench_cad``: the same as the command ``tacbench``."""
+"""Run the command ``tacbench`` as ``python -m tacbench_cad``."""
 
 import sys
 

@@ -1,6 +1,6 @@
 """build123d: texture blocks as parts.
 
-A plate with four blocks and a hole::
+This example makes a plate with four blocks and a hole::
 
     from build123d import BuildPart, GridLocations, Mode, Cylinder
     from tacbench_cad.bd import TextureBlock
@@ -10,7 +10,7 @@ A plate with four blocks and a hole::
             TextureBlock(4, key_mm=3)
         Cylinder(3, 30, mode=Mode.SUBTRACT)
 
-Holder and jig as parts with joints are in :mod:`housing.bd`.
+The module :mod:`housing.bd` contains holder and jig as parts with joints.
 
 Importing this module imports build123d.
 """
@@ -43,28 +43,30 @@ from tacbench_cad.util.errors import InputError
 class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not typed for mypy
     """Part Object: Texture Block.
 
-    A block whose top is a texture, within a proved distance of its formula. ``.block`` is its specification, its
-    label is the block's name. The joint ``underside`` is the block frame: the lower corner of the underside, z up.
+    A block with a texture as its top, within a proved distance of the formula. The attribute ``block`` is the
+    specification, and the label is the name of the block. The joint ``underside`` is at the origin of the block frame:
+    the lower corner of the underside, with z up.
 
     Args:
-        texture: A texture, the number or name of one of the six, or a :class:`~tacbench_cad.spec.block.Block`; with
-            a block the arguments up to ``step_tolerance_mm`` keep their defaults.
+        texture: A texture, the number or name of one of the six textures, or a
+            :class:`~tacbench_cad.spec.block.Block`. With a block, the arguments up to ``step_tolerance_mm`` must keep
+            their defaults.
         preset: ``paper`` or ``released``.
-        scale: Multiplies sides, height and mm per unit.
-        size_mm: Sides x, y in mm instead of the preset's.
-        height_mm: Height of the highest point in mm instead of the preset's.
-        mm_per_unit: Millimetres per unit of u, v and height instead of the preset's.
-        key_mm: Leg of the chamfered corner at (x, 0) in mm, or None.
-        label: Engrave texture, preset and scale in the underside.
-        copy: Copy number in the label, or None.
-        step_tolerance_mm: Greatest vertical distance from the formula, in mm.
-        rotation: Angles to rotate about the axes, in degrees.
-        align: Align MIN, CENTER or MAX of the block's box along x, y and z; None leaves the lower corner of the
+        scale: The factor for sides, height and mm per unit.
+        size_mm: The sides x, y in mm; None for those of the preset.
+        height_mm: The height of the highest point in mm; None for that of the preset.
+        mm_per_unit: The number of mm per unit of u, v and height; None for those of the preset.
+        key_mm: The leg of the chamfered corner at (x, 0) in mm; None for a block without a key.
+        label: Whether texture, preset and scale are engraved in the underside.
+        copy: The number of the copy in the label; None for a label without a number.
+        step_tolerance_mm: The largest vertical distance from the formula, in mm.
+        rotation: The rotation about the axes, in degrees.
+        align: Align MIN, CENTER or MAX of the bounding box along x, y and z; None keeps the lower corner of the
             underside at the origin.
-        mode: Combination mode.
+        mode: The combination mode.
 
     Raises:
-        InputError: The specification is not allowed, or there is no solid of it; the message says why.
+        InputError: The specification is not allowed, or no solid of it can be made. The message states the reason.
     """
 
     _applies_to: ClassVar[list[str]] = [BuildPart._tag]
@@ -110,29 +112,31 @@ class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not ty
         ):
             self.block = texture
         else:
-            raise InputError("texture", texture.name, "is a whole block already; change the block instead")
-        made = Solid(brep.solid_block(self.block)[0], label=self.block.name)
-        # The box is known: asking the kernel for it, as the base class would, takes a second for a rich texture.
+            raise InputError("texture", texture.name, "is a block and allows no further options; change the block")
+        solid = Solid(brep.solid_block(self.block)[0], label=self.block.name)
+        # The bounding box is known. The base class would compute it by the kernel, which takes a second for a texture
+        # with many waves.
         if align is not None:
             each = (align,) * 3 if isinstance(align, Align) else align
-            shares = {Align.NONE: 0.0, Align.MIN: 0.0, Align.CENTER: 0.5, Align.MAX: 1.0}
+            fractions = {Align.NONE: 0.0, Align.MIN: 0.0, Align.CENTER: 0.5, Align.MAX: 1.0}
             sides = (*self.block.size_mm, self.block.height_mm)
-            made.move(Location(tuple(-shares[one] * side for one, side in zip(each, sides, strict=True))))
-        frame = made.location
-        super().__init__(part=made, rotation=rotation, align=None, mode=mode)
+            solid.move(Location(tuple(-fractions[point] * side for point, side in zip(each, sides, strict=True))))
+        frame = solid.location
+        super().__init__(part=solid, rotation=rotation, align=None, mode=mode)
         self.color = Color(colour_of("block"))
         RigidJoint("underside", self, self.rotation * frame)
 
 
 def texture_face(block: Block) -> Face:
-    """The textured surface alone, as one build123d face in the block frame.
+    """Return only the textured surface, as one build123d face in the block frame.
 
-    Do not rely on its ``.area``: :func:`tacbench_cad.geometry.brep.texture_face` says why, and how to measure it.
+    Do not rely on the attribute ``area`` of the face. :func:`tacbench_cad.geometry.brep.texture_face` explains the
+    reason, and how to measure the area.
 
     Args:
-        block: The block; its key is cut off.
+        block: The block. The corner of its key is cut off.
 
     Raises:
-        InputError: There is no solid of this block; the message says why.
+        InputError: No solid of this block can be made. The message states the reason.
     """
     return Face(brep.texture_face(block))

@@ -1,6 +1,6 @@
-"""CadQuery: texture blocks in a chain.
+"""CadQuery: texture blocks as solids and in method chains.
 
-Two blocks side by side::
+This example makes two blocks side by side::
 
     import cadquery as cq
     from tacbench_cad.spec.block import Block
@@ -8,7 +8,8 @@ Two blocks side by side::
 
     two = cq.Workplane().rarray(40, 1, 2, 1).eachpoint(texture_block(Block.of(4)))
 
-or, after ``tacbench_cad.cq.register()``, ``cq.Workplane().rarray(40, 1, 2, 1).textureBlock(Block.of(4))``.
+After ``tacbench_cad.cq.register()`` you can also write
+``cq.Workplane().rarray(40, 1, 2, 1).textureBlock(Block.of(4))``.
 
 Importing this module imports CadQuery.
 """
@@ -25,27 +26,23 @@ from tacbench_cad.spec.block import Block
 
 
 def solid(block: Block) -> cq.Solid:
-    """The block as a CadQuery solid in the block frame: lower corner of the underside at the origin, z up, mm.
+    """Return a block as a CadQuery solid in the block frame, in mm.
 
-    Args:
-        block: The block.
+    The lower corner of the underside is at the origin, and z points up.
 
     Raises:
-        InputError: There is no solid of this block; the message says why.
+        InputError: No solid of this block can be made. The message states the reason.
     """
-    made = cq.Solid(brep.solid_block(block)[0])
-    made.label = block.name
-    return made
+    result = cq.Solid(brep.solid_block(block)[0])
+    result.label = block.name
+    return result
 
 
 def assembly(block: Block) -> cq.Assembly:
-    """The block with its name and colour, to be added to an assembly: CadQuery keeps colours there alone.
-
-    Args:
-        block: The block, in the block frame.
+    """Return a block in the block frame as an assembly, because only assemblies have colours in CadQuery.
 
     Raises:
-        InputError: There is no solid of this block; the message says why.
+        InputError: No solid of this block can be made. The message states the reason.
     """
     return cq.Assembly(solid(block), name=block.name, color=cq.Color(*rgb_of("block")))
 
@@ -53,38 +50,36 @@ def assembly(block: Block) -> cq.Assembly:
 def texture_block(
     block: Block,
 ) -> Callable[[cq.Location | cq.Workplane], cq.Solid | cq.Workplane]:
-    """What ``Workplane.eachpoint`` and ``Workplane.invoke`` take: the block at every point of the stack.
+    """Return a function for ``Workplane.eachpoint`` and ``Workplane.invoke`` that adds the block at every point.
 
-    Each point is where the lower corner of a block's underside lies; the block's x, y and z are those of the
-    workplane. With ``eachpoint`` say ``useLocalCoordinates=True`` where the workplane is not the global one, and
-    ``combine`` as you like; ``invoke`` puts the blocks on the stack without combining them.
-
-    Args:
-        block: The block.
+    The lower corner of the block's underside is at the point, and the block's axes are those of the workplane. With
+    ``eachpoint``, use ``useLocalCoordinates=True`` if the workplane is not the global one, and choose ``combine``.
+    ``invoke`` puts the blocks on the stack without combining them.
 
     Raises:
-        InputError: There is no solid of this block; the message says why.
+        InputError: No solid of this block can be made. The message states the reason.
     """
-    made = solid(block)
+    solid_of_block = solid(block)
 
     def place(at: cq.Location | cq.Workplane) -> cq.Solid | cq.Workplane:
         if isinstance(at, cq.Workplane):
-            return at.eachpoint(made.moved, useLocalCoordinates=True, combine=False, clean=False)
-        return made.moved(at)
+            return at.eachpoint(solid_of_block.moved, useLocalCoordinates=True, combine=False, clean=False)
+        return solid_of_block.moved(at)
 
     return place
 
 
 def texture_face(block: Block) -> cq.Face:
-    """The textured surface alone, as one CadQuery face in the block frame.
+    """Return only the textured surface, as one CadQuery face in the block frame.
 
-    Do not rely on its ``Area()``: :func:`tacbench_cad.geometry.brep.texture_face` says why, and how to measure it.
+    Do not rely on the method ``Area()`` of the face. :func:`tacbench_cad.geometry.brep.texture_face` explains the
+    reason, and how to measure the area.
 
     Args:
-        block: The block; its key is cut off.
+        block: The block. The corner of its key is cut off.
 
     Raises:
-        InputError: There is no solid of this block; the message says why.
+        InputError: No solid of this block can be made. The message states the reason.
     """
     return cq.Face(brep.texture_face(block))
 
@@ -92,7 +87,8 @@ def texture_face(block: Block) -> cq.Face:
 def register() -> None:
     """Add ``Workplane.textureBlock(block, combine=True, clean=True)`` to CadQuery.
 
-    It puts the block at every point of the stack, in the workplane's own axes, and combines as ``Workplane.box`` does.
+    The method adds the block at every point of the stack, aligned with the axes of the workplane, and combines it like
+    ``Workplane.box``.
     """
 
     def texture_block_method(
@@ -101,7 +97,7 @@ def register() -> None:
         combine: bool | str = True,
         clean: bool = True,
     ) -> cq.Workplane:
-        """A texture block at every point of the stack; its lower corner lies at the point."""
+        """Add a texture block at every point of the stack. Its lower corner is at the point."""
         return self.eachpoint(solid(block).moved, True, combine, clean)
 
     cq.Workplane.textureBlock = texture_block_method

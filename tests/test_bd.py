@@ -98,7 +98,7 @@ def test_parameters_reach_the_block_and_placing_comes_last() -> None:
 
 
 def test_what_is_refused() -> None:
-    with pytest.raises(InputError, match="whole block"):
+    with pytest.raises(InputError, match="is a block"):
         TextureBlock(BLOCK, scale=2.0)
     with pytest.raises(InputError, match="millions of poles"):
         TextureBlock(4, "released")

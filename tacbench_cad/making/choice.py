@@ -1,4 +1,4 @@
-"""Which textures the words of a command line mean. Commands that only describe load this and no more."""
+"""The choice of textures by the words of a command line. Commands that make no parts load only this module."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from tacbench_cad.util.errors import InputError, nearest
 
 
 def textures_of(words: Sequence[str | int | Texture], preset: str) -> list[tuple[Texture, BlockTable | None]]:
-    """The textures that some words mean, each with what its file says of its block.
+    """Return the textures for some words, each with the block settings of its file.
 
     Args:
-        words: Numbers or names of the six, paths of TOML files, ``all``, or textures themselves.
-        preset: Which six.
+        words: Numbers or names of the six textures, paths of TOML files, ``all``, or texture objects.
+        preset: The preset of the six textures.
 
     Raises:
-        InputError: A word means nothing, or two textures have one name.
+        InputError: A word is unknown, or two textures have the same name.
     """
     chosen: list[tuple[Texture, BlockTable | None]] = []
     six = catalogue(preset)
@@ -38,18 +38,18 @@ def textures_of(words: Sequence[str | int | Texture], preset: str) -> list[tuple
             chosen.append((file.texture, file.block))
         else:
             hint = nearest(word, [texture.name for texture in six])
-            raise InputError("texture", word, f"{hint}; a number from 1 to 6, a TOML file and all are allowed too")
+            raise InputError("texture", word, f"{hint}; a number from 1 to 6, a TOML file and all are also allowed")
     if not chosen:
-        raise InputError("texture", "", "name at least one: 1 to 6, a TOML file or all")
+        raise InputError("texture", "", "give at least one texture: 1 to 6, a TOML file or all")
     names = [texture.name for texture, _ in chosen]
     for name in names:
         if names.count(name) > 1:
-            raise InputError("texture", name, "is asked for twice; its files would share their names")
+            raise InputError("texture", name, "is given twice, so two files would have the same name; remove one")
     return chosen
 
 
 def described(words: Sequence[str], preset: str, scale: float) -> list[Block]:
-    """The blocks of some textures, to look at and not to make: how their meshes are sampled does not matter.
+    """Return the blocks of some textures for a description. The sampling of their meshes does not matter.
 
     Raises:
         InputError: A word, the preset or the scale is not allowed.

@@ -1,4 +1,7 @@
-"""``manifest.json``: a row for each file of a print set. No times, paths or host: the same set gives the same bytes."""
+"""``manifest.json``: a row for each file of a print set.
+
+It contains no times, paths or host names, so that the same print set always gives the same bytes.
+"""
 
 from __future__ import annotations
 
@@ -11,19 +14,19 @@ from tacbench_cad.util.door import parse_json, read_bytes
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import replacing, sha256
 
-#: The manifest's file name in the output folder.
+#: The name of the manifest in the output folder.
 MANIFEST_NAME = "manifest.json"
-#: Number of the layout of the manifest; it changes when a key changes its meaning.
+#: The version of the manifest's layout. It changes when a key changes its meaning.
 SCHEMA = 1
 
 Row = Mapping[str, Any]
 
 
 def read_rows(folder: Path) -> list[Row]:
-    """The rows of a folder's manifest; none when there is no manifest.
+    """Read the rows of a folder's manifest. A folder without a manifest has no rows.
 
     Raises:
-        InputError: The file there is not a manifest that this version understands. It is left as it is.
+        InputError: The file is not a manifest, or has another schema. The file is not changed.
     """
     path = folder / MANIFEST_NAME
     if not path.exists():
@@ -38,27 +41,29 @@ def read_rows(folder: Path) -> list[Row]:
     if not isinstance(rows, list) or not all(isinstance(row, dict) and _named(row) for row in rows):
         raise InputError("manifest", str(path), wrong)
     if document.get("schema") != SCHEMA:
-        raise InputError("manifest", str(path), f"has schema {document.get('schema')!r}, this version reads {SCHEMA}")
+        raise InputError(
+            "manifest", str(path), f"has schema {document.get('schema')!r}, but this version reads only {SCHEMA}"
+        )
     return rows
 
 
 def _named(row: Row) -> bool:
-    """Whether a row names a file of the folder itself and its hash."""
+    """Return whether a row names a file directly in the folder, and its hash."""
     name = row.get("file")
     return isinstance(name, str) and Path(name).name == name and isinstance(row.get("sha256"), str)
 
 
 def unchanged(folder: Path, rows: Iterable[Row]) -> list[Row]:
-    """Those rows whose file is still in the folder with the same SHA-256."""
+    """Return the rows of files that are still in the folder with the same SHA-256."""
     return [row for row in rows if (folder / row["file"]).is_file() and sha256(folder / row["file"]) == row["sha256"]]
 
 
 def write_manifest(folder: Path, rows: Iterable[Row]) -> Path:
-    """Write the manifest whole or not at all, its rows in the order of their file names.
+    """Write the manifest completely or not at all, with its rows sorted by file name.
 
     Args:
         folder: The output folder.
-        rows: Plain JSON values with finite numbers; each has ``file`` and ``sha256``.
+        rows: Plain JSON values with finite numbers. Each row must have the keys ``file`` and ``sha256``.
 
     Raises:
         InputError: The folder cannot be written.
@@ -72,7 +77,7 @@ def write_manifest(folder: Path, rows: Iterable[Row]) -> Path:
 
 
 def merge(old: Iterable[Row], new: Iterable[Row]) -> list[Row]:
-    """Old rows with those of the new files put in their place."""
+    """Merge rows by file name, sorted. A new row replaces the old row of the same file."""
     rows = {str(row["file"]): row for row in old}
     rows.update({str(row["file"]): row for row in new})
     return [rows[name] for name in sorted(rows)]

@@ -1,4 +1,4 @@
-"""What one call of ``make`` makes: parts and assemblies, each with its formats, and what is left out and why."""
+"""The plan of a call of ``make``: parts and assemblies with their formats, and omissions with their reasons."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from tacbench_cad.formats import FORMATS
 from tacbench_cad.geometry.block_part import as_part
 from tacbench_cad.geometry.part import Part
 
-#: Modules without which there are no fixtures.
+#: The modules that fixtures need.
 FIXTURE_MODULES = ("OCP", "build123d")
 
 
 def file_name(part: Part, format_name: str) -> str:
-    """Name of a part's file in one format."""
+    """Return the name of a part's file in a format."""
     return f"{part.stem(FORMATS[format_name].shape)}{FORMATS[format_name].suffix}"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Source:
-    """What a part is built from, and the formats to write it in.
+    """An object that becomes a part, and the file formats of the part.
 
     Args:
-        thing: A block, a fixture, an assembly, or a part of the user's own.
-        formats: In the order of :data:`tacbench_cad.formats.FORMATS`.
-        foreign: Whether it is the user's own, which a child process may not be able to import.
+        thing: A block, a fixture, an assembly, or a part of the user.
+        formats: The formats, in the order of :data:`tacbench_cad.formats.FORMATS`.
+        foreign: Whether it is a part of the user. A child process may not be able to import such a part.
     """
 
     thing: Any
@@ -35,51 +35,51 @@ class Source:
 
     @cached_property
     def part(self) -> Part:
-        """The part, described but not yet built."""
+        """The part. Its geometry is built when it is needed."""
         return as_part(self.thing)
 
     @property
     def in_child(self) -> bool:
-        """Whether all of it is made in a child process, because the CAD kernel makes its mesh as well."""
+        """Whether a child process makes all files, because the mesh also needs the CAD kernel."""
         return self.part.mesh_needs_cad and not self.foreign
 
     @property
     def slow_formats(self) -> tuple[str, ...]:
-        """Its formats that are made in a child process."""
+        """The formats that a child process makes."""
         if self.foreign:
             return ()
         return self.formats if self.in_child else tuple(name for name in self.formats if name == "step")
 
     @property
     def own_formats(self) -> tuple[str, ...]:
-        """Its formats that this process can make."""
+        """The formats that this process makes."""
         return tuple(name for name in self.formats if name not in self.slow_formats)
 
     @property
     def files(self) -> dict[str, str]:
-        """File names by format."""
+        """The file names by format."""
         return {name: file_name(self.part, name) for name in self.formats}
 
     @property
     def effort(self) -> float:
-        """Larger for a block whose solid takes longer."""
+        """A number that is larger for blocks with slower solids."""
         if self.part.block is None:
             return 0.0
         f, g = self.part.block.texture.waves.highest_frequency
         return (1.0 + f) * (1.0 + g)
 
     def without_step(self) -> Source:
-        """The same without STEP."""
+        """Return the source without the format STEP."""
         return replace(self, formats=tuple(name for name in self.formats if name != "step"))
 
 
 @dataclass(frozen=True, kw_only=True)
 class LeftOut:
-    """Something that is not made, and why.
+    """Files or parts that are left out.
 
     Args:
-        what: What is left out.
-        reason: Why, and how to get it.
+        what: The names of the files or parts.
+        reason: The reason, and what to do about it.
     """
 
     what: str
@@ -88,12 +88,12 @@ class LeftOut:
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """The parts of one call, each with its formats, in the order in which they are listed.
+    """The parts of a call with their formats, in the order of the output.
 
     Args:
-        sources: Blocks, fixtures and parts of the user's own.
-        left_out: What is not made.
-        assemblies: What is put together of them.
+        sources: The blocks, the fixtures and the user's parts.
+        left_out: The files and parts that are left out.
+        assemblies: The assemblies of these parts.
     """
 
     sources: tuple[Source, ...]
@@ -102,18 +102,18 @@ class Plan:
 
     @property
     def file_count(self) -> int:
-        """How many files it means."""
+        """The number of files."""
         return sum(len(source.formats) for source in (*self.sources, *self.assemblies))
 
     @property
     def needs_kernel(self) -> tuple[str, ...]:
-        """Modules that must be importable in child processes for this plan."""
+        """The modules that child processes must be able to import for this plan."""
         if any(source.in_child for source in self.sources):
             return FIXTURE_MODULES
         return ("OCP",) if any(source.slow_formats for source in self.sources) else ()
 
     def without_kernel(self, reason: str) -> Plan:
-        """The same without solids and fixtures, because the kernel cannot be loaded."""
+        """Return the plan without solids and fixtures, because the kernel cannot be loaded."""
         kept = [source if source.foreign else source.without_step() for source in self.sources if not source.in_child]
         gone = [source.part.kind for source in self.sources if source.in_child]
         steps = ["step"] if any("step" in source.formats for source in self.sources) else []

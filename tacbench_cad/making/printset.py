@@ -1,4 +1,4 @@
-"""Making a print set: build each part, write it, check what was written, rename it, and keep the manifest."""
+"""Making of a print set: build each part, write its files, check and rename them, and update the manifest."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ from tacbench_cad.util.text import report
 
 __all__ = ["PREVIEW_NAME", "Failure", "LeftOut", "Plan", "PrintSet", "Request", "build", "plan"]
 
-#: The picture sheet's file name in the output folder.
+#: The name of the picture sheet in the output folder.
 PREVIEW_NAME = "preview.png"
 
-#: From this many triangles on, over all files, meshes are shared out among processes: a second's work.
+#: The number of triangles, over all files, from which several processes write the meshes. It takes about a second.
 SHARED_FROM = 500_000
 
-#: Called with what was just done, how many steps are done, and how many there are.
+#: A function that is called after each step with a message, the number of finished steps and the number of steps.
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(kw_only=True)
 class PrintSet:
-    """What a call made.
+    """The result of a call.
 
     Attributes:
         out: The output folder.
-        rows: Manifest rows of the files made, by name.
-        failures: Files that failed their checks, so that they were not put in place.
-        left_out: What was not made, and why.
-        preview: Whether the picture sheet was made.
+        rows: The manifest rows of the files, sorted by name.
+        failures: The files that failed their checks and are therefore not in the folder.
+        left_out: The files and parts that were left out, with the reasons.
+        preview: Whether the picture sheet was drawn.
     """
 
     out: Path
@@ -54,22 +54,22 @@ class PrintSet:
 
     @property
     def ok(self) -> bool:
-        """Whether everything that was made passed its checks."""
+        """Whether all files passed their checks."""
         return not self.failures
 
     def __str__(self) -> str:
-        """A line for each file: how far it is from its formula, or what is wrong with it; then what was left out."""
+        """Return a line for each file with its deviation or its faults, and then a line for everything left out."""
         lines = []
         for row in self.rows:
             deviation = row["deviation_mm"]
             far = "" if deviation is None else f", {deviation:.2g} mm from the formula at most"
             lines.append((str(row["file"]), f"{len(row['checks'])} checks passed{far}"))
-        lines += [(one.file, f"not made: {'; '.join(one.faults)}") for one in self.failures]
-        lines += [(one.what, f"left out: {one.reason}") for one in self.left_out]
+        lines += [(failure.file, f"not made: {'; '.join(failure.faults)}") for failure in self.failures]
+        lines += [(left.what, f"left out: {left.reason}") for left in self.left_out]
         return report(f"{len(self.rows)} file{'' if len(self.rows) == 1 else 's'} in {self.out}", lines)
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the document that ``tacbench make --json`` prints."""
         return {
             "version": __version__,
             "ok": self.ok,
@@ -81,22 +81,22 @@ class PrintSet:
 
 
 def build(request: Request, progress: Progress = lambda message, done, total: None) -> PrintSet:
-    """Make everything that a request means.
+    """Make all parts of a request.
 
-    Every refusal comes before the first file is written. Each file is written under a temporary name, examined as it
-    lies on disk, and renamed only if nothing is wrong with it. An interruption leaves whole files and a manifest that
-    is true of them.
+    All errors in the request are raised before the first file is written. Each file is written under a temporary name,
+    read back, and renamed only if it passes all checks. After an interruption all files in the folder are complete, and
+    the manifest describes them.
 
     Args:
         request: The options.
-        progress: Told after each step.
+        progress: Receives progress updates after each step.
 
     Returns:
-        What was made; files that failed their checks are named in it and not in the folder.
+        The result. It lists files that failed their checks; they are not in the folder.
 
     Raises:
-        InputError: An option, or the output folder, is not allowed.
-        MissingToolError: Something asked for by name cannot be made here.
+        InputError: An option or the output folder is not allowed.
+        MissingToolError: A format or part in the request needs a package that is missing or does not work.
     """
     work = plan(request)
     if request.full:
@@ -105,22 +105,22 @@ def build(request: Request, progress: Progress = lambda message, done, total: No
         progress("loading the CAD kernel" if work.needs_kernel else "meshing", 0, work.file_count)
         work = _with_kernel(request, work, workers)
         if not work.sources:
-            raise InputError("parts", None, "nothing can be made: " + "; ".join(one.reason for one in work.left_out))
+            raise InputError("parts", None, "nothing can be made: " + "; ".join(left.reason for left in work.left_out))
         for source in work.sources:
             if source.part.block is not None:
-                _ = source.part.mesh  # refuses a tolerance that is too fine before anything is written
+                _ = source.part.mesh  # raises InputError if the tolerance is too fine, before any file is written
         with locked(request.out):
             return _Making(request, work, workers, progress).run()
 
 
 def _with_kernel(request: Request, work: Plan, workers: Workers) -> Plan:
-    """Find out, in the children that will need it, whether the CAD kernel loads; if not, do without or refuse."""
+    """Load the CAD kernel in the child processes; if that fails, leave out its parts or raise an error."""
     modules = work.needs_kernel
     if not modules:
         return work
     first = workers.submit(why_not_importable, modules, first_child=True)
-    # The other children load the kernel at the same time; nobody waits for them here. Without fixtures and assemblies
-    # the first child makes a solid too.
+    # The other children load the kernel at the same time, and this process does not wait for them. Without fixtures and
+    # assemblies the first child makes a solid too.
     solids = sum("step" in source.slow_formats and not source.in_child for source in work.sources)
     fixtures = bool(work.assemblies) or any(source.in_child for source in work.sources)
     for _ in range(min(cpu_count() - 1, solids - (not fixtures))):
@@ -135,13 +135,13 @@ def _with_kernel(request: Request, work: Plan, workers: Workers) -> Plan:
 
 
 class _Making:
-    """One run in a folder that is held.
+    """A run in a locked output folder.
 
     Args:
         request: The options.
-        work: What to make.
-        workers: Children for what needs the kernel.
-        progress: Told after each file.
+        work: The plan.
+        workers: The child processes for work that needs the kernel.
+        progress: Receives progress updates after each file.
     """
 
     def __init__(self, request: Request, work: Plan, workers: Workers, progress: Progress) -> None:
@@ -166,7 +166,7 @@ class _Making:
             self._finish({job: [source] for source, job in shared.items()}, "own_formats")
             with_meshes = {job: sources for job, sources in slow.items() if sources[0].in_child}
             self._finish(with_meshes, "slow_formats")
-            self._preview()  # while the children are still at the solids
+            self._preview()  # the children still make solids
             self._finish({job: sources for job, sources in slow.items() if job not in with_meshes}, "slow_formats")
             self._finish(together, "formats")
             if self._result.failures:
@@ -180,7 +180,7 @@ class _Making:
         return self._result
 
     def _start_slow(self) -> dict[Future[Any], list[Source]]:
-        """Hand what needs the kernel to the children: the fixtures to the first, and the longest solids first."""
+        """Start the work that needs the kernel: fixtures in the first child, and solids beginning with the slowest."""
         jobs: dict[Future[Any], list[Source]] = {}
         fixtures = [source for source in self._work.sources if source.in_child]
         if fixtures:
@@ -191,7 +191,7 @@ class _Making:
         return jobs
 
     def _share_light(self) -> dict[Source, Future[Any]]:
-        """Offer large meshes to the children as well: they take from the end what this process has not begun."""
+        """Also submit large meshes to the children. They begin with the last mesh, and this process with the first."""
         light = [source for source in self._work.sources if source.own_formats and not source.foreign]
         triangles = sum(len(source.part.mesh[0].faces) * len(source.own_formats) for source in light)
         if triangles < SHARED_FROM or len(light) < 2:
@@ -203,7 +203,7 @@ class _Making:
         return self._workers.submit(make_in_child, orders, self._out, self._full, first_child=first_child)
 
     def _finish(self, jobs: dict[Future[Any], list[Source]], formats_of: str) -> None:
-        """Take the results of children as they come."""
+        """Take the results of the children in the order of completion."""
         for job in as_completed(jobs):
             sources = jobs[job]
             try:
@@ -230,8 +230,8 @@ class _Making:
             self._progress(name, done, self._work.file_count)
 
     def _preview(self) -> None:
-        """Draw every part of which a file was made, or will be as far as is known."""
-        failed = {one.file for one in self._result.failures}
+        """Draw every part with a file that has not failed so far."""
+        failed = {failure.file for failure in self._result.failures}
         items = []
         for source in self._work.sources:
             part = source.part
@@ -240,7 +240,7 @@ class _Making:
                 size = " x ".join(f"{side:.4g}" for side in part.size_mm)
                 items.append((f"{part.stem('mesh')}\n{size} mm", thing))
         reason = why_missing("matplotlib")
-        if reason and not any(one.what == PREVIEW_NAME for one in self._result.left_out):
+        if reason and not any(left.what == PREVIEW_NAME for left in self._result.left_out):
             self._result.left_out.append(LeftOut(what=PREVIEW_NAME, reason=reason))
         if items and not reason:
             from tacbench_cad.render.pictures import preview_sheet
@@ -252,7 +252,7 @@ class _Making:
             self._result.preview = False
 
     def _write_manifest(self) -> None:
-        """Rows of this run, and of earlier ones whose file is still there unchanged."""
+        """Write the rows of this run, and the rows of earlier runs for files that have not changed."""
         rows = manifest.merge(self._old, self._result.rows)
         if rows:
             manifest.write_manifest(self._out, manifest.unchanged(self._out, rows))

@@ -1,4 +1,4 @@
-"""What a call of ``tacbench make`` means: which parts, in which formats, and what is left out and why."""
+"""The options of ``tacbench make``, and the plan of parts, formats and omissions that follows from them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import InputError, MissingToolError, one_of, require_between
 from tacbench_cad.util.packages import require, why_missing
 
-#: What ``--parts`` may name.
+#: The words that ``--parts`` accepts.
 PARTS = ("blocks", *FIXTURES)
 
 
@@ -29,28 +29,28 @@ class Request:
     """The options of ``make``. Lengths in mm; None stands for the default.
 
     Args:
-        textures: Numbers or names of the six, paths of TOML files, ``all``, or textures of your own.
+        textures: Numbers or names of the six textures, paths of TOML files, ``all``, or :class:`Texture` objects.
         preset: ``paper`` or ``released``.
-        scale: Multiplies sides, height, mm per unit and press grid.
-        size_mm: Sides x, y.
-        height_mm: Height of the highest point.
-        mm_per_unit: Mapping of u, v and height.
-        sampling: How the meshes, and so STL and 3MF files, follow the formula; ``"grid"`` for the preset's own grid.
-        formats: Names of :data:`tacbench_cad.formats.FORMATS`; None for all that the install can write.
+        scale: The factor for sides, height, mm per unit and press grid.
+        size_mm: The sides x, y of a block.
+        height_mm: The height of a block's highest point.
+        mm_per_unit: The number of mm per unit of u, v and height.
+        sampling: The tolerance or the grid of the meshes in STL and 3MF files; ``"grid"`` for the preset's own grid.
+        formats: Names of :data:`tacbench_cad.formats.FORMATS`; None for all formats that can be written here.
         parts: Some of blocks, holder, jig, coupon, and parts of your own (anything that
-            :func:`tacbench_cad.export` takes); None for the first three as far as they can be made.
-        copies: Number of copies of each block, each with its number in the label.
-        label: Engrave the undersides.
-        key_mm: Leg of the key.
-        full: Add the slow checks.
-        out: Output folder.
-        fit: Clearance of the pockets: a name or mm per side.
-        rim_mm: How far the holder's rim lies below the block's top.
-        slots: Pockets of the holder.
-        nozzle_mm: Nozzle width that the fixtures must be printable with.
+            :func:`tacbench_cad.export` accepts); None for blocks, holder and jig if they can be made here.
+        copies: The number of copies of each block. The label contains the number of the copy.
+        label: Whether the undersides are engraved.
+        key_mm: The leg of the key.
+        full: Whether the slow checks are done as well.
+        out: The output folder.
+        fit: The clearance of the pockets: the name of a fit or mm per side.
+        rim_mm: The height from the holder's rim to the block's highest point.
+        slots: The number of pockets of the holder.
+        nozzle_mm: The width of the nozzle for which the fixtures must be printable.
         jig: ``"default"``, or ``"all"`` for a jig with 25 holes.
-        step_tolerance_mm: Greatest vertical distance of the solids, and so of STEP files, from the formula.
-        assembly: Also write holder, blocks and jig put together.
+        step_tolerance_mm: The largest vertical distance of the solids in STEP files from the formula.
+        assembly: Whether holder, blocks and jig are also written together as one file.
     """
 
     textures: tuple[str | int | Texture, ...] = ("all",)
@@ -77,11 +77,11 @@ class Request:
 
 
 def plan(request: Request) -> Plan:
-    """Work out what a request means. Nothing is written, and every refusal that needs no building happens here.
+    """Make the plan of a request. Nothing is written. All errors that can be detected without building are raised here.
 
     Raises:
-        InputError: An option is not allowed, or two parts would share a name.
-        MissingToolError: Something asked for by name needs a package that is not installed.
+        InputError: An option is not allowed, or two parts would have the same name.
+        MissingToolError: A format or part in the request needs a package that is not installed.
     """
     left_out: list[LeftOut] = []
     formats = _formats(request, left_out)
@@ -99,22 +99,22 @@ def plan(request: Request) -> Plan:
 
 
 def _assemblies(formats: Sequence[str], sources: Sequence[Source], left_out: list[LeftOut]) -> tuple[Source, ...]:
-    """A holder each, with blocks in its slots and its jig on it."""
+    """Return an assembly for each holder."""
     require("assembly:", *FIXTURE_MODULES)
     written = tuple(name for name in formats if name in ASSEMBLY_FORMATS)
     if not written:
         raise InputError("formats", ",".join(formats), f"--assembly needs one of {', '.join(ASSEMBLY_FORMATS)}")
     assemblies, over = assemblies_of([source.thing for source in sources])
     left_out += [LeftOut(what=what, reason=reason) for what, reason in over]
-    chosen = [_without_missing(Source(thing=one, formats=written), left_out) for one in assemblies]
+    chosen = [_without_missing(Source(thing=assembly, formats=written), left_out) for assembly in assemblies]
     chosen = [source for source in chosen if source.formats]
     if not chosen:
-        raise InputError("assembly", None, "needs a holder and a block that goes into it among the parts made")
+        raise InputError("assembly", None, "needs a holder and a block that fits into it; add both to --parts")
     return tuple(chosen)
 
 
 def _without_missing(source: Source, left_out: list[LeftOut]) -> Source:
-    """The source without STEP where its part has no solid."""
+    """Return the source, without STEP if its part has no solid."""
     if "step" not in source.formats or source.part.make_solid is not None:
         return source
     left_out.append(LeftOut(what=source.files["step"], reason=source.part.no_solid or "this part has no solid"))
@@ -122,7 +122,7 @@ def _without_missing(source: Source, left_out: list[LeftOut]) -> Source:
 
 
 def _chosen(option: str, given: Sequence[str], allowed: Iterable[str]) -> tuple[str, ...]:
-    """The given words in the order of the allowed ones."""
+    """Return the given words in the order of the allowed words."""
     words = list(allowed)
     for word in given:
         one_of(option, word, words)
@@ -144,7 +144,7 @@ def _formats(request: Request, left_out: list[LeftOut]) -> tuple[str, ...]:
 
 
 def _kinds(request: Request, left_out: list[LeftOut]) -> tuple[str, ...]:
-    """Which of :data:`PARTS` are to be made."""
+    """Return the words of :data:`PARTS` that the request contains."""
     reason = why_missing(*FIXTURE_MODULES)
     if request.parts is None:
         kinds = [kind for kind, fixture in FIXTURES.items() if fixture.by_default]
@@ -164,31 +164,35 @@ def _kinds(request: Request, left_out: list[LeftOut]) -> tuple[str, ...]:
         value = getattr(request, option)
         if value is not None and not set(users) & set(fixtures):
             name = option.removesuffix("_mm")
-            raise InputError(name, value, f"belongs to {', '.join(users)}, not among the parts asked for")
+            raise InputError(name, value, f"is an option of {', '.join(users)}, which --parts does not contain")
     return parts
 
 
 def _users() -> dict[str, list[str]]:
-    """Which fixtures take each option of theirs."""
+    """Return the fixtures that use each option of fixtures."""
     options = dict.fromkeys(option for fixture in FIXTURES.values() for option in fixture.options)
-    return {option: [kind for kind, one in FIXTURES.items() if option in one.options] for option in options}
+    return {option: [kind for kind, fixture in FIXTURES.items() if option in fixture.options] for option in options}
 
 
 def asks_for_cad(request: Request) -> bool:
-    """Whether something that needs the CAD kernel was asked for by name, so that it cannot be left out."""
+    """Return whether the request names something that needs the CAD kernel, so that it must not be left out."""
     words = {part for part in request.parts or () if isinstance(part, str)}
     alone = any(len(users) == 1 and getattr(request, option) is not None for option, users in _users().items())
     return bool("step" in (request.formats or ()) or words - {"blocks"} or alone or request.assembly)
 
 
 def blocks_of(request: Request) -> list[Block]:
-    """The blocks without their copies; every refusal of a block happens here."""
+    """Return the blocks without their copies.
+
+    Raises:
+        InputError: An option of the blocks is not allowed.
+    """
     if request.copies is not None:
         require_between("copies", request.copies, 1, MAX_COPIES)
     textures = textures_of(request.textures, request.preset)
     step_tolerance = STEP_TOLERANCE_MM if request.step_tolerance_mm is None else request.step_tolerance_mm
     blocks: dict[str, Block] = {}
-    # The highest reliefs first: a height that is refused is then refused with one that would do for all.
+    # The highest relief comes first, so that an error message suggests a height that is sufficient for all blocks.
     for texture, table in sorted(textures, key=lambda pair: -pair[0].waves.amplitude_sum):
         blocks[texture.name] = Block.of(
             texture,
@@ -213,7 +217,7 @@ def _block_sources(
     for block in blocks:
         copies = [block] if request.copies is None else [replace(block, copy=i + 1) for i in range(request.copies)]
         for copy in copies:
-            _ = copy.engraving  # refuses a label that does not fit
+            _ = copy.engraving  # raises InputError if the label does not fit
             source = Source(thing=copy, formats=formats)
             if formats == ("step",) and source.part.no_solid and "all" not in request.textures:
                 raise InputError("formats", "step", f"{block.texture.name}: {source.part.no_solid}")
@@ -226,10 +230,10 @@ def _block_sources(
 def _fixtures(
     request: Request, kinds: Sequence[str], blocks: Sequence[Block], left_out: list[LeftOut]
 ) -> list[Fixture]:
-    """The fixtures asked for, each for every outline among the blocks, or once where it fits all.
+    """Return the fixtures of the request: one for each outline among the blocks, or one for all blocks.
 
-    By default (without --parts and options of their own) a fixture that these blocks cannot have is left out with the
-    numbers. Asked for, it is refused.
+    If a fixture cannot be made for these blocks, it is left out with the reason. If --parts or an option of the fixture
+    requests it, the reason is raised as an error.
     """
     chosen = [fixture for kind, fixture in FIXTURES.items() if kind in kinds]
     options = {name: value for name in _users() if (value := getattr(request, name)) is not None}
@@ -252,7 +256,7 @@ def _fixtures(
 
 
 def _distinct(blocks: Sequence[Block]) -> list[Block]:
-    """The first block of each outline: to a fixture, textures of one size are the same."""
+    """Return the first block of each outline, because fixtures depend only on the outline."""
     distinct: dict[object, Block] = {}
     for block in blocks:
         distinct.setdefault(block.outline, block)
@@ -263,4 +267,4 @@ def _require_distinct(sources: Sequence[Source]) -> None:
     names = [source.part.name for source in sources]
     for name in names:
         if names.count(name) > 1:
-            raise InputError("parts", name, "two parts of this call would share this name; make them in two calls")
+            raise InputError("parts", name, "two parts would have this name; make them in two calls")

@@ -1,4 +1,4 @@
-"""What ``tacbench view`` shows: the parts of a request, built and put where they are used."""
+"""The scene of ``tacbench view``: the parts of a request in their places of use."""
 
 from __future__ import annotations
 
@@ -20,26 +20,27 @@ from tacbench_cad.util.text import report_rows
 
 
 def request_of(words: Sequence[str], options: Request) -> Request:
-    """What the words after ``tacbench view`` mean.
+    """Return the request for the words after ``tacbench view``.
 
     Args:
-        words: Numbers or names of textures, TOML files, ``blocks``, ``holder``, ``jig``, ``coupon``; none for the
-            whole set.
-        options: Everything else.
+        words: Numbers or names of textures, TOML files, ``blocks``, ``holder``, ``jig``, ``coupon``; empty for the
+            complete set.
+        options: All other options.
 
     Raises:
-        InputError: A word means nothing.
+        InputError: A word is unknown.
     """
     textures, parts = [], []
-    known = {word for one in catalogue(options.preset) for word in (str(one.number), one.name)} | {"all"}
+    six = catalogue(options.preset)
+    known = {word for texture in six for word in (str(texture.number), texture.name)} | {"all"}
     for word in words:
         if word in PARTS:
             parts.append(word)
         elif word.lower() in known or word.lower().endswith(".toml") or "/" in word or Path(word).exists():
             textures.append(word)
         else:
-            names = [*PARTS, *(one.name for one in catalogue(options.preset))]
-            raise InputError("parts", word, f"{nearest(word, names)}; 1 to 6 and TOML files are allowed too")
+            names = [*PARTS, *(texture.name for texture in six)]
+            raise InputError("parts", word, f"{nearest(word, names)}; 1 to 6 and TOML files are also allowed")
     if not words:
         return replace(options, textures=("all",), parts=None)
     if textures:
@@ -48,19 +49,19 @@ def request_of(words: Sequence[str], options: Request) -> Request:
 
 
 def write_view(request: Request, path: Path | str, progress: Callable[[str], None] = lambda message: None) -> Scene:
-    """Write one HTML page with the parts of a request in 3D.
+    """Write an HTML page with the parts of a request in 3D.
 
     Args:
-        request: The options; the formats do not matter.
-        path: The page.
-        progress: Receives what is being built.
+        request: The options. The formats are ignored.
+        path: The HTML file.
+        progress: Receives the name of each part before it is built.
 
     Returns:
-        What is on the page.
+        The scene on the page.
 
     Raises:
-        InputError: An option is not allowed, or the page cannot be written.
-        MissingToolError: A fixture was asked for by name and the CAD packages are not there or do not load.
+        InputError: An option is not allowed, or the file cannot be written.
+        MissingToolError: The request names a fixture, and the CAD packages are missing or do not load.
     """
     scene = scene_of(request, progress)
     write_page(scene, Path(path))
@@ -68,7 +69,7 @@ def write_view(request: Request, path: Path | str, progress: Callable[[str], Non
 
 
 def scene_of(request: Request, progress: Callable[[str], None] = lambda message: None) -> Scene:
-    """Build the meshes of a request's parts and put them where they belong; arguments as of :func:`write_view`."""
+    """Build the meshes of a request's parts and place them; same arguments as for :func:`write_view`."""
     work = plan(replace(request, formats=("stl",)))
     if work.needs_kernel:
         progress("loading the CAD kernel")
@@ -78,7 +79,7 @@ def scene_of(request: Request, progress: Callable[[str], None] = lambda message:
             if request.parts is not None:
                 raise MissingToolError(message)
             work = work.without_kernel(message)
-    # A set is a holder with its blocks and its jig: those shown, and those on which a shown jig sits.
+    # Each holder forms a set with its blocks and its jig. This includes the holder of a jig that is shown alone.
     holders: list[Any] = []
     for source in work.sources:
         holder = getattr(source.thing, "holder", None)
@@ -89,12 +90,12 @@ def scene_of(request: Request, progress: Callable[[str], None] = lambda message:
         progress(source.part.name)
         things.append(_thing(source, i, holders))
     if not things:
-        raise InputError("parts", None, "nothing can be shown: " + "; ".join(one.reason for one in work.left_out))
-    return Scene(things=tuple(things), left_out=tuple((one.what, one.reason) for one in work.left_out))
+        raise InputError("parts", None, "nothing can be shown: " + "; ".join(left.reason for left in work.left_out))
+    return Scene(things=tuple(things), left_out=tuple((left.what, left.reason) for left in work.left_out))
 
 
 def _thing(source: Source, number: int, holders: Sequence[Any]) -> Thing:
-    """A part of the page: a block in the holder that takes it, a fixture where it is used."""
+    """Return a part of the scene in its place of use; a block is in the holder that it fits."""
     part, thing = source.part, source.thing
     if part.block is not None:
         outlines = [holder.block.outline for holder in holders]

@@ -1,4 +1,4 @@
-"""From a part to a file: write it, read it back, check it, and only then give it its name."""
+"""Writing of a part to a file that is read back and checked before it gets its final name."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from tacbench_cad.util.files import replacing, sha256
 
 @dataclass(frozen=True, kw_only=True)
 class Failure:
-    """A file that was written, examined and found wrong, so that it was not put in place.
+    """A file that failed its checks and is therefore not in the folder.
 
     Args:
-        file: The name it would have had.
-        faults: What is wrong with it.
+        file: The name of the file.
+        faults: The failed checks.
     """
 
     file: str
@@ -38,7 +38,7 @@ Outcome = Row | Failure
 
 
 class _RejectedError(CheckFailedError):
-    """A file that was examined and found wrong."""
+    """A file failed its checks."""
 
     def __init__(self, path: Path, faults: tuple[str, ...]) -> None:
         self.faults = faults
@@ -46,21 +46,22 @@ class _RejectedError(CheckFailedError):
 
 
 def export(part: Any, path: Path | str, *, full: bool = False) -> Report:
-    """Write a part to a file, read the file back, check it, and only then give it its name.
+    """Write a part to a file, read the file back and check it. The file gets its name only if it passes all checks.
 
     Args:
-        part: A Block, a Holder, a Jig, a Coupon, an Assembly, a :class:`~tacbench_cad.Part`, or anything else with a
-            method ``part()`` that returns one.
-        path: The file. Its ending says the format: ``.stl``, ``.3mf`` or ``.step``.
-        full: Add the slow checks: pymeshlab's of a mesh, the kernel's own volume and box of a solid.
+        part: A Block, a Holder, a Jig, a Coupon, an Assembly, a :class:`~tacbench_cad.Part`, or any object with a
+            method ``part()`` that returns a Part.
+        path: The file. Its ending determines the format: ``.stl``, ``.3mf`` or ``.step``.
+        full: Whether slow checks are done as well: the checks of a mesh by pymeshlab, and the kernel's own volume and
+            bounding box of a solid.
 
     Returns:
         The report of the checks.
 
     Raises:
-        InputError: The ending is not known, the folder cannot be written, or there is no solid of this part.
-        MissingToolError: A package that the format needs is not there.
-        CheckFailedError: The file was written wrong; it is not put in place.
+        InputError: The ending is unknown, the folder cannot be written, or no solid of this part can be made.
+        MissingToolError: A package that the format needs is not installed.
+        CheckFailedError: The file failed its checks. It is not in the folder.
     """
     path, part = Path(path), as_part(part)
     with replacing(path) as temporary:
@@ -68,21 +69,21 @@ def export(part: Any, path: Path | str, *, full: bool = False) -> Report:
         report = verify(part, temporary, full=full)
         if not report.ok:
             faults = tuple(f"{check.name}: {check.detail}" for check in report.faults)
-            raise _RejectedError(path, faults or ("nothing could be checked",))
+            raise _RejectedError(path, faults or ("the file could not be checked",))
     return replace(report, path=path)
 
 
 def make_files(part: Part, formats: Sequence[str], out: Path, full: bool) -> list[Outcome]:
-    """Export a part in some formats, each under its own name.
+    """Export a part in some formats.
 
     Args:
         part: The part.
         formats: Names of :data:`tacbench_cad.formats.FORMATS`.
-        out: The output folder; it must exist.
-        full: Add the slow checks.
+        out: The output folder, which must exist.
+        full: Whether slow checks are done as well.
 
     Returns:
-        A manifest row for each file put in place, a failure for each that was not.
+        A manifest row for each file that passed its checks, and a failure for each other file.
 
     Raises:
         InputError: The folder cannot be written or is full.
@@ -100,15 +101,15 @@ def make_files(part: Part, formats: Sequence[str], out: Path, full: bool) -> lis
 def make_in_child(
     orders: tuple[tuple[Any, tuple[str, ...]], ...], out: Path, full: bool
 ) -> list[tuple[list[Outcome], Mesh | None]]:
-    """The same in a child process, for some parts.
+    """Export some parts in a child process.
 
     Args:
-        orders: What a part is built from, and the formats.
+        orders: For each part, the object that becomes the part, and the formats.
         out: The output folder.
-        full: Add the slow checks.
+        full: Whether slow checks are done as well.
 
     Returns:
-        For each part what was made, and the mesh for the pictures where the CAD kernel made it.
+        For each part the rows and failures, and the mesh for the pictures if the CAD kernel made the mesh.
     """
     results = []
     for thing, formats in orders:
@@ -119,10 +120,10 @@ def make_in_child(
 
 
 def _row(part: Part, format_name: str, report: Report) -> Row:
-    """The manifest row of a file that passed."""
+    """Return the manifest row of a file that passed its checks."""
     shape = FORMATS[format_name].shape
     _, expected = part.solid if shape == "solid" else part.mesh
-    found = report.as_dict()
+    checked = report.as_dict()
     row: dict[str, Any] = {
         "file": report.path.name,
         "part": part.name_in(shape),
@@ -132,17 +133,18 @@ def _row(part: Part, format_name: str, report: Report) -> Row:
         "sha256": sha256(report.path),
         "bytes": report.path.stat().st_size,
         "triangles": report.triangles,
-        "size_mm": found["size_mm"],
+        "size_mm": checked["size_mm"],
         "volume_mm3": report.volume_mm3,
         "closed_form_volume_mm3": expected.volume_mm3,
         "certificate": None if expected.certificate is None else asdict(expected.certificate),
         "deviation_mm": report.deviation_mm,
-        "checks": found["checks"],
+        "checks": checked["checks"],
     }
     if part.min_wall_mm is not None:
         row["least_wall_mm"] = part.min_wall_mm
     if part.block is not None and isinstance(part.block.sampling, SampleGrid):
-        # How far the lines between samples leave the formula; said of the solid too, which follows the formula.
+        # The distance between the formula and the lines between samples. It is also stated for solids, which follow the
+        # formula.
         proved = part.mesh[1].certificate
         assert proved is not None, "a block's mesh has a certificate"
         row["grid_to_formula"] = {
@@ -151,5 +153,5 @@ def _row(part: Part, format_name: str, report: Report) -> Row:
             "aliases": part.block.grid_aliases,
         }
     row["spec"] = dict(part.spec)
-    # The rows of assemblies begin with the report: schema 1 of the manifest had them so.
-    return {**found, **row} if part.placed else row
+    # In schema 1 of the manifest, the rows of assemblies begin with the values of the report.
+    return {**checked, **row} if part.placed else row

@@ -112,7 +112,7 @@ def test_fixtures_are_drawn_by_the_same_option(tmp_path: Path, monkeypatch: pyte
         (["show", "1", "-o", "nowhere/picture.png"], "nowhere"),
         (["show", "1", "--preset", "papers"], 'did you mean "paper"'),
         (["show", "1", "--key"], "key = 3.0: is only for --drawing"),
-        (["show", "1", "--drawing", "--fit", "slip"], "fit = 'slip': belongs to holder, jig"),
+        (["show", "1", "--drawing", "--fit", "slip"], "fit = 'slip': is an option of holder, jig"),
         (["show", "1", "--drawing", "jigg"], 'did you mean "jig"'),
         (["show", "1", "--drawing", "-o", "block.stl"], "must end in .png, .pdf or .svg"),
         (["show", "1", "--drawing", "-o", "nowhere/block.pdf"], "nowhere"),

@@ -192,7 +192,7 @@ def test_a_kernel_that_does_not_load_is_refused_where_it_is_needed(tmp_path: Pat
 def test_textures_are_named_by_number_or_given_themselves(tmp_path: Path) -> None:
     own = Texture(name="own", waves=equation1(1.0, 1.0, 2.0, 2.0))
     assert names(replace(LIGHT, textures=(4, own, "1"))) == ["texture-4_paper_x1", "own_paper_x1", "texture-1_paper_x1"]
-    with pytest.raises(InputError, match="asked for twice"):
+    with pytest.raises(InputError, match="given twice"):
         plan(replace(LIGHT, textures=(own, own)))
     result = build(replace(LIGHT, textures=(own,), out=tmp_path))
     (row,) = result.rows

@@ -95,7 +95,7 @@ def test_a_block_that_just_fits_and_one_that_does_not() -> None:
     with pytest.raises(InputError, match="mm high"):
         arrange_plates([Block.of(1, height_mm=10.1)], 1, tight)
     shut = Printer(**{**vars(tight), "keep_out_mm": ((10.0, 10.0, 11.0, 11.0),)})
-    with pytest.raises(InputError, match="no block"):
+    with pytest.raises(InputError, match="does not fit"):
         arrange_plates([Block.of(1)], 1, shut)
 
 
