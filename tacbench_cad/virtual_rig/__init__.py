@@ -1,15 +1,16 @@
-"""Virtual firmware: processes that speak GRBL, grblHAL, Marlin and the authors' Arduino protocol, and a load cell.
+"""Virtual firmware: processes that behave like GRBL, grblHAL, Marlin and the paper's Arduino sketch, and a load cell.
 
-Import from here; every name is loaded when it is first used::
+Import the names from this package. Each is loaded at its first use::
 
     from tacbench_cad.virtual_rig import Fault, launch, open_rig
 
-* :func:`launch` starts a virtual rig (:class:`VirtualRig`), to which a :class:`Fault` can be given;
-* :func:`open_rig` opens any mixture of real, virtual and simulated devices.
+* :func:`launch` starts a virtual rig (:class:`VirtualRig`), which accepts each :class:`Fault`;
+* :func:`open_rig` opens any combination of real, virtual and simulated devices.
 
-Inside, ``machine`` moves a carriage in rig time; ``grbl``, ``marlin`` and ``arduino`` are state machines, bytes in and
-bytes out; ``board`` puts one on a serial line of a given speed and spoils it by ``faults``; ``loadcell`` streams
-samples; ``server`` and ``transport`` carry both over pseudo-terminals or TCP; ``process`` starts the process.
+The modules inside: ``machine`` moves a carriage in rig time; ``grbl``, ``marlin`` and ``arduino`` are state machines
+with bytes as input and output; ``board`` connects one to a serial line of a given speed and applies ``faults``;
+``loadcell`` sends samples; ``server`` and ``transport`` provide pseudo-terminals or TCP ports; ``process`` starts the
+process.
 """
 
 import lazy_loader

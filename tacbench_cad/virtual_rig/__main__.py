@@ -1,4 +1,4 @@
-"""The virtual rig as a program, for anyone who wants to try a host of their own against it."""
+"""The virtual rig as a program, for tests with other host software."""
 
 from __future__ import annotations
 
@@ -75,9 +75,9 @@ def main() -> int:
 
 
 def launched() -> None:
-    """What the child of a launcher does."""
+    """Run in the child process of a launcher."""
     _clean_up_on_sigterm()
-    # An interruption of the terminal goes to a whole group of processes; the launcher decides when its rig ends.
+    # A terminal sends an interruption to a whole group of processes. The launcher decides when its rig ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     serve_launcher()
 

@@ -1,11 +1,11 @@
 """The paper's own stage firmware (an Arduino sketch), as far as its protocol is known.
 
-Known: 921600 baud; lines of ASCII ended by a line feed; ``RESET``, ``CALIB``, ``ZERO``, ``MOVE,x,y,z,step``,
-``CENTRE`` and ``SHOW``; a reply ends with a line that holds ``done``; units are motor steps. Our reading of the rest:
-x, y, z are steps from the zero, ``step`` is the pause between two steps in microseconds, ``SHOW`` gives the three
-counters, ``RESET`` leaves a closed end stop before it looks for it, ``CALIB`` is ``RESET`` and then ``CENTRE``. As in a
-plain sketch, it reads nothing while it moves, checks nothing, takes a missing number for 0, passes over what it does
-not know, and cannot be stopped but by its reset.
+The following is known. It uses 921600 baud and lines of ASCII that end in a line feed. Its commands are ``RESET``,
+``CALIB``, ``ZERO``, ``MOVE,x,y,z,step``, ``CENTRE`` and ``SHOW``. A reply ends with a line that contains ``done``. The
+units are motor steps. The rest is our interpretation: x, y, z are steps from the zero, ``step`` is the pause between
+two steps in microseconds, ``SHOW`` returns the three counters, ``RESET`` moves off a closed end stop before it looks
+for it, and ``CALIB`` is ``RESET`` followed by ``CENTRE``. As in a simple sketch, the firmware reads nothing while it
+moves, checks nothing, takes a missing number as 0, ignores unknown commands, and can be stopped only by a reset.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ _LINE_SIGNS = 200
 _PEAK_MM_S = 40.0
 _HOME_MM_S = 20.0
 _ACCELERATION_MM_S2 = 400.0
-#: Way off a closed end stop before homing: more than an axis can go behind it.
+#: The distance moved off a closed end stop before homing, in mm; more than an axis can move beyond it.
 _BACK_OFF_MM = 5.0
 _MAX_STEPS = 2**31 - 1
 
 
 class Arduino(Firmware):
-    """The authors' firmware.
+    """The paper's firmware.
 
     Args:
-        carriage: What it moves; ``RESET`` sets the counters to 0 at the end stops, z at the top.
-        boot_s: Seconds from a reset until it listens. It says nothing then.
+        carriage: The carriage. ``RESET`` sets the counters to 0 at the end stops, with z at the top.
+        boot_s: The time from a reset until it reads, in s. It sends nothing then.
     """
 
     baud = 921600
@@ -39,7 +39,7 @@ class Arduino(Firmware):
         super().__init__(carriage, boot_s=boot_s)
 
     def _alarm(self) -> None:
-        """It hangs: nothing but the reset wakes it."""
+        """Hang until a reset."""
         self.carriage.halt(self.now_s)
         self._listening = False
         self._run(iter(()))
@@ -95,7 +95,7 @@ class Arduino(Firmware):
         for i in (2, 0, 1):
             axis = self.carriage.axes[i]
             self._homing = i
-            # Off the end stop first: a carriage that was driven past it would else have its zero there.
+            # First off the end stop: a carriage that was driven beyond it would otherwise have its zero there.
             away = [-_BACK_OFF_MM] if i in self.carriage.pressed(self.now_s) else []
             for by_mm in (*away, 1.5 * axis.travel_mm):
                 self._shove(i, by_mm * axis.home, _HOME_MM_S, _ACCELERATION_MM_S2)
@@ -105,7 +105,7 @@ class Arduino(Firmware):
 
 
 def _whole(text: str) -> int:
-    """The whole number at the start of a text, 0 without one, within 32 bits."""
+    """Return the whole number at the start of a text, limited to 32 bits; 0 if there is none."""
     digits = re.match(r"\s*(-?\d{1,12})", text, re.ASCII)
     number = int(digits[1]) if digits else 0
     return max(-_MAX_STEPS, min(_MAX_STEPS, number))

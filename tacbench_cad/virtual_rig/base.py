@@ -1,8 +1,8 @@
-"""What every virtual firmware is made of: a program that runs and waits, bytes in, bytes out, time given.
+"""The common part of all virtual firmwares: a program that runs and waits, with bytes as input and output.
 
-A firmware does nothing by itself. Whoever drives it says what time it is, gives it the bytes that arrive then, and
-takes the bytes that it sent. The program of a firmware is a generator that yields what it waits for, so that blocking
-code ("wait until the planner has room") reads as it does in the original.
+A firmware does nothing by itself. The caller tells it the time, passes the bytes that arrive, and takes the bytes that
+it sent. Its program is a generator that yields its waits, so that blocking code ("wait until the planner has room")
+reads as in the original firmware.
 """
 
 from __future__ import annotations
@@ -13,35 +13,35 @@ from collections.abc import Callable, Iterator
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.virtual_rig.machine import Carriage, replaced
 
-#: What a program waits for: so many seconds, or until something is true.
+#: A wait of a program: a duration in s, or a condition.
 Wait = float | Callable[[], bool]
 Program = Iterator[Wait]
 
-#: Bytes that the host has not fetched; beyond it they are lost, as on any serial line without flow control.
+#: The largest number of bytes that the host has not read. Further bytes are lost, as on a line without flow control.
 OUTPUT_BYTES = 65536
-#: A program that goes on so often without time passing is at fault; this bound keeps the simulator alive.
+#: The largest number of steps of a program without time passing. A program that exceeds it has an error.
 _STEPS = 100_000
 
 
 def earliest(*times_s: float | None) -> float | None:
-    """The first of some times; None if none is known."""
+    """Return the earliest of some times; None if none is known."""
     return min((time_s for time_s in times_s if time_s is not None), default=None)
 
 
 class Firmware(ABC):
-    """A state machine that speaks a protocol.
+    """A state machine with a serial protocol.
 
     Args:
-        carriage: What it moves.
-        boot_s: Seconds from a reset until it listens.
+        carriage: The carriage that it moves.
+        boot_s: The time from a reset until it reads, in s.
 
     Attributes:
-        now_s: Rig time, as last given.
+        now_s: The rig time of the last call.
     """
 
-    #: Symbols per second that the firmware is built for.
+    #: The baud rate of the firmware.
     baud: int
-    #: Slots of the serial receive buffer.
+    #: The size of the serial receive buffer, in bytes.
     rx_bytes = 128
 
     def __init__(self, carriage: Carriage, *, boot_s: float) -> None:
@@ -57,10 +57,10 @@ class Firmware(ABC):
         self._homing: int | None = None
         self.power_up(0.0)
 
-    # For whoever drives it
+    # For the caller
 
     def receive(self, data: bytes, now_s: float) -> None:
-        """Bytes arrive at the receiver at ``now_s``."""
+        """Receive bytes at ``now_s``."""
         self.advance(now_s)
         if self._listening:
             for byte in data:
@@ -68,7 +68,7 @@ class Firmware(ABC):
         self._pump()
 
     def advance(self, now_s: float) -> None:
-        """Let time pass, event by event."""
+        """Let time pass, from event to event."""
         while (when := self.next_event_s()) is not None and when <= now_s:
             self.now_s = max(self.now_s, when)
             self._timers()
@@ -82,17 +82,17 @@ class Firmware(ABC):
         self.now_s = max(self.now_s, now_s)
 
     def next_event_s(self) -> float | None:
-        """When something will happen by itself; None if nothing will."""
+        """Return the time of the next event without input; None if there is none."""
         return earliest(self.carriage.next_event_s(), self._wake_s, self._timer_s())
 
     def take(self) -> bytes:
-        """The bytes sent since the last call."""
+        """Return the bytes that were sent since the last call."""
         sent = bytes(self._out)
         self._out.clear()
         return sent
 
     def power_up(self, now_s: float) -> None:
-        """The reset button, or the reset by the port's opening: all is forgotten, the counters say 0, 0, 0."""
+        """Reset by the button or by opening the port. All state is lost, and the counters are 0, 0, 0."""
         self.now_s = max(self.now_s, now_s)
         self.carriage.halt(self.now_s)
         self.carriage.count_as((0.0, 0.0, 0.0))
@@ -103,14 +103,14 @@ class Firmware(ABC):
         self._run(self._boot())
 
     def alarm(self, now_s: float) -> None:
-        """Something that this firmware takes for an emergency: an end stop that closes, a failed check, a halt."""
+        """Raise the firmware's emergency: a closed end stop, a failed check, or a halt."""
         self.advance(now_s)
         self._alarm()
         self._pump()
 
     @property
     def reported(self) -> Point:
-        """The position that it would report, in mm of its own frame: what its counters say."""
+        """The position that the firmware's counters give, in mm of its own frame."""
         return self.carriage.counted(self.now_s)
 
     # For the firmware itself
@@ -120,37 +120,37 @@ class Firmware(ABC):
         """See :meth:`alarm`."""
 
     def _forget(self) -> None:  # noqa: B027
-        """Put everything that lies in volatile memory back."""
+        """Reset everything in volatile memory."""
 
     @abstractmethod
     def _main(self) -> Program:
-        """What runs after the boot loader."""
+        """Run the firmware after the boot loader."""
 
     def _arrived(self, byte: int) -> None:
-        """The receive interrupt: store the byte, or lose it if the buffer is full."""
+        """Handle the receive interrupt: store the byte, or lose it if the buffer is full."""
         if len(self._rx) < self.rx_bytes:
             self._rx.append(byte)
 
     def _end_stop(self, axis: int) -> None:
-        """An end stop closed during motion; to most firmwares it means nothing but in homing."""
+        """Handle an end stop that closes during motion. Most firmwares ignore it except while homing."""
         if axis == self._homing:
             self.carriage.halt(self.now_s)
 
     def _stopped(self) -> None:  # noqa: B027
-        """The last stroke ended; most firmwares need not know."""
+        """Handle the end of the last stroke. Most firmwares need not know."""
 
     def _timer_s(self) -> float | None:
-        """When the firmware's own timers are due."""
+        """Return the time of the firmware's next timer."""
         return None
 
     def _timers(self) -> None:  # noqa: B027
-        """Do what is due at :attr:`now_s`; what is done must not be due again."""
+        """Run the timers that are due at :attr:`now_s`, and set them to later times."""
 
     def _at_rest(self) -> bool:
         return not self.carriage.moving
 
     def _shove(self, axis: int, by_mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> None:
-        """Move one axis from where the counters say that it is."""
+        """Move one axis relative to its counter."""
         here = self.carriage.counted(self.now_s)
         self.carriage.go(replaced(here, axis, here[axis] + by_mm), speed_mm_s, acceleration_mm_s2, self.now_s)
 
@@ -160,12 +160,12 @@ class Firmware(ABC):
 
     def _boot(self) -> Program:
         yield self.boot_s
-        # The boot loader takes what is sent to it and does nothing with it.
+        # The boot loader receives bytes and ignores them.
         self._listening = True
         yield from self._main()
 
     def _run(self, program: Program) -> None:
-        """Drop the running program and start another."""
+        """Replace the running program by another."""
         self._program = program
         self._wait = None
         self._wake_s = self.now_s
@@ -175,7 +175,7 @@ class Firmware(ABC):
         self._out += text.encode("ascii", "replace")[: max(0, room)]
 
     def _pump(self) -> None:
-        """Let the program run until it waits for something that is not yet so."""
+        """Run the program until it waits for something that is not yet true."""
         for _ in range(_STEPS):
             if self._wake_s is not None:
                 if self._wake_s > self.now_s:
@@ -186,7 +186,7 @@ class Firmware(ABC):
             program = self._program
             wait = next(program, None)
             if program is not self._program:
-                # It was replaced from within: a reset. The new program starts at once.
+                # The program was replaced from within, by a reset. The new program starts at once.
                 continue
             self._wait = wait
             if isinstance(wait, float):

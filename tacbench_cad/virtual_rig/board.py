@@ -1,4 +1,4 @@
-"""A board: a firmware at the end of a serial line that has a speed, and on which faults happen."""
+"""A board: a firmware on a serial line with a limited speed, to which faults can be added."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from collections.abc import Iterable
 from tacbench_cad.virtual_rig.base import OUTPUT_BYTES, Firmware, earliest
 from tacbench_cad.virtual_rig.faults import BYTE_KINDS, Fault, Spoiler
 
-#: The host's own send buffer; beyond it the host's writing blocks.
+#: The size of the host's send buffer in bytes. When it is full, the host's write blocks.
 SEND_BYTES = 4096
 _BITS_PER_BYTE = 10
 
 
 class Board:
-    """Carries bytes to and from a firmware, each at the instant at which a serial line would deliver it.
+    """Transmits bytes to and from a firmware, each at the time at which a serial line would deliver it.
 
     Args:
-        firmware: What runs on it.
-        seed: Of the faults' chance.
-        faults: Faults that happen at their time.
+        firmware: The firmware of the board.
+        seed: The seed for random faults.
+        faults: Faults that occur at their time.
 
     Attributes:
-        plugged: Whether the cable is in.
-        host_baud: Symbols per second that the host has set; another than the firmware's garbles everything. None where
-            it is not known.
-        now_s: Rig time.
+        plugged: Whether the cable is connected.
+        host_baud: The baud rate that the host has set; None if unknown. A rate that differs from the firmware's garbles
+            all bytes.
+        now_s: The rig time.
     """
 
     def __init__(self, firmware: Firmware, *, seed: int = 0, faults: Iterable[Fault] = ()) -> None:
@@ -46,11 +46,11 @@ class Board:
 
     @property
     def room(self) -> int:
-        """How many more bytes the host can write before its writing blocks."""
+        """The number of bytes that the host can write before its write blocks."""
         return max(0, SEND_BYTES - len(self._in))
 
     def write(self, data: bytes, now_s: float) -> None:
-        """The host writes; what exceeds :attr:`room` is lost."""
+        """Receive bytes from the host. Bytes beyond :attr:`room` are lost."""
         self.advance(now_s)
         if not self.plugged:
             return
@@ -61,7 +61,7 @@ class Board:
             self._in.append((arrival, byte))
 
     def read(self, now_s: float) -> bytes:
-        """What has reached the host by now."""
+        """Return the bytes that have reached the host."""
         self.advance(now_s)
         data = bytearray()
         while self._out and self._out[0][0] <= now_s:
@@ -70,13 +70,13 @@ class Board:
         return bytes(data)
 
     def inject(self, fault: Fault, now_s: float) -> None:
-        """Give it another fault."""
+        """Add a fault."""
         self.advance(now_s)
         self._waiting.append(fault)
         self._change_faults()
 
     def opened(self, *, resets: bool, now_s: float) -> None:
-        """The host opens the port: what was on its way is gone, and the board may be reset by it."""
+        """Handle the opening of the port by the host. Bytes in transit are lost, and the board may be reset."""
         self.advance(now_s)
         self._in.clear()
         self._drop_output()
@@ -84,12 +84,12 @@ class Board:
             self.firmware.power_up(now_s)
 
     def next_event_s(self) -> float | None:
-        """When something will happen by itself."""
+        """Return the time of the next event without input."""
         lines = (queue[0][0] if queue else None for queue in (self._in, self._out))
         return earliest(self._fault_s(), self.firmware.next_event_s(), *lines)
 
     def advance(self, now_s: float) -> None:
-        """Let time pass: deliver, run, fail, in the order of time."""
+        """Let time pass, and handle deliveries, the firmware and faults in the order of time."""
         while True:
             pending = self._in[0][0] if self._in else None
             when = earliest(pending, self.firmware.next_event_s(), self._fault_s())
@@ -124,7 +124,7 @@ class Board:
         self._out_bytes += len(data)
 
     def _at_baud(self, data: bytes) -> bytes:
-        """What a receiver at another speed makes of the bytes."""
+        """Return the bytes as a receiver at another baud rate reads them."""
         if self.host_baud is None or self.host_baud == self.firmware.baud:
             return data
         return bytes(byte ^ self._random.randint(1, 255) for byte in data)

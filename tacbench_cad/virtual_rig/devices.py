@@ -1,4 +1,4 @@
-"""Opens rigs with virtual and simulated devices in them; the lab itself opens real ones only."""
+"""Opening of rigs with virtual and simulated devices. The lab itself opens only real ones."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.virtual_rig.process import launch
 
-#: How many times faster than real time a virtual rig runs, if ``[stage] options.speed`` does not say.
+#: The speed of a virtual rig as a multiple of real time, if ``[stage] options.speed`` is not set.
 DEFAULT_SPEED = 1.0
-#: Beyond this a serial port limits the speed.
+#: The highest speed. Beyond it, the serial port limits the speed.
 MAX_SPEED = 1000.0
 
 
 class LaunchedStage(Closing):
-    """The firmware that the settings of a virtual stage ask for, running.
+    """The running firmware of a virtual stage.
 
     Attributes:
-        port: Where the stage's driver finds it.
+        port: The port of the stage.
         gauge_port: The port of its load cell.
-        clock: The time that it keeps.
+        clock: The clock of the virtual rig.
     """
 
     def __init__(self, settings: RigSettings) -> None:
@@ -36,13 +36,13 @@ class LaunchedStage(Closing):
         if isinstance(speed, bool) or not isinstance(speed, int | float) or not 0.1 <= speed <= MAX_SPEED:
             raise InputError("[stage] options speed", speed, f"must be from 0.1 to {MAX_SPEED:g}")
         self.clock = Clock(speed=float(speed))
-        # Without a calibration the gauge's lines are taken for newtons, so it has to send them.
+        # Without a calibration, the gauge's values are in newtons, so the load cell must send newtons.
         cell = {"newtons": settings.gauge.calibration is None, **options.pop("gauge", {})}
         self.rig = launch(stage.driver.removeprefix("virtual-"), gauge=cell, **options)
         self.port, self.gauge_port = self.rig.port, self.rig.gauge_port
 
     def put(self, printed: PrintedBlock, holder: HolderRim, frame: WorkFrame) -> None:
-        """Another block lies under the carriage now."""
+        """Replace the block under the carriage."""
         self.rig.put(
             {
                 "printed": printed.as_dict(),
@@ -52,7 +52,7 @@ class LaunchedStage(Closing):
         )
 
     def close(self) -> None:
-        """End its process."""
+        """End the process."""
         self.rig.close()
 
 
@@ -60,5 +60,5 @@ SIMULATORS = Simulators(stage=LaunchedStage, gauge=SimulatedGauge, sensor=Simula
 
 
 def open_rig(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> AbstractContextManager[Rig]:
-    """:func:`tacbench_cad.lab.rig.devices.open_rig` for any mixture of real, virtual and simulated devices."""
+    """Open any combination of devices; see :func:`tacbench_cad.lab.rig.devices.open_rig`."""
     return devices.open_rig(settings, printed, frame, simulators=SIMULATORS)

@@ -1,4 +1,4 @@
-"""Faults that a virtual rig can be given: on the wire, in the firmware, in the motors and in the load cell."""
+"""Faults for a virtual rig: on the line, in the firmware, in the motors and in the load cell."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from tacbench_cad.util.convert import Bounds, check_fields, from_plain
 from tacbench_cad.util.errors import InputError, located
 
-#: Faults of single bytes on a line, of the load cell, and all.
+#: Faults of single bytes on a line.
 BYTE_KINDS = ("drop", "double", "garble", "silence")
 #: Faults of the load cell.
 GAUGE_KINDS = ("noise", "stuck", "saturated")
@@ -26,21 +26,21 @@ class Fault:
     """One fault.
 
     Args:
-        kind: ``drop``, ``double``, ``garble`` (bytes on the line); ``silence`` (nothing comes or goes); ``reset`` (the
-            board's button); ``alarm`` (an end stop; on Marlin and Arduino a halt); ``unplug`` (the port closes, and
-            comes back after ``seconds``); ``slip`` (the carriage jumps by ``mm``, the firmware doesn't know);
-            ``stall`` (a motor does not turn); ``noise``, ``stuck``, ``saturated`` (the load cell).
-        at_s: Rig time from the start at which it begins.
-        after_bytes: It begins when so many bytes have come from the host; with neither, at once.
-        seconds: How long it lasts, in rig time; None for good. A slip, a reset and an alarm happen once.
-        count: How many bytes are hit before it is over; by default one, or all of them where ``seconds`` or ``chance``
-            is given.
-        chance: Probability with which each byte is hit.
+        kind: ``drop``, ``double``, ``garble`` (bytes on the line); ``silence`` (no bytes in either direction);
+            ``reset`` (the board's button); ``alarm`` (an end stop; with Marlin and Arduino a halt); ``unplug`` (the
+            port closes and returns after ``seconds``); ``slip`` (the carriage jumps by ``mm`` without the firmware's
+            knowledge); ``stall`` (a motor does not turn); ``noise``, ``stuck``, ``saturated`` (the load cell).
+        at_s: The rig time at which the fault begins, from the start.
+        after_bytes: The number of bytes from the host after which it begins. Without ``at_s`` and ``after_bytes``, it
+            begins at once.
+        seconds: Its duration in rig time; None for ever. A slip, a reset and an alarm occur once.
+        count: The number of affected bytes. The default is one, or all of them if ``seconds`` or ``chance`` is given.
+        chance: The probability that a byte is affected.
         direction: ``in`` (to the device), ``out`` (from it) or ``both``.
-        where: ``stage`` or ``gauge``: which line, or which port is unplugged.
-        axis: ``x``, ``y`` or ``z``: which motor.
-        mm: Length of a slip.
-        n: Standard deviation of the load cell's added noise in newtons.
+        where: The line, or the unplugged port: ``stage`` or ``gauge``.
+        axis: The motor: ``x``, ``y`` or ``z``.
+        mm: The length of a slip in mm.
+        n: The standard deviation of the load cell's additional noise, in N.
     """
 
     kind: Literal[KINDS]  # type: ignore[valid-type]
@@ -65,12 +65,12 @@ class Fault:
 
     @property
     def of_gauge(self) -> bool:
-        """Whether it befalls the load cell."""
+        """Whether the fault affects the load cell."""
         return self.where == "gauge" or self.kind in GAUGE_KINDS
 
     @property
     def bytes_hit(self) -> float:
-        """How many bytes it hits at most."""
+        """The largest number of affected bytes."""
         if self.kind == "silence":
             return math.inf
         if self.count is not None:
@@ -79,33 +79,33 @@ class Fault:
 
     @classmethod
     def of(cls, given: Fault | Mapping[str, Any] | str) -> Fault:
-        """The fault, from its plain values or its text as well."""
+        """Return the fault itself, or create it from its plain values or its text."""
         if isinstance(given, Fault):
             return given
         return cls.parse(given) if isinstance(given, str) else from_plain(cls, given, "fault ")
 
     @classmethod
     def parse(cls, text: str) -> Fault:
-        """A fault written as ``drop at_s=12 count=3 direction=in``.
+        """Parse a fault that is written as ``drop at_s=12 count=3 direction=in``.
 
         Raises:
-            InputError: It cannot be read.
+            InputError: The text is not a valid fault.
         """
         kind, *rest = text.split() or [""]
         return from_plain(cls, {"kind": kind, **settings_of(rest)}, "fault ")
 
 
 def settings_of(words: Iterable[str]) -> dict[str, Any]:
-    """Values written as ``key=value``; numbers where they can be.
+    """Parse settings that are written as ``key=value``; numbers are converted if possible.
 
     Raises:
-        InputError: One has no equals sign.
+        InputError: A setting has no equals sign.
     """
     values: dict[str, Any] = {}
     for word in words:
         key, equals, value = word.partition("=")
         if not equals:
-            raise InputError("setting", word, "write key=value")
+            raise InputError("setting", word, "must be key=value")
         values[key] = _number(value)
     return values
 
@@ -120,10 +120,10 @@ def _number(text: str) -> int | float | str:
 
 
 class Spoiler:
-    """Spoils the bytes of one line.
+    """Applies faults to the bytes of one line.
 
     Args:
-        random_: Source of chance.
+        random_: The source of randomness.
     """
 
     def __init__(self, random_: random.Random) -> None:
@@ -131,17 +131,17 @@ class Spoiler:
         self._active: list[_Active] = []
 
     def add(self, fault: Fault, now_s: float) -> None:
-        """Begin a fault of bytes."""
+        """Begin a fault that affects bytes."""
         until = math.inf if fault.seconds is None else now_s + fault.seconds
         self._active.append(_Active(fault=fault, until_s=until, left=fault.bytes_hit))
 
     def spoil(self, data: bytes, direction: str, now_s: float) -> bytes:
-        """What arrives of the bytes that were sent.
+        """Return the bytes that arrive when bytes are sent.
 
         Args:
             data: The bytes.
             direction: ``in`` or ``out``.
-            now_s: Rig time.
+            now_s: The rig time.
         """
         if not self._active:
             return data
@@ -162,7 +162,7 @@ class Spoiler:
             if active.fault.kind == "double":
                 result += bytes((byte, byte))
             elif active.fault.kind == "garble":
-                # One bit or several, never none: a garbled byte differs.
+                # At least one bit changes, so a garbled byte always differs.
                 result.append(byte ^ self._random.randint(1, 255))
         return bytes(result)
 

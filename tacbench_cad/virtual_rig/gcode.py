@@ -1,21 +1,21 @@
-"""G-code words."""
+"""Parsing of G-code words."""
 
 from __future__ import annotations
 
 import re
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
-#: A letter, upper case, with its number; None where that is missing or is none.
+#: A letter, upper case, with its number; None if the number is missing or invalid.
 Word = tuple[str, float | None]
 
 
 def words(line: str, *, flags: bool = False) -> list[Word] | None:
-    """The words of a line without blanks, upper case; None where a word does not begin with a letter.
+    """Return the words of a line without blanks, upper case; None if a word does not begin with a letter.
 
     Args:
         line: The line.
-        flags: Letters may stand alone, as in Marlin's ``G28 X Y``, and what is no number is passed over. Otherwise a
-            word whose number is missing or wrong ends the list: what follows cannot be read.
+        flags: Whether letters may stand alone, as in Marlin's ``G28 X Y``. Invalid numbers are then ignored. Otherwise
+            a word with a missing or invalid number ends the list, since the rest cannot be read.
     """
     result: list[Word] = []
     at = 0

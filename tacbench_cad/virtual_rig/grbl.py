@@ -1,7 +1,7 @@
-"""GRBL 1.1h as a state machine, with the traits that hosts stumble over.
+"""GRBL 1.1h as a state machine, including the traits that cause errors in hosts.
 
-What is not here: arcs, probing, check and sleep modes, overrides of feed and spindle (their bytes are taken and do
-nothing). Motion stops between lines: there is no look-ahead over corners.
+Not included are arcs, probing, check and sleep modes, and overrides of feed and spindle (their bytes are accepted and
+ignored). Motion stops between lines, without look-ahead over corners.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class Grbl(GrblCore):
             self._idle_s = None
 
     def _soft_limit(self) -> Program:
-        """A line beyond the limits: come to rest, then ALARM:2."""
+        """Handle a line beyond the limits: come to rest, then raise ALARM:2."""
         if self.state == "Run":
             self.state = "Hold"
             self._hold_strokes()
@@ -129,7 +129,7 @@ class Grbl(GrblCore):
         return target
 
     def _within(self, target: Point) -> bool:
-        # Compared in steps, as a target at the very limit is inside.
+        # The comparison uses steps, since a target exactly at the limit is inside.
         return all(
             axis.stepped(axis.low_mm) <= axis.stepped(value) <= axis.stepped(axis.high_mm)
             for axis, value in zip(self.carriage.axes, target, strict=True)

@@ -1,4 +1,4 @@
-"""What GRBL does beside its lines: real-time bytes, holds, alarms, resets, status reports."""
+"""GRBL without its lines: real-time bytes, holds, alarms, resets and status reports."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from tacbench_cad.virtual_rig.grbl_gcode import Modal
 from tacbench_cad.virtual_rig.grbl_memory import GRBL, Dialect, Memory, triple
 from tacbench_cad.virtual_rig.machine import Carriage, Stroke
 
-#: Lines that the planner holds, and signs that a line may have.
+#: The number of lines in the planner, and the largest number of characters in a line.
 PLANNER_LINES = 15
 _LINE_SIGNS = 79
-#: The step generator works so far ahead: the reported speed is that of a moment later, and Idle comes late.
+#: The time by which the step generator works ahead, in s. The reported speed is later than now, and Idle comes late.
 _AHEAD_S = 0.05
 _TAIL_S = 0.01
-#: Time to parse a line.
+#: The time to parse a line, in s.
 _LINE_S = 0.001
 
 
 class GrblCore(Firmware):
-    """GRBL without an understanding of its lines.
+    """GRBL without the interpretation of its lines.
 
     Args:
-        carriage: What it moves; its axes tell the machine frame, with the origin set at the homing switches' side
+        carriage: The carriage. Its axes define the machine frame, with the origin at the homing switches' side
             (``[OPT:VZ``: compiled with HOMING_FORCE_SET_ORIGIN).
         settings: ``$`` settings that differ from :data:`tacbench_cad.virtual_rig.grbl_memory.SETTINGS`.
-        boot_s: Seconds from a reset to the banner; None for the dialect's own.
+        boot_s: The time from a reset to the banner, in s; None for the dialect's own.
         dialect: GRBL itself, or a descendant.
     """
 
@@ -49,7 +49,7 @@ class GrblCore(Firmware):
         super().__init__(carriage, boot_s=dialect.boot_s if boot_s is None else boot_s)
 
     def _alarm(self) -> None:
-        """An end stop closes (touched, or a wire that picks up noise): ALARM:1. Not while it boots."""
+        """Close an end stop (touched, or by electrical noise): ALARM:1. It has no effect while GRBL boots."""
         if self._listening:
             self._run(self._critical(1))
 
@@ -61,7 +61,7 @@ class GrblCore(Firmware):
         self._since_report = {"WCO": 0, "Ov": 1}
 
     def _forget_line(self) -> None:
-        """What every reset, soft or hard, puts back."""
+        """Reset the state that every reset clears, soft or hard."""
         self.modal = Modal()
         self._shift: Point = (0.0, 0.0, 0.0)
         self._held: list[Stroke] = []
@@ -80,7 +80,7 @@ class GrblCore(Firmware):
         if byte == 0x18:
             self._soft_reset()
         elif byte == ord("?"):
-            # In an alarm that waits for a reset, questions are taken and never answered.
+            # In an alarm that waits for a reset, GRBL accepts status requests but never answers them.
             lost = self._critical_alarm and not self.dialect.status_in_alarm
             if self._status_s is None and not lost:
                 self._status_s = self.now_s + self.dialect.status_s
@@ -109,7 +109,7 @@ class GrblCore(Firmware):
             self._run(self._restart(late_ok=False, pause_s=0.0))
 
     def _abort(self, code: int) -> None:
-        """Kill the steppers, say so, and start again; a line that was waiting still gets its ``ok``."""
+        """Stop the motors, report the alarm, and restart. A waiting line still gets its ``ok``."""
         self.carriage.halt(self.now_s)
         self.state = "Alarm"
         self._send(f"ALARM:{code}\r\n")
@@ -182,7 +182,7 @@ class GrblCore(Firmware):
         yield from self._loop()
 
     def _critical(self, code: int) -> Program:
-        """ALARM:1 or 2: everything stands still until Ctrl-X."""
+        """Handle ALARM:1 or 2: everything stops until Ctrl-X."""
         self.carriage.halt(self.now_s)
         self.state = "Alarm"
         self._critical_alarm = self._deaf = True
@@ -220,11 +220,11 @@ class GrblCore(Firmware):
 
     @abstractmethod
     def _execute(self, line: str, too_long: bool) -> Program:
-        """Obey a line and answer it.
+        """Execute a line and answer it.
 
         Args:
-            line: Without blanks and comments, upper case.
-            too_long: It was longer than GRBL can hold.
+            line: The line without blanks and comments, upper case.
+            too_long: Whether it was longer than GRBL's buffer.
         """
 
     # Status
@@ -249,7 +249,7 @@ class GrblCore(Firmware):
         self._send(f"<{'|'.join(fields)}{self.dialect.more_fields}>\r\n")
 
     def _now_and_then(self, work: Point) -> list[str]:
-        """Fields that come every tenth report (every thirtieth in motion), offsets first, then overrides."""
+        """Return the fields of every tenth report (every thirtieth in motion): first offsets, then overrides."""
         fields: list[str] = []
         for name, text in (("WCO", f"WCO:{triple(work)}"), ("Ov", "Ov:100,100,100")):
             if self._since_report[name] > 0:

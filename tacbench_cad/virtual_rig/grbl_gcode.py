@@ -1,7 +1,7 @@
-"""What GRBL makes of a line of G-code: the modal state and the checks, with GRBL's own error numbers.
+"""GRBL's interpretation of a line of G-code: the modal state and the checks, with GRBL's own error numbers.
 
-Straight motion, dwell, offsets and the modal words are there; arcs, probing and stored positions (G2, G3, G28, G30,
-G38) are refused as unsupported, since a pressing stage needs none.
+Straight motion, dwell, offsets and the modal words are included. Arcs, probing and stored positions (G2, G3, G28, G30,
+G38) are refused as unsupported, since a pressing stage does not need them.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from tacbench_cad.virtual_rig.gcode import words
 
 _MM_PER_INCH = 25.4
-#: G and M numbers that are understood, by modal group; one word of a group may stand in a line.
+#: The supported G and M numbers, by modal group. A line may contain one word of each group.
 _GROUPS: dict[str, tuple[str, ...]] = {
     "other": ("G4", "G10", "G53", "G92", "G92.1"),
     "motion": ("G0", "G1", "G80"),
@@ -26,7 +26,7 @@ _GROUPS: dict[str, tuple[str, ...]] = {
     "coolant": ("M7", "M8", "M9"),
 }
 _GROUP_OF = {word: group for group, members in _GROUPS.items() for word in members}
-#: Words that carry a value.
+#: Words with a value.
 _VALUES = "FLNPSTXYZ"
 
 
@@ -34,7 +34,7 @@ class GcodeError(Exception):
     """A line that GRBL refuses.
 
     Args:
-        code: Its number for it, as in ``error:22``.
+        code: The number of the error, as in ``error:22``.
     """
 
     def __init__(self, code: int) -> None:
@@ -44,10 +44,10 @@ class GcodeError(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Modal:
-    """What holds from line to line until a reset, as G-code words.
+    """The state that stays from line to line until a reset, as G-code words.
 
     Args:
-        motion: How a move is made.
+        motion: The kind of motion.
         plane: The plane of arcs.
         distance: Absolute or relative targets.
         units: Millimetres or inches.
@@ -68,15 +68,15 @@ class Modal:
 
     @property
     def system_index(self) -> int:
-        """Index of the work coordinate system, from 0."""
+        """The index of the work coordinate system, from 0."""
         return int(self.system[1:]) - 54
 
     def after(self, commands: Mapping[str, str]) -> Modal:
-        """The state with a line's commands, by modal group."""
+        """Return the state after a line's commands, by modal group."""
         return replace(self, **{name: word for name, word in commands.items() if hasattr(self, name)})  # type: ignore[arg-type]
 
     def report(self) -> str:
-        """The answer to ``$G``."""
+        """Return the answer to ``$G``."""
         feed = f"{self.feed_mm_min:.0f}"
         inside = (self.motion, self.system, self.plane, self.units, self.distance, "G94", self.spindle, self.coolant)
         return f"[GC:{' '.join(inside)} T0 F{feed} S0]"
@@ -87,11 +87,11 @@ class Block:
     """A checked line.
 
     Args:
-        modal: The modal state after it.
+        modal: The modal state after the line.
         action: ``move``, ``dwell``, ``offset``, ``clear``, ``pause``, ``end`` or an empty text.
-        rapid: Move at the axes' own speed.
-        machine: The target is in machine coordinates (G53).
-        axes: Axis index to value in mm.
+        rapid: Whether the move uses the axes' own speed.
+        machine: Whether the target is in machine coordinates (G53).
+        axes: The values of the axes in mm, by axis index.
         values: The other words.
     """
 
@@ -107,12 +107,12 @@ def parse(line: str, modal: Modal, *, jog: bool = False) -> Block:
     """Check a line against the modal state.
 
     Args:
-        line: Upper case, without blanks and comments; after ``$J=`` for a jog.
-        modal: The state before it.
-        jog: Whether it is a jog, which leaves the modal state alone.
+        line: The line, upper case, without blanks and comments; for a jog, the part after ``$J=``.
+        modal: The state before the line.
+        jog: Whether the line is a jog, which does not change the modal state.
 
     Raises:
-        GcodeError: GRBL would refuse it.
+        GcodeError: GRBL would refuse the line.
     """
     commands, values = _sort(line)
     if jog and any(group not in ("units", "distance") and word != "G53" for group, word in commands.items()):
@@ -159,7 +159,7 @@ def parse(line: str, modal: Modal, *, jog: bool = False) -> Block:
 
 
 def _sort(line: str) -> tuple[dict[str, str], dict[str, float]]:
-    """Commands by modal group, and the words that carry values."""
+    """Return the commands by modal group, and the words with values."""
     line_words = words(line)
     if line_words is None:
         raise GcodeError(1)

@@ -1,4 +1,4 @@
-"""What GRBL keeps in its permanent memory, and how its descendants differ from it on the wire."""
+"""GRBL's permanent memory, and the differences of its descendants on the line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.virtual_rig.grbl_gcode import GcodeError
 from tacbench_cad.virtual_rig.machine import MotorAxis
 
-#: Settings in the order of ``$$``. The flags 20, 21 and 22 are on: a stage for pressing is set up so.
+#: The settings in the order of ``$$``. The flags 20, 21 and 22 are on, as on a stage for pressing.
 SETTINGS: Mapping[int, float] = {
     0: 10, 1: 25, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0, 10: 1, 11: 0.010, 12: 0.002, 13: 0, 20: 1, 21: 1, 22: 1, 23: 3,
     24: 100, 25: 1500, 26: 250, 27: 1, 30: 1000, 31: 0, 32: 0, 100: 400, 101: 400, 102: 1600, 110: 3000, 111: 3000,
@@ -20,37 +20,37 @@ _WHOLE = (0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32)
 
 @dataclass(frozen=True, kw_only=True)
 class Dialect:
-    """Where GRBL and its descendants differ on the wire."""
+    """The differences between GRBL and its descendants on the line."""
 
-    #: What is said after a reset.
+    #: The line after a reset.
     banner: str = "Grbl 1.1h ['$' for help]"
-    #: First line of the answer to ``$I``.
+    #: The first line of the answer to ``$I``.
     version: str = "[VER:1.1h.20190830:SIMULATED]"
-    #: Its second line.
+    #: The second line of the answer to ``$I``.
     options: str = "[OPT:VZ,15,128]"
-    #: A fresh memory says so before the banner.
+    #: The line of a fresh memory before the banner.
     fresh_memory: str = ""
-    #: Whether the status is answered while an alarm waits for a reset.
+    #: Whether status requests are answered while an alarm waits for a reset.
     status_in_alarm: bool = False
-    #: An alarm's message is followed by so long a pause, in which nothing is read.
+    #: The pause after an alarm's message in s, during which nothing is read.
     alarm_pause_s: float = 0.5
-    #: Whether a reset in motion locks with ALARM:3.
+    #: Whether a reset during motion locks GRBL with ALARM:3.
     abort_alarm: bool = True
-    #: Fields at the end of each status report.
+    #: The additional fields at the end of each status report.
     more_fields: str = ""
-    #: Whether a status report says how much room the buffers have.
+    #: Whether a status report contains the free space of the buffers.
     buffer_field: bool = False
-    #: From the question mark to the report; another one within it is the same one.
+    #: The time from a status request to the report, in s. A second request within it gets no report of its own.
     status_s: float = 0.0005
-    #: Slots of the serial receive buffer.
+    #: The size of the serial receive buffer, in bytes.
     rx_bytes: int = 128
-    #: Seconds from a reset to the banner.
+    #: The time from a reset to the banner, in s.
     boot_s: float = 1.2
 
 
 #: GRBL 1.1h itself.
 GRBL = Dialect()
-#: How grblHAL 1.1f differs: it answers in ALARM:2, resets in motion without an alarm, reports more, and has more room.
+#: grblHAL 1.1f answers during ALARM:2, resets in motion without an alarm, reports more, and has larger buffers.
 GRBLHAL = Dialect(
     banner="GrblHAL 1.1f ['$' or '$HELP' for help]",
     version="[VER:1.1f.20200818:SIMULATED]",
@@ -68,10 +68,10 @@ GRBLHAL = Dialect(
 
 
 class Memory:
-    """Settings and work offsets.
+    """The settings and work offsets.
 
     Args:
-        axes: Their steps and travel fill settings 100 to 102 and 130 to 132.
+        axes: The axes, whose steps and travel become settings 100 to 102 and 130 to 132.
         changed: Settings that differ from :data:`SETTINGS`.
     """
 
@@ -85,10 +85,10 @@ class Memory:
         return self._settings[number]
 
     def store(self, line: str) -> None:
-        """Obey ``$20=1``.
+        """Execute a line like ``$20=1``.
 
         Raises:
-            GcodeError: GRBL would refuse it.
+            GcodeError: GRBL would refuse the line.
         """
         name, equals, value = line[1:].partition("=")
         if not (equals and name.isascii() and name.isdigit()):
@@ -108,7 +108,7 @@ class Memory:
             self._settings[20] = 0
 
     def listed(self) -> str:
-        """The answer to ``$$``."""
+        """Return the answer to ``$$``."""
         lines = []
         for number, value in self._settings.items():
             shown = f"{value:.0f}" if number in _WHOLE else f"{value:.3f}"
@@ -116,10 +116,10 @@ class Memory:
         return "".join(lines)
 
     def parameters(self, shift: Point) -> str:
-        """The answer to ``$#``.
+        """Return the answer to ``$#``.
 
         Args:
-            shift: The offset of G92, which is not kept.
+            shift: The offset of G92, which is not stored.
         """
         zero = triple((0.0, 0.0, 0.0))
         lines = [f"[G{54 + index}:{triple(offset)}]" for index, offset in enumerate(self.offsets)]
@@ -128,5 +128,5 @@ class Memory:
 
 
 def triple(point: Point) -> str:
-    """A point as reports have it, without a sign before zero."""
+    """Return a point as in reports, without a sign before zero."""
     return ",".join(f"{value + 0.0:.3f}" for value in point)

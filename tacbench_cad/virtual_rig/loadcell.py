@@ -1,4 +1,4 @@
-"""A load cell behind an amplifier that sends a line a sample, and the force that it feels under the carriage."""
+"""A load cell with an amplifier that sends one line per sample, and the force on it under the carriage."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from tacbench_cad.virtual_rig.faults import BYTE_KINDS, Fault, Spoiler
 if TYPE_CHECKING:
     from tacbench_cad.lab.simulate.contact import DomeContact
 
-#: The amplifier's converter: 24 bits, signed.
+#: The largest count of the amplifier's converter, which has 24 bits with sign.
 FULL_SCALE = 2**23 - 1
-#: A stream that nobody took for long starts again here, so that the catching up is bounded.
+#: The longest time, in s, for which samples are generated afterwards if nobody has read the stream.
 _BACKLOG_S = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class CellSettings:
-    """What the load cell is like.
+    """The properties of the load cell.
 
     Args:
-        rate_hz: Samples a second of rig time.
-        counts_per_n: Scale; positive in compression.
-        offset_counts: What it reads without load.
-        noise_n: Standard deviation of a sample, in newtons.
-        drift_n_per_min: Creep of the zero, in newtons a minute of rig time.
-        newtons: Send newtons with four decimals instead of counts.
+        rate_hz: Samples per second of rig time.
+        counts_per_n: The scale; positive in compression.
+        offset_counts: The counts without load.
+        noise_n: The standard deviation of a sample, in N.
+        drift_n_per_min: The drift of the zero, in N per minute of rig time.
+        newtons: Whether it sends newtons with four decimals instead of counts.
     """
 
     rate_hz: Annotated[float, Bounds(0.001, 10_000.0)] = 80.0
@@ -51,15 +51,15 @@ class CellSettings:
 
 
 class LoadCell:
-    """Samples in time; no bytes go in.
+    """The stream of samples. The load cell receives no bytes.
 
     Args:
-        settings: What it is like.
-        seed: Of noise and faults.
-        start_s: Rig time of the first sample.
+        settings: The properties of the load cell.
+        seed: The seed for noise and faults.
+        start_s: The rig time of the first sample.
 
     Attributes:
-        next_s: When the next sample is due.
+        next_s: The time of the next sample.
     """
 
     def __init__(self, settings: CellSettings | None = None, *, seed: int = 0, start_s: float = 0.0) -> None:
@@ -73,7 +73,7 @@ class LoadCell:
         self._counts = 0
 
     def skip_to(self, now_s: float) -> None:
-        """Nobody listens: the samples until now are not made."""
+        """Skip the samples until now, since nobody reads them."""
         self.next_s = max(self.next_s, now_s)
 
     def inject(self, fault: Fault, now_s: float) -> None:
@@ -85,12 +85,12 @@ class LoadCell:
         self._faults.append((until, fault))
 
     def read(self, now_s: float, force: Callable[[], float]) -> bytes:
-        """The samples that are due.
+        """Return the samples that are due.
 
         Args:
-            now_s: Rig time.
-            force: Gives the force on the cell now, in N; called only if a sample is due. Between two calls the force
-                is taken to change evenly.
+            now_s: The rig time.
+            force: Returns the present force on the cell in N. It is called only if a sample is due. Between two calls
+                the force is assumed to change linearly.
 
         Returns:
             Lines that end in a line feed.
@@ -130,18 +130,18 @@ class LoadCell:
 
 @dataclass(frozen=True, kw_only=True)
 class FlatSpring:
-    """An endless flat spring.
+    """An infinite flat spring.
 
     Args:
-        flat_z_mm: Height of its top in the stage's frame.
-        n_per_mm: Stiffness.
+        flat_z_mm: The height of its top in the stage's frame, in mm.
+        n_per_mm: The stiffness in N/mm.
     """
 
     flat_z_mm: float
     n_per_mm: float
 
     def force_n(self, point_mm: Point) -> float:
-        """Contact force with the carriage truly at a point of the stage's frame."""
+        """Return the contact force with the carriage's true position at a point of the stage's frame, in N."""
         return max(0.0, self.flat_z_mm - point_mm[2]) * self.n_per_mm
 
 
@@ -150,9 +150,9 @@ class BlockUnderDome:
     """A printed block in its holder under the simulated sensor.
 
     Args:
-        printed: The block, as ``run.json`` has it.
-        holder: What surrounds it.
-        frame: Where it lies.
+        printed: The block, as in ``run.json``.
+        holder: The rim of the holder.
+        frame: The work frame of the block.
     """
 
     printed: Mapping[str, Any]
@@ -167,37 +167,37 @@ class BlockUnderDome:
         return contact_for(printed_block_from(self.printed), self.holder)
 
     def force_n(self, point_mm: Point) -> float:
-        """See :class:`FlatSpring`. Above all that stands there, nothing is worked out."""
+        """See :class:`FlatSpring`. Above the highest point, nothing is computed."""
         x, y, z = self.frame.to_work(point_mm)
         return self._contact.force_n(x, y, z) if z < self._contact.ground.top_mm else 0.0
 
 
-#: What the carriage presses.
+#: The object under the carriage.
 Stimulus = FlatSpring | BlockUnderDome
 
 
 def stimulus_from(values: Mapping[str, Any]) -> Stimulus:
-    """The stimulus that plain values describe.
+    """Create a stimulus from plain values.
 
     Args:
         values: ``{"flat_z_mm", "n_per_mm"}`` or ``{"printed", "holder", "frame"}``.
 
     Raises:
-        InputError: They describe neither.
+        InputError: The values have neither form.
     """
     kinds: tuple[type[FlatSpring] | type[BlockUnderDome], ...] = (FlatSpring, BlockUnderDome)
     for kind in kinds:
         if fields(kind)[0].name in values:
             return from_plain(kind, values, "stimulus ")
-    raise InputError("stimulus", sorted(values), "give flat_z_mm and n_per_mm, or printed, holder and frame")
+    raise InputError("stimulus", sorted(values), "must have flat_z_mm and n_per_mm, or printed, holder and frame")
 
 
 class ForceAtCarriage:
-    """The force under the carriage, worked out again only where the carriage has moved.
+    """The force under the carriage, computed again only after the carriage has moved.
 
     Args:
-        position: Gives the carriage's true position in mm.
-        stimulus: What it presses; None for air.
+        position: Returns the carriage's true position in mm.
+        stimulus: The object under the carriage; None for air.
     """
 
     def __init__(self, position: Callable[[], Point], stimulus: Stimulus | None) -> None:
@@ -206,11 +206,11 @@ class ForceAtCarriage:
         self._stimulus = stimulus
 
     def put(self, stimulus: Stimulus | None) -> None:
-        """Change what lies under the carriage."""
+        """Replace the object under the carriage."""
         self._stimulus, self._known = stimulus, None
 
     def __call__(self) -> float:
-        """The force in N now."""
+        """Return the present force in N."""
         here = self._position()
         if self._stimulus is None:
             return 0.0

@@ -1,8 +1,8 @@
-"""The carriage of a virtual stage: three motors, their end stops, and what the step counters believe.
+"""The carriage of a virtual stage: three motors, their end stops, and the step counters.
 
-Strokes are straight, from rest to rest, with constant acceleration (trapezoids; no look-ahead over corners). The
-*counted* position is what the firmware has stepped; the *true* one is where the carriage is. They part company when
-the counters are cleared, when the carriage runs into the end of an axis, and when a motor slips or stalls.
+Strokes are straight, from rest to rest, with constant acceleration (trapezoids, without look-ahead over corners). The
+*counted* position is the one that the firmware has stepped to; the *true* position is that of the carriage. They differ
+after the counters are cleared, after the carriage runs into the end of an axis, and after a motor slips or stalls.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ AXES = "xyz"
 
 
 def replaced(point: Point, axis: int, value: float) -> Point:
-    """A point with another coordinate on one axis."""
+    """Return a point with another coordinate on one axis."""
     x, y, z = (value if i == axis else coordinate for i, coordinate in enumerate(point))
     return (x, y, z)
 
 
 def along_path(start: Point, end: Point, limits: Sequence[float]) -> float:
-    """The speed (or acceleration) along a straight path at which no axis exceeds its own limit; 0 without a path."""
+    """Return the largest speed (or acceleration) along a path within each axis's limit; 0 for a path of length 0."""
     length = math.dist(start, end)
     return min(
         (limit * length / abs(b - a) for a, b, limit in zip(start, end, limits, strict=True) if a != b), default=0.0
@@ -36,15 +36,16 @@ def along_path(start: Point, end: Point, limits: Sequence[float]) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class MotorAxis:
-    """One axis, in the frame that the firmware has after a flawless homing.
+    """One axis, in the frame that the firmware has after an ideal homing.
 
     Args:
-        low_mm: Lower end of the working range.
-        high_mm: Upper end.
-        home: -1 if the end stop is at the lower end, 1 if at the upper one.
-        switch_mm: The end stop closes so far beyond the working range.
-        slack_mm: Behind the switch, and behind the other end, the carriage can go so far before it hits something.
-        steps_per_mm: Motor steps for a millimetre.
+        low_mm: The lower end of the working range.
+        high_mm: The upper end of the working range.
+        home: -1 if the end stop is at the lower end, 1 if it is at the upper end.
+        switch_mm: The distance beyond the working range at which the end stop closes.
+        slack_mm: The distance that the carriage can move beyond the switch, and beyond the other end, before it hits
+            the frame of the machine.
+        steps_per_mm: The motor steps per mm.
     """
 
     low_mm: float
@@ -56,28 +57,28 @@ class MotorAxis:
 
     @property
     def switch_at_mm(self) -> float:
-        """Where the end stop closes."""
+        """The position at which the end stop closes."""
         return self.high_mm + self.switch_mm if self.home > 0 else self.low_mm - self.switch_mm
 
     @property
     def ends_mm(self) -> tuple[float, float]:
-        """Where the carriage hits the frame of the machine."""
+        """The positions at which the carriage hits the frame of the machine."""
         low = self.low_mm - self.slack_mm - (self.switch_mm if self.home < 0 else 0.0)
         high = self.high_mm + self.slack_mm + (self.switch_mm if self.home > 0 else 0.0)
         return low, high
 
     def within(self, value_mm: float) -> float:
-        """The position itself, or the end that it lies beyond."""
+        """Return a position limited to the ends of the axis."""
         low, high = self.ends_mm
         return min(high, max(low, value_mm))
 
     @property
     def travel_mm(self) -> float:
-        """Length of the working range."""
+        """The length of the working range."""
         return self.high_mm - self.low_mm
 
     def stepped(self, value_mm: float) -> float:
-        """The position that whole steps can hold, nearest to ``value_mm``."""
+        """Return the position in whole steps nearest to ``value_mm``."""
         return round(value_mm * self.steps_per_mm) / self.steps_per_mm
 
 
@@ -86,12 +87,12 @@ class Stroke:
     """A straight motion that ends at rest.
 
     Args:
-        start: Counted position at the start, in mm.
-        end: Counted position at the end.
-        peak_mm_s: Speed that is not exceeded.
-        acceleration_mm_s2: Of speeding up and slowing down.
-        begin_s: When it starts.
-        entry_mm_s: Speed at the start (above 0 only for the rest of a stroke that is being stopped).
+        start: The counted position at the start, in mm.
+        end: The counted position at the end, in mm.
+        peak_mm_s: The highest speed.
+        acceleration_mm_s2: The acceleration and deceleration.
+        begin_s: The time of the start.
+        entry_mm_s: The speed at the start (above 0 only for the rest of a stroke that is being stopped).
     """
 
     start: Point
@@ -103,11 +104,11 @@ class Stroke:
 
     @property
     def length_mm(self) -> float:
-        """Length of the path."""
+        """The length of the path."""
         return math.dist(self.start, self.end)
 
     def _profile(self) -> tuple[float, float, float, float]:
-        """Top speed, and the durations of speeding up, cruising and slowing down: v^2 = v0^2 + 2 a s."""
+        """Return the top speed, and the durations of acceleration, cruise and deceleration: v^2 = v0^2 + 2 a s."""
         a, v0, length = self.acceleration_mm_s2, self.entry_mm_s, self.length_mm
         top = max(v0, min(self.peak_mm_s, math.sqrt((2.0 * a * length + v0 * v0) / 2.0)))
         ramps = (2.0 * top * top - v0 * v0) / (2.0 * a)
@@ -116,12 +117,12 @@ class Stroke:
 
     @property
     def end_s(self) -> float:
-        """When it ends."""
+        """The time of the end."""
         _, up, cruise, down = self._profile()
         return self.begin_s + up + cruise + down
 
     def travelled_mm(self, now_s: float) -> float:
-        """Length travelled at a time, from 0 to :attr:`length_mm`."""
+        """Return the length travelled at a time, from 0 to :attr:`length_mm`."""
         top, up, cruise, down = self._profile()
         t = now_s - self.begin_s
         if t <= 0.0:
@@ -137,7 +138,7 @@ class Stroke:
         return max(0.0, self.length_mm - a * left * left / 2.0)
 
     def speed_mm_s(self, now_s: float) -> float:
-        """Speed at a time."""
+        """Return the speed at a time."""
         top, up, cruise, down = self._profile()
         t = now_s - self.begin_s
         if t < 0.0 or t >= up + cruise + down:
@@ -147,7 +148,7 @@ class Stroke:
         return min(top, self.acceleration_mm_s2 * (up + cruise + down - t))
 
     def at(self, now_s: float) -> Point:
-        """Counted position at a time, in mm."""
+        """Return the counted position at a time, in mm."""
         length = self.length_mm
         part = self.travelled_mm(now_s) / length if length > 0.0 else 1.0
         if part >= 1.0:
@@ -156,7 +157,7 @@ class Stroke:
         return (x, y, z)
 
     def when_s(self, travelled_mm: float) -> float:
-        """The time at which so much is travelled, by bisection (the length grows with time)."""
+        """Return the time at which a length has been travelled, by bisection (the length increases with time)."""
         low, high = self.begin_s, self.end_s
         for _ in range(60):
             middle = (low + high) / 2.0
@@ -172,9 +173,9 @@ class Carriage:
 
     Args:
         axes: The axes x, y, z.
-        true_mm: Where the carriage stands when the power comes on; the counters then say 0, 0, 0.
-        random_: Source of the end stops' scatter.
-        switch_scatter_mm: The end stops close within so much of their place.
+        true_mm: The true position at power-on; the counters are then 0, 0, 0.
+        random_: The source of the end stops' scatter.
+        switch_scatter_mm: The largest deviation of an end stop from its nominal position, in mm.
     """
 
     def __init__(
@@ -195,17 +196,17 @@ class Carriage:
         self._queue: deque[Stroke] = deque()
         self._switch: tuple[float, int] | None = None
 
-    # Where it is
+    # Position
 
     def counted(self, now_s: float) -> Point:
-        """What the step counters say, in mm, whole steps; the last step is made when the stroke ends."""
+        """Return the position of the step counters in mm, in whole steps. The last step is made at the stroke's end."""
         if not self._queue:
             return self._counted
         stroke = self._queue[0]
         raw = stroke.at(now_s)
         if raw == stroke.end:
             return stroke.end
-        # Only whole steps count: rounded back towards where the stroke came from.
+        # Only whole steps count, so the position is rounded back towards the start of the stroke.
         x, y, z = (
             (math.floor if value >= start else math.ceil)(value * axis.steps_per_mm) / axis.steps_per_mm
             for axis, value, start in zip(self.axes, raw, stroke.start, strict=True)
@@ -213,7 +214,7 @@ class Carriage:
         return (x, y, z)
 
     def true(self, now_s: float) -> Point:
-        """Where the carriage is, in mm."""
+        """Return the true position of the carriage in mm."""
         counted = self._queue[0].at(now_s) if self._queue else self._counted
         return self._true_of(counted)
 
@@ -227,9 +228,9 @@ class Carriage:
         return (x, y, z)
 
     def pressed(self, now_s: float) -> tuple[int, ...]:
-        """Axes whose end stop is closed."""
+        """Return the axes whose end stop is closed."""
         true = self.true(now_s)
-        # A switch closes within the scatter, and the counters know whole steps only.
+        # A switch closes within its scatter, and the counters know only whole steps.
         return tuple(
             i
             for i, axis in enumerate(self.axes)
@@ -240,34 +241,34 @@ class Carriage:
 
     @property
     def moving(self) -> bool:
-        """Whether a stroke is under way or waits."""
+        """Whether a stroke is running or waiting."""
         return bool(self._queue)
 
     @property
     def queued(self) -> int:
-        """Number of strokes under way or waiting."""
+        """The number of strokes that are running or waiting."""
         return len(self._queue)
 
     def speed_mm_s(self, now_s: float) -> float:
-        """Speed along the path."""
+        """Return the speed along the path."""
         return self._queue[0].speed_mm_s(now_s) if self._queue else 0.0
 
     @property
     def planned(self) -> Point:
-        """Counted position after the last queued stroke."""
+        """The counted position after the last queued stroke."""
         return self._queue[-1].end if self._queue else self._counted
 
     def go(self, target: Point, speed_mm_s: float, acceleration_mm_s2: float, now_s: float) -> bool:
-        """Queue a stroke; it starts when the ones before it have ended.
+        """Queue a stroke. It starts after the earlier ones have ended.
 
         Args:
-            target: Counted position in mm; rounded to whole steps.
-            speed_mm_s: Speed along the path.
-            acceleration_mm_s2: Along the path.
-            now_s: Rig time.
+            target: The counted target in mm; it is rounded to whole steps.
+            speed_mm_s: The speed along the path.
+            acceleration_mm_s2: The acceleration along the path.
+            now_s: The rig time.
 
         Returns:
-            Whether there is anything to move.
+            Whether there is a distance to move.
         """
         x, y, z = (axis.stepped(value) for axis, value in zip(self.axes, target, strict=True))
         if (x, y, z) == self.planned:
@@ -287,10 +288,10 @@ class Carriage:
         return True
 
     def slow_down(self, now_s: float) -> list[Stroke]:
-        """Stop by slowing down.
+        """Decelerate to a stop.
 
         Returns:
-            The strokes that are not finished, in order.
+            The unfinished strokes, in order.
         """
         if not self._queue:
             return []
@@ -300,7 +301,7 @@ class Carriage:
         here, speed = stroke.at(now_s), stroke.speed_mm_s(now_s)
         stretch = speed * speed / (2.0 * stroke.acceleration_mm_s2)
         left = stroke.length_mm - stroke.travelled_mm(now_s)
-        # A stroke that has all but ended goes to its end; one that has not begun stays.
+        # A stroke that has almost ended continues to its end. A stroke that has not begun stays unchanged.
         rest = min(1.0, stretch / left) if speed > 0.0 and left > 0.0 else float(speed > 0.0)
         target = [a + (b - a) * rest for a, b in zip(here, stroke.end, strict=True)]
         if rest < 1.0:
@@ -323,11 +324,11 @@ class Carriage:
         return unfinished
 
     def halt(self, now_s: float) -> None:
-        """Stop at once; what was queued is forgotten. The counters keep the steps that were made."""
+        """Stop at once and clear the queue. The counters keep the steps that were made."""
         self._rest_at(self.counted(now_s))
 
     def _rest_at(self, counted: Point) -> None:
-        # Taken before the queue is cleared: a carriage that ran into its end stays there while the counters ran on.
+        # Read before the queue is cleared: a carriage at its mechanical end stays there while the counters continued.
         true = self._true_of(counted)
         self._queue.clear()
         self._switch = None
@@ -335,19 +336,19 @@ class Carriage:
         self._anchor_counted, self._anchor_true = counted, true
 
     def count_as(self, counted: Point) -> None:
-        """Set the step counters without moving. Only at rest."""
+        """Set the step counters without motion. Allowed only at rest."""
         true = self._true_of(self._counted)
         self._counted = self._anchor_counted = counted
         self._anchor_true = true
 
     def slip(self, axis: int, by_mm: float, now_s: float) -> None:
-        """A motor slips: the carriage stands elsewhere, the counters don't know."""
+        """Let a motor slip: the carriage moves, but the counters do not change."""
         self._anchor(now_s)
         self._anchor_true = replaced(self._anchor_true, axis, self.axes[axis].within(self._anchor_true[axis] + by_mm))
         self._find_switch()
 
     def turn_only(self, axis: int, fraction: float, now_s: float) -> None:
-        """From now on a motor makes only a fraction of its steps: 1 is healthy, 0 stalled."""
+        """Let a motor make only a fraction of its steps from now on: 1 is normal, 0 is stalled."""
         self._anchor(now_s)
         self._gain[axis] = fraction
         self._find_switch()
@@ -360,17 +361,17 @@ class Carriage:
     # Events
 
     def next_event_s(self) -> float | None:
-        """When a stroke ends or an end stop closes next; None at rest."""
+        """Return the time at which a stroke ends or an end stop closes next; None at rest."""
         if not self._queue:
             return None
         end = self._queue[0].end_s
         return end if self._switch is None else min(end, self._switch[0])
 
     def advance(self, now_s: float) -> int | None:
-        """Let the present stroke go on, at most to the next event.
+        """Continue the present stroke, at most to the next event.
 
         Returns:
-            The axis whose end stop closed at this event.
+            The axis whose end stop closed at this event, if any.
         """
         closed = None
         if self._switch is not None and now_s >= self._switch[0]:
@@ -384,7 +385,7 @@ class Carriage:
         return closed
 
     def _find_switch(self, after_s: float = -math.inf) -> None:
-        """Work out when the present stroke closes an end stop, the first after a time."""
+        """Find the first time, after a given one, at which the present stroke closes an end stop."""
         self._switch = None
         if not self._queue:
             return

@@ -1,8 +1,8 @@
-"""Marlin 2.1 as a state machine, with the traits that hosts stumble over.
+"""Marlin 2.1 as a state machine, including the traits that cause errors in hosts.
 
-What is not here: arcs, heaters (``M105`` answers room temperature), bed levelling, inches. Motion stops between
-lines: there is no look-ahead over corners. Homing goes to the upper end of z first, as builds with ``Z_HOME_DIR 1``
-do, since a sensor must not be homed into a block.
+Not included are arcs, heaters (``M105`` answers room temperature), bed levelling and inches. Motion stops between
+lines, without look-ahead over corners. Homing moves to the upper end of z first, as in builds with ``Z_HOME_DIR 1``,
+since a sensor must not be homed into a block.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from tacbench_cad.virtual_rig.gcode import words
 from tacbench_cad.virtual_rig.machine import along_path, replaced
 from tacbench_cad.virtual_rig.marlin_core import VERSION, MarlinCore
 
-#: Strokes that the planner holds.
+#: The number of strokes in the planner.
 _PLANNER_STROKES = 15
-#: Highest speeds, accelerations and speeds of homing by axis, in mm and s.
+#: The highest speeds, accelerations and homing speeds by axis, in mm and s.
 _PEAK: Point = (100.0, 100.0, 10.0)
 _ACCELERATION: Point = (500.0, 500.0, 100.0)
 _HOME: Point = (50.0, 50.0, 8.0)
 _BUMP_MM = 5.0
-#: Of the extruder, which is not there: Marlin's own defaults.
+#: The steps per mm of the missing extruder: Marlin's default.
 _EXTRUDER_STEPS_PER_MM = 500.0
 _EXTRUDER_MM_S = 25.0
-#: Commands that are accepted and change nothing here.
+#: Commands that are accepted without an effect.
 _IGNORED = (
     *("G17", "G94", "M17", "M18", "M82", "M83", "M84", "M104", "M106", "M107"),
     *("M113", "M140", "M155", "M220", "M420"),
@@ -66,7 +66,7 @@ class Marlin(MarlinCore):
         elif name == "M119":
             self._end_stops()
         elif name == "M154":
-            # A whole number of seconds that fits a byte.
+            # A whole number of seconds from 0 to 255.
             self._auto_every_s = float(min(255, int(max(0.0, values.get("S") or 0.0))))
             self._auto_s = self.now_s + self._auto_every_s if self._auto_every_s > 0.0 else None
         elif name == "M105":
@@ -91,7 +91,7 @@ class Marlin(MarlinCore):
             value = value if self._absolute else target[i] + value
             if self._homed[i]:
                 axis, shift = self.carriage.axes[i], self._shift[i]
-                # Soft end stops clamp without a word, and only on axes that are homed.
+                # Soft end stops limit a target without a message, and only on axes that are homed.
                 value = min(axis.high_mm - shift, max(axis.low_mm - shift, value))
             target = replaced(target, i, value)
         yield lambda: self.carriage.queued < _PLANNER_STROKES
@@ -142,7 +142,7 @@ class Marlin(MarlinCore):
         if realtime and self.m114_realtime:
             self._report(self.carriage.counted(self.now_s))
         else:
-            # Without the compile option the letter is passed over.
+            # Without the compile option the letter is ignored.
             self._report()
         yield 0.0
 
@@ -156,7 +156,7 @@ class Marlin(MarlinCore):
         )
 
     def _axes_as(self, name: str, axes: Sequence[float], extruder: float) -> None:
-        """A setting with a number for each axis, in the layout of Marlin 2.1 (2.0 puts ``echo:`` in front)."""
+        """Send a setting with a value for each axis, in the layout of Marlin 2.1 (2.0 adds ``echo:`` in front)."""
         x, y, z = axes
         self._send(f"  {name} X{x:.2f} Y{y:.2f} Z{z:.2f} E{extruder:.2f}\n")
 

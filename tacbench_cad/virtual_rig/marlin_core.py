@@ -1,4 +1,4 @@
-"""What Marlin does beside its commands: line numbers, the queue, busy lines, the quick stop, halting, auto-reports."""
+"""Marlin without its commands: line numbers, the queue, busy lines, the quick stop, halting and automatic reports."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from tacbench_cad.lab.study.spec import Point, minus, plus
 from tacbench_cad.virtual_rig.base import Firmware, Program, earliest
 from tacbench_cad.virtual_rig.machine import Carriage
 
-#: The version that it says it is.
+#: The reported version.
 VERSION = "2.1.2.7"
-#: Lines that wait to be run, and signs that a line may have.
+#: The number of lines in the queue, and the largest number of characters in a line.
 _QUEUE_LINES = 4
 _LINE_SIGNS = 95
-#: A command that takes longer says so this often.
+#: The interval of busy messages during a long command, in s.
 _BUSY_S = 2.0
-#: After a quick stop the planner refuses everything for so long.
+#: The time after a quick stop during which the planner refuses everything, in s.
 _QUICK_STOP_S = 1.0
 _LINE_S = 0.0005
 _EMERGENCY = re.compile(rb"\s*(?:N\d+\s*)?(M410|M112)(?!\d)")
 
 
 class MarlinCore(Firmware):
-    """Marlin without an understanding of its commands.
+    """Marlin without the interpretation of its commands.
 
     Args:
-        carriage: What it moves; after ``G28`` x and y are 0 at their end stops and z is at its upper end.
-        boot_s: Seconds from a reset to the first line.
-        emergency_parser: Built so that ``M410`` and ``M112`` are seen before they are queued.
-        m114_realtime: Built so that ``M114 R`` gives the true step count.
-        baud: Symbols per second that it is built for; 115200 is common too.
+        carriage: The carriage. After ``G28``, x and y are 0 at their end stops and z is at its upper end.
+        boot_s: The time from a reset to the first line, in s.
+        emergency_parser: Whether the build handles ``M410`` and ``M112`` before they are queued.
+        m114_realtime: Whether the build answers ``M114 R`` with the true step count.
+        baud: The baud rate of the build; 115200 is common too.
     """
 
     baud = 250000
@@ -52,15 +52,15 @@ class MarlinCore(Firmware):
         self.m114_realtime = m114_realtime
         super().__init__(carriage, boot_s=boot_s)
 
-    # What others see
+    # Reported state
 
     @property
     def reported(self) -> Point:
-        """The planned position, as ``M114`` has it."""
+        """The planned position, as in ``M114``."""
         return self._planned
 
     def _alarm(self) -> None:
-        """A failed check of the machine: it halts itself."""
+        """Halt after a failed check of the machine."""
         self._kill()
 
     # Memory
@@ -94,7 +94,7 @@ class MarlinCore(Firmware):
         self._read_lines()
 
     def _watch(self, byte: int) -> None:
-        """The emergency parser: sees its commands as their line ends, before anything is queued."""
+        """Run the emergency parser: it executes its commands at the end of their line, before anything is queued."""
         if byte not in b"\r\n":
             self._seen = (self._seen + bytes((byte,)))[-_LINE_SIGNS:]
             return
@@ -104,7 +104,7 @@ class MarlinCore(Firmware):
             self._rush(match.group(1).decode())
 
     def _read_lines(self) -> None:
-        """Take lines out of the receive buffer while the queue has room."""
+        """Move lines from the receive buffer into the queue while it has room."""
         while self._rx and len(self._commands) < _QUEUE_LINES and not self._killed:
             byte = self._rx.pop(0)
             if byte not in b"\r\n":
@@ -125,7 +125,7 @@ class MarlinCore(Firmware):
                 given = numbered.rpartition("N")
                 number = _leading_number(given[2])
             elif number != self._last_n + 1:
-                # A resend was on its way already: what was accepted is passed over without a word.
+                # The line belongs to a repetition that was sent too late. Marlin ignores it without an answer.
                 if number not in (self._last_n - 1, self._last_n):
                     self._refuse("Line Number is not Last Line Number+1")
                 return
@@ -155,7 +155,7 @@ class MarlinCore(Firmware):
         self._send(f"Resend: {self._last_n + 1}\nok\n")
 
     def _rush(self, word: str) -> None:
-        """What is done at once, whatever is running."""
+        """Execute commands that do not wait for the queue."""
         if word == "M112":
             self._kill()
             return
@@ -202,7 +202,7 @@ class MarlinCore(Firmware):
         )
         while True:
             yield lambda: bool(self._commands) and self._quiet_until_s is None
-            # The slot in the queue is held until the command is done, as in the original.
+            # The command keeps its place in the queue until it is finished, as in the original.
             line = self._commands[0]
             yield _LINE_S
             yield from self._command(line)
@@ -224,7 +224,7 @@ class MarlinCore(Firmware):
             self._send("ok\n")
 
     def _acknowledge_stop(self) -> Program:
-        """The end of an M410: its ``ok``, unless another command came in during the silence and took its place."""
+        """End an M410: send its ``ok``, unless another command came during the silence and took its place."""
         self._busy_s = None
         self._quick_stopped = False
         if not self._again:
@@ -233,7 +233,7 @@ class MarlinCore(Firmware):
 
     @abstractmethod
     def _do(self, line: str) -> Program:
-        """Obey a command; its ``ok`` comes afterwards."""
+        """Execute a command. Its ``ok`` follows."""
 
     # The plan
 
@@ -251,6 +251,6 @@ class MarlinCore(Firmware):
 
 
 def _leading_number(text: str) -> int:
-    """The whole number at the start of a text; 0 if there is none, as ``strtol`` has it."""
+    """Return the whole number at the start of a text, as ``strtol`` does; 0 if there is none."""
     number = re.match(r"\s*([+-]?\d{1,18})", text, re.ASCII)
     return int(number[1]) if number else 0

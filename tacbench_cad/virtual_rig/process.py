@@ -1,4 +1,4 @@
-"""Starts a virtual rig as a process of its own and speaks with it beside the ports."""
+"""Starting a virtual rig in its own process, and communication with it apart from its ports."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from tacbench_cad.util.errors import InputError
 from tacbench_cad.virtual_rig.faults import Fault
 from tacbench_cad.virtual_rig.setup import Setup
 
-#: The child gets exactly our module path: -P and PYTHONSAFEPATH keep the files of the current folder out of it.
+#: The child gets exactly our module path: -P and PYTHONSAFEPATH exclude the files of the current folder.
 _PROGRAM = "import sys; sys.path[:] = {path!r}; from tacbench_cad.virtual_rig.__main__ import launched; launched()"
 
 
 class VirtualRig(Closing):
-    """A running virtual rig. It ends with :meth:`close`, and by itself when this process dies.
+    """A running virtual rig. It ends with :meth:`close`, and also when this process ends.
 
     Attributes:
         port: The stage's port: a path, or ``socket://...``.
-        gauge_port: The load cell's.
-        setup: What was launched.
+        gauge_port: The load cell's port.
+        setup: The settings of the rig.
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -51,42 +51,42 @@ class VirtualRig(Closing):
         self.gauge_port = str(ports["gauge_port"])
 
     def inject(self, fault: Fault) -> None:
-        """Give it a fault, now or at the fault's time.
+        """Add a fault, now or at the fault's time.
 
         Raises:
-            DeviceLostError: The process is gone.
+            DeviceLostError: The process has ended.
         """
         self._ask({"do": "inject", "fault": to_plain(fault)})
 
     def put(self, stimulus: Mapping[str, Any] | None) -> None:
-        """Put something else under the carriage; None for nothing."""
+        """Replace the object under the carriage; None for nothing."""
         self._ask({"do": "put", "stimulus": stimulus})
 
     def true_position(self) -> Point:
-        """Where the carriage truly is, in mm of the frame that the firmware has after homing."""
+        """Return the true position of the carriage in mm, in the frame that the firmware has after homing."""
         x, y, z = self._ask({"do": "look"})["true_mm"]
         return (x, y, z)
 
     def reported_position(self) -> Point:
-        """Where the firmware believes the carriage to be, in mm."""
+        """Return the position that the firmware's counters give, in mm."""
         x, y, z = self._ask({"do": "look"})["reported_mm"]
         return (x, y, z)
 
     def force_n(self) -> float:
-        """The true force on the load cell, without noise."""
+        """Return the true force on the load cell in N, without noise."""
         return float(self._ask({"do": "look"})["force_n"])
 
     def now_s(self) -> float:
-        """Its rig time."""
+        """Return the rig time in s."""
         return float(self._ask({"do": "look"})["now_s"])
 
     @property
     def process_id(self) -> int:
-        """Of the process."""
+        """The ID of the process."""
         return self._process.pid
 
     def close(self) -> None:
-        """End the process. Never raises; a second call does nothing."""
+        """End the process. Never raises; a second call has no effect."""
         for stream in (self._process.stdin, self._process.stdout):
             if stream is not None:
                 with contextlib.suppress(OSError):
@@ -116,12 +116,12 @@ def launch(kind: str, **options: Any) -> VirtualRig:
     """Start a virtual rig. Use it in a ``with`` statement.
 
     Args:
-        kind: Which firmware: ``grbl``, ``grblhal``, ``marlin`` or ``arduino``.
+        kind: The firmware: ``grbl``, ``grblhal``, ``marlin`` or ``arduino``.
         **options: Other fields of :class:`~tacbench_cad.virtual_rig.setup.Setup`, and keyword arguments of the
             firmware: ``settings`` of ``grbl``, ``emergency_parser`` of ``marlin``.
 
     Raises:
-        InputError: An argument is wrong.
+        InputError: An argument is not allowed.
         DeviceLostError: The process ended at once.
     """
     return VirtualRig(Setup.of(kind, **options))

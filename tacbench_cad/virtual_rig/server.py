@@ -1,4 +1,4 @@
-"""Runs a virtual rig: the board on one port, the load cell on another, orders from the launcher on standard input."""
+"""The process of a virtual rig: the board on one port, the load cell on another, and orders on standard input."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tacbench_cad.virtual_rig.loadcell import ForceAtCarriage, LoadCell, stimulu
 from tacbench_cad.virtual_rig.setup import Setup
 from tacbench_cad.virtual_rig.transport import Endpoint, Pty, Tcp
 
-#: Real seconds: between looks for a host at a closed pseudo-terminal, between batches of samples, and at most asleep.
+#: The interval, in s of real time, between checks for a host, between batches of samples, and the longest sleep.
 _LOOK_S = 0.01
 _BATCH_S = 0.001
 _SLEEP_S = 1.0
@@ -34,11 +34,11 @@ class Server:
     """One virtual rig with its ports.
 
     Args:
-        setup: Which rig.
+        setup: The settings of the rig.
 
     Attributes:
-        stage: Port of the board.
-        gauge: Port of the load cell.
+        stage: The port of the board.
+        gauge: The port of the load cell.
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -57,7 +57,7 @@ class Server:
         self._stage_plugged = True
 
     def close(self) -> None:
-        """Leave nothing behind."""
+        """Close everything and remove all files."""
         for port in (self.stage, self.gauge):
             port.unplug()
         for end in self._wake:
@@ -66,14 +66,14 @@ class Server:
 
     @property
     def now_s(self) -> float:
-        """Rig time."""
+        """Return the rig time."""
         return (time.monotonic() - self._start_s) * self.setup.speed
 
     def run(self, orders: TextIO | None = None) -> None:
-        """Serve until the orders end (their writer has died or said so); without orders, for ever.
+        """Serve until the orders end (their writer has ended or closed them); without orders, for ever.
 
         Args:
-            orders: A line of JSON for each order; it is answered on the standard output.
+            orders: One order per line, in JSON. The answers go to the standard output.
         """
         inbox: queue.SimpleQueue[str] = queue.SimpleQueue()
         awake, waker = socket.socketpair()
@@ -83,7 +83,7 @@ class Server:
         if orders is not None:
             threading.Thread(target=_forward, args=(orders, inbox, waker), daemon=True).start()
         while True:
-            # With a full line the host's writing blocks: nothing is read until there is room.
+            # When the buffer is full, the host's write blocks: nothing is read until there is room.
             listens = self.board.room or not self.stage.opened
             ports = (awake, self.stage.watched() if listens else None, self.gauge.watched())
             select.select([port for port in ports if port is not None], [], [], self._pause_s())
@@ -99,7 +99,7 @@ class Server:
                 return
 
     def _pause_s(self) -> float:
-        """Real seconds until something is due."""
+        """Return the real time in s until something is due."""
         pause = _SLEEP_S
         if (self.stage.watched() is None and self.board.plugged) or self.gauge.watched() is None:
             pause = _LOOK_S
@@ -112,7 +112,7 @@ class Server:
         return max(0.0, pause)
 
     def _serve(self) -> None:
-        """Carry bytes both ways."""
+        """Transmit bytes in both directions."""
         now = self.now_s
         self._mind_cables(now)
         if self.stage.look():
@@ -128,7 +128,7 @@ class Server:
         self.gauge.read(4096)
         if self.gauge.opened:
             self.gauge.write(self._cell.read(now, self._force))
-        # Last: who hears that the stage has arrived finds the samples of the way there already in the gauge's port.
+        # This comes last: a host that reads of the stage's arrival then finds all earlier samples in the gauge's port.
         self.stage.write(said)
 
     def _mind_cables(self, now: float) -> None:
@@ -179,7 +179,7 @@ class Server:
 
 
 def _forward(orders: TextIO, inbox: queue.SimpleQueue[str], waker: socket.socket) -> None:
-    """Pass lines on; an empty one at their end. A thread, since standard input cannot be selected on everywhere."""
+    """Forward lines, and an empty one at their end. This is a thread, since some systems cannot select on stdin."""
     line = "more"
     while line:
         try:
@@ -197,7 +197,7 @@ def _answer(values: dict[str, Any]) -> None:
 
 
 def serve_launcher() -> None:
-    """The life of a launched process: a setup, then orders on standard input, answers on standard output."""
+    """Run a launched process: read a setup, then orders on standard input, and answer on standard output."""
     try:
         server = Server(from_plain(Setup, json.loads(sys.stdin.readline())))
     except (TacbenchError, ValueError, TypeError) as error:

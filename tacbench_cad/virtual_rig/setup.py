@@ -1,4 +1,4 @@
-"""Which virtual rig is wanted, as one value that a launcher can hand to the process."""
+"""The settings of a virtual rig, as one value that a launcher passes to the process."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tacbench_cad.virtual_rig.machine import Carriage, MotorAxis
 from tacbench_cad.virtual_rig.marlin import Marlin
 
 Kind = Literal["grbl", "grblhal", "marlin", "arduino"]
-#: The firmware that there is.
+#: The kinds of firmware.
 KINDS: tuple[str, ...] = get_args(Kind)
 
 
@@ -31,22 +31,25 @@ KINDS: tuple[str, ...] = get_args(Kind)
 class Setup(Checked):
     """A virtual rig.
 
-    Frames after homing, all with z upwards and its end stop at the top: ``grbl`` and ``grblhal`` x and y 0 to 200,
-    z -100 to 0 mm, homed at (0, 0, 0); ``marlin`` x and y 0 to 200, z 0 to 100 mm, homed at (0, 0, 100); ``arduino`` as
-    ``grbl``, in steps (400 a millimetre on each axis). The simulated end stops close between two steps, so the
-    reported position may differ from the true one by a step.
+    After homing, all frames have z upwards with the end stop of z at the top. The ranges are:
+
+    * ``grbl`` and ``grblhal``: x and y 0 to 200 mm, z -100 to 0 mm, homed at (0, 0, 0);
+    * ``marlin``: x and y 0 to 200 mm, z 0 to 100 mm, homed at (0, 0, 100);
+    * ``arduino``: as ``grbl``, in steps (400 per mm on each axis).
+
+    The simulated end stops close between two steps, so the reported position may differ from the true one by a step.
 
     Args:
-        kind: Which firmware: ``grbl``, ``grblhal``, ``marlin`` or ``arduino``.
-        speed: How many times faster than real time it runs.
-        seed: Of everything that is left to chance.
-        faults: Faults that happen at their time.
-        tcp: TCP ports instead of pseudo-terminals.
+        kind: The firmware: ``grbl``, ``grblhal``, ``marlin`` or ``arduino``.
+        speed: The speed as a multiple of real time.
+        seed: The seed for all random effects.
+        faults: Faults that occur at their time.
+        tcp: Whether to use TCP ports instead of pseudo-terminals.
         resets_on_open: Whether opening the port resets the board, as on most Arduino boards.
-        check_baud: Whether a host that set another speed gets garbage (pseudo-terminals of Linux only).
-        start_mm: Where the carriage truly stands at the start, in the frame after homing; None for the default.
-        stimulus: What lies under the carriage, see :func:`tacbench_cad.virtual_rig.loadcell.stimulus_from`.
-        gauge: What the load cell is like.
+        check_baud: Whether a host at another baud rate receives garbage (pseudo-terminals of Linux only).
+        start_mm: The true position of the carriage at the start, in the frame after homing; None for the default.
+        stimulus: The object under the carriage, see :func:`tacbench_cad.virtual_rig.loadcell.stimulus_from`.
+        gauge: The properties of the load cell.
         firmware: Keyword arguments of the firmware: ``settings`` of ``grbl``, ``emergency_parser`` of ``marlin``.
     """
 
@@ -66,16 +69,16 @@ class Setup(Checked):
     def of(
         cls, kind: str, *, faults: Iterable[Fault | Mapping[str, Any] | str] = (), gauge: Any = None, **options: Any
     ) -> Setup:
-        """A setup from one list of options: those that are no field of a setup are the firmware's.
+        """Create a setup from one list of options. Options that are not fields of a setup belong to the firmware.
 
         Args:
-            kind: Which firmware.
-            faults: Faults; also as plain values or texts, as a configuration file has them.
+            kind: The firmware.
+            faults: The faults, also as plain values or texts, as in a configuration file.
             gauge: See :class:`Setup`; None for the defaults.
             **options: The other fields, and keyword arguments of the firmware.
 
         Raises:
-            InputError: An option is unknown or a value wrong.
+            InputError: An option is unknown, or its value is not allowed.
         """
         own = {each.name for each in fields(cls)}
         values = {key: value for key, value in options.items() if key in own}
@@ -86,7 +89,7 @@ class Setup(Checked):
         )
 
     def board(self) -> Board:
-        """The board, with its firmware, carriage and faults; the load cell's faults are not its own."""
+        """Create the board with its firmware, carriage and faults, but without the load cell's faults."""
         factory, axes = _FACTORIES[self.kind]
         allowed = list(inspect.signature(factory).parameters)[1:]
         for key, value in self.firmware.items():
@@ -102,7 +105,7 @@ class Setup(Checked):
 def _axes(
     z_low_mm: float, z_high_mm: float, switch_mm: float, xy_steps: float, z_steps: float
 ) -> tuple[MotorAxis, ...]:
-    """Axes x and y from 0 to 200 mm with their end stops at 0, z with its end stop at the top."""
+    """Return axes x and y from 0 to 200 mm with end stops at 0, and z with its end stop at the top."""
     flat = MotorAxis(low_mm=0.0, high_mm=200.0, home=-1, switch_mm=switch_mm, steps_per_mm=xy_steps)
     return flat, flat, MotorAxis(low_mm=z_low_mm, high_mm=z_high_mm, home=1, switch_mm=switch_mm, steps_per_mm=z_steps)
 

@@ -1,4 +1,4 @@
-"""How a host reaches a virtual device: a pseudo-terminal behind a link of a stable name, or a TCP port."""
+"""The ports of a virtual device: a pseudo-terminal behind a link with a stable name, or a TCP port."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from pathlib import Path
 
 from tacbench_cad.util.errors import MissingToolError
 
-#: Linux: read a terminal's settings with its speed as a plain number (struct termios2).
+#: Linux's request for a terminal's settings with its speed as a plain number (struct termios2).
 _TCGETS2 = 0x802C542A
 
 
 class Pty:
-    """A pseudo-terminal. A link of a stable name leads to it, as ``/dev/serial/by-id`` does.
+    """A pseudo-terminal behind a link with a stable name, as in ``/dev/serial/by-id``.
 
     Args:
-        link: Path of the link.
+        link: The path of the link.
 
     Attributes:
-        name: What a host opens.
+        name: The name that a host opens.
         opened: Whether a host has it open.
 
     Raises:
-        MissingToolError: This system has no pseudo-terminals.
+        MissingToolError: The system has no pseudo-terminals.
     """
 
     def __init__(self, link: Path) -> None:
@@ -39,14 +39,14 @@ class Pty:
         self.plug()
 
     def watched(self) -> int | None:
-        """What to select on; None where nothing can be waited for and :meth:`look` must be called now and then.
+        """Return the descriptor to select on; None if :meth:`look` must be called regularly instead.
 
-        A closed terminal reports a hang-up without end, so it is looked at instead.
+        A closed terminal reports a hang-up continuously, so select is of no use then.
         """
         return self._master if self.opened else None
 
     def look(self) -> bool:
-        """Notice hosts that come and go; whether one has come since the last look."""
+        """Check for hosts that open or close the port; return whether one has opened it since the last call."""
         if self._master is None or self.opened:
             return False
         poll = select.poll()
@@ -56,7 +56,7 @@ class Pty:
         return self.opened
 
     def read(self, limit: int) -> bytes:
-        """At most so many bytes that the host wrote; nothing if there are none."""
+        """Return at most ``limit`` bytes that the host wrote; empty if there are none."""
         if self._master is None or limit <= 0:
             return b""
         try:
@@ -67,18 +67,18 @@ class Pty:
             if error.errno != errno.EIO:
                 raise
             data = b""
-        # The last host closed it: an error on Linux, an end of file elsewhere.
+        # The last host closed the port: an error on Linux, an end of file elsewhere.
         self.opened = bool(data)
         return data
 
     def write(self, data: bytes) -> None:
-        """Send; what a host does not fetch is lost."""
+        """Send bytes. Those that no host reads are lost."""
         if self._master is not None and self.opened:
             with contextlib.suppress(OSError):
                 os.write(self._master, data)
 
     def host_baud(self) -> int | None:
-        """The speed that the host set, if it can be known."""
+        """Return the baud rate that the host has set, if it is known."""
         if self._master is None or not sys.platform.startswith("linux"):
             return None
         import fcntl
@@ -90,7 +90,7 @@ class Pty:
         return int(struct.unpack_from("4I20B2I", raw)[-1])
 
     def unplug(self) -> None:
-        """The cable is pulled: the host's port dies, and nothing is left behind."""
+        """Pull the cable: the host's port fails, and the bytes in it are lost."""
         if self._master is not None:
             os.close(self._master)
             self._master = None
@@ -98,7 +98,7 @@ class Pty:
         self.opened = False
 
     def plug(self) -> None:
-        """The cable is put back: the same name can be opened again."""
+        """Put the cable back: the same name can be opened again."""
         try:
             import tty
 
@@ -107,7 +107,7 @@ class Pty:
             raise MissingToolError("this system has no pseudo-terminals; use --tcp") from error
         tty.setraw(slave)
         device = os.ttyname(slave)
-        # Kept closed here, so that a host's opening and closing can be seen.
+        # The slave is closed here, so that opening and closing by a host can be noticed.
         os.close(slave)
         os.set_blocking(self._master, False)
         self._link.unlink(missing_ok=True)
@@ -118,7 +118,7 @@ class Tcp:
     """A TCP port on this machine that serves one host at a time; see :class:`Pty`.
 
     Args:
-        port: Number of the port; 0 takes a free one.
+        port: The number of the port; 0 for any free one.
     """
 
     def __init__(self, port: int = 0) -> None:
@@ -167,7 +167,7 @@ class Tcp:
                 self._host.send(data)
 
     def host_baud(self) -> None:
-        """See :class:`Pty`; a network port has none."""
+        """See :class:`Pty`; a network port has no baud rate."""
 
     def unplug(self) -> None:
         """See :class:`Pty`."""
