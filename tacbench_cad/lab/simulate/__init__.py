@@ -1,1 +1,1 @@
-"""The simulated rig: virtual printers, a simulated TacTip, whole studies, and firmware that speaks over a port."""
+"""The simulated rig: virtual printers, a simulated TacTip, and whole simulated studies."""

@@ -1,4 +1,4 @@
-"""One block of a simulated study: its presses straight from the contact model into a run folder."""
+"""One block of a simulated study: its presses are computed by the contact model and written to a run folder."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ from tacbench_cad.util.convert import Bounds, Checked, to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, write_text
 
-#: Simulated runs have times so that a reference has an age; they begin at a date that nobody takes for a real one.
+#: The date at which simulated runs begin. They need times for the age of a reference; the date is clearly not real.
 BEGIN = datetime(2000, 1, 1, tzinfo=UTC)
-#: Time from one simulated press to the next, in seconds.
+#: The time from one simulated press to the next, in s.
 SECONDS_PER_PRESS = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationOptions(Checked):
-    """How a study is simulated.
+    """The options of a simulation.
 
     Args:
-        colour: Images in colour (BGR), else grey.
-        seed: Another number gives other prints and other noise.
-        look: Name of the sensor's look, see :data:`tacbench_cad.lab.simulate.looks.LOOKS`.
+        colour: Whether images are in colour (BGR) or grey.
+        seed: The seed. Another seed gives other prints and other noise.
+        look: The name of the sensor's look, see :data:`tacbench_cad.lab.simulate.looks.LOOKS`.
     """
 
     colour: bool = False
@@ -53,20 +53,21 @@ class SimulationOptions(Checked):
 
     @property
     def sensor(self) -> TacTip:
-        """The sensor of these options."""
+        """The sensor with these options."""
         return TacTip(colour=self.colour, look=look_named(self.look))
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedBlock:
-    """What one call simulated of a block.
+    """The result of a call that simulated a block.
 
     Args:
-        name: Name of its run folder.
-        presses: New presses.
-        images: New images, references and frames without motion included.
-        worst_n: Largest distance of a new force from its target, in N; 0 in depth mode.
-        seconds: Time in ``print`` (the height map), ``press`` (poses and pins), ``draw``, ``encode`` and ``write``.
+        name: The name of the run folder.
+        presses: The number of new presses.
+        images: The number of new images, including references and frames without motion.
+        worst_n: The largest distance of a new force from its target, in N; 0 in depth mode.
+        seconds: The time spent in ``print`` (the height map), ``press`` (poses and pins), ``draw``, ``encode`` and
+            ``write``, in s.
     """
 
     name: str
@@ -77,7 +78,7 @@ class SimulatedBlock:
 
 
 def run_info(study: Study, planned: PlannedBlock, options: SimulationOptions) -> RunInfo:
-    """What ``run.json`` says of a block's simulated run."""
+    """Return the contents of ``run.json`` for a block's simulated run."""
     sensor = options.sensor
     printer = printer_of(planned.printed)
     return RunInfo.of(
@@ -109,14 +110,14 @@ def run_info(study: Study, planned: PlannedBlock, options: SimulationOptions) ->
 
 
 class FrameSource:
-    """Gives the frames of one run. The same press gives the same bytes, whenever it is simulated.
+    """Computes the frames of one run. The same press always gives the same bytes.
 
     Args:
         info: The run.
-        options: How it is simulated.
+        options: The options of the simulation.
 
     Attributes:
-        seconds: Time spent so far, see :class:`SimulatedBlock`.
+        seconds: The time spent so far, see :class:`SimulatedBlock`.
         sensor: The sensor.
     """
 
@@ -125,23 +126,23 @@ class FrameSource:
         self.seconds = {"print": 0.0, "press": 0.0, "draw": 0.0}
         self._seed = options.seed
         self.sensor = options.sensor
-        # Where repeats of a press have the same pose, the pins are kept, some 6 kB each.
+        # If repeats of a press have the same pose, the pins are kept, about 6 kB for each press.
         self._kept: dict[tuple[int, int, int], tuple[Point, float, Pins]] = {}
 
     @cached_property
     def _contact(self) -> DomeContact:
-        """Printed when the first press needs it, so that a complete run takes no time."""
+        """Print the block when the first press needs it, so that a complete run takes no time."""
         with timed(self.seconds, "print"):
             return contact_for(self.info.plan.printed, self.info.plan.holder, seed=self._seed)
 
     def pressed(self, press: Press) -> tuple[Point, float, Pins]:
-        """Pose of the summit in the work frame, contact force in N, and pins of a press at its target force or depth.
+        """Return pose, contact force in N, and pins of a press at its target force or depth.
 
-        The pose is what a stage reports; the pins are where an approach of its own has brought them, see
-        :meth:`~tacbench_cad.lab.simulate.tactip.TacTip.approach`.
+        The pose is that of the summit in the work frame, as a stage reports it. The pins are those after an individual
+        approach, see :meth:`~tacbench_cad.lab.simulate.tactip.TacTip.approach`.
 
         Raises:
-            InputError: The force cannot be reached there, or lies below the depth limit.
+            InputError: The force cannot be reached there, or its depth is below the depth limit.
         """
         key = (press.force_level, press.position, press.repeat if self.sensor.look.misses else 0)
         if key not in self._kept:
@@ -163,32 +164,32 @@ class FrameSource:
             raise InputError(
                 "depth_limit_mm",
                 limit,
-                f"press {press.number} of {self.info.printed.name} would go to {-z:.3f} mm below the block's top",
+                f"press {press.number} of {self.info.printed.name} would go {-z:.3f} mm below the block's top",
             )
         return z
 
     def frame(self, pins: Pins, name: str, when: datetime = BEGIN) -> Frame:
-        """A frame of pins; its name seeds the noise."""
+        """Return a frame of pins. Its name is the seed of the noise."""
         rng = seeded("image", self._seed, self.info.printed.name, name)
         with timed(self.seconds, "draw"):
             return self.sensor.frame(pins, rng, (when - BEGIN).total_seconds())
 
 
 def simulate_block(out: Path, info: RunInfo, options: SimulationOptions) -> SimulatedBlock:
-    """Write a block's run folder, or what is missing of it.
+    """Write a block's run folder, or the missing part of it.
 
     Args:
         out: The folder of the runs.
         info: The run, see :func:`run_info`.
-        options: How it is simulated.
+        options: The options of the simulation.
 
     Raises:
-        InputError: The folder holds another run, is held by another process, or cannot be written; or a force cannot
-            be reached.
+        InputError: The folder contains another run, is used by another process, or cannot be written; or a force
+            cannot be reached.
     """
     import cv2
 
-    cv2.setNumThreads(1)  # blocks run side by side in processes; threads would only get in their way
+    cv2.setNumThreads(1)  # blocks run in parallel processes, so threads would only slow each other down
     folder = out / info.printed.name
     _record_print(folder, info, options)
     with RunWriter.open(folder, info, durable=False) as run:
@@ -218,15 +219,15 @@ def simulate_block(out: Path, info: RunInfo, options: SimulationOptions) -> Simu
 
 
 def other_images(info: RunInfo) -> int:
-    """Reference and stationary images of a run: all of its images that show no press."""
+    """Return the number of reference and stationary images of a run."""
     presses_each = math.floor(info.plan.protocol.reference_every_s / SECONDS_PER_PRESS) + 1
     return 1 + len(info.presses) // presses_each + 4 * info.plan.protocol.stationary_frames
 
 
 def _stationary(run: RunWriter, source: FrameSource, when: schema.When) -> int:
-    """Write the frames without motion that are missing, and return their number."""
+    """Write the missing frames without motion, and return their number."""
     count = 0
-    # The frames at the start are taken once the light has settled, those at the end after the last press.
+    # The frames at the start are recorded after the light has settled, those at the end after the last press.
     at = BEGIN + timedelta(seconds=SECONDS_PER_PRESS * (1 if when == "start" else len(run.info.presses)))
     for in_contact, state in ((True, "pressed"), (False, "free")):
         for index in run.stationary_missing(when, in_contact, run.info.plan.protocol.stationary_frames):
@@ -238,7 +239,7 @@ def _stationary(run: RunWriter, source: FrameSource, when: schema.When) -> int:
 
 
 def _record_print(folder: Path, info: RunInfo, options: SimulationOptions) -> None:
-    """Write the print's record of a new run: a virtual printer knows what a person would have to look up."""
+    """Write the print record of a new run. For a virtual printer, the values are known."""
     printed, printer = info.plan.printed, printer_of(info.plan.printed)
     known: dict[str, Any] = {
         "printer": f"{printed.printer}, virtual",

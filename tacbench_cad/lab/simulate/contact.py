@@ -1,8 +1,8 @@
-"""The dome pressed on a height map: how deep it sinks everywhere, and what force that takes.
+"""Contact of the dome with a height map: the depth of the overlap everywhere, and the force.
 
-Winkler foundation: every element of the dome that overlaps the ground pushes back with ``k`` times the overlap, so
-``F = k * integral of max(0, ground - dome) dA``. The dome is an exact sphere of radius R down to its equator, and the
-integral is the sum over the height map's cells. k and R are calibration constants of one TacTip
+The model is a Winkler foundation: every element of the dome that overlaps the surface pushes back with ``k`` times the
+overlap, so ``F = k * integral of max(0, surface - dome) dA``. The dome is an exact sphere of radius R down to its
+equator, and the integral is the sum over the height map's cells. k and R are calibration constants of one TacTip
 (:mod:`tacbench_cad.spec.protocol`).
 """
 
@@ -20,21 +20,21 @@ from tacbench_cad.spec.protocol import DOME_RADIUS_MM, FOUNDATION_N_PER_MM3
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
-#: A force is solved to this many newtons: a two hundredth of the narrowest of the paper's bands.
+#: The accuracy of a solved force, in N: 1/200 of the narrowest of the paper's bands.
 FORCE_ERROR_N = 1e-5
-#: Newton steps and halvings before a solution is given up; it takes fewer than ten as a rule.
+#: The largest number of Newton steps and halvings for a solution; it usually takes fewer than ten.
 MAX_STEPS = 200
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Overlap:
-    """How far the ground stands inside the undeformed dome.
+    """The overlap of the surface with the undeformed dome.
 
     Args:
-        depth_mm: Overlap of each cell, at least 0, shape (ny, nx); both may be 0.
-        x_mm: The columns' places from the summit, shape (nx,).
-        y_mm: The rows' places from the summit, shape (ny,).
-        cell_mm: Side of a cell.
+        depth_mm: The overlap of each cell in mm, at least 0, shape (ny, nx); both may be 0.
+        x_mm: The x of the columns relative to the summit, shape (nx,).
+        y_mm: The y of the rows relative to the summit, shape (ny,).
+        cell_mm: The side of a cell.
     """
 
     depth_mm: Floats
@@ -45,7 +45,7 @@ class Overlap:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Reach:
-    """How high the summit may stand over one place before each cell loses touch; only cells within a radius."""
+    """The highest summit at which each cell still touches, over one position; only cells within a radius."""
 
     place: tuple[float, float]
     radius_mm: float
@@ -55,14 +55,14 @@ class _Reach:
 
 
 class DomeContact:
-    """The dome over one height map. Summit and forces in the height map's frame, mm and N.
+    """The dome over one height map. Summit and forces are in the height map's frame, in mm and N.
 
-    Not for several threads at once: what was computed for the last place is kept for the next call.
+    One object must not be used by several threads, since it keeps results for the next call.
 
     Args:
-        ground: What it is pressed on.
-        radius_mm: Radius of the dome.
-        stiffness_n_per_mm3: The foundation's k.
+        ground: The height map below the dome.
+        radius_mm: The radius of the dome.
+        stiffness_n_per_mm3: The stiffness k of the foundation.
     """
 
     def __init__(
@@ -82,25 +82,25 @@ class DomeContact:
         self._last: _Reach | None = None
 
     def force_n(self, x_mm: float, y_mm: float, z_mm: float) -> float:
-        """Contact force with the summit at a pose, in N; 0 in the air.
+        """Return the contact force with the summit at a pose, in N; 0 without contact.
 
         Args:
-            x_mm: Place of the summit in the work frame.
-            y_mm: Likewise.
-            z_mm: Its height.
+            x_mm: The x of the summit in the work frame.
+            y_mm: The y of the summit.
+            z_mm: The height of the summit.
         """
         return self._force_and_slope(x_mm, y_mm, z_mm)[0]
 
     def first_touch(self, x_mm: float, y_mm: float) -> float:
-        """Highest z of the summit at which the dome touches, in mm; ``-inf`` over nothing.
+        """Return the highest z of the summit at which the dome touches, in mm; ``-inf`` if there is no surface below.
 
         Args:
-            x_mm: Place of the summit in the work frame.
-            y_mm: Likewise.
+            x_mm: The x of the summit in the work frame.
+            y_mm: The y of the summit.
         """
         highest = -math.inf
         top, radius = self.ground.top_mm, 1.0
-        # What stands beyond a radius r touches at top - sag(r) at best: widen until nothing there can matter.
+        # A cell beyond radius r touches at top - sag(r) at most. The radius grows until no cell beyond it can touch.
         while True:
             reach = self._reach(x_mm, y_mm, radius)
             if reach.summit_mm.size:
@@ -110,17 +110,17 @@ class DomeContact:
             radius = min(2.0 * radius, self.radius_mm)
 
     def z_for_force(self, x_mm: float, y_mm: float, force_n: float) -> float:
-        """Height z of the summit at which the force is reached, within :data:`FORCE_ERROR_N`, in mm.
+        """Return the height z of the summit at which the force is reached, within :data:`FORCE_ERROR_N`, in mm.
 
-        Newton's method between two bounds, with ``dF/dz = -k * contact area``.
+        The solver is Newton's method between two bounds, with ``dF/dz = -k * contact area``.
 
         Args:
-            x_mm: Place of the summit.
-            y_mm: Likewise.
-            force_n: Target force; 0 gives first touch.
+            x_mm: The x of the summit.
+            y_mm: The y of the summit.
+            force_n: The target force; 0 gives first touch.
 
         Raises:
-            InputError: The force is negative, or no pose reaches it here: the dome would sink to its equator first.
+            InputError: The force is negative, or it would need a depth beyond the dome's equator.
         """
         if not (math.isfinite(force_n) and force_n >= 0.0):
             raise InputError("force_n", force_n, "must be 0 N or more")
@@ -131,9 +131,9 @@ class DomeContact:
         max_n = self.force_n(x_mm, y_mm, low) if math.isfinite(high) else 0.0
         if force_n > max_n:
             raise InputError(
-                "force_n", force_n, f"cannot be reached at ({x_mm:g}, {y_mm:g}) mm, where {max_n:.3g} N is the most"
+                "force_n", force_n, f"cannot be reached at ({x_mm:g}, {y_mm:g}) mm; the maximum is {max_n:.3g} N"
             )
-        # The depth that a flat ground would need is a good start everywhere.
+        # The depth for a flat surface is a good start everywhere.
         z = high - math.sqrt(force_n / (math.pi * self.stiffness_n_per_mm3 * self.radius_mm))
         for _ in range(MAX_STEPS):
             force, slope = self._force_and_slope(x_mm, y_mm, z)
@@ -144,10 +144,10 @@ class DomeContact:
             z = z + error / slope if slope > 0.0 else low
             if not low < z < high:
                 z = (low + high) / 2.0
-        raise InputError("force_n", force_n, f"was not found at ({x_mm:g}, {y_mm:g}) mm; is a height not finite?")
+        raise InputError("force_n", force_n, f"has no solution at ({x_mm:g}, {y_mm:g}) mm; check for infinite heights")
 
     def overlap(self, x_mm: float, y_mm: float, z_mm: float) -> Overlap:
-        """How far the ground stands inside the dome, cell by cell round the summit."""
+        """Return the overlap of the surface with the dome, cell by cell around the summit."""
         reach = self._reach(x_mm, y_mm, self._contact_radius(z_mm))
         return Overlap(
             depth_mm=np.maximum(reach.summit_mm - z_mm, 0.0),
@@ -157,7 +157,7 @@ class DomeContact:
         )
 
     def _force_and_slope(self, x_mm: float, y_mm: float, z_mm: float) -> tuple[float, float]:
-        """Force in N, and how much of it a mm of further depth adds, in N/mm."""
+        """Return the force in N, and its increase per mm of further depth, in N/mm."""
         if z_mm >= self.ground.top_mm:
             return 0.0, 0.0
         summit = self._reach(x_mm, y_mm, self._contact_radius(z_mm)).summit_mm
@@ -165,18 +165,18 @@ class DomeContact:
         return self._n_per_mm * float(np.sum(touching) - touching.size * z_mm), self._n_per_mm * touching.size
 
     def _sag(self, radius_mm: float) -> float:
-        """How far the dome's surface lies above its summit at a distance from the axis, in mm."""
+        """Return the height of the dome's surface above its summit at a distance from the axis, in mm."""
         return self.radius_mm - math.sqrt(max(self.radius_mm**2 - radius_mm**2, 0.0))
 
     def _contact_radius(self, z_mm: float) -> float:
-        """Distance from the axis beyond which even the highest ground cannot touch, in mm."""
+        """Return the distance from the axis beyond which even the highest cell cannot touch, in mm."""
         depth = min(max(self.ground.top_mm - z_mm, 0.0), self.radius_mm)
         return math.sqrt(depth * (2.0 * self.radius_mm - depth))
 
     def _reach(self, x_mm: float, y_mm: float, radius_mm: float) -> _Reach:
-        """See :class:`_Reach`; the last one is taken again where it is at the same place and wide enough."""
+        """See :class:`_Reach`. The last result is used again if it is for the same position and large enough."""
         last = self._last
-        # Up to twice the radius costs less than computing it anew.
+        # A radius up to twice as large costs less than a new computation.
         if last is not None and last.place == (x_mm, y_mm) and radius_mm <= last.radius_mm <= 2.0 * radius_mm:
             return last
         rows, columns = self.ground.near(x_mm, y_mm, radius_mm)
@@ -194,12 +194,11 @@ class DomeContact:
 
 
 def contact_for(printed: PrintedBlock, holder: HolderRim, *, seed: int = 0) -> DomeContact:
-    """The dome over a printed block in its holder, the block as its virtual printer makes it.
+    """Create the dome over a printed block in its holder, with the block as its virtual printer prints it.
 
     Args:
-        printed: Block, printer, filament and copy; printers and filaments without a preset of their own get the
-            generic one.
-        holder: What surrounds the block.
-        seed: Another number gives other copies of everything.
+        printed: The block, printer, filament and copy. Printers and filaments without a preset use the generic one.
+        holder: The rim of the holder.
+        seed: The seed. Another seed gives other copies.
     """
     return DomeContact(stimulus(printed, holder, seed=seed))

@@ -1,4 +1,4 @@
-"""A simulated force gauge and a simulated sensor that follow the position which a stage reports."""
+"""A simulated force gauge and a simulated sensor that follow the position that a stage reports."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from tacbench_cad.lab.simulate.tactip import SIMULATED, TacTip
 from tacbench_cad.lab.study.spec import HolderRim, Point, PrintedBlock, WorkFrame
 from tacbench_cad.util.convert import Bounds, from_plain
 
-#: Samples a second of the simulated load cell, and the noise of one of them in newtons: an HX711 on a 10 N cell.
+#: The sample rate of the simulated load cell in Hz. Rate and noise are those of an HX711 on a 10 N cell.
 GAUGE_RATE_HZ = 80.0
-#: Noise of one of its samples, in newtons.
+#: The noise (standard deviation) of one sample, in N.
 GAUGE_NOISE_N = 0.0005
-#: Frames a second of the simulated camera.
+#: The frame rate of the simulated camera in Hz.
 FRAME_RATE_HZ = 30.0
 
 
 class _Follower(Closing):
-    """What both devices share: the ground under the sensor, and where the sensor is."""
+    """The common part of both devices: the block under the sensor, and the sensor's position."""
 
     def __init__(self, position: Callable[[], Point], clock: Clock, seed: int | None) -> None:
         self._position = position
@@ -37,17 +37,17 @@ class _Follower(Closing):
         self._frame: WorkFrame | None = None
 
     def put(self, printed: PrintedBlock, holder: HolderRim, frame: WorkFrame) -> None:
-        """Another block lies under the sensor now.
+        """Replace the block under the sensor.
 
         Args:
-            printed: The block, which its virtual printer makes.
-            holder: What surrounds it.
-            frame: Where it lies on the stage.
+            printed: The block, printed by its virtual printer.
+            holder: The rim of the holder.
+            frame: The work frame of the block on the stage.
         """
         self._contact, self._frame = contact_for(printed, holder), frame
 
     def _pose(self) -> Point:
-        """Where the stage says the summit is, in the work frame."""
+        """Return the summit's reported position in the work frame."""
         point = self._position()
         return point if self._frame is None else self._frame.to_work(point)
 
@@ -56,9 +56,9 @@ class SimulatedGauge(_Follower):
     """A force gauge; see :class:`tacbench_cad.lab.rig.gauge.Gauge`.
 
     Args:
-        position: Where the stage says it is, in its own frame.
+        position: Returns the stage's reported position in its own frame.
         clock: The rig's time.
-        seed: Seed of the noise; None for another one each time.
+        seed: The seed of the noise; None for a random one.
     """
 
     def __init__(self, position: Callable[[], Point], clock: Clock, *, seed: int | None = None) -> None:
@@ -69,7 +69,7 @@ class SimulatedGauge(_Follower):
         self._zero_n = 0.0
 
     def read(self, window_s: float) -> Force:
-        """The contact force at the reported position, with the noise of as many samples as the window holds."""
+        """Return the contact force at the reported position, averaged over the noisy samples of the window."""
         samples = max(1, round(window_s * GAUGE_RATE_HZ))
         self._clock.sleep(samples / GAUGE_RATE_HZ)
         true_n = 0.0 if self._contact is None else self._contact.force_n(*self._pose())
@@ -93,11 +93,11 @@ class SimulatedSensor(_Follower):
     """A TacTip; see :class:`tacbench_cad.lab.rig.sensor.Sensor`.
 
     Args:
-        position: Where the stage says it is, in its own frame.
+        position: Returns the stage's reported position in its own frame.
         clock: The rig's time.
-        options: ``colour`` (false by default: grey images), ``look`` (a name of
-            :data:`~tacbench_cad.lab.simulate.looks.LOOKS`, ``clean`` by default), ``flicker`` (fraction; the look's own
-            by default) and ``seed`` of the noise (another one each time by default).
+        options: ``colour`` (default false: grey images), ``look`` (a name of
+            :data:`~tacbench_cad.lab.simulate.looks.LOOKS`, default ``clean``), ``flicker`` (a fraction; default: the
+            look's own) and ``seed`` of the noise (default: a random one).
 
     Raises:
         InputError: An option is unknown or not allowed.
@@ -117,10 +117,10 @@ class SimulatedSensor(_Follower):
         self.settings: dict[str, Any] = {"requested": dict(options or {}), "actual": self._tactip.as_dict()}
 
     def read(self) -> Frame:
-        """An image at the reported position, one frame later."""
+        """Return an image at the reported position, one frame later."""
         self._clock.sleep(1.0 / FRAME_RATE_HZ)
         pose = self._pose()
-        # The errors of an approach last until the stage has moved.
+        # The error of an approach stays the same until the stage moves.
         if self._approached != (self._contact, pose):
             self._approached = self._contact, pose
             self._pins = self._tactip.approach(self._contact, pose, self._rng)

@@ -1,4 +1,4 @@
-"""A figure of simulated images: the six textures at the paper's three forces. Marked as simulated."""
+"""A figure of simulated images, marked as simulated: the six textures at the paper's three forces."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
-#: What is shown: the textures, one print of each, and the middle of the press grid.
+#: The textures in the figure: one print of each, at the centre of the press grid.
 TEXTURES = (1, 2, 3, 4, 5, 6)
-#: The printer and the filament of the prints that are shown.
+#: The printer and the filament of these prints.
 PRINTER, FILAMENT = "bambu-p1p", "pla-minus"
-#: Half the side of what is shown of the ground in mm, and of an image in pixels.
+#: Half the side of the height map's section in mm, and of an image in pixels.
 _GROUND_MM = 12.0
 _IMAGE_PX = 118.0
 _COLOUR = "#ff5a36"
 
 
 def simulated_images() -> Figure:
-    """A matplotlib figure: what lies under the sensor, then an image for each force; a column for each texture.
+    """Create a matplotlib figure with the heights under the sensor, then an image for each force, for each texture.
 
-    The images are cut to the pins that move; strokes lead from where a pin is at rest to where it is now. The outline
-    on the ground is the contact at the largest force.
+    The images are cropped to the pins that move. Lines lead from the position of a pin at rest to its present one. The
+    outline on the heights is the contact at the largest force.
 
     Returns:
         The figure, 7.2 by 4.85 inches, for the caller to save.
@@ -57,7 +57,7 @@ def simulated_images() -> Figure:
         panels[0, column].set_title(f"texture {texture}", fontsize=8)
         for row, force in enumerate(protocol.forces_n, start=1):
             _show_image(panels[row, column], contact, x, y, force, f"figure {texture} {row}")
-    panels[0, 0].set_ylabel(f"ground, {2 * _GROUND_MM:g} mm", fontsize=7)
+    panels[0, 0].set_ylabel(f"heights, {2 * _GROUND_MM:g} mm wide", fontsize=7)
     for row, force in enumerate(protocol.forces_n, start=1):
         panels[row, 0].set_ylabel(f"{force:.2f} N", fontsize=7)
     bar = figure.colorbar(grounds[-1], ax=panels[0, :].tolist(), pad=0.01, fraction=0.02)
@@ -70,7 +70,7 @@ def simulated_images() -> Figure:
 
 
 def _show_ground(panel: Axes, contact: DomeContact, x_mm: float, y_mm: float, force_n: float) -> AxesImage:
-    """The heights round the summit, and the outline of the contact."""
+    """Show the heights around the summit, and the outline of the contact."""
     _bare(panel)
     rows, columns = contact.ground.near(x_mm, y_mm, _GROUND_MM)
     heights = contact.ground.z_mm[rows, columns]
@@ -88,7 +88,7 @@ def _show_ground(panel: Axes, contact: DomeContact, x_mm: float, y_mm: float, fo
 
 
 def _show_image(panel: Axes, contact: DomeContact, x_mm: float, y_mm: float, force_n: float, seed: str) -> None:
-    """An image with a stroke for each pin."""
+    """Show an image with a line for each pin."""
     _bare(panel)
     sensor = TacTip(colour=False)
     pins = sensor.pins(contact, (x_mm, y_mm, contact.z_for_force(x_mm, y_mm, force_n)))

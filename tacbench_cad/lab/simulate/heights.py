@@ -1,4 +1,4 @@
-"""What lies under the simulated sensor as one height map: block, clearance gap and holder rim, in the work frame."""
+"""The surface under the simulated sensor as one height map: block, clearance gap and holder rim, in the work frame."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
-#: Side of a cell, in mm: a quarter of the paper's nozzles, and some 20 cells under the lightest contact.
+#: The side of a cell in mm: a quarter of the paper's nozzles, with about 20 cells under the lightest contact.
 CELL_MM = 0.1
-#: A large block has larger cells, so that the map keeps its size: at most so many along the block's longer side.
+#: The largest number of cells along a block's longer side. A large block has larger cells.
 MAX_CELLS = 1500
-#: Width of the holder's plate round the pocket, in mm: that of the project's own holder.
+#: The width of the holder's plate around the pocket in mm, as in the project's own holder.
 PLATE_MM = 11.0
-#: Lengths that differ by less are equal.
+#: Lengths with a smaller difference than this count as equal, in mm.
 ROUNDING_MM = 1e-9
 
 
@@ -28,10 +28,10 @@ class HeightMap:
     """Heights on square cells.
 
     Args:
-        z_mm: Height of each cell, shape (ny, nx): row by row from low y, each from low x; ``-inf`` where nothing is.
-        x0_mm: x of the first column's centre.
-        y0_mm: y of the first row's centre.
-        cell_mm: Side of a cell.
+        z_mm: The height of each cell, shape (ny, nx): row by row from low y, each from low x; ``-inf`` for no surface.
+        x0_mm: The x of the first column's centre.
+        y0_mm: The y of the first row's centre.
+        cell_mm: The side of a cell.
 
     Raises:
         InputError: The map has no cells, or a height is NaN or ``+inf``.
@@ -52,7 +52,7 @@ class HeightMap:
 
     @cached_property
     def top_mm(self) -> float:
-        """The highest height; ``-inf`` where nothing is at all."""
+        """The highest height; ``-inf`` if there is no surface at all."""
         return float(np.max(self.z_mm))
 
     @cached_property
@@ -66,7 +66,7 @@ class HeightMap:
         return self.y0_mm + self.cell_mm * np.arange(self.z_mm.shape[0], dtype=np.float64)
 
     def near(self, x_mm: float, y_mm: float, radius_mm: float) -> tuple[slice, slice]:
-        """Rows and columns of the cells whose centres can lie within a radius of a place; both may be empty."""
+        """Return the rows and columns of the cells that can be within a radius of a point; both may be empty."""
 
         def span(centre: float, start: float, count: int) -> slice:
             low = math.ceil((centre - radius_mm - start) / self.cell_mm)
@@ -78,11 +78,11 @@ class HeightMap:
 
 
 def flat_plate(side_mm: float = 60.0, cell_mm: float = CELL_MM) -> HeightMap:
-    """A flat plate at z = 0, its middle at (0, 0): what calibrations are checked on.
+    """Create a flat plate at z = 0 with its centre at (0, 0), for checks of calibrations.
 
     Args:
-        side_mm: Its side.
-        cell_mm: Side of a cell.
+        side_mm: The side of the plate.
+        cell_mm: The side of a cell.
     """
     count = max(1, round(side_mm / cell_mm))
     first = -cell_mm * (count - 1) / 2.0
@@ -90,38 +90,38 @@ def flat_plate(side_mm: float = 60.0, cell_mm: float = CELL_MM) -> HeightMap:
 
 
 def cell_of(block: Block) -> float:
-    """Side of a block's cells in mm."""
+    """Return the side of a block's cells in mm."""
     return max(CELL_MM, max(block.size_mm) / MAX_CELLS)
 
 
 def centres(block: Block) -> tuple[Floats, Floats]:
-    """Centres of the columns (nx,) and the rows (ny,) of the cells that lie on a block, in mm of its frame."""
+    """Return the centres of the columns (nx,) and the rows (ny,) of a block's cells, in mm of its frame."""
     cell = cell_of(block)
     x, y = (cell * (np.arange(max(1, round(side / cell)), dtype=np.float64) + 0.5) for side in block.size_mm)
     return x, y
 
 
 def on_block(block: Block, z_mm: Floats) -> HeightMap:
-    """Heights on a block's own cells as a map.
+    """Create a height map of a block's own cells.
 
     Args:
         block: The block.
-        z_mm: Heights of the cells that :func:`centres` names, (ny, nx).
+        z_mm: The heights of the cells at :func:`centres`, (ny, nx).
     """
     x, y = centres(block)
     return HeightMap(z_mm=z_mm, x0_mm=float(x[0]), y0_mm=float(y[0]), cell_mm=cell_of(block))
 
 
 def held(block: Block, top: HeightMap, holder: HolderRim) -> HeightMap:
-    """A block's top in its holder: beyond the block the clearance gap, then the rim, then nothing.
+    """Add the holder to a block's top: the clearance gap around the block, then the rim, then no surface.
 
     Args:
-        block: Its sides and its key say where the gap begins; the pocket follows the key.
+        block: The block. Its sides and its key determine the gap; the pocket follows the key.
         top: The heights on the block's own cells.
-        holder: Height of the rim and width of the gap; a gap below a cell's side may fall between two cells.
+        holder: The height of the rim and the width of the gap. A gap below a cell's side may fall between two cells.
     """
     cell = top.cell_mm
-    # Cells whose centres lie on its edge belong to the gap on every side.
+    # Cells whose centres are exactly on the edge belong to the gap, on every side.
     gap = max(holder.gap_mm, 0.0) + ROUNDING_MM
     border = math.ceil((gap + PLATE_MM) / cell)
     ny, nx = top.z_mm.shape
@@ -129,7 +129,7 @@ def held(block: Block, top: HeightMap, holder: HolderRim) -> HeightMap:
     z[border : border + ny, border : border + nx] = top.z_mm
     ground = HeightMap(z_mm=z, x0_mm=top.x0_mm - border * cell, y0_mm=top.y0_mm - border * cell, cell_mm=cell)
     x, y = ground.x_mm[None, :], ground.y_mm[:, None]
-    # How far each cell lies outside of the block's outline, in mm: the corners of gap and plate are square.
+    # The distance of each cell from the block's outline, outside, in mm. The corners of gap and plate are square.
     outside = np.abs(x - block.size_mm[0] / 2.0) - block.size_mm[0] / 2.0
     outside = np.maximum(outside, np.abs(y - block.size_mm[1] / 2.0) - block.size_mm[1] / 2.0)
     beyond_plate = outside > gap + PLATE_MM

@@ -1,8 +1,8 @@
-"""How a simulated TacTip looks to its camera: measured numbers of one real build, read by one renderer.
+"""The looks of simulated TacTips: numbers of camera, light and geometry, which one renderer uses.
 
 Lengths in the image are in px of a frame of 640 x 480; brightness is in counts (0 to 255, BT.601 grey). The numbers of
-``tactip-bristol`` and ``tactip-sussex`` were measured on public frames of these sensors; where a number is a choice
-between values that the frames leave open, its comment says so.
+``tactip-bristol`` and ``tactip-sussex`` were measured on public frames of these sensors. If the frames leave a number
+open, its comment says that it is a choice.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from tacbench_cad.spec.protocol import DOME_RADIUS_MM
 from tacbench_cad.util.convert import Bounds, Checked, Length
 from tacbench_cad.util.errors import InputError
 
-#: Radius of the dome's inside; the skin's thickness is what is left to the outside.
+#: The radius of the dome's inside. The skin is the rest up to the outside.
 INNER_RADIUS_MM = 18.4
-#: Thickness of the skin.
+#: The thickness of the skin.
 SKIN_MM = DOME_RADIUS_MM - INNER_RADIUS_MM
-#: Distance of the pins' tips from the dome's centre, in mm, where only their place in the image is known.
+#: The distance of the pins' tips from the dome's centre in mm, if only their position in the image is known.
 TIP_RADIUS_MM = 17.48
-#: How far the camera's pinhole lies from the dome's centre, on the side away from the summit, in mm.
+#: The distance of the camera's pinhole from the dome's centre, on the side away from the summit, in mm.
 CAMERA_BELOW_MM = 48.9
 
-#: A limit for what reaches to the end of the image.
+#: A limit for profiles that reach to the end of the image.
 FAR = 1e6
 
 #: Lengths in px or mm, levels of grey, and fractions.
@@ -34,22 +34,22 @@ Counts = Annotated[float, Bounds(0.0, 1000.0)]
 Fraction = Annotated[float, Bounds(0.0, 1.0)]
 #: A ring of pins: their number, first azimuth and step in degrees, tip's r and z in the dome frame in mm.
 Ring = tuple[int, float, float, float, float]
-#: Values at places in rising order, straight between them: ((place, value), ...).
+#: Values at increasing positions, with linear interpolation: ((position, value), ...).
 Profile = Annotated[tuple[tuple[float, Counts], ...], Length(1)]
-#: Colours by grey level: ((grey, (blue, green, red)), ...), straight between them, from black at 0.
+#: Colours by grey level, with linear interpolation from black at 0: ((grey, (blue, green, red)), ...).
 Tint = Annotated[tuple[tuple[float, tuple[Counts, Counts, Counts]], ...], Length(1)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spot(Checked):
-    """Light that a shiny surface sends back: a disc that is added to what lies under it.
+    """A reflection of a shiny surface: a disc whose brightness is added to the image.
 
     Args:
-        radius: Its distance from the dome's centre, in radii of the dome.
-        azimuth_deg: Its direction from there, anticlockwise in the image.
-        diameter_px: Width at half of its brightness.
-        counts: Brightness of its middle; more than the camera's highest level saturates.
-        edge_px: Width of its edge.
+        radius: The distance from the dome's centre, in radii of the dome.
+        azimuth_deg: The direction from the centre, anticlockwise in the image.
+        diameter_px: The width at half of the brightness.
+        counts: The brightness of the centre; more than the camera's highest level saturates.
+        edge_px: The width of the edge.
     """
 
     radius: Width
@@ -64,43 +64,45 @@ class Look(Checked):
     """A sensor's geometry, light and camera, in numbers.
 
     Args:
-        name: What it is chosen by.
-        source: Where the numbers come from.
+        name: The name of the look.
+        source: The source of the numbers.
         rings: The pins at rest.
-        focal_px: Focal length of the pinhole camera.
-        centre_px: Column and row of the dome's axis.
-        dome_px: Half widths of the dome along the image's columns and rows; 0 shows no outline.
-        dome_edge_px: Width of the dome's outline.
-        pin_diameter_mm: Diameter of a pin.
-        pin_counts: Brightness of pins at rest, at the centre, the middle and the rim of their field; a single value is
-            the mean of pins which six LEDs light as matt discs.
-        pin_spread: Standard deviation of the brightness from pin to pin, as a fraction.
-        pin_edge_px: Width of a pin's edge, at the centre, the middle and the rim; a single value holds everywhere.
-        skin: Brightness of the skin between and beyond the pins, by the distance from the centre in radii of the dome.
-        surround: Brightness of what lies beyond the dome, ring and vignetting included, likewise.
-        black_counts: What the camera gives without any light.
-        unevenness: Standard deviation of skin and surround from place to place, as a fraction of each.
-        unevenness_px: Distance over which it keeps together.
-        grain: Standard deviation of a fixed pattern from pixel to pixel, of skin and surround, in counts: dust and
-            texture, or camera noise that a video's compression has frozen.
+        focal_px: The focal length of the pinhole camera.
+        centre_px: The column and row of the dome's axis.
+        dome_px: The half widths of the dome along the image's columns and rows; 0 for no outline.
+        dome_edge_px: The width of the dome's outline.
+        pin_diameter_mm: The diameter of a pin.
+        pin_counts: The brightness of pins at rest, at the centre, the middle and the rim of their field. A single value
+            is the mean of pins that six LEDs light as matt discs.
+        pin_spread: The standard deviation of the brightness from pin to pin, as a fraction.
+        pin_edge_px: The width of a pin's edge, at the centre, the middle and the rim; a single value holds everywhere.
+        skin: The brightness of the skin between and beyond the pins, by the distance from the centre in radii of the
+            dome.
+        surround: The brightness beyond the dome, including ring and vignetting, by the same distance.
+        black_counts: The counts of the camera without any light.
+        unevenness: The standard deviation of skin and of surround from place to place, as a fraction of each.
+        unevenness_px: The correlation lengths of this unevenness.
+        grain: The standard deviation of a fixed pattern from pixel to pixel, of skin and of surround, in counts: dust
+            and texture, or camera noise that a video's compression has frozen.
         glints: Reflections on the skin.
         leds: LEDs and their reflections beyond the dome.
-        white_counts: Highest level of the camera.
-        tints: Colours of the dome and, up to distances from its centre in its radii, of what lies beyond it.
-        sharpening: How much of the difference between a frame and its average over 3 x 3 pixels the camera adds to it.
-        noise: Standard deviation of a pixel from frame to frame, by its level, in counts; what a compression leaves.
-        noise_in_each_channel: Each channel of a colour image has noise of its own, else all share one, as in cameras
-            that send brightness at full and colour at half resolution.
-        flicker: Standard deviation of the light from frame to frame, as a fraction.
-        transients: What the light has too much at a run's begin, as a fraction, and the seconds in which it fades to
-            1/e: an exposure that settles, lamps that grow brighter as they warm up (below 0).
-        jpeg_quality: Quality at which a frame is compressed in blocks of 8 x 8 pixels; None for no compression.
-        approach_mm: Standard deviation of the summit's place along x and y from one approach of a press to the next. A
-            calibration: with it the variance of repeats at the middle force is some 3 counts^2 at 40 % of the size, as
-            the authors' notebooks saved it for repeats of single prints (2.6 to 3.7; Bambu, PLA-).
-        sway_px: Standard deviation of the dome's outline from one approach to the next: of its centre along the columns
-            and the rows, and of its radius.
-        seed: Another number gives other unevenness.
+        white_counts: The highest level of the camera.
+        tints: The colours of the dome and, up to given distances from its centre in its radii, of the parts beyond it.
+        sharpening: The fraction of the difference between a frame and its average over 3 x 3 pixels that the camera
+            adds to the frame.
+        noise: The standard deviation of a pixel from frame to frame, by its level, in counts, after any compression.
+        noise_in_each_channel: Whether each channel of a colour image has its own noise. Otherwise all channels share
+            the same noise, as in cameras that send brightness at full and colour at half resolution.
+        flicker: The standard deviation of the light from frame to frame, as a fraction.
+        transients: Excess of the light at the start of a run, as a fraction, and the time in s in which it falls to
+            1/e: an exposure that settles, or (below 0) lamps that become brighter as they warm up.
+        jpeg_quality: The quality of a compression in blocks of 8 x 8 pixels; None for no compression.
+        approach_mm: The standard deviation of the summit's position along x and y from one approach of a press to the
+            next. It is a calibration: with it, the variance of repeats at the middle force is about 3 counts^2 at 40 %
+            of the size, as the authors' notebooks saved it for repeats of single prints (2.6 to 3.7; Bambu, PLA-).
+        sway_px: The standard deviation of the dome's outline from one approach to the next: of its centre along the
+            columns and the rows, and of its radius.
+        seed: The seed of the unevenness.
     """
 
     name: str
@@ -136,29 +138,29 @@ class Look(Checked):
 
     @property
     def misses(self) -> bool:
-        """Each approach of a press has an error of its own."""
+        """Whether each approach of a press has its own error."""
         return any((self.approach_mm, *self.sway_px))
 
     @property
     def dome_radius_px(self) -> float:
-        """Radius of the circle that has the area of the dome's outline."""
+        """The radius of the circle with the area of the dome's outline."""
         return math.sqrt(self.dome_px[0] * self.dome_px[1])
 
 
 def rings_seen(
     counts: tuple[int, ...], radii_px: tuple[float, ...], first_deg: float, focal_px: float
 ) -> tuple[Ring, ...]:
-    """Rings of pins on a sphere of :data:`TIP_RADIUS_MM` which the camera sees at given radii.
+    """Return rings of pins on a sphere of :data:`TIP_RADIUS_MM` that the camera sees at given radii.
 
     Args:
-        counts: Pins of each ring, which are equally spaced.
-        radii_px: Where the camera sees the ring, from the dome's centre.
-        first_deg: Azimuth of each ring's first pin.
+        counts: The number of pins of each ring, equally spaced.
+        radii_px: The radius of each ring in the image, from the dome's centre.
+        first_deg: The azimuth of each ring's first pin.
         focal_px: The camera's focal length.
     """
     rings = []
     for count, radius in zip(counts, radii_px, strict=True):
-        # From f t sin(a) = radius (below + t cos(a)) for the polar angle a.
+        # This solves f t sin(a) = radius (below + t cos(a)) for the polar angle a.
         far = TIP_RADIUS_MM * math.hypot(focal_px, radius)
         polar = math.atan2(radius, focal_px) + math.asin(radius * CAMERA_BELOW_MM / far)
         rings.append(
@@ -174,7 +176,7 @@ def _spots(*rows: tuple[float, float, float, float, float]) -> tuple[Spot, ...]:
     )
 
 
-#: Bright markers on black: what a frame shows once everything but the pins is left out.
+#: Bright markers on black: only the pins are shown.
 CLEAN = Look(
     name="clean",
     source="geometry measured on one TacTip of 133 pins; light and camera are ideal",
@@ -233,7 +235,7 @@ BRISTOL = Look(
         (0.95, 231.0, 4.7, 300.0, 2.5),
         (0.93, 281.0, 5.1, 300.0, 2.5),
     ),
-    # Six LEDs, and the light of each on what surrounds it.
+    # Six LEDs, and the light of each on the parts around it.
     leds=_spots(
         *((1.075, 60.0 * i, 43.0, 400.0, 6.0) for i in range(6)),
         *((1.075, 60.0 * i, 60.0, 45.0, 40.0) for i in range(6)),
@@ -331,11 +333,11 @@ LOOKS: Mapping[str, Look] = {look.name: look for look in (CLEAN, BRISTOL, SUSSEX
 
 
 def look_named(name: str) -> Look:
-    """A look by its name.
+    """Return a look by its name.
 
     Raises:
-        InputError: There is none of this name.
+        InputError: There is no look with this name.
     """
     if name not in LOOKS:
-        raise InputError("look", name, f"allowed: {', '.join(LOOKS)}")
+        raise InputError("look", name, f"must be one of: {', '.join(LOOKS)}")
     return LOOKS[name]

@@ -1,12 +1,17 @@
-"""Virtual printers: the height map of a block as a printer leaves it, another one for each copy.
+"""Virtual printers: the height map of a block as a printer makes it, different for each copy.
 
-The parameters say what such printers do, from their makers' figures, from slicers' defaults and from what the paper
-saw on its prints. They were set before any image was simulated and are not fitted to the paper's results.
+The parameters describe such printers by their manufacturers' figures, slicers' defaults and the paper's observations on
+its prints. They were set before any image was simulated and are not fitted to the paper's results.
 
-A print is made in this order: walls out of place along x and y (``xy_error_mm``); narrow peaks slump (``peak_loss``);
-what is narrower than a line is not drawn (``nozzle_mm``); layers (``layer_mm``, ``layer_error_mm``), their edges
-round; uneven lines (``roughness_mm``); height and tilt of the whole (``z_error_mm``, ``tilt_mm``); strings
-(``stringing_per_cm2``).
+A print is made in these steps:
+
+1. Walls are displaced along x and y (``xy_error_mm``).
+2. Narrow peaks lose height (``peak_loss``).
+3. Details narrower than a line disappear (``nozzle_mm``).
+4. The surface is divided into layers (``layer_mm``, ``layer_error_mm``) with round edges.
+5. Lines become uneven (``roughness_mm``).
+6. The whole print gets errors of height and tilt (``z_error_mm``, ``tilt_mm``).
+7. Strings are added (``stringing_per_cm2``).
 """
 
 from __future__ import annotations
@@ -25,16 +30,16 @@ from tacbench_cad.spec.block import Block
 from tacbench_cad.util.convert import Bounds, Checked
 from tacbench_cad.util.types import Floats
 
-#: Peaks narrower than so many lines cool too slowly to keep their height.
+#: Peaks narrower than this number of lines cool too slowly to keep their height.
 SLUMPING_LINES = 4.0
-#: Standard deviation of the peak loss from place to place, as a fraction of itself: on the paper's prints "some of the
-#: peaks are more defined than other peaks on the same print".
+#: The standard deviation of the peak loss from place to place, as a fraction of the peak loss. On the paper's prints,
+#: "some of the peaks are more defined than other peaks on the same print".
 PEAK_SPREAD = 0.5
-#: Distance over which errors of a wall's place and of the peaks keep together, in mm.
+#: The correlation length of the errors of walls and peaks, in mm.
 DRIFT_MM = 5.0
-#: A string's thickness where it lies on the surface, and the longest one, in mm; strings join high places.
+#: The thickness of a string on the surface, and the length of the longest one, in mm. Strings connect high places.
 STRING_MM, STRING_LENGTH_MM = 0.08, 15.0
-#: Where the nozzle set off it leaves a blob of this height and radius (standard deviation), in mm.
+#: The height and the radius (standard deviation) of the blob at the start of a string, in mm.
 BLOB_MM, BLOB_RADIUS_MM = 0.12, 0.25
 
 
@@ -44,19 +49,19 @@ UpToOne = Annotated[float, Bounds(0.0, 1.0)]
 
 @dataclass(frozen=True, kw_only=True)
 class VirtualPrinter(Checked):
-    """A printer with a filament in it. Every error is a standard deviation between or within copies, in mm.
+    """A printer with a filament. Every error is a standard deviation between or within copies, in mm.
 
     Args:
-        name: What it stands for.
-        nozzle_mm: Width of a line: nothing narrower is drawn (a laser's spot for resin).
-        layer_mm: Layer height.
-        xy_error_mm: How far walls stand out of place, drifting along each axis.
-        layer_error_mm: Error of a layer's height, anew for each layer.
-        z_error_mm: Error of the whole height, one for each copy.
-        tilt_mm: Height that the top rises from one side to the other, along each axis, one for each copy.
-        peak_loss: Fraction of its height that a peak loses above the place where it becomes narrower than four lines.
-        roughness_mm: Unevenness of the lines.
-        stringing_per_cm2: Strings for each cm^2 of the block.
+        name: The printer and filament that it represents.
+        nozzle_mm: The width of a line, and of the narrowest detail (the laser's spot for resin).
+        layer_mm: The layer height.
+        xy_error_mm: The displacement of walls, which changes slowly along each axis.
+        layer_error_mm: The error of the height of each layer.
+        z_error_mm: The error of the total height of each copy.
+        tilt_mm: The rise of the top from one side to the other, along each axis, for each copy.
+        peak_loss: The fraction of its height that a peak loses above the place where it is narrower than four lines.
+        roughness_mm: The unevenness of the lines.
+        stringing_per_cm2: The number of strings per cm^2 of the block.
     """
 
     name: str
@@ -71,38 +76,39 @@ class VirtualPrinter(Checked):
     stringing_per_cm2: Annotated[float, Bounds(0.0, 100.0)]
 
 
-#: Their values in the order of the fields.
+#: The presets, in the order of the fields.
 #:
-#: Layers of 0.2 mm are the slicers' default for 0.4 mm nozzles (Cura, Creality Print, Bambu Studio). Walls: the usual
-#: calibration cubes of open bed slingers are right within 0.1 to 0.2 mm, of the CoreXY within 0.1 mm. Beds: levelled by
-#: hand, by a probe, by a probe before each print. The paper: the Ender-3 "suffered the most from webbing, and
-#: inconsistent layer heights"; strings on all filament printers, none on the resin's, which all "looked and felt the
-#: same". Form 3: laser spot of 0.085 mm and layers of 0.05 mm by its maker; resin shrinks and is cured evenly.
+#: Layers of 0.2 mm are the slicers' default for 0.4 mm nozzles (Cura, Creality Print, Bambu Studio). Walls: calibration
+#: cubes of printers with a moving bed are usually right within 0.1 to 0.2 mm, those of CoreXY printers within 0.1 mm.
+#: Beds are levelled by hand, by a probe, or by a probe before each print. The paper writes that the Ender-3 "suffered
+#: the most from webbing, and inconsistent layer heights"; it saw strings on all filament printers and none on the resin
+#: prints, which all "looked and felt the same". Form 3: laser spot of 0.085 mm and layers of 0.05 mm by its
+#: manufacturer; resin shrinks and is cured evenly.
 _VALUES: tuple[tuple[Any, ...], ...] = (
     ("ender-3", 0.4, 0.2, 0.10, 0.03, 0.05, 0.04, 0.30, 0.030, 4.0),
     ("ender-3-v3-se", 0.4, 0.2, 0.08, 0.02, 0.03, 0.02, 0.25, 0.025, 2.0),
     ("bambu-p1p", 0.4, 0.2, 0.05, 0.008, 0.02, 0.015, 0.20, 0.015, 1.0),
     ("form-3", 0.085, 0.05, 0.03, 0.0, 0.02, 0.015, 0.05, 0.004, 0.0),
 )
-#: The virtual printers that have presets, by the names of :mod:`tacbench_cad.lab.study.names`.
+#: The virtual printers with presets, by the names of :mod:`tacbench_cad.lab.study.names`.
 VIRTUAL_PRINTERS: Mapping[str, VirtualPrinter] = {
     str(values[0]): VirtualPrinter(**dict(zip((field.name for field in fields(VirtualPrinter)), values, strict=True)))
     for values in _VALUES
 }
-#: What a filament does to stringing, peak loss and roughness, as factors. The paper saw more strings on the cheaper
-#: PLA and calls PETG "trickier to print with": it oozes more and stays soft longer than PLA.
+#: The factors of a filament for stringing, peak loss and roughness. The paper saw more strings on the cheaper PLA and
+#: calls PETG "trickier to print with": it oozes more and stays soft longer than PLA.
 FILAMENTS: Mapping[str, tuple[float, float, float]] = {
     "pla-plus": (1.0, 1.0, 1.0),
     "pla-minus": (1.5, 1.1, 1.2),
     "petg": (3.0, 1.3, 1.3),
     "grey-v4": (1.0, 1.0, 1.0),
 }
-#: Stands in for printers and filaments without a preset: a well kept filament printer.
+#: The preset for other printers and filaments: a well maintained filament printer.
 GENERIC_PRINTER, GENERIC_FILAMENT = "ender-3-v3-se", "pla-plus"
 
 
 def printer_of(printed: PrintedBlock) -> VirtualPrinter:
-    """The virtual printer of a printed block; the generic one for a printer or filament without a preset."""
+    """Return the virtual printer of a printed block; the generic one for a printer or filament without a preset."""
     base = VIRTUAL_PRINTERS.get(printed.printer, VIRTUAL_PRINTERS[GENERIC_PRINTER])
     stringing, loss, roughness = FILAMENTS.get(printed.filament, FILAMENTS[GENERIC_FILAMENT])
     stands_in = "" if printed.printer in VIRTUAL_PRINTERS and printed.filament in FILAMENTS else f", as {base.name}"
@@ -116,7 +122,7 @@ def printer_of(printed: PrintedBlock) -> VirtualPrinter:
 
 
 def seeded(*words: object) -> np.random.Generator:
-    """A generator that only these words decide, the same on every machine."""
+    """Return a random generator that depends only on these words, on every machine."""
     digest = hashlib.sha256(" ".join(str(word) for word in words).encode()).digest()
     return np.random.Generator(np.random.SFC64(int.from_bytes(digest[:16], "big")))
 
@@ -124,32 +130,32 @@ def seeded(*words: object) -> np.random.Generator:
 def stimulus(
     printed: PrintedBlock, holder: HolderRim, printer: VirtualPrinter | None = None, *, seed: int = 0
 ) -> HeightMap:
-    """What the sensor meets: the block as printed, the gap round it, the holder's rim, and nothing beyond.
+    """Return the surface under the sensor: the block as printed, the gap around it, and the holder's rim.
 
     Args:
-        printed: The block; its name, copy included, decides its random errors.
-        holder: What surrounds it.
-        printer: Who printed it; None for the preset of its printer and filament.
-        seed: Another number gives other copies.
+        printed: The block. Its name, including the copy, determines its random errors.
+        holder: The rim of the holder.
+        printer: The virtual printer; None for the preset of its printer and filament.
+        seed: The seed. Another seed gives other copies.
 
     Returns:
-        Heights in the work frame, whose z = 0 is the highest point of the design.
+        The heights in the work frame. Its z = 0 is the highest point of the design.
     """
     rng = seeded("print", seed, printed.name)
     return held(printed.block, as_printed(printed.block, printer or printer_of(printed), rng), holder)
 
 
 def as_printed(block: Block, printer: VirtualPrinter, rng: np.random.Generator) -> HeightMap:
-    """A block's top as printed, without its holder.
+    """Return a block's top as printed, without its holder.
 
     Args:
         block: The design.
-        printer: Who prints it.
-        rng: The copy's own randomness.
+        printer: The virtual printer.
+        rng: The random generator of the copy.
 
     Returns:
-        Heights on the block's cells (:func:`tacbench_cad.lab.simulate.heights.centres`), z = 0 at the highest point of
-        the design.
+        The heights on the block's cells (:func:`tacbench_cad.lab.simulate.heights.centres`), with z = 0 at the highest
+        point of the design.
     """
     from scipy.ndimage import gaussian_filter
 
@@ -172,22 +178,22 @@ def as_printed(block: Block, printer: VirtualPrinter, rng: np.random.Generator) 
 
 
 def _drift(along_mm: Floats, rng: np.random.Generator) -> Floats:
-    """A smooth random function of the place along an axis, of standard deviation 1."""
+    """Return a smooth random function of the position along an axis, with standard deviation 1."""
     knots = np.arange(along_mm[0] - DRIFT_MM, along_mm[-1] + 2.0 * DRIFT_MM, DRIFT_MM)
     values = rng.standard_normal(knots.size)
     at = (along_mm - knots[0]) / DRIFT_MM
     left = at.astype(int)
-    # Between two knots the weights' squares add up to 1, so that the deviation is the same everywhere.
+    # Between two knots, the squares of the weights add up to 1, so the standard deviation is the same everywhere.
     turn = (at - left) * (math.pi / 2.0)
     return np.asarray(np.cos(turn) * values[left] + np.sin(turn) * values[left + 1], dtype=np.float64)
 
 
 def _smooth_noise(shape: tuple[int, ...], cells: float, rng: np.random.Generator) -> Floats:
-    """Noise of standard deviation 1 that keeps together over so many cells."""
+    """Return noise with standard deviation 1 and a correlation length of ``cells`` cells."""
     from scipy.ndimage import gaussian_filter
 
     white = rng.standard_normal(shape)
-    # White noise after a Gaussian kernel g has the variance sum(g^2), for wide ones 1 / (4 pi cells^2).
+    # White noise after a Gaussian kernel g has the variance sum(g^2), for wide kernels 1 / (4 pi cells^2).
     impulse = np.zeros(2 * math.ceil(4.0 * cells) + 3)
     impulse[impulse.size // 2] = 1.0
     gain = float(np.sum(gaussian_filter(impulse, cells) ** 2))
@@ -195,7 +201,7 @@ def _smooth_noise(shape: tuple[int, ...], cells: float, rng: np.random.Generator
 
 
 def _opened(z: Floats, width_cells: float) -> Floats:
-    """The surface without what is narrower than a disc of this diameter, in cells (a morphological opening)."""
+    """Return the surface without details narrower than a disc of this diameter in cells (a morphological opening)."""
     from scipy.ndimage import grey_opening
 
     reach = int(width_cells / 2.0)
@@ -207,7 +213,7 @@ def _opened(z: Floats, width_cells: float) -> Floats:
 
 
 def _layered(z: Floats, printer: VirtualPrinter, height_mm: float, rng: np.random.Generator) -> Floats:
-    """The surface in layers: a layer is drawn wherever the design reaches the layer's middle, as slicers do it."""
+    """Divide the surface into layers. As in slicers, a layer is drawn where the design reaches its middle height."""
     layer = np.floor((z + height_mm) / printer.layer_mm + 0.5).astype(int)
     np.maximum(layer, 0, out=layer)
     errors = printer.layer_error_mm * rng.standard_normal(round(height_mm / printer.layer_mm) + 2)
@@ -216,7 +222,7 @@ def _layered(z: Floats, printer: VirtualPrinter, height_mm: float, rng: np.rando
 
 
 def _strings(z: Floats, count: int, cell_mm: float, rng: np.random.Generator) -> Floats:
-    """What strings add to the surface they lie on: from one high place to another, with a blob where each begins."""
+    """Return the height that strings add to the surface: from one high place to another, with a blob at the start."""
     added = np.zeros_like(z)
     high = np.argwhere(z >= np.quantile(z, 0.8))
     ny, nx = z.shape

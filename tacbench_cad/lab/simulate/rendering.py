@@ -1,4 +1,4 @@
-"""The simulated sensor's camera: what it sees round the pins, the pins as discs through a pinhole, and its noise."""
+"""The simulated sensor's camera: the scene around the pins, the pins as discs through a pinhole, and the noise."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from tacbench_cad.lab.simulate.looks import CAMERA_BELOW_MM, Look, Profile, Spot, Tint
 from tacbench_cad.util.types import Bytes, Floats
 
-#: Standard deviations of the noise that a pin's peak has to stand above its surroundings to be visible.
+#: The smallest height of a visible pin's peak above its surroundings, in standard deviations of the noise.
 VISIBLE_SIGMAS = 5.0
-#: Width of the band round the dome's outline in which it may lie, in px.
+#: The width of the band around the dome's outline in which the outline may move, in px.
 _BAND_PX = 16.0
-#: Directions in which a pin's surroundings are looked at, and their distance in radii of the pin.
+#: The number of directions in which a pin's surroundings are sampled, and their distance in radii of the pin.
 _DIRECTIONS, _SURROUNDINGS = 12, 1.5
 
 
@@ -28,11 +28,11 @@ class Camera:
     """A pinhole camera on the dome's axis, looking at the summit.
 
     Args:
-        width_px: Width of the image.
-        height_px: Height of the image.
-        focal_px: Focal length.
-        below_mm: How far the pinhole lies from the dome's centre, on the side away from the summit.
-        middle_px: Column and row of the axis.
+        width_px: The width of the image.
+        height_px: The height of the image.
+        focal_px: The focal length.
+        below_mm: The distance of the pinhole from the dome's centre, on the side away from the summit.
+        middle_px: The column and row of the axis.
     """
 
     width_px: int = 640
@@ -42,24 +42,24 @@ class Camera:
     middle_px: tuple[float, float] = (319.5, 239.5)
 
     def pixels(self, points_mm: Floats) -> Floats:
-        """Column and row, shape (n, 2), of points of the dome frame, shape (n, 3)."""
+        """Return column and row, shape (n, 2), of points of the dome frame, shape (n, 3)."""
         scale = self.focal_px / (self.below_mm + points_mm[:, 2])
         column, row = self.middle_px
         return np.stack([column + scale * points_mm[:, 0], row - scale * points_mm[:, 1]], axis=1)
 
 
 class Scene:
-    """What the camera sees without pins.
+    """The camera's image without pins.
 
     Args:
-        look: The numbers.
+        look: The look.
         camera: The camera.
 
     Attributes:
         counts: Skin, reflections and surround at the mean light, float32, (height, width).
-        reflections: The part of it that reflections on the skin add.
-        regions: For each of the look's tints where it holds: 1, else 0, uint8, (height, width).
-        black_counts: What the camera gives without any light.
+        reflections: The part of the counts that reflections on the skin add.
+        regions: A mask for each of the look's tints, 1 or 0, uint8, (height, width).
+        black_counts: The counts of the camera without any light.
     """
 
     def __init__(self, look: Look, camera: Camera) -> None:
@@ -88,7 +88,7 @@ class Scene:
         ]
         self.counts = np.where(outwards < 0.0, inside, surround).astype(np.float32)
         self.black_counts = look.black_counts
-        # Where the outline may lie; none without a dome.
+        # The pixels where the outline may be; none without a dome.
         self._band = np.flatnonzero((np.abs(outwards) < _BAND_PX) & (half_x > 0.0))
         self._outwards, self._inside, self._surround, along_x, along_y = (
             np.asarray(values).ravel()[self._band]
@@ -98,11 +98,11 @@ class Scene:
         self._edge_px = look.dome_edge_px
 
     def seen(self, light: float, sway_px: tuple[float, float, float]) -> Bytes:
-        """The scene in one frame.
+        """Return the scene in one frame.
 
         Args:
             light: The light, relative to the mean.
-            sway_px: How far the dome's outline is off: its centre along columns and rows, and its radius.
+            sway_px: The offset of the dome's outline: its centre along columns and rows, and its radius.
         """
         import cv2
 
@@ -117,18 +117,18 @@ class Scene:
 
 @lru_cache(maxsize=8)
 def scene(look: Look, camera: Camera) -> Scene:
-    """The scene of a look, made once for all sensors that have it."""
+    """Return the scene of a look. All sensors with this look share it."""
     return Scene(look, camera)
 
 
 def along(places: NDArray[Any], profile: Profile) -> Floats:
-    """A profile's values at places."""
+    """Return a profile's values at positions."""
     knots = np.array(profile)
     return np.asarray(np.interp(places, knots[:, 0], knots[:, 1]), dtype=np.float64)
 
 
 def _surface(counts: Floats, fraction: float, width_px: float, grain: float, rng: np.random.Generator) -> Floats:
-    """A surface that is uneven by a fraction over a width, and grained from pixel to pixel."""
+    """Return a surface that varies by a fraction over a width, with grain from pixel to pixel."""
     from scipy.ndimage import gaussian_filter
 
     if fraction > 0.0:
@@ -138,7 +138,7 @@ def _surface(counts: Floats, fraction: float, width_px: float, grain: float, rng
 
 
 def _spots(spots: tuple[Spot, ...], look: Look, dx: NDArray[Any], dy: NDArray[Any]) -> Floats:
-    """Brightness of spots, by the distance of each pixel from the dome's centre along columns and rows."""
+    """Return the brightness of spots, by the distance of each pixel from the dome's centre along columns and rows."""
     from scipy.special import erfc
 
     counts = np.zeros(dx.shape)
@@ -154,12 +154,12 @@ class Discs:
     """The pins as flat discs in the image.
 
     Args:
-        middles_px: Columns and rows of their middles, shape (n, 2).
+        middles_px: The columns and rows of their centres, shape (n, 2).
         radius_px: Their radii, shape (n,).
-        cosine: Short axis of the ellipse that the camera sees, as a fraction of the long one, shape (n,).
-        short_along: Unit vector of the short axis, shape (n, 2).
-        counts: How much brighter they are than the skin, shape (n,).
-        edge_px: Width of their edges, shape (n,).
+        cosine: The short axis of the visible ellipse as a fraction of the long one, shape (n,).
+        short_along: The unit vector of the short axis, shape (n, 2).
+        counts: Their brightness above that of the skin, shape (n,).
+        edge_px: The widths of their edges, shape (n,).
     """
 
     middles_px: Floats
@@ -173,15 +173,15 @@ class Discs:
 def discs(
     camera: Camera, middles_mm: Floats, facing: Floats, radius_mm: float, counts: Floats, edge_px: Floats
 ) -> Discs:
-    """How the camera sees flat discs.
+    """Project flat discs into the image.
 
     Args:
         camera: The camera.
-        middles_mm: Middles of the discs in the dome frame, shape (n, 3).
+        middles_mm: The centres of the discs in the dome frame, shape (n, 3).
         facing: Their unit normals, shape (n, 3).
         radius_mm: Their radius.
-        counts: How much brighter than the skin each is, shape (n,).
-        edge_px: Width of their edges, shape (n,).
+        counts: The brightness of each above that of the skin, shape (n,).
+        edge_px: The widths of their edges, shape (n,).
     """
     to_camera = -middles_mm - np.array([0.0, 0.0, camera.below_mm])
     distance = np.linalg.norm(to_camera, axis=1)
@@ -189,7 +189,7 @@ def discs(
     return Discs(
         middles_px=camera.pixels(middles_mm),
         radius_px=radius_mm * camera.focal_px / (camera.below_mm + middles_mm[:, 2]),
-        # An ellipse is short along the image of the disc's normal, by the cosine of the angle it is seen at.
+        # The ellipse is short along the image of the disc's normal, by the cosine of the viewing angle.
         cosine=np.clip(np.einsum("nd,nd->n", to_camera, facing) / distance, 0.05, 1.0),
         short_along=np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1),
         counts=counts,
@@ -198,13 +198,13 @@ def discs(
 
 
 def drawn(place: Scene, pins: Discs, light: float, sway_px: tuple[float, float, float]) -> Bytes:
-    """A grey image of a scene with discs, without noise; a disc that leaves the image is not drawn.
+    """Draw a grey image of a scene with discs, without noise. Discs that extend beyond the image are not drawn.
 
     Args:
         place: The scene.
-        pins: The discs; where two overlap, the brighter one covers the other.
+        pins: The discs. If two overlap, the brighter one covers the other.
         light: The scene's light, relative to the mean.
-        sway_px: How far the dome's outline is off, see :meth:`Scene.seen`.
+        sway_px: The offset of the dome's outline, see :meth:`Scene.seen`.
     """
     image = place.seen(light, sway_px)
     middles, radius_px = pins.middles_px, pins.radius_px
@@ -233,7 +233,7 @@ def drawn(place: Scene, pins: Discs, light: float, sway_px: tuple[float, float, 
 
 
 def visible(pins: Discs, place: Scene, look: Look) -> NDArray[np.bool_]:
-    """Which discs can be seen: the peak stands out of the noise, and no reflection covers the centre; shape (n,)."""
+    """Return which discs are visible: the peak exceeds the noise, and no reflection covers the centre; shape (n,)."""
     height, width = place.counts.shape
     turn = 2.0 * math.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     around = _SURROUNDINGS * pins.radius_px[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)[None]
@@ -254,7 +254,7 @@ def visible(pins: Discs, place: Scene, look: Look) -> NDArray[np.bool_]:
 
 
 def tinted(grey: Bytes, place: Scene, look: Look) -> Bytes:
-    """A grey image as a colour image, (height, width, 3), BGR."""
+    """Convert a grey image to a colour image, (height, width, 3), BGR."""
     import cv2
 
     wide = cv2.merge([grey, grey, grey])
@@ -265,12 +265,12 @@ def tinted(grey: Bytes, place: Scene, look: Look) -> Bytes:
 
 
 def with_noise(clean: Bytes, look: Look, rng: np.random.Generator) -> Bytes:
-    """An image, grey or BGR, with the camera's noise, clipped at 0 and at its highest level.
+    """Add the camera's noise to a grey or BGR image, limited to the range from 0 to the camera's highest level.
 
     Args:
         clean: The image.
-        look: Its noise.
-        rng: Decides the noise: one byte of it for each value, or for each pixel.
+        look: The look with the noise.
+        rng: The random generator: one byte for each value, or for each pixel.
     """
     import cv2
 
@@ -283,7 +283,7 @@ def with_noise(clean: Bytes, look: Look, rng: np.random.Generator) -> Bytes:
 
 
 def sharpened(image: Bytes, amount: float) -> Bytes:
-    """An image with so much of its difference from its binomial average over 3 x 3 pixels added."""
+    """Add a fraction of an image's difference from its binomial average over 3 x 3 pixels."""
     import cv2
 
     kernel = -amount * np.outer((0.25, 0.5, 0.25), (0.25, 0.5, 0.25))
@@ -292,7 +292,7 @@ def sharpened(image: Bytes, amount: float) -> Bytes:
 
 
 def compressed(image: Bytes, quality: int) -> Bytes:
-    """An image as it is after a compression in blocks of 8 x 8 pixels."""
+    """Compress an image in blocks of 8 x 8 pixels, and decompress it."""
     import cv2
 
     data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
@@ -301,7 +301,7 @@ def compressed(image: Bytes, quality: int) -> Bytes:
 
 @cache
 def _table(tint: Tint) -> Bytes:
-    """A table (256, 1, 3): counts of grey in blue, green and red."""
+    """Return a table (256, 1, 3) of the counts of each grey level in blue, green and red."""
     greys = [0.0, *(grey for grey, _ in tint)]
     channels = zip((0.0, 0.0, 0.0), *(bgr for _, bgr in tint), strict=True)
     table = np.array([np.interp(np.arange(256), greys, values) for values in channels])
@@ -310,10 +310,10 @@ def _table(tint: Tint) -> Bytes:
 
 @cache
 def _noisy(noise: Profile, white: int) -> Bytes:
-    """A table (65536,): for a level and one of 256 equally likely bytes, 256 level + byte, the level with noise."""
+    """Return a table (65536,) with the noisy level for 256 level + byte, where all 256 bytes are equally likely."""
     levels, normal = np.arange(256.0), NormalDist()
     spreads = along(levels, noise)
-    # Rounding adds 1/12 to the variance of a wide Gaussian. Of a narrow one it leaves what lies beyond half a count.
+    # Rounding adds 1/12 to the variance of a wide Gaussian. A narrow one keeps only the part beyond half a count.
     narrow = np.array([0.5 / -normal.inv_cdf(max(min(spread, 0.5) ** 2 / 2.0, 1e-9)) for spread in spreads])
     sigmas = np.where(spreads > 0.5, np.sqrt(np.maximum(spreads**2 - 1.0 / 12.0, 0.0)), narrow)
     draws = np.array([normal.inv_cdf((i + 0.5) / 256.0) for i in range(256)])

@@ -1,4 +1,4 @@
-"""Simulated studies: the paper's, a small one, and what any of them will take before it is made."""
+"""Simulated studies: the paper's, a small one, and an estimate of their time and size."""
 
 from __future__ import annotations
 
@@ -35,32 +35,32 @@ from tacbench_cad.util.processes import Workers
 if TYPE_CHECKING:
     from tacbench_cad.lab.parallel import Executor
 
-#: Numbers of the six textures.
+#: The numbers of the six textures.
 TEXTURES = (1, 2, 3, 4, 5, 6)
-#: Prints of each texture in the paper's three selected combinations, and the force level that copies 2 to 6 are
-#: pressed at: the paper pressed them at one force and does not say which, ours is the middle one.
+#: The number of prints of each texture in the paper's three selected combinations. The paper pressed copies 2 to 6 at
+#: one force and does not say which; we use the middle one.
 PAPER_COPIES = 6
-#: The force level that copies 2 to 6 are pressed at.
+#: The force level for copies 2 to 6.
 COPIES_LEVEL = 2
-#: Frames of each stationary group. A camera needs the protocol's 30; a simulated one has no drift to average over.
+#: The number of frames of each stationary group. A camera needs the protocol's 30; a simulated one has no drift.
 PAPER_STATIONARY, QUICK_STATIONARY = 10, 5
-#: The small study: two combinations, two copies, and the corners, edges and middle of the paper's press grid.
+#: The combinations of the small study. It also has two copies, and 9 positions that span the paper's press grid.
 QUICK_COMBINATIONS = (("ender-3-v3-se", "pla-plus"), ("bambu-p1p", "pla-minus"))
-#: Prints of each texture in the small study.
+#: The number of prints of each texture in the small study.
 QUICK_COPIES = 2
-#: Images that are made to measure what one takes.
+#: The number of images that are drawn to measure time and size.
 SAMPLE = 12
-#: Seconds between two looks at how far the processes are.
+#: The interval between two progress updates, in s.
 PROGRESS_S = 0.5
-#: Fraction of the room that stays free beyond what is needed.
+#: The fraction of the needed disk space that must also be free.
 SPARE = 0.05
 
 
 def paper_study() -> Study:
     """The paper's study, 12,600 images.
 
-    Nine combinations, one print of each texture at three forces, make 8,100 images; of the three selected combinations
-    five more prints at the middle force make 4,500.
+    Nine combinations with one print of each texture at three forces give 8,100 images. Five more prints of the three
+    selected combinations at the middle force give 4,500.
     """
     protocol = Protocol(stationary_frames=PAPER_STATIONARY)
     first = _prints(names.COMBINATIONS, (1,), protocol.all_levels)
@@ -83,39 +83,39 @@ def quick_study() -> Study:
 def _prints(
     combinations: Sequence[tuple[str, str]], copies: Iterable[int], levels: tuple[int, ...]
 ) -> Iterator[PlannedBlock]:
-    """One print of each texture for each combination and copy, in this order."""
+    """Yield one print of each texture for each combination and copy, in this order."""
     for (printer, filament), copy, texture in product(combinations, tuple(copies), TEXTURES):
         printed = PrintedBlock(block=Block.of(texture), printer=printer, filament=filament, copy=copy)
         yield PlannedBlock(printed=printed, levels=levels)
 
 
 def study_of(word: str) -> StudyFile:
-    """The study that a command names: ``paper``, ``quick`` or a TOML file. Devices in a file are not used.
+    """Return the study that a command names: ``paper``, ``quick`` or a TOML file. Devices in the file are not used.
 
     Raises:
-        InputError: It is neither, or something in the file is not allowed.
+        InputError: The word is neither, or the file contains an error.
     """
     if word == "paper":
         return StudyFile(study=paper_study())
     if word == "quick":
         return StudyFile(study=quick_study())
     if not word.endswith(".toml"):
-        raise InputError("study", word, "allowed: paper, quick or a TOML file")
+        raise InputError("study", word, "must be paper, quick or a TOML file")
     return read_study(Path(word))
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationEstimate:
-    """What a study takes; bytes and seconds are measured on a few of its images.
+    """The estimated size and time of a study. Bytes and seconds are measured on a few of its images.
 
     Args:
-        blocks: Blocks in all.
-        presses: Images of presses in all.
-        others: Images without a press behind them: references and stationary frames.
-        there: Images that are there already.
-        bytes_each: Size of an image's file.
-        seconds_each: Processor time of an image, for one process.
-        jobs: Processes.
+        blocks: The number of blocks.
+        presses: The number of images of presses.
+        others: The number of images without a press: references and stationary frames.
+        there: The number of images that already exist.
+        bytes_each: The size of an image's file.
+        seconds_each: The processor time of an image, in s, for one process.
+        jobs: The number of processes.
     """
 
     blocks: int
@@ -128,22 +128,17 @@ class SimulationEstimate:
 
     @property
     def missing(self) -> int:
-        """Images that are still to be made."""
+        """The number of missing images."""
         return max(self.presses + self.others - self.there, 0)
 
     @property
     def gb(self) -> float:
-        """What is still to be written, in GB (10^9 bytes)."""
+        """The size of the missing images, in GB (10^9 bytes)."""
         return self.missing * self.bytes_each / 1e9
-
-    @property
-    def minutes(self) -> float:
-        """Time that it takes."""
-        return self.missing * self.seconds_each / self.jobs / 60.0
 
 
 def run_infos(study: Study, options: SimulationOptions) -> list[RunInfo]:
-    """The contents of ``run.json`` for each block of a simulated study, in the study's order."""
+    """Return the contents of ``run.json`` for each block of a simulated study, in the study's order."""
     return [run_info(study, block, options) for block in study.blocks]
 
 
@@ -154,9 +149,9 @@ def estimate_simulation(
 
     Args:
         study: The study.
-        out: Folder of its runs; images that are there already are not counted again.
-        options: How it is simulated; the defaults if None.
-        jobs: Processes.
+        out: The folder of its runs. Images that already exist are not counted again.
+        options: The options of the simulation; None for the defaults.
+        jobs: The number of processes.
     """
     options = options or SimulationOptions()
     infos = run_infos(study, options)
@@ -173,10 +168,10 @@ def estimate_simulation(
 
 
 def require_room(out: Path, needed: SimulationEstimate) -> None:
-    """Refuse a study that the disk has no room for.
+    """Check that the disk has room for a study.
 
     Raises:
-        InputError: It has not; the message has the numbers.
+        InputError: The disk has not enough room. The message contains the numbers.
     """
     free = shutil.disk_usage(nearest_folder(out)).free / 1e9
     need = needed.gb * (1.0 + SPARE)
@@ -187,7 +182,7 @@ def require_room(out: Path, needed: SimulationEstimate) -> None:
 
 
 def nearest_folder(out: Path) -> Path:
-    """The folder itself, or the nearest one above it that is there."""
+    """Return the folder itself, or the nearest existing folder above it."""
     return next((folder for folder in (out, *out.absolute().parents) if folder.is_dir()), Path("/"))
 
 
@@ -200,25 +195,25 @@ def simulate_study(
     progress: Callable[[int], None] = lambda images: None,
     cluster: Executor | None = None,
 ) -> list[SimulatedBlock]:
-    """Write the run folders of a simulated study, or what is missing of them, with several processes.
+    """Write the run folders of a simulated study, or the missing part of them, with several processes.
 
-    An interruption or an error ends the processes of this machine at once. The images that exist are kept, and the
-    next call resumes every block at its first missing press. A worker of a cluster finishes its block first.
+    An interruption or an error ends the processes of this machine at once. Existing images are kept, and the next call
+    resumes every block at its first missing press. A worker of a cluster finishes its block first.
 
     Args:
         study: The study.
-        out: Folder of its runs.
-        options: How it is simulated; the defaults if None.
-        jobs: Processes of this machine.
-        progress: Called with the number of images that exist: twice a second, or after each block of a cluster.
-        cluster: A cluster that is used instead of processes of this machine; see
+        out: The folder of its runs.
+        options: The options of the simulation; None for the defaults.
+        jobs: The number of processes on this machine.
+        progress: Called with the number of existing images: twice a second, or after each block of a cluster.
+        cluster: A cluster that replaces the processes of this machine; see
             :func:`tacbench_cad.lab.parallel.workers`.
 
     Returns:
-        What was simulated of each block, in the study's order.
+        The results of the blocks, in the study's order.
 
     Raises:
-        TacbenchError: A run folder holds another run, is held by another process, or cannot be written; or a force
+        TacbenchError: A run folder contains another run, is used by another process, or cannot be written; or a force
             cannot be reached.
     """
     options = options or SimulationOptions()
@@ -250,21 +245,21 @@ def simulate_study(
 
 
 def images_there(folder: Path) -> int:
-    """Number of images in a run folder."""
+    """Return the number of images in a run folder."""
     return sum(1 for name in schema.FRAME_FOLDERS for _ in (folder / name).glob("*.png"))
 
 
 def _measured(info: RunInfo, options: SimulationOptions) -> tuple[float, float]:
-    """Mean bytes and processor seconds of a run's image, from presses spread over the run, each drawn twice.
+    """Return mean bytes and processor seconds of a run's image, from presses spread over the run, each drawn twice.
 
-    That is as in the run itself, where repeats and stationary frames share the work of finding a pose.
+    This is as in the run itself, where repeats and stationary frames share the computation of a pose.
     """
     source = FrameSource(info, options)
 
     def size(press: Press) -> int:
         return len(encoded(source.frame(source.pressed(press)[2], f"press {press.number}"), info.simulated)[0])
 
-    size(info.presses[-1])  # what is imported and printed only once
+    size(info.presses[-1])  # does the imports and the print, which occur only once
     began = time.process_time()
     sizes = [size(info.presses[(i // 2) * len(info.presses) // SAMPLE]) for i in range(SAMPLE)]
     return sum(sizes) / SAMPLE, (time.process_time() - began) / SAMPLE

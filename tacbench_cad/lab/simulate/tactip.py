@@ -1,13 +1,13 @@
-"""A simulated TacTip: from the dome's overlap with the ground to where its pins are, and to the camera's image.
+"""A simulated TacTip: from the overlap of dome and surface to the positions of its pins and the camera's image.
 
-The skin spreads the overlap ``p`` sideways, also beyond the contact. A load on an elastic layer reaches the depth t
-below it spread by Boussinesq's kernel ``3 t^3 / (2 pi (r^2 + t^2)^(5/2))``, whose Fourier transform is
-``(1 + q t) exp(-q t)``: with t the skin's thickness this gives the displacement ``w`` of the skin's inside. A pin
-moves inwards by ``w`` and turns with the skin, whose slope changes by the gradient of ``w``; its white tip is
-the end of a lever that begins in the middle of the skin. The gel's volume and the skin's stretching are left out.
+The skin spreads the overlap ``p`` sideways, also beyond the contact. At the depth t in an elastic layer, a load is
+spread by Boussinesq's kernel ``3 t^3 / (2 pi (r^2 + t^2)^(5/2))``, whose Fourier transform is
+``(1 + q t) exp(-q t)``. With t as the skin's thickness, this gives the displacement ``w`` of the skin's inside. A pin
+moves inwards by ``w`` and turns with the skin, whose slope changes by the gradient of ``w``. Its white tip is the end
+of a lever that begins in the middle of the skin. The gel's volume and the stretching of the skin are ignored.
 
-Dome frame: origin at the dome's centre, x and y as the block's, z towards the summit, so downwards on the rig. The
-camera looks along +z. In the image x grows to the right and y upwards, as seen from above.
+Dome frame: the origin is the dome's centre, x and y are those of the block, and z points to the summit, so downwards on
+the rig. The camera looks along +z. In the image x grows to the right and y upwards, as seen from above.
 """
 
 from __future__ import annotations
@@ -41,26 +41,26 @@ from tacbench_cad.spec.protocol import DOME_RADIUS_MM
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bytes, Floats
 
-#: What every simulated image, run and plot says of its sensor.
+#: The name of the sensor in every simulated image, run and plot.
 SIMULATED = "simulated TacTip"
-#: LEDs in a ring round the lens: number, radius and z in the dome frame, in mm. An assumption: builds differ.
+#: The ring of LEDs around the lens: number, radius and z in the dome frame, in mm. It is an assumption; builds differ.
 LEDS, LED_RADIUS_MM, LED_Z_MM = 6, 17.0, -15.0
-#: Fraction by which the light has to change before a compressed video shows it: half a count at white.
+#: The smallest change of the light that a compressed video shows, as a fraction: half a count at white.
 LIGHT_STEP = 0.002
-#: The overlap is expanded in waves over a square of this side (wider than the dome by more than the kernel reaches)
-#: up to the order at which the kernel has fallen below 1 %.
+#: The side of the square over which the overlap is expanded in waves. It exceeds the dome by more than the kernel's
+#: reach. The expansion ends at the order at which the kernel has fallen below 1 %.
 _SQUARE_MM = 52.0
 _ORDER = 40
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pins:
-    """Where the pins are, in the dome frame.
+    """The positions of the pins in the dome frame.
 
     Args:
-        tips_mm: Middle of each white tip, shape (n, 3).
-        facing: Unit vector each tip faces, shape (n, 3).
-        sway_px: How far the dome's outline is off: its centre along columns and rows, and its radius.
+        tips_mm: The centre of each white tip, shape (n, 3).
+        facing: The unit vector that each tip faces, shape (n, 3).
+        sway_px: The offset of the dome's outline: its centre along columns and rows, and its radius.
     """
 
     tips_mm: Floats
@@ -70,11 +70,11 @@ class Pins:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Markers:
-    """The pins as a frame shows them, free of noise.
+    """The pins in a frame, without noise.
 
     Args:
-        centres_px: Columns and rows of their middles, shape (n, 2).
-        visible: Which of them can be seen: the peak stands 5 standard deviations of noise and grain above its
+        centres_px: The columns and rows of their centres, shape (n, 2).
+        visible: Whether each pin is visible: the peak is 5 standard deviations of noise and grain above its
             surroundings, and no reflection covers the centre; shape (n,).
     """
 
@@ -94,16 +94,16 @@ def _pins_at_rest(rings: tuple[Ring, ...]) -> Pins:
 
 
 class Skin:
-    """The overlap's way through the skin to the pins, as one linear map in Fourier space.
+    """The effect of the overlap on the pins through the skin, as one linear map in Fourier space.
 
     Args:
-        places_mm: Where the displacement is wanted, from the axis, shape (n, 2).
-        thickness_mm: Thickness t of the skin.
+        places_mm: The points of the displacement, relative to the axis, shape (n, 2).
+        thickness_mm: The thickness t of the skin.
     """
 
     def __init__(self, places_mm: Floats, thickness_mm: float = SKIN_MM) -> None:
         step = 2.0 * math.pi / _SQUARE_MM
-        self._qx = step * np.arange(_ORDER + 1)  # p is real: the other half are conjugates
+        self._qx = step * np.arange(_ORDER + 1)  # p is real, so the other half are conjugates
         self._qy = step * np.arange(-_ORDER, _ORDER + 1)
         q = np.hypot(self._qx[None, :], self._qy[:, None])
         kernel = (1.0 + q * thickness_mm) * np.exp(-q * thickness_mm) / _SQUARE_MM**2
@@ -113,13 +113,13 @@ class Skin:
         self._along_y = np.exp(1j * np.outer(places_mm[:, 1], self._qy))
 
     def displacement(self, depth_mm: Floats, x_mm: Floats, y_mm: Floats, cell_mm: float) -> tuple[Floats, Floats]:
-        """Displacement w of the skin's inside, and its gradient, at the places.
+        """Return the displacement w of the skin's inside and its gradient at the points.
 
         Args:
             depth_mm: The overlap of each cell, shape (ny, nx).
-            x_mm: The columns' places from the axis, shape (nx,).
-            y_mm: The rows' places from the axis, shape (ny,).
-            cell_mm: Side of a cell.
+            x_mm: The x of the columns relative to the axis, shape (nx,).
+            y_mm: The y of the rows relative to the axis, shape (ny,).
+            cell_mm: The side of a cell.
 
         Returns:
             w in mm, shape (n,), and its gradient, shape (n, 2).
@@ -137,16 +137,16 @@ class Skin:
 
 
 class TacTip:
-    """The sensor. It has no memory: an image follows from contact, pose and generator alone.
+    """The sensor. It has no state: an image depends only on contact, pose and random generator.
 
     Args:
-        colour: Images of shape (480, 640, 3), BGR; else (480, 640).
+        colour: Whether images have shape (480, 640, 3), BGR, or (480, 640).
         camera: The pinhole camera; None for the look's own.
-        flicker: Standard deviation of the light from frame to frame, as a fraction; None for the look's own.
-        look: Its pins, light and camera.
+        flicker: The standard deviation of the light from frame to frame, as a fraction; None for the look's own.
+        look: The pins, light and camera.
 
     Attributes:
-        rest: The pins in the air.
+        rest: The pins without contact.
 
     Raises:
         InputError: The flicker is not from 0 to 1.
@@ -172,7 +172,7 @@ class TacTip:
         places = radii_px / np.max(radii_px)
         light = _light(self.rest)
         spread = 1.0 + look.pin_spread * np.random.Generator(np.random.SFC64(look.seed)).standard_normal(light.size)
-        # A single level is that of the LEDs' law; several are what was measured, reflections of the skin included.
+        # A single level follows the law of the LEDs. Several levels were measured and include reflections of the skin.
         self._counts = (
             spread * _by_place(places, look.pin_counts) / (np.mean(light) if len(look.pin_counts) == 1 else light)
         )
@@ -185,12 +185,12 @@ class TacTip:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of an image."""
+        """The shape of an image."""
         size = (self.camera.height_px, self.camera.width_px)
         return (*size, 3) if self.colour else size
 
     def as_dict(self) -> dict[str, Any]:
-        """The settings as plain values."""
+        """Return the settings as plain values."""
         return {
             "look": self.look.name,
             "colour": self.colour,
@@ -200,10 +200,10 @@ class TacTip:
         }
 
     def pins(self, contact: DomeContact | None, pose_mm: Point) -> Pins:
-        """Where the pins are with the summit at a pose.
+        """Return the pins with the summit at a pose.
 
         Args:
-            contact: What the dome is pressed on; None for the air.
+            contact: The surface under the dome; None for no contact.
             pose_mm: The summit in the work frame.
         """
         if contact is None or contact.force_n(*pose_mm) == 0.0:
@@ -217,13 +217,13 @@ class TacTip:
         return Pins(tips_mm=tips, facing=facing)
 
     def approach(self, contact: DomeContact | None, pose_mm: Point, rng: np.random.Generator) -> Pins:
-        """Where the pins are after another approach to a pose, which misses it by an error of its own.
+        """Return the pins after another approach to a pose, which misses the pose by a random error.
 
         Args:
-            contact: What the dome is pressed on; None for the air.
-            pose_mm: The summit in the work frame, as the stage reports it. A gauge has found the force there, so it is
-                reached where the summit really is.
-            rng: Decides the errors.
+            contact: The surface under the dome; None for no contact.
+            pose_mm: The summit in the work frame, as the stage reports it. A gauge has measured the force there, so the
+                force is reached at the summit's true position.
+            rng: The random generator of the errors.
         """
         force_n = contact.force_n(*pose_mm) if contact is not None and self.look.misses else 0.0
         if contact is None or force_n == 0.0:
@@ -234,18 +234,18 @@ class TacTip:
         return replace(self.pins(contact, (x, y, contact.z_for_force(x, y, force_n))), sway_px=(column, row, radius))
 
     def frame(self, pins: Pins, rng: np.random.Generator, seconds: float = 0.0) -> Bytes:
-        """One frame of pins, with flicker and noise.
+        """Return one frame of pins, with flicker and noise.
 
         Args:
-            pins: Where they are.
-            rng: What flicker and noise are drawn by.
-            seconds: Time since the run began.
+            pins: The pins.
+            rng: The random generator of flicker and noise.
+            seconds: The time since the start of the run.
         """
         look, place = self.look, self._scene
         light = 1.0 + self.flicker * rng.standard_normal()
         light *= 1.0 + sum(excess * math.exp(-seconds / constant_s) for excess, constant_s in look.transients)
         if look.jpeg_quality is not None:
-            # A video's compression keeps the picture as it is until the light has changed.
+            # A video's compression keeps the picture unchanged until the light has changed enough.
             light = LIGHT_STEP * round(light / LIGHT_STEP)
         image = drawn(place, self._discs(pins, light), light, pins.sway_px)
         if look.sharpening:
@@ -257,7 +257,7 @@ class TacTip:
         return with_noise(image, look, rng)
 
     def markers(self, pins: Pins) -> Markers:
-        """The truth of a frame of pins: where each of them is in the image, and whether it can be seen."""
+        """Return the true positions of the pins in the image, and whether each is visible."""
         markers = self._discs(pins, 1.0)
         return Markers(centres_px=markers.middles_px, visible=visible(markers, self._scene, self.look))
 
@@ -269,13 +269,13 @@ class TacTip:
     def image(
         self, contact: DomeContact | None, pose_mm: Point, rng: np.random.Generator, seconds: float = 0.0
     ) -> Bytes:
-        """The image with the summit at a pose.
+        """Return the image with the summit at a pose.
 
         Args:
-            contact: What the dome is pressed on; None for the air.
+            contact: The surface under the dome; None for no contact.
             pose_mm: The summit in the work frame.
-            rng: Decides flicker and noise.
-            seconds: Time since the run began.
+            rng: The random generator of flicker and noise.
+            seconds: The time since the start of the run.
 
         Returns:
             uint8 of :attr:`shape`.
@@ -284,12 +284,12 @@ class TacTip:
 
 
 def _by_place(places: Floats, values: tuple[float, ...]) -> Floats:
-    """Values at the centre, the middle and the rim of the pins' field, taken at places from 0 to 1."""
+    """Interpolate values at the centre, the middle and the rim of the pins' field, at positions from 0 to 1."""
     return np.asarray(np.interp(places, np.linspace(0.0, 1.0, len(values)), values), dtype=np.float64)
 
 
 def _light(pins: Pins) -> Floats:
-    """Light on each tip, relative: each LED gives cos / distance^2 on a matt surface; shape (n,)."""
+    """Return the relative light on each tip: each LED gives cos / distance^2 on a matt surface; shape (n,)."""
     azimuth = 2.0 * math.pi * np.arange(LEDS) / LEDS
     leds = np.column_stack([LED_RADIUS_MM * np.cos(azimuth), LED_RADIUS_MM * np.sin(azimuth), np.full(LEDS, LED_Z_MM)])
     way = leds[None, :, :] - pins.tips_mm[:, None, :]

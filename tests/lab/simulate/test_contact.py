@@ -108,7 +108,7 @@ def test_what_is_no_force_is_refused(force_n: float) -> None:
 
 
 def test_a_force_beyond_the_domes_equator_is_refused() -> None:
-    with pytest.raises(InputError, match="is the most"):
+    with pytest.raises(InputError, match="the maximum is"):
         PLATE.z_for_force(0.0, 0.0, 1000.0)
 
 

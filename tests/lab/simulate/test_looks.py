@@ -217,7 +217,7 @@ def test_frames_of_every_look_are_sound(look: str, colour: bool) -> None:
 
 
 def test_an_unknown_look_is_refused_with_those_that_are_there(tmp_path: Path, capsys: Capture) -> None:
-    with pytest.raises(InputError, match="allowed: clean, tactip-bristol, tactip-sussex"):
+    with pytest.raises(InputError, match="must be one of: clean, tactip-bristol, tactip-sussex"):
         look_named("bristol")
     with pytest.raises(InputError, match="look"):
         SimulationOptions(look="bristol")
