@@ -1,1 +1,1 @@
-"""The single checks that verification and identification of files are made of."""
+"""The checks of part files: verification of a file for a known part, and identification of any file."""

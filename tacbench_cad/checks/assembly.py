@@ -1,4 +1,4 @@
-"""An assembly and its file: every part in it, whole and at its place."""
+"""Verification that the file of an assembly contains every part completely and in its place."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _KERNEL_FRACTION = 1e-4
 
 
 def verify_mesh_assembly(part: Part, path: Path) -> Report:
-    """Closed, oriented, volume and box of all bodies together."""
+    """Check the edges, the volume and the bounding box of all bodies together."""
     mesh, (_, expected) = meshcheck.read_mesh(path), part.mesh
     checks = [
         Check(name="file", ok=True, detail="read back; all coordinates finite"),
@@ -32,14 +32,15 @@ def verify_mesh_assembly(part: Part, path: Path) -> Report:
 
 
 def verify_solid_assembly(part: Part, path: Path) -> Report:
-    """Each solid, brought back to its own frame: valid, of its volume, and its lower corner at the origin."""
+    """Transform each solid back to its own frame, and check its validity, its volume and its bounding box."""
     from tacbench_cad.checks import solidcheck
     from tacbench_cad.checks.survey import survey
     from tacbench_cad.formats import step
 
     solids = list(kernel.each(step.read_step(path), "SOLID"))
     complete = len(solids) == len(part.placed)
-    checks = [Check(name="parts", ok=complete, detail=f"{len(solids)} solids, {len(part.placed)} are wanted")]
+    detail = f"{len(solids)} of {len(part.placed)} solids"
+    checks = [Check(name="parts", ok=complete, detail=detail)]
     total = 0.0
     for solid, (placed, matrix) in zip(solids, part.placed, strict=False):
         expected, name = placed.solid[1], placed.name_in("solid")

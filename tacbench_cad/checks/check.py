@@ -1,4 +1,4 @@
-"""One call for every file: is it the part that it should be, or, without a part, what is it?"""
+"""The function that checks any part file: it compares the file with a given part, or identifies the part."""
 
 from __future__ import annotations
 
@@ -24,31 +24,31 @@ def check(
     scale: float | None = None,
     full: bool | None = None,
 ) -> Report:
-    """Examine an STL, 3MF or STEP file, whoever made it.
+    """Check an STL, 3MF or STEP file from any source.
 
-    With a part, the file must hold exactly that: its box, its through holes, its volume in closed form, and for a
-    block the formula within the proved distance. Without one, a file of ours is held to what it says that it is, and
-    any other is compared with all that is known.
+    With a part, the file must contain exactly this part: the bounding box, the through holes, the volume in closed form
+    and, for a block, the distance from the formula are checked. Without a part, a file written by this package must
+    agree with the name of the part in it. A file from another source is compared with all known blocks.
 
     Args:
-        path: The file; the end of its name says the format.
-        part: What it should hold: a Block, a Holder, a Jig, a Coupon, a :class:`~tacbench_cad.Part`, or None.
-        texture: What its relief should be: a texture, its number or name, or a TOML file; None for the nearest.
-        preset: ``paper`` or ``released``; None for the nearest.
-        scale: Its scale; None to take it from the file.
-        full: Add pymeshlab's checks; None adds them to a foreign file where pymeshlab is installed.
+        path: The file. Its ending determines the format.
+        part: The expected part: a Block, a Holder, a Jig, a Coupon or a :class:`~tacbench_cad.Part`; None for any part.
+        texture: The expected texture: a texture, its number or name, or a TOML file; None for the nearest texture.
+        preset: ``paper`` or ``released``; None for the nearest preset.
+        scale: The expected scale; None to compute it from the file.
+        full: Whether the checks by pymeshlab are done. None does them without ``part`` if pymeshlab is installed.
 
     Returns:
-        A report, whose ``ok`` says whether all is well and which prints one line for each check.
+        The report. Its ``ok`` is True if all checks passed, and ``print`` shows a line for each check.
 
     Raises:
-        InputError: There is no such file, its format is not known, or an argument is not allowed.
-        MissingToolError: A package that the format, or ``full``, needs is not there.
+        InputError: The file does not exist, its format is unknown, or an argument is not allowed.
+        MissingToolError: A package that the format or ``full`` needs is not installed.
     """
     if part is None:
         return examine(Path(path), texture, preset, scale, full=full)
     if (texture, preset, scale) != (None, None, None):
-        raise InputError("part", None, "goes without texture, preset and scale: it says these itself")
+        raise InputError("part", None, "already has a texture, a preset and a scale; leave out these arguments")
     if format_of(Path(path)).shape == "solid":
         require_readable(Path(path))
     return verify(as_part(part), Path(path), full=bool(full))

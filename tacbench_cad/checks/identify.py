@@ -154,7 +154,7 @@ def _mesh_body(name: str, mesh: Mesh) -> _Body:
     pieces = meshcheck.bodies(mesh)
     if pieces == 1:
         return _Body(name=name, checks=[], look=look_at_mesh(mesh))
-    detail = f"{pieces} separate bodies, and nothing that says what each is; check the file of each"
+    detail = f"{pieces} separate bodies without names; save each body as a file and check these files"
     return _Body(name=name, checks=[Check(name="bodies", ok=False, detail=detail)], look=None)
 
 
@@ -185,7 +185,7 @@ def _full(mesh: Mesh, full: bool | None) -> list[Check]:
     if full is False:
         return []
     if full is None and importlib.util.find_spec("pymeshlab") is None:
-        detail = 'not looked for: pip install "tacbench-cad[cad]" adds pymeshlab, which does'
+        detail = 'not checked, because pymeshlab is not installed: pip install "tacbench-cad[cad]"'
         return [Check(name="self-intersection", ok=True, detail=detail)]
     return meshcheck.foreign_full_checks(mesh)
 
@@ -258,7 +258,7 @@ def _no_texture(look: Look, match: Match | None, asked: bool) -> Check:
     """A fixture, which is no fault unless a texture was asked for; or a relief at a size that no block can have."""
     size = mm(*look.size_mm)
     if look.is_block and match is None:
-        detail = f"a relief over {size}, a size at which no texture makes a block; is its unit the millimetre?"
+        detail = f"a relief over {size}, but no texture has a block of this size; check that its unit is the millimetre"
         return Check(name="texture", ok=False, detail=detail)
     near = "" if match is None else f"; {_near(match)}"
     return Check(name="texture", ok=not asked, detail=f"none: a part of {size} without a relief over its top{near}")
@@ -326,10 +326,10 @@ def _size(look: Look, match: Match) -> Check:
         return Check(name="size", ok=True, detail=text)
     fractions = stretch_of(block, look, match.placement)
     if max(fractions) - min(fractions) <= 1e-4:
-        how = f"{(sum(fractions) / 3.0):.5g} times as large as wanted"
+        how = f"{(sum(fractions) / 3.0):.5g} times as large as expected"
     else:
         how = ", ".join(f"{name} by {one:+.4g} mm" for name, one in zip("xyz", off, strict=True) if abs(one) > SIDE_MM)
-    return Check(name="size", ok=False, detail=f"wrong size: {text}, {mm(*sides)} is wanted ({how})")
+    return Check(name="size", ok=False, detail=f"wrong size: {text} instead of {mm(*sides)} ({how})")
 
 
 def _corner(look: Look, match: Match, expected: Expectation) -> list[Check]:
@@ -338,7 +338,9 @@ def _corner(look: Look, match: Match, expected: Expectation) -> list[Check]:
     claimed = expected.claimed
     asked = None if claimed is None else claimed.key_mm
     if not cut:
-        return [] if asked is None else [Check(name="key", ok=False, detail=f"missing: {asked:g} mm is wanted")]
+        return (
+            [] if asked is None else [Check(name="key", ok=False, detail=f"missing; a key of {asked:g} mm is expected")]
+        )
     if len(cut) > 1:
         return [Check(name="key", ok=False, detail=f"{len(cut)} corners of the underside are cut off; a key is one")]
     i, j, leg = cut[0]
@@ -348,7 +350,7 @@ def _corner(look: Look, match: Match, expected: Expectation) -> list[Check]:
     right = abs(x - width) < SIDE_MM and abs(y) < SIDE_MM
     where = "at the corner (X, 0)" if right else f"at the corner ({x:.4g}, {y:.4g}) mm; it belongs to (X, 0)"
     as_asked = claimed is None or (asked is not None and abs(leg - asked) <= SIDE_MM)
-    want = "" if as_asked else f"; {'none' if asked is None else f'{asked:g} mm'} is wanted"
+    want = "" if as_asked else f"; {'no key' if asked is None else f'{asked:g} mm'} is expected"
     return [Check(name="key", ok=right and as_asked, detail=f"{leg:.4g} mm {where}{want}")]
 
 
@@ -379,7 +381,7 @@ def _relief(look: Look, match: Match, residual: Residual, expected: Expectation,
         return Check(name="relief", ok=True, detail=f"{name}: {numbers} (allowed {allowed:.3g})")
     detail = f"wrong relief: {name} is {numbers} away (allowed {allowed:.3g}), worst {_at(residual.at_mm)} of the box"
     if unlike:
-        detail = f"{detail}; it does not look like it at all"
+        detail = f"{detail}; the relief is not similar to this texture"
     other = _other(look, match, expected)
     return Check(name="relief", ok=False, detail=detail + other)
 

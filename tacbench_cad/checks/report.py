@@ -1,4 +1,4 @@
-"""What a look at one file found: named checks, each with its numbers."""
+"""The report of a file: a list of named checks with their numbers."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from tacbench_cad.util.text import report
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """One thing that was looked at.
+    """The result of a check.
 
     Args:
-        name: Two or three words.
-        ok: Whether it is as it should be.
-        detail: What was found, with numbers.
+        name: The name of the check, one to three words.
+        ok: Whether the check passed.
+        detail: A description of the result, with numbers.
     """
 
     name: str
@@ -27,7 +27,7 @@ class Check:
 
 
 def volume_check(measured_mm3: float, expected_mm3: float, allowed_mm3: float, name: str = "volume") -> Check:
-    """A volume against the closed form."""
+    """Compare a volume with the closed form."""
     off = measured_mm3 - expected_mm3
     inside_out = "" if measured_mm3 > 0.0 else "inside out: "
     detail = f"{inside_out}{measured_mm3:.6f} mm^3, {off:+.2e} from the closed form (allowed {allowed_mm3:.1e})"
@@ -36,15 +36,15 @@ def volume_check(measured_mm3: float, expected_mm3: float, allowed_mm3: float, n
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """All that was found of one file.
+    """The results of all checks of a file.
 
     Args:
         path: The file.
-        checks: In the order in which they were made; those that would mean nothing after a failure are left out.
-        deviation_mm: Largest measured distance of the top from its formula; None where there is none.
-        triangles: Number of triangles; None for a solid.
-        volume_mm3: Enclosed volume; None where the file could not be read, or its surface encloses none.
-        size_mm: Bounding box x, y, z; None where the file could not be read.
+        checks: The checks in their order. Checks that would be meaningless after a failure are left out.
+        deviation_mm: The largest measured distance of the top from the formula; None for a part without a formula.
+        triangles: The number of triangles; None for a solid.
+        volume_mm3: The enclosed volume; None if the file could not be read, or if the surface encloses no volume.
+        size_mm: The bounding box x, y, z; None if the file could not be read.
     """
 
     path: Path
@@ -58,7 +58,7 @@ class Report:
     def of_mesh(
         cls, path: Path, mesh: Mesh, checks: Iterable[Check], deviation_mm: float | None, volume_mm3: float | None
     ) -> Report:
-        """The report of a file that holds a mesh, with the mesh's own numbers."""
+        """Make the report of a file that contains a mesh."""
         low, high = mesh.bounds_mm
         x, y, z = (high - low).tolist()
         return cls(
@@ -72,7 +72,7 @@ class Report:
 
     @property
     def ok(self) -> bool:
-        """Whether every check passed, and there was one."""
+        """Whether there is at least one check and all checks passed."""
         return bool(self.checks) and all(check.ok for check in self.checks)
 
     @property
@@ -81,12 +81,12 @@ class Report:
         return tuple(check for check in self.checks if not check.ok)
 
     def __str__(self) -> str:
-        """The file, whether it passed, and a line for each check."""
+        """Return the name of the file, whether it passed, and a line for each check."""
         lines = [(check.name, ("" if check.ok else "WRONG: ") + check.detail) for check in self.checks]
         return report(f"{self.path.name}: {'passed' if self.ok else 'failed'}", lines)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON: the file's name without its folder, and everything else."""
+        """Return plain values for JSON, with the file's name instead of its path."""
         return {
             "file": self.path.name,
             "ok": self.ok,

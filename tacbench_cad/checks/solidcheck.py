@@ -53,7 +53,7 @@ def solid_checks(shape: TopoDS_Shape) -> list[Check]:
 
     solids, loose = count(shape, "SOLID"), len(list(kernel.each(shape, "FACE", outside_of="SOLID")))
     one = solids == 1 and loose == 0
-    detail = "one solid" if one else f"{solids} solids and {loose} faces that belong to none; one solid is wanted"
+    detail = "one solid" if one else f"{solids} solids and {loose} faces outside of them, instead of one solid"
     checks = [Check(name="one solid", ok=one, detail=detail)]
     valid = BRepCheck_Analyzer(shape).IsValid()
     checks.append(Check(name="valid", ok=valid, detail="BRepCheck finds it valid" if valid else "BRepCheck: not valid"))

@@ -1,7 +1,8 @@
-"""A part and its file on disk: is what was written what was meant?
+"""Verification that a file contains the part for which it was written.
 
-Everything is read back from the file, never taken from memory. The checks stand in the order in which a failure makes
-the later ones meaningless: readable and finite, edges, triangles, volume, manifold3d, box, distance from the formula.
+All values are read back from the file and never taken from memory. After a failed check, the later checks may be
+meaningless; therefore the order is: file and finite numbers, edges, triangles, volume, manifold3d, bounding box,
+distance from the formula.
 """
 
 from __future__ import annotations
@@ -44,16 +45,16 @@ def verify(part: Part, path: Path, full: bool = False) -> Report:
     """Check a file that was written for a part.
 
     Args:
-        part: What the file shall hold.
-        path: The file; the end of its name says the format.
-        full: Add pymeshlab's checks to a mesh, and the kernel's default volume and box to a solid.
+        part: The part that the file is expected to contain.
+        path: The file. Its ending determines the format.
+        full: Whether the checks of a mesh by pymeshlab, or of the kernel's default volume and box, are done as well.
 
     Returns:
-        The report; :attr:`Report.ok` says whether all is well.
+        The report. :attr:`Report.ok` is True if all checks passed.
 
     Raises:
-        InputError: There is no such file, or its format is not known.
-        MissingToolError: A package that the format or the full check needs is not there.
+        InputError: The file does not exist, or its format is unknown.
+        MissingToolError: A package that the format or ``full`` needs is not installed.
     """
     solid = format_of(path).shape == "solid"
     try:
@@ -101,7 +102,7 @@ def _manifold(mesh: Mesh, genus: int) -> list[Check]:
 
 
 def _genus(holes: int, expected: int) -> Check:
-    detail = f"{holes} through holes" + ("" if holes == expected else f", {expected} are wanted")
+    detail = f"{holes} through holes" + ("" if holes == expected else f" instead of {expected}")
     return Check(name="genus", ok=holes == expected, detail=detail)
 
 
@@ -201,7 +202,7 @@ def _verify_solid(part: Part, path: Path, full: bool) -> Report:
 
 
 def _kernel_defaults(part: Part, expected: ExpectedGeometry, measured: Measured) -> list[Check]:
-    """What a user of the kernel, CadQuery or build123d is told first; slow on blocks of many patches."""
+    """Check the default volume and box of the kernel, which is slow for blocks of many patches."""
     allowed = SOLID_VOLUME_FRACTION * expected.volume_mm3 + expected.volume_slack_mm3
     volume = volume_check(measured.volume_mm3, expected.volume_mm3, allowed)
     box = _solid_box(part, measured, expected)

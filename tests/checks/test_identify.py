@@ -149,9 +149,9 @@ def _dent_wall(mesh: Mesh) -> Mesh:
         (_raise_vertex, "relief", "wrong relief"),
         (_thicker, "size", "z by +0.3 mm"),
         (_thicker, "relief", "stands 0.3 mm too high"),
-        (lambda mesh: changed(mesh, lambda v: v * 1.01), "size", "1.01 times as large as wanted"),
+        (lambda mesh: changed(mesh, lambda v: v * 1.01), "size", "1.01 times as large as expected"),
         (lambda mesh: changed(mesh, lambda v: v * [1.0, 1.02, 1.0]), "size", "y by +0.6 mm"),
-        (lambda mesh: changed(mesh, lambda v: v * 25.4), "size", "25.4 times as large as wanted"),
+        (lambda mesh: changed(mesh, lambda v: v * 25.4), "size", "25.4 times as large as expected"),
     ],
 )
 def test_every_fault_is_named(fault: Callable[[Mesh], Mesh], name: str, words: str, tmp_path: Path) -> None:
