@@ -232,7 +232,7 @@ def _refuse_fine(tolerance: float, n: float, m: float) -> None:
     if needed > 1.1 * MAX_TRIANGLES:
         ratio = needed / MAX_TRIANGLES
         coarser = tolerance * (ratio if min(n, m) > 2.0 else ratio**2)
-        refuse_too_many("tolerance", tolerance, needed, f"about {coarser:.2g} mm would do")
+        refuse_too_many("tolerance", tolerance, needed, f"use about {coarser:.2g} mm")
 
 
 def _interpolated_top(block: Block, tolerance: float) -> Top:
@@ -274,7 +274,7 @@ def _tensor_lines(block: Block, tolerance: float, finer: float) -> tuple[Floats,
     per_x, per_y = (finer * np.sqrt((bend + lowest) / (6.0 * tolerance)) for bend in (along_x, along_y))
     needed = triangles_of(math.ceil(float(np.trapezoid(per_x, t))), math.ceil(float(np.trapezoid(per_y, s))))
     coarser = tolerance * needed / MAX_TRIANGLES
-    refuse_too_many("tolerance", tolerance, needed, f"about {coarser:.2g} mm would do")
+    refuse_too_many("tolerance", tolerance, needed, f"use about {coarser:.2g} mm")
     at = block.extremes.at_high
     return _lines(t, per_x, at[0]), _lines(s, per_y, at[1])
 
