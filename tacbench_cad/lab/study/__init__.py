@@ -1,1 +1,1 @@
-"""What is pressed, how and on which rig: the values and the file that they are read from."""
+"""The description of a study: the blocks, the protocol and the rig, and the file that they are read from."""

@@ -1,4 +1,4 @@
-"""FILE.toml: the one reader of what is pressed, how, and on which rig, for ``acquire`` and ``simulate`` alike."""
+"""Reading of a study's TOML file, which describes the blocks, the protocol and the rig."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tacbench_cad.util import door
 from tacbench_cad.util.convert import Bounds, Length, Word, from_plain
 from tacbench_cad.util.errors import InputError, located, one_of
 
-#: Where the blocks of virtual stages lie, and how far those stages go, in mm.
+#: The origin of the work frame and the limits of virtual stages, in mm.
 VIRTUAL_STAGES: Mapping[str, Mapping[str, Any]] = {
     "virtual-grbl": {"origin_mm": (80.0, 80.0, -60.0), "limits_mm": ((0.0, 200.0), (0.0, 200.0), (-100.0, 0.0))},
     "virtual-marlin": {"origin_mm": (80.0, 80.0, 40.0), "limits_mm": ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0))},
@@ -39,12 +39,12 @@ Numbers = Annotated[tuple[Annotated[int, Bounds(1)], ...], Length(1, 1000)]
 
 @dataclass(frozen=True, kw_only=True)
 class StudyFile:
-    """What a file says.
+    """The contents of a study's file.
 
     Args:
-        study: Blocks and protocol.
-        rig: The devices, or None where the file has none (a study that is only simulated).
-        out: Where the run folders go, or None where the file does not say.
+        study: The blocks and the protocol.
+        rig: The devices; None if the file has none, because the study is only simulated.
+        out: The folder for the run folders; None if the file does not name it.
     """
 
     study: Study
@@ -56,7 +56,7 @@ class StudyFile:
         """The devices.
 
         Raises:
-            InputError: The file has none.
+            InputError: The file has no devices.
         """
         if self.rig is None:
             raise InputError("[stage]", None, "this table is missing")
@@ -64,14 +64,14 @@ class StudyFile:
 
 
 def read_study(path: Path, *, teaching: bool = False) -> StudyFile:
-    """Read a study. ``tacbench acquire --init FILE.toml`` writes one with every key explained.
+    """Read a study. ``tacbench acquire --init FILE.toml`` writes a file that explains every key.
 
     Args:
-        path: The file; texture files and calibrations in it, and ``out``, are found from its folder.
-        teaching: The origin is about to be taught and may be empty.
+        path: The file. Texture files, calibrations and ``out`` are relative to its folder.
+        teaching: Whether the origin may be empty, because it will be taught.
 
     Raises:
-        InputError: The file cannot be read, or something in it is empty or not allowed; the message names key and
+        InputError: The file cannot be read, or a value is empty or not allowed. The message names the key and the
             value.
     """
     document = door.read_document(path, "study", "toml")
@@ -90,17 +90,17 @@ def virtual_study(
     printer: str = "bambu-p1p",
     filament: str = "pla-minus",
 ) -> StudyFile:
-    """One block on a rig of which every part is simulated; the drivers are the real ones.
+    """Describe a study of a single block on a simulated rig. The drivers are the same as for a real rig.
 
     Args:
-        texture: Number, name or file of the texture.
+        texture: The number, name or file of the texture.
         preset: ``paper`` or ``released``.
         scale: The block's scale.
         driver: ``virtual-grbl`` or ``virtual-marlin``.
-        speed: How many times faster than real time the rig runs.
-        out: Where the run folder goes.
-        printer: The virtual printer that made the block.
-        filament: Its filament.
+        speed: The speed of the rig relative to real time; 50 is 50 times faster.
+        out: The folder for the run folder; None if it is unknown.
+        printer: The virtual printer of the block.
+        filament: The filament of the block.
 
     Raises:
         InputError: A value is not allowed.
@@ -118,7 +118,7 @@ def virtual_study(
 
 @dataclass(frozen=True, kw_only=True)
 class _Prints:
-    """A line of ``[study] prints``; ``copies = 3`` means 1, 2 and 3, a list names them."""
+    """A line of ``[study] prints``. ``copies`` is the number of copies (3 means copies 1, 2 and 3) or a list."""
 
     printer: str
     filament: str
@@ -128,12 +128,12 @@ class _Prints:
     def __post_init__(self) -> None:
         for name, value in (("copies", self.copies), ("force_levels", self.force_levels)):
             if isinstance(value, tuple) and list(value) != sorted(set(value)):
-                raise InputError(name, list(value), "must be whole numbers from 1, rising")
+                raise InputError(name, list(value), "must be whole numbers from 1, in increasing order")
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Blocks:
-    """What ``[block]`` and ``[study]`` say alike."""
+    """The keys that ``[block]`` and ``[study]`` share."""
 
     where = "[study] "
     preset: Preset = "paper"
@@ -166,7 +166,7 @@ class _BlockTable(_Blocks):
 
 @dataclass(frozen=True, kw_only=True)
 class _Layouts:
-    """``[study]`` where the layouts of plates say what the blocks are."""
+    """The table ``[study]`` with layouts of plates, which list the blocks."""
 
     layouts: Annotated[tuple[str, ...], Length(1, 1000)]
 
@@ -191,16 +191,16 @@ class _Grid:
     def __post_init__(self) -> None:
         for name, values in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
             if list(values) != sorted(set(values)) or values[0] < 0.0:
-                raise InputError(name, list(values), "must rise, from 0 or more")
+                raise InputError(name, list(values), "must be numbers from 0, in increasing order")
 
     def scaled(self, scale: float) -> PressGrid:
-        """The grid of a scaled block."""
+        """Return the grid of a scaled block."""
         return PressGrid(x_mm=tuple(scale * x for x in self.x_mm), y_mm=tuple(scale * y for y in self.y_mm))
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Document:
-    """The whole file; tables that need others to be read are read afterwards."""
+    """The whole file. Tables that depend on other tables are read afterwards."""
 
     out: str | None = None
     block: _BlockTable | None = None
@@ -240,10 +240,10 @@ def _study_file(plain: Mapping[str, Any], folder: Path, teaching: bool = False) 
 
 
 def _require_filled(plain: Mapping[str, Any], may_be_empty: str) -> None:
-    """Refuse a file in which something that only its user knows was left empty.
+    """Check that the user has filled in all keys.
 
     Raises:
-        InputError: There are such keys; the message names all of them.
+        InputError: Some keys are empty. The message names all of them.
     """
     own_sensor = ":" in str(_table(plain, "sensor").get("driver"))
     empty = [
@@ -254,7 +254,7 @@ def _require_filled(plain: Mapping[str, Any], may_be_empty: str) -> None:
     ]
     if empty:
         raise InputError(
-            ", ".join(empty), None, "must be filled in, since only you know what is true of your block and rig"
+            ", ".join(empty), None, "must be filled in, because only you know these values of your block and rig"
         )
 
 
@@ -264,10 +264,10 @@ def _table(plain: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 
 def _common_scale(plates: tuple[PrintedBlock, ...]) -> float:
-    """The one scale of all blocks: the press grid has it, too."""
+    """Return the scale of all blocks, which is also the scale of the press grid."""
     scales = sorted({printed.block.scale for printed in plates})
     if len(scales) > 1:
-        raise InputError("[study] layouts", scales, "hold blocks of several scales; a study has one")
+        raise InputError("[study] layouts", scales, "have blocks of several scales; a study must have only one")
     return scales[0]
 
 
@@ -283,7 +283,7 @@ def _planned(table: _BlockTable | _StudyTable, levels: tuple[int, ...], folder: 
 
 
 def _protocol(plain: Mapping[str, Any], scale: float) -> tuple[Protocol, str]:
-    """The protocol, and which of the press grids it has: they are scaled with the block."""
+    """Return the protocol and the name of its press grid, which is scaled with the block."""
     values: dict[str, Any] = {"grid": "even", **plain}
     grid = values["grid"]
     if isinstance(grid, str):
@@ -293,7 +293,7 @@ def _protocol(plain: Mapping[str, Any], scale: float) -> tuple[Protocol, str]:
         spacing = "own"
         values["grid"] = from_plain(_Grid, grid, "[protocol] grid ").scaled(scale)
     if "forces_n" in values and "bands_n" not in values:
-        raise InputError("[protocol] bands_n", None, "is missing; forces of your own need bands of their own")
+        raise InputError("[protocol] bands_n", None, "is missing; with forces_n, also give a band for each force")
     return from_plain(Protocol, values, "[protocol] "), spacing
 
 
@@ -305,12 +305,12 @@ def _rig(document: _Document, rim: HolderRim, protocol: Protocol, folder: Path, 
     gauge = from_plain(GaugeSettings, document.gauge or {}, "[gauge] ")
     if gauge.calibration is not None:
         gauge = replace(gauge, calibration=str(folder / gauge.calibration))
-    # Keys beside driver and device are settings of the driver, which knows them by name.
+    # All keys except driver and device are settings of the driver.
     values = dict(document.sensor or {})
     own = {key: values.pop(key) for key in ("driver", "device") if key in values}
     sensor = from_plain(SensorSettings, {**own, "options": values}, "[sensor] ")
     if gauge.port == "virtual" and not stage.is_virtual:
-        raise InputError("[gauge] port", gauge.port, "the virtual load cell belongs to a virtual stage; name a port")
+        raise InputError("[gauge] port", gauge.port, "works only with a virtual stage; give the port of your load cell")
     rig = RigSettings(stage=stage, gauge=gauge, sensor=sensor, holder=rim)
     rig.require_gauge_for(protocol)
     return rig
@@ -318,12 +318,12 @@ def _rig(document: _Document, rim: HolderRim, protocol: Protocol, folder: Path, 
 
 def _stage(plain: Mapping[str, Any], teaching: bool) -> StageSettings:
     driver = plain.get("driver")
-    if isinstance(driver, str):  # before the keys are named that only an unknown driver lacks
+    if isinstance(driver, str):  # an unknown driver is reported before keys that are missing because of it
         StageSettings.require_driver("[stage] driver", driver)
     values = {**VIRTUAL_STAGES.get(driver if isinstance(driver, str) else "", {}), **plain}
     if teaching and not values.get("origin_mm"):
         values["origin_mm"] = (0.0, 0.0, 0.0)
     stage = from_plain(StageSettings, values, "[stage] ")
     if "origin_mm" not in values:
-        raise InputError("[stage] origin_mm", None, "is missing; a list of 3 numbers, which `tacbench rig align` finds")
+        raise InputError("[stage] origin_mm", None, "is missing; `tacbench rig align` finds these 3 numbers")
     return stage

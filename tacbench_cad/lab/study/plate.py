@@ -1,4 +1,4 @@
-"""A plate's layout file, as ``tacbench plate`` writes it: which blocks were printed together, read for ``acquire``."""
+"""Reading of a plate's layout file, which ``tacbench plate`` writes and which lists the blocks of the plate."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from tacbench_cad.util.errors import InputError, located
 
 T = TypeVar("T")
 
-#: What a row says of its block; other columns say where it lay and are not needed here.
+#: The columns that describe the block. The other columns describe its position on the plate and are not needed.
 NEEDED = ("texture", "preset", "scale", "key_mm", "copy", "printer", "filament")
 
 
 def block_of_word(word: str, preset: str, scale: float, key_mm: float | None, folder: Path) -> Block:
-    """The block of a texture: the number or name of one of the six, or a TOML file.
+    """Return the block of a texture.
 
     Args:
-        word: The texture.
+        word: The number or name of one of the six textures, or a TOML file.
         preset: ``paper`` or ``released``.
         scale: The block's scale.
-        key_mm: Leg of its key, or None.
-        folder: Where TOML files are found from.
+        key_mm: The leg of the key, in mm; None for no key.
+        folder: The folder that TOML files are relative to.
 
     Raises:
         InputError: A value is not allowed.
@@ -39,19 +39,19 @@ def block_of_word(word: str, preset: str, scale: float, key_mm: float | None, fo
 
 
 def read_layout(path: Path) -> tuple[PrintedBlock, ...]:
-    """The blocks of a layout file, in its order.
+    """Read the blocks of a layout file, in the order of the file.
 
     Args:
-        path: The CSV file; texture files in it are found from its folder.
+        path: The CSV file. Texture files are relative to its folder.
 
     Raises:
-        InputError: The file cannot be read, lacks a column, or a value in it is not allowed; the message names the
+        InputError: The file cannot be read, lacks a column, or has a value that is not allowed. The message names the
             row.
     """
     header, rows = door.read_table(path, "layout")
     missing = [name for name in NEEDED if name not in header]
     if missing:
-        raise InputError(f"layout {path}", None, f"has no column {missing[0]}; tacbench plate writes such files")
+        raise InputError(f"layout {path}", None, f"has no column {missing[0]}; use a file that tacbench plate wrote")
     if not rows:
         raise InputError("layout", str(path), "has no block")
     blocks = []

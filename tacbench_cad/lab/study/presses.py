@@ -1,4 +1,4 @@
-"""The presses of one block in the order in which they are made."""
+"""The presses of a block, in the order in which they are made."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ class Press:
     """One press of a block.
 
     Args:
-        number: Its place in the plan, from 1: the frame it gives is ``image_<number>``.
-        force_level: From 1, rising.
-        repeat: From 1.
-        position: From 1, row by row from low y, each row from low x.
-        x_mm: The summit's place in the block frame.
-        y_mm: Likewise.
-        target_n: Target force, or None in depth mode.
-        band_n: Half width of the band around it, or None.
-        depth_mm: Target depth below first touch, or None in force mode.
+        number: The number in the plan, from 1. The frame is stored as ``image_<number>``.
+        force_level: The force level, from 1; a higher level has a higher force.
+        repeat: The repeat, from 1.
+        position: The position, from 1, row by row from the lowest y, and from the lowest x within a row.
+        x_mm: The x of the sensor's summit in the block frame.
+        y_mm: The y of the sensor's summit in the block frame.
+        target_n: The target force; None in depth mode.
+        band_n: The half width of the band around the target force; None in depth mode.
+        depth_mm: The target depth below the first contact; None in force mode.
     """
 
     number: int
@@ -41,12 +41,12 @@ class Press:
 
 
 def plan_presses(protocol: Protocol, levels: Sequence[int], block_name: str) -> tuple[Press, ...]:
-    """The presses of a block: for each force, for each repeat, every position.
+    """Return the presses of a block: all positions, for each repeat of each force.
 
     Args:
         protocol: The protocol.
-        levels: The force levels that are pressed, rising.
-        block_name: Name of the run; a shuffled order is another one for each block, force and repeat.
+        levels: The force levels, in increasing order.
+        block_name: The name of the run. A random order is different for each block, force and repeat.
 
     Returns:
         ``len(levels) * repeats * positions`` presses, numbered from 1.
@@ -77,14 +77,14 @@ def plan_presses(protocol: Protocol, levels: Sequence[int], block_name: str) -> 
 
 
 def block_order(study: Study) -> tuple[PlannedBlock, ...]:
-    """The study's blocks in the order in which they are put into the rig."""
+    """Return the study's blocks in the order in which they are put into the rig."""
     if study.protocol.block_order == "paper":
         return study.blocks
     return tuple(shuffled(study.blocks, study.protocol.seed, "blocks"))
 
 
 def shuffled(items: Sequence[T], seed: int, what: str) -> list[T]:
-    """The items in an order that only ``seed`` and ``what`` decide, the same on every machine."""
+    """Return the items in a random order that depends only on ``seed`` and ``what``, not on the machine."""
     digest = hashlib.sha256(f"{seed} {what}".encode()).digest()
     order = list(items)
     random.Random(int.from_bytes(digest, "big")).shuffle(order)

@@ -1,6 +1,6 @@
-"""What a data run is made of, as values: the printed block, the protocol, the holder and the devices of the rig.
+"""The values that describe a data run: the printed block, the protocol, the holder and the devices of the rig.
 
-Everything in the lab reads these; nothing here touches a file or a device. Millimetres, newtons, seconds.
+Nothing here uses a file or a device. Units are millimetres, newtons and seconds.
 """
 
 from __future__ import annotations
@@ -25,36 +25,36 @@ Point = tuple[float, float, float]
 QuarterTurns = Annotated[int, Bounds(0, 3)]
 Baud = Annotated[int, Bounds(300, 10_000_000)]
 Copy = Annotated[int, Bounds(1, 999)]
-#: Forces or depths.
+#: Target forces or depths.
 Levels = Annotated[tuple[float, ...], Length(1, 1000)]
 
 
 def plus(a: Point, b: Point) -> Point:
-    """The sum of two points, axis by axis."""
+    """Return the sum of two points."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 def minus(a: Point, b: Point) -> Point:
-    """The difference of two points, axis by axis."""
+    """Return the difference of two points."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
-#: The contact force that ends any run, in newtons.
+#: The default contact force that stops a run, in N.
 HARD_LIMIT_N = 5.0
-#: Most presses of a block: a year of work.
+#: The largest number of presses of a block, which would take about a year.
 MAX_PRESSES = 1_000_000
-#: Depths below first touch for a rig without a gauge: what the three forces sink the simulated dome into a flat
-#: plate, rounded; a rig's own calibration is better.
+#: The default depths below the first contact, in mm, for a rig without a gauge. They are the rounded depths to which
+#: the three forces press the simulated dome against a flat plate. A calibration of the rig gives better values.
 DEPTHS_MM = (0.35, 1.7, 2.2)
 
 
-#: What stands in tables for a printer, a filament or a label that nobody named.
+#: The word in tables for an unknown printer, filament or label.
 UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pressed(Checked):
-    """What was pressed: one of our own :class:`PrintedBlock`, or a :class:`Specimen` of which less may be known."""
+    """A pressed object: a :class:`PrintedBlock`, or a :class:`Specimen`, some values of which may be unknown."""
 
     block: Block | None
     printer: str | None
@@ -63,7 +63,7 @@ class Pressed(Checked):
 
     @property
     def texture(self) -> str | None:
-        """Name of its texture, the label that classifiers learn: ``texture-4``."""
+        """The name of the texture, which classifiers learn as the label: ``texture-4``."""
         raise NotImplementedError
 
     @property
@@ -73,28 +73,28 @@ class Pressed(Checked):
 
     @property
     def name(self) -> str:
-        """Name of its run folder."""
+        """The name of the run folder."""
         raise NotImplementedError
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for ``run.json``; :mod:`tacbench_cad.lab.runs` makes the object again from them."""
+        """Return plain values for ``run.json``, from which :mod:`tacbench_cad.lab.runs` can make the object again."""
         raise NotImplementedError
 
     @property
     def combination(self) -> str:
-        """Printer and filament in one word: ``bambu-p1p_pla-minus``."""
+        """The printer and the filament in one word: ``bambu-p1p_pla-minus``."""
         return f"{self.printer or UNKNOWN}_{self.filament or UNKNOWN}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class PrintedBlock(Pressed):
-    """One printed block: what it is and where it came from.
+    """A printed block.
 
     Args:
-        block: Its geometry.
-        printer: Printer, in the spelling of :mod:`tacbench_cad.lab.study.names`.
-        filament: Filament, likewise.
-        copy: Number of this copy, from 1.
+        block: The geometry.
+        printer: The name of the printer, as in :mod:`tacbench_cad.lab.study.names`.
+        filament: The name of the filament, as in the same module.
+        copy: The number of the copy, from 1.
     """
 
     block: Block
@@ -104,37 +104,37 @@ class PrintedBlock(Pressed):
 
     @property
     def texture(self) -> str:
-        """Name of its texture: ``texture-4``."""
+        """The name of the texture: ``texture-4``."""
         return self.block.texture.name
 
     @property
     def object_label(self) -> int | str:
-        """The label that classifiers learn: 1 to 6, or the name of a user's own texture."""
+        """The label for TacTip toolchains: 1 to 6, or the name of another texture."""
         return self.block.texture.number or self.texture
 
     @property
     def name(self) -> str:
-        """Name of its run folder: ``texture-4_paper_x1_bambu-p1p_pla-minus_copy01``."""
+        """The name of the run folder: ``texture-4_paper_x1_bambu-p1p_pla-minus_copy01``."""
         stem = self.block.name.split("_copy")[0]
         return f"{stem}_{self.combination}_copy{self.copy:02d}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for ``run.json``; :mod:`tacbench_cad.lab.runs` makes the block again from them."""
+        """Return plain values for ``run.json``, from which :mod:`tacbench_cad.lab.runs` can make the block again."""
         origin = {"printer": self.printer, "filament": self.filament, "copy": self.copy}
         return {**block_values(self.block), **origin}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Specimen(Pressed):
-    """What was pressed as far as anybody said it; None where nobody did.
+    """A pressed object of an imported run. Unknown values are None.
 
     Args:
-        label: What classifiers learn.
-        printer: Printer.
-        filament: Filament.
-        copy: Number of the print, or what it is called.
-        session: What the recording is called, where one print was recorded more than once.
-        block: Its geometry.
+        label: The label that classifiers learn.
+        printer: The printer.
+        filament: The filament.
+        copy: The number or the name of the print.
+        session: The name of the recording, if the print was recorded more than once.
+        block: The geometry.
     """
 
     label: str | None = None
@@ -151,13 +151,13 @@ class Specimen(Pressed):
 
     @property
     def object_label(self) -> int | str | None:
-        """The label for TacTip toolchains; a number of up to three digits is a number."""
+        """The label for TacTip toolchains. A label of one to three digits becomes a number."""
         number = self.block.texture.number if self.block else None
         return number or (int(self.label) if self.label and re.fullmatch(r"[1-9]\d{0,2}", self.label) else self.label)
 
     @property
     def name(self) -> str:
-        """What is known, fit for a file name; a hash is added where that changes a word."""
+        """The name of the run folder, made of the known values. A hash is added if file names do not allow a value."""
         copy = f"copy{self.copy:02d}" if isinstance(self.copy, int) else self.copy
         words = [self.label, self.printer, self.filament, copy, self.session]
         known = [word for word in words if word is not None]
@@ -177,7 +177,7 @@ class Specimen(Pressed):
 
 
 def block_values(block: Block) -> dict[str, Any]:
-    """A block as plain values for ``run.json``."""
+    """Return a block as plain values for ``run.json``."""
     texture = block.texture
     return {
         "texture": texture.name,
@@ -203,30 +203,33 @@ def block_values(block: Block) -> dict[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class Protocol:
-    """How a block is pressed. The defaults are the paper's, and ours where the paper is silent.
+    """The protocol of the presses. The defaults are the paper's values, or ours if the paper gives none.
 
     Args:
-        contact: ``force``: press to a target force; ``depth``: to a depth below first touch, on a rig without gauge.
-        forces_n: Target forces, rising; in depth mode their number is that of the depths and they are not used.
-        bands_n: Half width of the band around each target that counts as reached.
-        depths_mm: Depths below first touch, rising (``contact = "depth"`` only).
-        touch: How first touch is found in depth mode: by the gauge, by a change of the sensor, or taught by hand.
-        repeats: Frames at each position and force.
-        grid: The positions in the block frame at scale 1 of the paper's grid, already scaled.
-        order: Positions as in the paper or shuffled again for each force and repeat.
-        block_order: The study's blocks as written or shuffled.
-        seed: Seed of both shuffles.
-        reference_every_s: A new frame without contact after so long, to see drift.
-        stationary_frames: Frames in contact, and as many without, at the start and the end of a block.
-        clearance_mm: Height of travel above the highest of block and rim.
-        depth_limit_mm: The sensor's summit never goes further below the block's highest point.
-        hard_limit_n: Force that stops the run.
-        approach_step_mm: Step of the approach below the travel height's last stretch.
-        fine_step_mm: Smallest step of the search.
-        search_steps: Most steps of the search for one press.
-        settle_s: Wait after a step before anything is read.
-        force_window_s: Time over which a force is averaged.
-        misses_allowed: So many presses in a row outside of the band end the run.
+        contact: ``force`` to press to a target force, or ``depth`` to press to a depth below the first contact (on a
+            rig without a gauge).
+        forces_n: The target forces, in increasing order; not used in depth mode.
+        bands_n: The half width of the band around each target force. A force in the band has reached its target.
+        depths_mm: The depths below the first contact, in increasing order; only used in depth mode.
+        touch: How the first contact is found in depth mode: with the gauge, by a change of the sensor's frames, or
+            taught by hand.
+        repeats: The number of frames at each position and force.
+        grid: The positions in the block frame, already scaled with the block.
+        order: The order of the positions: as in the paper, or random for each force and repeat.
+        block_order: The order of the study's blocks: as in the file, or random.
+        seed: The seed of both random orders.
+        reference_every_s: The time after which a new frame without contact is taken, to show drift.
+        stationary_frames: The number of frames in contact, and also of frames without contact, that are taken at the
+            start and at the end of a block.
+        clearance_mm: The travel height above the block and the rim.
+        depth_limit_mm: The largest depth of the sensor's summit below the block's highest point.
+        hard_limit_n: The force that stops the run.
+        approach_step_mm: The step of the approach.
+        fine_step_mm: The smallest step of the search.
+        search_steps: The largest number of search steps for a press.
+        settle_s: The waiting time after a step, before a force or a frame is read.
+        force_window_s: The time over which a force is averaged.
+        misses_allowed: The number of consecutive presses outside the band that ends the run.
     """
 
     contact: ContactMode = "force"
@@ -262,33 +265,34 @@ class Protocol:
                 raise InputError("bands_n", band, f"must be above 0 and below its force, {force:g} N")
         presses = self.levels * self.repeats * len(self.grid.x_mm) * len(self.grid.y_mm)
         if presses > MAX_PRESSES:
-            raise InputError("repeats", self.repeats, f"gives {presses:,} presses of a block, at most {MAX_PRESSES:,}")
+            allowed = f"gives {presses:,} presses of a block; at most {MAX_PRESSES:,} are allowed"
+            raise InputError("repeats", self.repeats, allowed)
 
     @staticmethod
     def _rising(name: str, values: tuple[float, ...], limit: float, what: str) -> None:
         if values[0] <= 0.0 or list(values) != sorted(set(values)):
-            raise InputError(name, list(values), "must be positive numbers, rising")
+            raise InputError(name, list(values), "must be positive numbers in increasing order")
         if values[-1] >= limit:
             raise InputError(name, values[-1], f"must be below {limit:g} {what}")
 
     @property
     def levels(self) -> int:
-        """Number of force (or depth) levels; they are counted from 1."""
+        """The number of force levels (or depth levels)."""
         return len(self.forces_n) if self.contact == "force" else len(self.depths_mm)
 
     @property
     def all_levels(self) -> tuple[int, ...]:
-        """The levels: 1, 2, 3."""
+        """The numbers of the levels, from 1."""
         return tuple(range(1, self.levels + 1))
 
 
 @dataclass(frozen=True, kw_only=True)
 class HolderRim(Checked):
-    """What of the holder the sensor can touch.
+    """The part of the holder that the sensor can touch.
 
     Args:
-        rim_mm: How far the holder's top lies below the block's highest point.
-        gap_mm: Clearance between block and pocket on each side; that of a slip fit by default.
+        rim_mm: The distance of the holder's top below the block's highest point.
+        gap_mm: The clearance between the block and the pocket on each side; by default the clearance of a slip fit.
     """
 
     rim_mm: Annotated[float, Bounds(-100.0, 100.0)] = 1.18
@@ -299,31 +303,32 @@ class HolderRim(Checked):
 class WorkFrame(Checked):
     """The work frame in the stage's frame.
 
-    Work frame: x and y are the block's own; z is 0 at the block's highest point and grows upwards. A pose is where the
-    sensor's summit is.
+    In the work frame, x and y are the block's x and y, and z is 0 at the block's highest point and points up. A pose is
+    the position of the sensor's summit.
 
     Args:
-        origin_mm: The stage's x, y, z with the summit at the block's lower corner, at the height of its highest point.
-        quarter_turns: Quarter turns counter-clockwise by which the block lies on the stage.
+        origin_mm: The stage's x, y and z when the summit is above the block's lower corner, at the height of the
+            block's highest point.
+        quarter_turns: The number of counter-clockwise quarter turns by which the block is turned on the stage.
     """
 
     origin_mm: Point
     quarter_turns: QuarterTurns = 0
 
     def to_stage(self, pose_mm: Point) -> Point:
-        """A point of the work frame in the stage's frame."""
+        """Convert a point from the work frame to the stage's frame."""
         cos, sin = self._turn
         (x, y, z), (ox, oy, oz) = pose_mm, self.origin_mm
         return (ox + cos * x - sin * y, oy + sin * x + cos * y, oz + z)
 
     def to_work(self, point_mm: Point) -> Point:
-        """A point of the stage's frame in the work frame."""
+        """Convert a point from the stage's frame to the work frame."""
         cos, sin = self._turn
         x, y, z = minus(point_mm, self.origin_mm)
         return (cos * x + sin * y, -sin * x + cos * y, z)
 
     def shifted(self, offset_mm: Point) -> WorkFrame:
-        """The frame of another slot of a tray, ``offset_mm`` away in the stage's frame."""
+        """Return the work frame of another slot of a tray, at a distance of ``offset_mm`` in the stage's frame."""
         return WorkFrame(origin_mm=plus(self.origin_mm, offset_mm), quarter_turns=self.quarter_turns)
 
     @property
@@ -332,7 +337,7 @@ class WorkFrame(Checked):
 
 
 class _Device(Checked):
-    """A device, whose driver is one of ours or a ``module:name``."""
+    """A device. Its driver is a driver of this program, or a ``module:name``."""
 
     DRIVERS: ClassVar[tuple[str, ...]]
     driver: str
@@ -343,28 +348,28 @@ class _Device(Checked):
 
     @classmethod
     def require_driver(cls, field: str, word: str) -> None:
-        """Refuse a driver that is neither one of ours nor a ``module:name``."""
+        """Check that a driver is a driver of this program, or has the form ``module:name``."""
         if ":" not in word:
             one_of(field, word, (*cls.DRIVERS, "module:name"))
 
 
 @dataclass(frozen=True, kw_only=True)
 class StageSettings(_Device):
-    """The stage, as ``[stage]`` describes it.
+    """The settings of the stage, in the table ``[stage]``.
 
     Args:
         driver: ``grbl``, ``marlin``, ``arduino``, ``virtual-grbl``, ``virtual-marlin`` or ``module:name``.
-        port: A port by its stable name, or a pyserial URL; None for a virtual stage or to take the only candidate.
-        baud: Symbols per second; None for the driver's own.
-        origin_mm: See :class:`WorkFrame`.
-        quarter_turns: See :class:`WorkFrame`.
-        limits_mm: Lowest and highest x, y, z that the stage may be sent to, in its own frame.
-        travel_mm_s: Speed above the clearance height.
-        approach_mm_s: Speed of every step towards and in contact.
-        slots_mm: Offsets of a tray's slots from the origin, in the stage's frame; one slot by default.
+        port: The stable name of a port, or a pyserial URL; None for a virtual stage, or to use the only possible port.
+        baud: The baud rate, in symbols per second; None for the driver's default.
+        origin_mm: Same as for :class:`WorkFrame`.
+        quarter_turns: Same as for :class:`WorkFrame`.
+        limits_mm: The lowest and the highest allowed x, y and z, in the stage's frame.
+        travel_mm_s: The speed above the clearance height.
+        approach_mm_s: The speed of every step towards the block and in contact.
+        slots_mm: The offsets of a tray's slots from the origin, in the stage's frame; a single slot by default.
         home: Whether the stage is homed when it is opened.
-        timeout_s: Longest silence that is waited through.
-        options: What only one driver knows: ``steps_per_mm`` of ``arduino``, ``speed`` of the virtual ones, or the
+        timeout_s: The longest time to wait for an answer.
+        options: The driver's own settings: ``steps_per_mm`` of ``arduino``, ``speed`` of the virtual stages, or the
             keyword arguments of a ``module:name``.
     """
 
@@ -400,21 +405,21 @@ class StageSettings(_Device):
 
     @property
     def is_virtual(self) -> bool:
-        """Whether the stage is a simulator of ours."""
+        """Whether the stage is simulated by this program."""
         return self.driver.startswith("virtual-")
 
 
 @dataclass(frozen=True, kw_only=True)
 class GaugeSettings(_Device):
-    """The force gauge, as ``[gauge]`` describes it.
+    """The settings of the force gauge, in the table ``[gauge]``.
 
     Args:
         driver: ``serial``, ``simulated`` or ``none``.
-        port: As the stage's.
-        baud: Symbols per second.
-        calibration: File written by ``tacbench rig calibrate-force``; None where the gauge sends newtons.
-        timeout_s: Longest silence that is waited through.
-        options: What only one driver knows.
+        port: Same as for :class:`StageSettings`.
+        baud: The baud rate, in symbols per second; None for the driver's default.
+        calibration: The file written by ``tacbench rig calibrate-force``; None if the gauge sends newtons.
+        timeout_s: The longest time to wait for an answer.
+        options: The driver's own settings.
     """
 
     DRIVERS = ("serial", "simulated", "none")
@@ -428,12 +433,12 @@ class GaugeSettings(_Device):
 
 @dataclass(frozen=True, kw_only=True)
 class SensorSettings(_Device):
-    """The tactile sensor, as ``[sensor]`` describes it.
+    """The settings of the tactile sensor, in the table ``[sensor]``.
 
     Args:
         driver: ``opencv``, ``taxels``, ``simulated`` or ``module:name``.
-        device: Camera or port by its stable name.
-        options: Settings that the driver knows by name: exposure, focus, width, height of a camera; columns, baud of
+        device: The stable name of the camera or the port.
+        options: The driver's own settings: exposure, focus, width and height of a camera; columns and baud rate of
             taxels; keyword arguments of a ``module:name``.
     """
 
@@ -445,13 +450,13 @@ class SensorSettings(_Device):
 
 @dataclass(frozen=True, kw_only=True)
 class RigSettings:
-    """The three devices and the holder under them.
+    """The settings of the three devices, and the holder.
 
     Args:
         stage: The stage.
         gauge: The force gauge.
         sensor: The tactile sensor.
-        holder: What surrounds the block.
+        holder: The holder around the block.
     """
 
     stage: StageSettings
@@ -460,10 +465,10 @@ class RigSettings:
     holder: HolderRim = field(default_factory=HolderRim)
 
     def require_gauge_for(self, protocol: Protocol) -> None:
-        """Refuse a protocol that needs a gauge on a rig without one.
+        """Check that the rig has a gauge if the protocol needs one.
 
         Raises:
-            InputError: It does; the message says what to use without a gauge.
+            InputError: The gauge is missing. The message says how to press without a gauge.
         """
         if self.gauge.driver != "none":
             return
@@ -476,11 +481,11 @@ class RigSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedBlock:
-    """A block of a study and the force levels that it is pressed at.
+    """A block of a study with its force levels.
 
     Args:
         printed: The block.
-        levels: The levels, from 1; all of them as a rule.
+        levels: The force levels, from 1; usually all levels of the protocol.
     """
 
     printed: PrintedBlock
@@ -489,13 +494,13 @@ class PlannedBlock:
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """A whole study: its blocks in the order they are pressed, one protocol, one rig.
+    """A study: blocks that are pressed with the same protocol on the same rig.
 
     Args:
-        blocks: What is pressed; the names of the run folders are all different.
-        protocol: How.
-        holder: What surrounds the blocks.
-        grid_spacing: Which of the paper's two readings of the grid was taken, or ``own``.
+        blocks: The blocks, in the order of the presses. Their run folders must have different names.
+        protocol: The protocol.
+        holder: The holder around the blocks.
+        grid_spacing: The interpretation of the paper's grid, or ``own``.
     """
 
     blocks: tuple[PlannedBlock, ...]
@@ -509,7 +514,7 @@ class Study:
             raise InputError("study", None, "has no block")
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
-            raise InputError("study", twice, "is in it twice; give the copies different numbers")
+            raise InputError("study", twice, "occurs twice; give the copies different numbers")
         for planned in self.blocks:
             self.protocol.grid.require_on(planned.printed.block)
             wrong = [level for level in planned.levels if not 1 <= level <= self.protocol.levels]
@@ -518,6 +523,6 @@ class Study:
 
     @property
     def presses(self) -> int:
-        """Presses in the whole study."""
+        """The number of presses in the whole study."""
         presses = self.protocol.repeats * len(self.protocol.grid.positions_mm)
         return sum(len(planned.levels) * presses for planned in self.blocks)

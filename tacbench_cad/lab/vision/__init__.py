@@ -1,1 +1,1 @@
-"""What a camera sees of a sensor: where the sensor lies in the frame, and where its markers are."""
+"""The region of the sensor in a camera's frame, and the positions of the sensor's markers."""

@@ -1,8 +1,8 @@
-"""How far the markers of a sensor move in each press of some runs: numbers that lighting does not touch.
+"""The displacements of a sensor's markers in each press of some runs, which do not depend on the lighting.
 
-The markers are learned from the frames without contact of all runs, so that marker 17 is the same pin in every run, and
-displacements of different runs can be compared. Each run's displacements count from its own frames without contact:
-that the camera was mounted anew between two runs is not in them.
+The markers are learned from the frames without contact of all runs. Marker 17 is therefore the same pin in every run,
+and displacements of different runs can be compared. The displacements of a run are measured from its own frames without
+contact, so they do not change if the camera is mounted again between two runs.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from tacbench_cad.lab.vision.tracking import MarkerTracker, Track
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.types import Floats
 
-#: Frames of a run that its reference is the median of, and frames that markers are learned from.
+#: The number of frames of a run whose median is the reference, and the number of frames that markers are learned from.
 REFERENCE_FRAMES, _LEARNED_FRAMES = 3, 5
-#: A frame in which fewer of the markers are found, as a fraction, is not used.
+#: The smallest fraction of the markers that must be found in a frame. Other frames are not used.
 MIN_FOUND = 0.5
-#: A marker belongs to the sensor if it is found in so many of the runs' references, as a fraction.
+#: The smallest fraction of the frames without contact in which a marker must be found to belong to the sensor.
 _IN_RUNS = 0.5
-#: Side of a picture of markers, in pixels of the frame for each of its own.
+#: The size of a pixel of a picture of markers, in pixels of the frame.
 _PICTURE_STEP = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MarkerFeatures:
-    """The markers of some runs' sensor.
+    """The markers of the sensor of some runs.
 
     Args:
-        finder: Finds them.
-        references_px: Where they are without contact, by the name of the run's print, shape (n, 2) each.
-        shape: Height and width of a frame.
+        finder: The finder of the markers.
+        references_px: The positions without contact, by the name of the run's print; shape (n, 2) each.
+        shape: The height and width of a frame.
     """
 
     finder: MarkerFinder
@@ -50,23 +50,23 @@ class MarkerFeatures:
     def learn(
         cls, runs: Sequence[Run], settings: MarkerSettings | None = None, region: Region | None = None
     ) -> MarkerFeatures:
-        """Learn what the markers look like and where they rest.
+        """Learn the appearance of the markers and their positions without contact.
 
         Args:
-            runs: The runs, of one sensor.
-            settings: What is known of the markers.
-            region: Where they may lie.
+            runs: Runs of the same sensor.
+            settings: The known properties of the markers.
+            region: The region in which markers are searched; None for the whole frame.
 
         Raises:
-            InputError: A run has no image, or no markers can be found in it.
+            InputError: A run has no images, or no markers can be found in them.
         """
         resting = [resting_frames(run, REFERENCE_FRAMES) for run in runs]
         for run, frames in zip(runs, resting, strict=True):
             if not frames:
-                raise InputError("features", "markers", f"need images; {run.folder} has none that can be read")
-        spread = [resting[at][0] for at in np.unique(np.linspace(0, len(runs) - 1, _LEARNED_FRAMES).astype(int))]
-        finder = MarkerFinder.learn(spread, settings, None if region is None else region.mask)
-        first = max((finder.find(frame).centres_px for frame in spread), key=len)
+                raise InputError("features", "markers", f"need images, but {run.folder} has no readable image")
+        samples = [resting[at][0] for at in np.unique(np.linspace(0, len(runs) - 1, _LEARNED_FRAMES).astype(int))]
+        finder = MarkerFinder.learn(samples, settings, None if region is None else region.mask)
+        first = max((finder.find(frame).centres_px for frame in samples), key=len)
         tracker = MarkerTracker(reference_px=first)
         tracks = [[tracker.follow(finder.find(frame).centres_px) for frame in frames] for frames in resting]
         seen = np.mean([track.found for of_run in tracks for track in of_run], axis=0) >= _IN_RUNS
@@ -75,9 +75,9 @@ class MarkerFeatures:
             _require_found(
                 max(of_run, key=lambda track: track.found.sum()), f"{run.folder}: its frames without contact"
             )
-            moved = np.median([track.displacement_px for track in of_run], axis=0)
-            references[run.info.printed.name] = (first + moved)[seen]
-        return cls(finder=finder, references_px=references, shape=spread[0].shape[:2])
+            displacement = np.median([track.displacement_px for track in of_run], axis=0)
+            references[run.info.printed.name] = (first + displacement)[seen]
+        return cls(finder=finder, references_px=references, shape=samples[0].shape[:2])
 
     @property
     def count(self) -> int:
@@ -85,7 +85,7 @@ class MarkerFeatures:
         return len(next(iter(self.references_px.values())))
 
     def track(self, run: Run, frame: Frame) -> Track:
-        """Where the markers are in a frame of a run."""
+        """Find the markers in a frame of a run."""
         return self._tracker(run.info.printed.name).follow(self.finder.find(frame).centres_px)
 
     def _tracker(self, name: str) -> MarkerTracker:
@@ -94,23 +94,26 @@ class MarkerFeatures:
         return self._trackers[name]
 
     def displacement_px(self, run: Run, path: str) -> Floats:
-        """How far the markers moved in a frame of a run, column and row, shape (n, 2).
+        """Return the displacements of the markers in a frame of a run, as column and row, shape (n, 2).
 
         Raises:
             CheckFailedError: The frame cannot be read, or fewer than half of the markers are found in it.
         """
         frame = run.read(path)
         if not is_image(frame):
-            raise CheckFailedError(f"{run.folder / path}: is no image, so it has no markers")
+            raise CheckFailedError(f"{run.folder / path}: is not an image, so it has no markers")
         track = self.track(run, frame)
         _require_found(track, str(run.folder / path))
         return track.displacement_px
 
     def picture(self, values: Floats) -> Floats:
-        """A value of each marker as a picture of the frame, a quarter of its size; NaN where no marker is near.
+        """Draw a value of each marker as a picture with a quarter of the frame's width and height.
 
         Args:
-            values: One value for each marker, shape (n,).
+            values: A value for each marker, shape (n,).
+
+        Returns:
+            The picture; NaN where no marker is near.
         """
         from scipy.spatial import cKDTree
 
@@ -123,12 +126,12 @@ class MarkerFeatures:
 
 
 def _require_found(track: Track, where: str) -> None:
-    """Refuse a frame whose markers cannot be trusted.
+    """Check that enough markers were found in a frame.
 
     Raises:
-        CheckFailedError: Fewer than half of them were found.
+        CheckFailedError: Fewer than half of the markers were found.
     """
     if np.mean(track.found) < MIN_FOUND:
         raise CheckFailedError(
-            f"{where}: {int(track.found.sum())} of {len(track.found)} markers found, fewer than half"
+            f"{where}: only {int(track.found.sum())} of {len(track.found)} markers were found; at least half are needed"
         )

@@ -1,16 +1,17 @@
-"""Finding the markers of a tactile sensor in its frames, with sub-pixel centres.
+"""Search for the markers of a tactile sensor in its frames, with sub-pixel centres.
 
-A marker is a small spot, bright or dark, that occurs many times in a frame: a pin of a TacTip, a dot in a gel. The
-finder learns what such a spot looks like from some frames of the sensor, so that nothing has to be tuned:
+A marker is a small bright or dark spot that occurs many times in a frame, for example a pin of a TacTip or a dot in a
+gel. The finder learns the appearance of the spots from some frames of the sensor, so nothing has to be tuned:
 
-1. *Scale.* Peaks of the normalised Laplacian of Gaussian ``-s^2 L(s)`` respond most where the spots are as wide as
-   ``sqrt(8) s``. Of all scales, bright and dark, the one is taken with the largest ``n r^3``: n peaks that respond with
-   r or more. Few large reflections and many small grains of noise both lose against many equal spots.
-2. *Template.* The median of the patches around these peaks, made symmetric.
-3. *Fit.* Each patch is written as ``level + slope x + slope y + contrast template(x - dx, y - dy)``, linear in small
-   shifts, so that one matrix gives contrast, shift and the quality of the fit of every candidate. A reflection, a rim
-   or a lamp fits badly; a weak pin fits well.
-4. *Field.* The markers are those that lie near others: lamps and structures beside the sensor are cut off.
+1. *Scale.* Peaks of the normalised Laplacian of Gaussian ``-s^2 L(s)`` are highest for spots of the width
+   ``sqrt(8) s``. The finder tries all scales, for bright and for dark spots, and takes the one with the largest
+   ``n r^3``, where n is the number of peaks with a response of at least r. Many equal spots give a larger value than a
+   few large reflections or many small grains of noise.
+2. *Template.* The template is the median of the patches around these peaks, made symmetric.
+3. *Fit.* Each patch is written as ``level + slope x + slope y + contrast template(x - dx, y - dy)``, linearised for
+   small shifts. A single matrix then gives the contrast, the shift and the quality of the fit of every candidate.
+   Reflections, rims and lamps fit badly; weak pins fit well.
+4. *Field.* Only spots near other spots are markers. This removes lamps and structures next to the sensor.
 """
 
 from __future__ import annotations
@@ -30,42 +31,42 @@ from tacbench_cad.util.types import Bools, Bytes, Floats, Floats32
 
 #: The scales that are tried, in pixels.
 SCALES_PX = 1.5 * 1.2 ** np.arange(13)
-#: Fewer equal spots than this are not taken for markers.
+#: The smallest number of equal spots that are taken for markers.
 MIN_MARKERS = 12
-#: A candidate is a marker if ``quality + weight min(1, 2 contrast / usual contrast)`` reaches this: weak spots must
-#: look like the template, strong ones may be partly covered by a reflection.
+#: The smallest score ``quality + weight min(1, 2 contrast / usual contrast)`` of a marker, and the weight. A weak spot
+#: must look like the template; a strong spot may be partly covered by a reflection.
 _MIN_SCORE, _CONTRAST_WEIGHT = 1.1, 0.35
-#: The least contrast by default, as a fraction of the usual one, and in standard deviations of the camera's noise.
+#: The default of the smallest contrast: as a fraction of the usual contrast, and in standard deviations of the noise.
 _MIN_CONTRAST, _MIN_NOISE_RATIO = 0.22, 4.0
-#: Two markers lie at least so many scales apart: less than the width of a spot, since pins may cover each other.
+#: The smallest distance of two markers, in scales. It is less than the width of a spot, because pins may overlap.
 _MIN_DISTANCE = 2.0
-#: Markers belong together if they lie within so many usual distances.
+#: The largest distance of two markers of the same field, relative to the usual distance.
 _MAX_GAP = 2.5
-#: ... and if they have more neighbours within that than so many times the usual number.
+#: The smallest number of neighbours of a marker within that distance, relative to the usual number.
 _FEW = 0.25
-#: Half the side of a patch, in scales; and how much it is smoothed before the fit, which makes a shift more linear.
+#: Half the side of a patch, in scales; and the smoothing before the fit, which makes the effect of a shift more linear.
 _PATCH, _SMOOTHING_PX = 1.8, 0.8
-#: A fit with a quality below this is made again with weights: a pixel that lies so far from the model, as a fraction of
-#: the usual contrast, has a quarter of the weight.
+#: A fit with a quality below the first number is repeated with weights. A pixel whose distance from the model is the
+#: second number, as a fraction of the usual contrast, has a quarter of the weight. The third is the number of repeats.
 _GOOD_FIT, _FAR, _ROBUST_STEPS = 0.985, 0.2, 3
-#: How far above the markers' usual brightness the ceiling lies, as a fraction of the contrast.
+#: The distance of the ceiling above the markers' usual brightness, as a fraction of the contrast.
 _CEILING = 0.3
-#: How much a stiff and a loose fit shun other shapes than the template.
+#: The penalties for shapes that differ from the template, in a stiff and in a loose fit.
 _STIFFNESS = (4.0, 0.003)
-#: Ellipses are looked for where that finds so many times the markers.
+#: Ellipses are fitted if this increases the number of markers by more than this factor.
 _MANY_MORE = 1.1
-#: A worse fit of the first step is not followed up.
+#: The smallest quality of the first fit for which a second fit is made.
 _MIN_QUALITY = 0.6
 
 
 @dataclass(frozen=True, kw_only=True)
 class MarkerSettings:
-    """What markers look like. What is None is estimated from the frames.
+    """The known properties of markers. Values of None are estimated from the frames.
 
     Args:
-        sigma_px: Scale of the Laplacian of Gaussian: the width of a marker divided by 2.8, from 1 to 20.
-        threshold: The least contrast of a marker with what surrounds it, in counts.
-        dark: Whether the markers are darker than what surrounds them.
+        sigma_px: The scale of the Laplacian of Gaussian, from 1 to 20: the width of a marker divided by 2.8.
+        threshold: The smallest contrast of a marker with its surroundings, in counts.
+        dark: Whether the markers are darker than their surroundings.
     """
 
     sigma_px: float | None = None
@@ -84,9 +85,9 @@ class Markers:
     """The markers of a frame.
 
     Args:
-        centres_px: Column and row of each centre, shape (n, 2); the middle of the first pixel is 0, 0.
-        contrast: How far each stands above (dark ones: below) what surrounds it, in counts, shape (n,).
-        quality: The correlation of each with the usual marker, shape (n,).
+        centres_px: The column and row of each centre, shape (n, 2). The middle of the first pixel is 0, 0.
+        contrast: The difference between each marker and its surroundings, in counts, shape (n,).
+        quality: The correlation of each marker with the template, shape (n,).
     """
 
     centres_px: Floats
@@ -97,24 +98,24 @@ class Markers:
         return len(self.centres_px)
 
     def chosen(self, which: Bools | NDArray[np.int64]) -> Markers:
-        """The markers at some indices, or where a mask is true."""
+        """Return the markers at some indices, or those for which a mask is true."""
         return Markers(centres_px=self.centres_px[which], contrast=self.contrast[which], quality=self.quality[which])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MarkerFinder:
-    """Finds the markers of a sensor in its frames.
+    """A finder of a sensor's markers in its frames.
 
     Args:
-        sigma_px: Scale.
-        threshold: The least contrast of a marker, in counts.
-        dark: Whether the markers are darker than what surrounds them.
-        contrast: Their usual contrast.
-        template: What a marker looks like, with a height of 1, shape (k, k), k odd.
-        ceiling: Where candidates are looked for, what is brighter than the markers by far is cut off here, in counts: a
-            reflection must not draw the peak of a marker to itself.
-        ellipses: Whether the camera sees some of them askew, as those at the rim of a wide dome.
-        mask: Where markers may lie, shape of a frame; None for everywhere.
+        sigma_px: The scale.
+        threshold: The smallest contrast of a marker, in counts.
+        dark: Whether the markers are darker than their surroundings.
+        contrast: The usual contrast, in counts.
+        template: The appearance of a marker, with a height of 1, shape (k, k), k odd.
+        ceiling: The brightness at which frames are clipped when candidates are searched, in counts. Otherwise a
+            reflection could shift the peak of a marker.
+        ellipses: Whether some markers look like ellipses, for example at the rim of a wide dome.
+        mask: The pixels in which markers are searched, shape of a frame; None for all pixels.
     """
 
     sigma_px: float
@@ -130,19 +131,19 @@ class MarkerFinder:
     def learn(
         cls, frames: Sequence[Frame], settings: MarkerSettings | None = None, mask: Bools | None = None
     ) -> MarkerFinder:
-        """Learn what markers look like.
+        """Learn the appearance of markers.
 
         Args:
-            frames: Some frames of the sensor, best without contact; one is enough.
-            settings: What is known of the markers.
-            mask: Where markers may lie.
+            frames: Frames of the sensor, preferably without contact. A single frame is enough.
+            settings: The known properties of the markers.
+            mask: The pixels in which markers are searched; None for all pixels.
 
         Raises:
-            InputError: There is no frame, one is no image, or none has at least 12 equal spots.
+            InputError: There is no frame, a frame is not an image, or no frame has at least 12 equal spots.
         """
         known = settings or MarkerSettings()
         if not frames:
-            raise InputError("frames", 0, "must be at least one, to learn from what markers look like")
+            raise InputError("frames", 0, "must be at least one frame that shows the markers")
         greys = [grey(frame) for frame in frames]
         scales = SCALES_PX if known.sigma_px is None else np.array([known.sigma_px])
         signs = (False, True) if known.dark is None else (known.dark,)
@@ -158,7 +159,7 @@ class MarkerFinder:
         first = cls(
             sigma_px=sigma_px, threshold=0.0, dark=dark, contrast=response, template=np.zeros((1, 1)), mask=mask
         )
-        response *= 0.99  # so that the weakest of them is above it
+        response *= 0.99  # so that the weakest marker is above it
         patches = np.concatenate([first._strong_patches(image, response) for image in greys])
         low, high = (np.quantile(patches, part, axis=(1, 2), keepdims=True) for part in (0.15, 0.98))
         heights = (-1.0 if dark else 1.0) * (patches - low) / np.maximum(high - low, 1.0)
@@ -175,18 +176,18 @@ class MarkerFinder:
         return ellipses if more else spots
 
     def find(self, frame: Frame) -> Markers:
-        """The markers of a frame, in no particular order.
+        """Find the markers of a frame, in no particular order.
 
         Args:
             frame: uint8, shape (height, width) or (height, width, 3), BGR.
 
         Raises:
-            InputError: The frame is no image, or not of the mask's shape.
+            InputError: The frame is not an image, or has another shape than the mask.
         """
         image = grey(frame)
         if self.mask is not None and self.mask.shape != image.shape:
             raise InputError("frame", image.shape, f"must be {self.mask.shape}, the shape of the region of interest")
-        # The response to the weakest marker, less what a reflection or the neighbours may take of it.
+        # The factor 0.5 allows for a reflection or neighbours that lower the response to the weakest marker.
         cut = np.minimum(image, np.float32(self.ceiling))
         candidates, _ = _peaks(cut, self.sigma_px, self.dark, 0.5 * self.threshold, self.mask)
         fitted = self._fit(image, candidates)
@@ -196,10 +197,10 @@ class MarkerFinder:
 
     @cached_property
     def _model(self) -> tuple[Bools, Floats32, Floats32]:
-        """The pixels of a patch, the matrix from coefficients to these, and the penalties of a stiff and a loose fit.
+        """The pixels of a patch, the matrix from coefficients to pixels, and the penalties of a stiff and a loose fit.
 
-        Coefficients: level, slope in x, slope in y, contrast, contrast dx, contrast dy, and
-        how much wider the spot is in x, in y and askew: rims show round pins as ellipses.
+        The coefficients are the level, the slopes in x and y, the contrast, the contrast times dx and dy, and how much
+        wider the spot is in x, in y and diagonally (at the rim of a dome, round pins look like ellipses).
         """
         half = self.template.shape[0] // 2
         y, x = np.mgrid[-half : half + 1, -half : half + 1].astype(np.float64)
@@ -214,9 +215,9 @@ class MarkerFinder:
         return disc, design.astype(np.float32), np.array(penalties, dtype=np.float32)
 
     def _fit(self, image: Floats32, places: Floats) -> Markers:
-        """Fit the model to the patches around some places, the second time where the first one says.
+        """Fit the model to the patches around some places, and again at the places that the first fit gives.
 
-        Spots are fitted as they mostly are, and, where there are such, as ellipses if they do not fit so.
+        The second fit uses the template. With ``ellipses``, other spots are then fitted as ellipses.
         """
         import cv2
 
@@ -233,15 +234,15 @@ class MarkerFinder:
         return second.chosen(~stray)
 
     def _are_markers(self, fitted: Markers) -> Bools:
-        """Which candidates are markers."""
+        """Return whether each candidate is a marker."""
         score = fitted.quality + _CONTRAST_WEIGHT * np.minimum(1.0, 2.0 * fitted.contrast / self.contrast)
         return np.asarray((score >= _MIN_SCORE) & (fitted.contrast >= self.threshold))
 
     def _step(self, smooth: Floats32, places: Floats, *, loose: bool, robust: bool) -> Markers:
         """Fit the model once, around the pixels nearest to some places.
 
-        Where the fit is bad, a robust one gives pixels that lie far from the model less weight: a reflection that
-        covers a part of a marker neither hides nor shifts it.
+        If a fit is bad and ``robust`` is true, it is repeated with less weight for pixels far from the model. A
+        reflection that covers a part of a marker then neither hides nor shifts the marker.
         """
         disc, design, penalties = self._model
         penalty = penalties[int(loose)]
@@ -268,7 +269,7 @@ class MarkerFinder:
         )
 
     def _strong_patches(self, image: Floats32, response: float) -> Floats:
-        """Patches around the peaks that respond as most of the markers do."""
+        """Return patches around the peaks with at least the response of most markers."""
         import cv2
 
         places, _ = _peaks(image, self.sigma_px, self.dark, response, self.mask)
@@ -277,7 +278,7 @@ class MarkerFinder:
         return _patches(smooth, np.rint(places).astype(np.int64), half).astype(np.float64)
 
     def _usual(self, image: Floats32, response: float) -> Floats:
-        """The contrasts of the peaks that respond as most of the markers do."""
+        """Return the contrasts of the peaks with at least the response of most markers."""
         import cv2
 
         places, _ = _peaks(image, self.sigma_px, self.dark, response, self.mask)
@@ -285,23 +286,24 @@ class MarkerFinder:
 
 
 def grey(frame: Frame) -> Floats32:
-    """A frame in grey.
+    """Convert a frame to grey.
 
     Raises:
-        InputError: It is no image.
+        InputError: The frame is not an image.
     """
     import cv2
 
     if not is_image(frame):
-        raise InputError("frame", f"{frame.dtype} {frame.shape}", "must be an image: markers are seen in images only")
+        raise InputError("frame", f"{frame.dtype} {frame.shape}", "must be an image, because only images show markers")
     image: Bytes = frame if frame.ndim == 2 else np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
     return image.astype(np.float32)
 
 
-def _peaks(image: Floats32, scale: float, dark: bool, least: float, mask: Bools | None) -> tuple[Floats, Floats32]:
-    """Peaks of the normalised Laplacian of Gaussian above ``least``: places (n, 2), and responses (n,).
+def _peaks(image: Floats32, scale: float, dark: bool, low: float, mask: Bools | None) -> tuple[Floats, Floats32]:
+    """Find peaks of the normalised Laplacian of Gaussian above ``low``; return places (n, 2) and responses (n,).
 
-    Ridges, as rims and rings give, are left out: at a spot the smoothed image is curved alike in all directions.
+    Ridges, such as rims and rings, are left out: at a spot, the smoothed image has a similar curvature in all
+    directions.
     """
     import cv2
 
@@ -310,7 +312,7 @@ def _peaks(image: Floats32, scale: float, dark: bool, least: float, mask: Bools 
     response *= scale**2 if dark else -(scale**2)
     side = 2 * math.ceil(scale) + 1
     largest = cv2.dilate(response, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
-    is_peak = (response == largest) & (response > least)
+    is_peak = (response == largest) & (response > low)
     step = max(1, round(scale))
     is_peak[:step] = is_peak[-step:] = is_peak[:, :step] = is_peak[:, -step:] = False
     if mask is not None:
@@ -327,7 +329,7 @@ def _peaks(image: Floats32, scale: float, dark: bool, least: float, mask: Bools 
 
 
 def _strength(greys: Sequence[Floats32], scale: float, dark: bool, mask: Bools | None) -> tuple[float, float]:
-    """How much a scale looks like that of markers, and the response that most of these reach."""
+    """Return the measure ``n r^3`` of a scale, and the response r that the n peaks reach."""
     responses = np.concatenate([_peaks(image, scale, dark, 1.0, mask)[1] for image in greys])
     falling = np.sort(responses)[::-1].astype(np.float64)
     value = np.arange(1, len(falling) + 1) * falling**3
@@ -339,7 +341,7 @@ def _strength(greys: Sequence[Floats32], scale: float, dark: bool, mask: Bools |
 
 
 def _patches(image: Floats32, middle: NDArray[np.int64], half: int) -> Floats32:
-    """Square patches around pixels, the image's edge repeated, shape (n, 2 half + 1, 2 half + 1)."""
+    """Return square patches around pixels, shape (n, 2 half + 1, 2 half + 1). The image's edge is repeated."""
     at = np.arange(-half, half + 1)
     rows = np.clip(middle[:, 1, None] + at, 0, image.shape[0] - 1)
     columns = np.clip(middle[:, 0, None] + at, 0, image.shape[1] - 1)
@@ -347,14 +349,14 @@ def _patches(image: Floats32, middle: NDArray[np.int64], half: int) -> Floats32:
 
 
 def _symmetric(patch: Floats) -> Floats:
-    """The mean of a patch and its mirror images, so that its centre is its middle."""
+    """Return the mean of a patch and its mirror images, so that the spot is centred."""
     both = patch + patch[::-1]
     both = both + both[:, ::-1]
     return (both + both.T) / 8.0
 
 
 def _noise(image: Floats32) -> float:
-    """The noise of a frame, in counts: the median deviation of each pixel from its neighbours (Immerkaer's mask)."""
+    """Estimate the noise of a frame, in counts, by the median deviation of pixels from their neighbours (Immerkaer)."""
     import cv2
 
     mask = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
@@ -362,7 +364,7 @@ def _noise(image: Floats32) -> float:
 
 
 def _quality(patches: NDArray[Any], residual: NDArray[Any], weights: NDArray[Any] | None = None) -> NDArray[Any]:
-    """The correlation of patches with the model, from what the model leaves of them."""
+    """Return the correlation of patches with the model, from the residuals of the fit."""
     weight = np.ones((1, 1), dtype=np.float32) if weights is None else weights / np.mean(weights, axis=1, keepdims=True)
     level = np.mean(weight * patches, axis=1, keepdims=True)
     square = np.maximum(np.mean(weight * (patches - level) ** 2, axis=1), 1e-6)
@@ -370,7 +372,7 @@ def _quality(patches: NDArray[Any], residual: NDArray[Any], weights: NDArray[Any
 
 
 def _thinned(markers: Markers, distance: float) -> Markers:
-    """Markers without those that lie nearer than a distance to one that fits better."""
+    """Remove markers that are nearer than a certain distance to a marker that fits better."""
     from scipy.spatial import cKDTree
 
     order = markers.chosen(np.argsort(-markers.quality * np.sqrt(np.maximum(markers.contrast, 0.0))))
@@ -381,7 +383,7 @@ def _thinned(markers: Markers, distance: float) -> Markers:
 
 
 def _field(centres: Floats) -> Bools:
-    """Which centres belong to the largest group of neighbours."""
+    """Return whether each centre belongs to the largest group of neighbours."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -392,7 +394,7 @@ def _field(centres: Floats) -> Bools:
     spacing = float(np.median(tree.query(centres, 2)[0][:, 1]))
     pairs = tree.query_pairs(_MAX_GAP * spacing, output_type="ndarray")
     count = np.bincount(pairs.ravel(), minlength=len(centres))
-    pairs = pairs[(count[pairs] > _FEW * np.median(count)).all(axis=1)]  # a spot beside the field has few neighbours
+    pairs = pairs[(count[pairs] > _FEW * np.median(count)).all(axis=1)]  # a spot outside the field has few neighbours
     near = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(centres),) * 2)
     group = connected_components(near, directed=False)[1]
     return np.asarray(group == np.bincount(group).argmax())

@@ -1,4 +1,4 @@
-"""What was found, drawn over a frame for people to see."""
+"""Pictures of a frame with its markers."""
 
 from __future__ import annotations
 
@@ -9,23 +9,24 @@ from tacbench_cad.lab.vision.markers import Markers
 from tacbench_cad.lab.vision.tracking import Track
 from tacbench_cad.util.types import Floats
 
-#: The picture is so many times as large as the frame, and coordinates have so many binary places.
+#: The width of the picture relative to the frame, and the number of binary places of the coordinates.
 _ENLARGED, _PLACES = 2, 4
 _FOUND, _PREDICTED, _OTHER, _MOVED = (0, 220, 0), (0, 0, 255), (255, 160, 0), (0, 255, 255)
 
 
 def markers_drawn(frame: Frame, reference_px: Floats, markers: Markers, track: Track) -> Frame:
-    """A frame, twice as large, with the markers in it.
+    """Draw the markers in a frame, which is enlarged twice.
 
     Args:
         frame: The frame.
-        reference_px: Where the markers are without contact, shape (n, 2).
-        markers: What was found in the frame.
-        track: Where the reference's markers are in it.
+        reference_px: The positions of the markers without contact, shape (n, 2).
+        markers: The markers that were found in the frame.
+        track: The reference's markers in the frame.
 
     Returns:
-        The frame in BGR. A green marker was followed. A red one was not found and is drawn where its neighbours predict
-        it. A blue one was found but is no marker of the reference. A yellow line is the way from the reference.
+        The picture in BGR. Green markers were followed. Red markers were not found; they are drawn at the positions
+        predicted from their neighbours. Blue markers were found, but do not belong to the reference. Yellow lines are
+        the displacements from the reference.
     """
     import cv2
 

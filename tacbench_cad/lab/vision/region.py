@@ -1,9 +1,9 @@
-"""The region of interest: the part of a frame that shows the sensor, given by hand or found by itself.
+"""The region of interest: the part of a frame that shows the sensor. The user gives it, or the program finds it.
 
-A TacTip's dome is a disc in its frame, a gel mostly a rectangle; what lies around it, lit or dark, says nothing of the
-touch. :func:`find_region` looks for the outline along which the frame changes everywhere in the same direction: for a
-circle that is the brightness just outside less that just inside along its rays, for a rectangle across its sides. The
-outline counts by its weakest quarter, so that pins, lamps and reflections, which are strong in places, do not win.
+The dome of a TacTip is a disc in its frame, and a gel is mostly a rectangle. The surroundings do not depend on the
+contact. :func:`find_region` searches the outline along which the brightness changes everywhere in the same direction.
+For a circle, it compares the brightness just outside and just inside along rays; for a rectangle, across the sides. An
+outline is judged by its weakest quarter, because pins, lamps and reflections are strong only in places.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import refusing, write_json
 from tacbench_cad.util.types import Bools, Floats, Floats32
 
-#: What ``--roi`` takes.
+#: The allowed values of ``--roi``.
 SYNTAX = "auto, circle:X,Y,R, rect:X0,Y0,X1,Y1 (pixels from the top left) or a PNG file, white where the sensor is"
-#: Where a run keeps its region, and the picture of one that came from a picture.
+#: The file of a run's region, and the picture of a region that was given as a picture.
 REGION_FILE, MASK_FILE = "roi.json", "roi.png"
-#: From here on a found region may be used without asking.
+#: The certainty from which a region that was found may be used without asking.
 SURE = 0.8
-#: A region has at least so many pixels.
+#: The smallest allowed number of pixels of a region.
 MIN_PIXELS = 100
 _NUMBER = r"(-?\d+(?:\.\d+)?)"
 _CIRCLE = re.compile(rf"circle[: ]{_NUMBER},{_NUMBER},{_NUMBER}")
 _RECTANGLE = re.compile(rf"rect[: ]{_NUMBER},{_NUMBER},{_NUMBER},{_NUMBER}")
-#: Width of the image in which an outline is looked for first, and rays or points of a side along which it is judged.
+#: The width of the reduced image in which outlines are searched first, and the number of rays of a circle.
 _COARSE_PX, _RAYS = 160, 72
-#: An outline is sure from this step of brightness on, in counts, and its weakest quarter of rays counts.
+#: The step of brightness from which an outline is certain, in counts, and the quantile of the steps that is compared.
 _SURE_STEP, _WEAKEST = 12.0, 0.25
-#: Radii of circles and sides of rectangles that are looked for, as fractions of the frame's shorter side.
+#: The radii of circles and the smallest side of rectangles that are tried, as fractions of the frame's shorter side.
 _RADII, _MIN_SIDE = (0.18, 0.62), 0.4
-#: Fraction of a circle that must lie in the frame.
+#: The fraction of a circle that must lie in the frame.
 _IN_FRAME = 0.7
 
 
@@ -53,9 +53,9 @@ class Region:
     """A region of interest.
 
     Args:
-        text: What it is, as ``--roi`` takes it: ``circle:304,248,210``.
-        mask: Which pixels lie in it, shape (height, width).
-        sureness: How sure it is that this is the sensor, from 0 to 1; 1 for what somebody gave.
+        text: The region as a value of ``--roi``: ``circle:304,248,210``.
+        mask: True for the pixels in the region, shape (height, width).
+        sureness: The certainty that this region shows the sensor, from 0 to 1; 1 for a region that a user gave.
     """
 
     text: str
@@ -64,16 +64,16 @@ class Region:
 
     @property
     def outside(self) -> float:
-        """Fraction of the frame's pixels that lie outside of it."""
+        """The fraction of the frame's pixels outside the region."""
         return 1.0 - float(np.mean(self.mask))
 
     @property
     def digest(self) -> str:
-        """Names the pixels."""
+        """A hash of the mask."""
         return hashlib.sha256(f"{self.mask.shape}".encode() + np.packbits(self.mask).tobytes()).hexdigest()[:16]
 
     def scaled(self, height: int, width: int) -> Bools:
-        """The mask at another resolution: the pixels that lie in it by half or more."""
+        """Return the mask at another resolution, with the pixels that are at least half in the region."""
         import cv2
 
         if self.mask.shape == (height, width):
@@ -82,7 +82,7 @@ class Region:
         return np.asarray(small >= 0.5)
 
     def drawn(self, frame: Frame) -> Frame:
-        """A frame with the region's outline in red, what lies outside darkened.
+        """Draw the region's outline in a frame in red, and darken the pixels outside.
 
         Raises:
             InputError: The frame has another size.
@@ -98,10 +98,10 @@ class Region:
 
 
 def require_size(mask: Bools, frame: Frame) -> None:
-    """Refuse a frame that is not of a mask's size.
+    """Check that a frame has the size of a mask.
 
     Raises:
-        InputError: It is not.
+        InputError: The frame has another size.
     """
     if frame.shape[:2] != mask.shape:
         size = " x ".join(map(str, mask.shape[::-1]))
@@ -111,15 +111,16 @@ def require_size(mask: Bools, frame: Frame) -> None:
 
 
 def parse_region(text: str, height: int, width: int) -> Region:
-    """The region that a text or a file says.
+    """Make a region from a text or a file.
 
     Args:
         text: ``circle:X,Y,R``, ``rect:X0,Y0,X1,Y1`` or the path of a PNG.
-        height: Of the frames.
-        width: Of the frames.
+        height: The height of the frames.
+        width: The width of the frames.
 
     Raises:
-        InputError: It is none of these, or has too few pixels in the frame, or the picture has another size.
+        InputError: The text has another form, the region has too few pixels in the frame, or the picture has another
+            size.
     """
     y, x = np.mgrid[:height, :width].astype(np.float64)
     if match := _CIRCLE.fullmatch(text):
@@ -138,7 +139,7 @@ def parse_region(text: str, height: int, width: int) -> Region:
 
 
 def _mask_of(path: Path, height: int, width: int, within: Path | None = None) -> Bools:
-    """The pixels of a picture that are brighter than half."""
+    """Read a picture, and return its pixels that are brighter than half of the largest value."""
     try:
         picture = decoded(door.read_bytes(path, "roi", "image", within=within), str(path))
     except CheckFailedError as error:
@@ -151,18 +152,18 @@ def _mask_of(path: Path, height: int, width: int, within: Path | None = None) ->
 
 
 def find_region(frames: Sequence[Frame]) -> Region:
-    """Find the dome or the gel in frames, best without contact.
+    """Find the dome or the gel in frames, preferably frames without contact.
 
     Args:
-        frames: Some frames; their median is looked at.
+        frames: The frames, whose median is examined.
 
     Raises:
-        InputError: There is no frame, one is no image, or no outline can be seen.
+        InputError: There is no frame, a frame is not an image, or no outline can be found.
     """
     import cv2
 
     if not frames:
-        raise InputError("frames", 0, "must be at least one, to find the sensor in")
+        raise InputError("frames", 0, "must be at least one frame that shows the sensor")
     image = np.median([grey(frame) for frame in frames], axis=0).astype(np.float32)
     height, width = image.shape
     scale = max(1.0, width / _COARSE_PX)
@@ -182,10 +183,10 @@ def find_region(frames: Sequence[Frame]) -> Region:
 
 
 def _around_markers(frames: Sequence[Frame]) -> str:
-    """The circle around the markers, a spacing wider: for domes whose outline is as dark as what lies around them.
+    """Return the circle around the markers, enlarged by a spacing, for domes whose surroundings are equally dark.
 
     Raises:
-        InputError: There are no markers.
+        InputError: There are too few markers.
     """
     import cv2
 
@@ -196,19 +197,19 @@ def _around_markers(frames: Sequence[Frame]) -> str:
     return f"circle:{x:.1f},{y:.1f},{radius + MarkerTracker(reference_px=centres).spacing_px:.1f}"
 
 
-#: Directions of the rays, shape (2, rays); and how many circles of the coarse image are looked at closely.
+#: The directions of the rays, shape (2, rays); and the number of circles of the reduced image that are refined.
 _RAY = np.stack([f(np.arange(_RAYS) * 2.0 * np.pi / _RAYS) for f in (np.cos, np.sin)])
 _CIRCLES = 4
-#: How far from its place a dome is looked for in each frame.
+#: The largest distance from its usual position at which a dome is searched in each frame, in pixels.
 _NEAR_PX = 12.0
-#: How sure a circle around the markers is, where no outline can be seen.
+#: The certainty of a circle around the markers, if no outline is visible.
 _OF_MARKERS = 0.5
-#: The weakest step of an outline, in counts, the fraction of it that agrees, and what it is.
+#: The weakest step of an outline in counts, the fraction of the outline that agrees with it, and the outline as text.
 _Candidate = tuple[float, float, str]
 
 
 def _circle(small: Floats32, smooth: Floats32, scale: float) -> _Candidate:
-    """The circle with the largest step all around."""
+    """Return the circle with the largest step on all sides."""
     height, width = small.shape
     column, row = (each.ravel() for each in np.meshgrid(*(np.arange(0.2 * n, 0.8 * n, 3.0) for n in (width, height))))
     best: list[tuple[float, float, float, float]] = []
@@ -227,7 +228,7 @@ def _circle(small: Floats32, smooth: Floats32, scale: float) -> _Candidate:
 
 
 def _refined(smooth: Floats32, place: Sequence[float], scale: float) -> _Candidate:
-    """A circle of the coarse image at full resolution: through the steepest place of each ray, three times."""
+    """Refine a circle of the reduced image at full resolution, by three fits through the steepest place of each ray."""
     x, y, r = (scale * (each + half) - half for each, half in zip(place, (0.5, 0.5, 0.0), strict=True))
     for reach in (3.0 * scale, 1.5 * scale, 1.5 * scale):
         x, y, r = _through_edges(smooth, (x, y, r), reach)
@@ -236,14 +237,14 @@ def _refined(smooth: Floats32, place: Sequence[float], scale: float) -> _Candida
 
 
 def circle_near(frame: Frame, region: Region) -> tuple[float, float] | None:
-    """Where the dome of a region is in a frame: column and row of its centre.
+    """Find the centre of the dome in a frame.
 
     Args:
         frame: The frame.
-        region: Where the dome is in most frames.
+        region: The region of the dome in most frames.
 
     Returns:
-        None for a region that is no circle, and where its outline cannot be seen.
+        The column and row of the centre; None if the region is not a circle or its outline is not visible.
     """
     import cv2
 
@@ -259,7 +260,7 @@ def circle_near(frame: Frame, region: Region) -> tuple[float, float] | None:
 
 
 def _through_edges(image: Floats32, circle: tuple[float, float, float], reach: float) -> tuple[float, float, float]:
-    """The circle through the steepest place of each ray, within a reach of a circle."""
+    """Fit a circle through the steepest place of each ray, within a certain distance of the given circle."""
     x, y, r = circle
     offset = np.arange(-reach, reach + 0.25, 0.5)
     radii = r + offset[:, None]
@@ -271,7 +272,7 @@ def _through_edges(image: Floats32, circle: tuple[float, float, float], reach: f
 
 
 def _fitted(x: Floats, y: Floats, there: Bools, start: tuple[float, float, float]) -> tuple[float, float, float]:
-    """The circle through points, the farthest third of them left out."""
+    """Fit a circle through points, without the third of the points that is farthest from it."""
     use = there.copy()
     solution = np.array(start)
     for _ in range(3):
@@ -286,7 +287,7 @@ def _fitted(x: Floats, y: Floats, there: Bools, start: tuple[float, float, float
 
 
 def _rectangle(small: Floats32, smooth: Floats32, scale: float) -> _Candidate:
-    """The upright rectangle with the largest step across its sides; a side at the frame's edge has none."""
+    """Return the upright rectangle with the largest step across its sides. A side at the frame's edge has no step."""
     sides = [_side_places(small), _side_places(small.T)]
     least = _MIN_SIDE * min(small.shape)
     best: tuple[float, float, list[float]] = (0.0, 0.0, [0.0] * 4)
@@ -296,7 +297,7 @@ def _rectangle(small: Floats32, smooth: Floats32, scale: float) -> _Candidate:
             step, agreeing = _judged(_box_steps(smooth, box, 2.0 * scale))
             if step * agreeing**2 > best[0] * best[1] ** 2:
                 best = step, agreeing, box
-    for side in range(4):  # each to where the step is steepest
+    for side in range(4):  # move each side to the steepest step
         moved = [[*best[2][:side], best[2][side] + by, *best[2][side + 1 :]] for by in np.arange(-scale, scale, 0.5)]
         best = (*best[:2], max(moved, key=lambda box: _judged(_box_steps(smooth, box, 1.0))[0]))
     last = np.array([smooth.shape[1] - 1.0, smooth.shape[0] - 1.0] * 2)
@@ -304,7 +305,7 @@ def _rectangle(small: Floats32, smooth: Floats32, scale: float) -> _Candidate:
 
 
 def _side_places(small: Floats32) -> list[float]:
-    """Columns where many rows change much, and those of the frame's edges."""
+    """Return the columns in which the brightness of many rows changes strongly, and the two edges of the frame."""
     change = np.abs(small[:, 2:] - small[:, :-2])
     strength = np.quantile(change, 0.6, axis=0)
     order = [int(at) for at in np.argsort(-strength) if strength[at] > 1.0]
@@ -316,7 +317,7 @@ def _side_places(small: Floats32) -> list[float]:
 
 
 def _box_steps(image: Floats32, box: Sequence[float], reach: float) -> Floats:
-    """The steps across a box's sides from inside to outside, NaN where that leaves the frame, shape (1, points)."""
+    """Return the steps across a box's sides from inside to outside, shape (1, points); NaN outside the frame."""
     left, top, right, bottom = box
     part = np.linspace(0.06, 0.94, _RAYS // 4)
     across, down = left + part * (right - left), top + part * (bottom - top)
@@ -327,7 +328,7 @@ def _box_steps(image: Floats32, box: Sequence[float], reach: float) -> Floats:
 
 
 def _steps(image: Floats32, x: Floats, y: Floats, outward: Floats, reach: float) -> Floats:
-    """Brightness outside less inside at places; NaN where one of both lies beyond the frame."""
+    """Return the brightness outside minus inside at places; NaN if either lies beyond the frame."""
     height, width = image.shape
 
     def at(sign: float) -> Floats:
@@ -340,7 +341,7 @@ def _steps(image: Floats32, x: Floats, y: Floats, outward: Floats, reach: float)
 
 
 def _weakest(step: Floats) -> Floats:
-    """What at least three quarters of the steps in each row reach, all in the same direction; 0 where too few are."""
+    """Return the step that at least three quarters of a row reach in the same direction; 0 if too few are known."""
     ordered = np.sort(step, axis=1)  # NaN comes last
     count = np.sum(np.isfinite(step), axis=1)
     enough = count >= _IN_FRAME * step.shape[1]
@@ -350,7 +351,7 @@ def _weakest(step: Floats) -> Floats:
 
 
 def _judged(step: Floats) -> tuple[float, float]:
-    """The weakest quarter's step of an outline, and the fraction of it that has a third of the usual step or more."""
+    """Return the lower quartile of an outline's steps, and the fraction of steps of at least a third of the median."""
     known = step[np.isfinite(step)]
     if known.size < step.size / 2:
         return 0.0, 0.0
@@ -360,7 +361,7 @@ def _judged(step: Floats) -> tuple[float, float]:
 
 
 def store_region(folder: Path, region: Region) -> None:
-    """Keep a region with a run: ``roi.json``, and ``roi.png`` if it came from a picture.
+    """Store a region with a run, in ``roi.json``, and in ``roi.png`` if it was given as a picture.
 
     Raises:
         InputError: The folder cannot be written.
@@ -374,7 +375,7 @@ def store_region(folder: Path, region: Region) -> None:
 
 
 def remove_region(folder: Path) -> None:
-    """Keep no region with a run.
+    """Remove the region that is stored with a run.
 
     Raises:
         InputError: The folder cannot be written.
@@ -385,7 +386,7 @@ def remove_region(folder: Path) -> None:
 
 
 def stored_region(folder: Path) -> Region | None:
-    """The region that is kept with a run, None if there is none.
+    """Read the region that is stored with a run; None if there is none.
 
     Raises:
         InputError: ``roi.json`` or its picture is damaged.
@@ -405,7 +406,7 @@ def stored_region(folder: Path) -> Region | None:
 
 @dataclass(frozen=True, kw_only=True)
 class _Kept:
-    """What ``roi.json`` says."""
+    """The contents of ``roi.json``."""
 
     roi: str
     width: Annotated[int, Bounds(1, 100_000)]

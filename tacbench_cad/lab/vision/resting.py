@@ -1,4 +1,4 @@
-"""The frames without contact of runs, and the region of interest that they show."""
+"""The frames of runs without contact, and the region of interest that is found in them."""
 
 from __future__ import annotations
 
@@ -11,18 +11,21 @@ from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.vision.region import SURE, Region, find_region, parse_region, stored_region
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
-#: ``--roi`` without a region: what is kept with the runs is not used either.
+#: The value of ``--roi`` for no region. A region that is stored with the runs is then not used either.
 NO_REGION = "none"
-#: Runs, and frames of each, that a region is found in.
+#: The number of runs, and of frames of each run, in which a region is searched.
 _RUNS, _FRAMES = 6, 3
 
 
 def resting_frames(run: Run, most: int) -> list[Frame]:
-    """Frames of a run without contact, spread over it; presses where there are none, and nothing for other sensors.
+    """Return images without contact at regular intervals of a run.
+
+    If the run has no frames without contact, frames of presses are returned. The list is empty if the sensor's frames
+    are not images.
 
     Args:
         run: The run.
-        most: The most frames.
+        most: The largest number of frames.
 
     Raises:
         InputError: A table of the run cannot be read.
@@ -34,51 +37,52 @@ def resting_frames(run: Run, most: int) -> list[Frame]:
         try:
             frames.append(run.read(paths[at]))
         except CheckFailedError:
-            continue  # the check of the run names it
+            continue  # check-runs reports the fault
     return [frame for frame in frames if is_image(frame)]
 
 
 def region_of(runs: Sequence[Run], roi: str | None = None) -> Region | None:
-    """The region of interest of some runs.
+    """Return the region of interest of some runs.
 
     Args:
-        runs: The runs, of one sensor.
-        roi: As ``--roi`` takes it; ``none`` for no region; None for what is kept with the runs: the pixels that lie in
-            the regions of all of them, if all have one.
+        runs: Runs of the same sensor.
+        roi: A value of ``--roi``; ``none`` for no region; None for the regions that are stored with the runs. If all
+            runs have a region, the result is then the intersection of these regions.
 
     Raises:
-        InputError: The text or the kept region is not allowed, or there is nothing to be found.
+        InputError: The value or a stored region is not allowed, or no region can be found.
     """
     if roi == NO_REGION:
         return None
     if roi == "auto":
         region = found_region(runs)
         if region.sureness < SURE:
-            sure = f"found {region.text}, but is only {100 * region.sureness:.0f} % sure of it"
-            raise InputError("roi", "auto", f"{sure}; look at it (tacbench runs roi RUNS -o DIR), and give it by hand")
+            sure = f"found {region.text}, but the certainty is only {100 * region.sureness:.0f} %"
+            advice = "look at it with tacbench runs roi RUNS -o DIR, and give the region yourself"
+            raise InputError("roi", "auto", f"{sure}; {advice}")
         return region
     if roi is not None:
         shape = runs[0].info.frame_shape or ()
         if len(shape) < 2:
-            raise InputError("roi", roi, "is for sensors that give images")
+            raise InputError("roi", roi, "is only for sensors whose frames are images")
         return parse_region(roi, shape[0], shape[1])
-    kept = [stored_region(run.folder) for run in runs]
-    regions = [region for region in kept if region is not None]
-    if len(regions) < len(kept):
+    stored = [stored_region(run.folder) for run in runs]
+    regions = [region for region in stored if region is not None]
+    if len(regions) < len(stored):
         return None
     texts = list(dict.fromkeys(region.text for region in regions))
     if any(region.mask.shape != regions[0].mask.shape for region in regions):
-        raise InputError("roi", ", ".join(texts), "kept with the runs, are for frames of different sizes")
+        raise InputError("roi", ", ".join(texts), "are stored with the runs, but are for frames of different sizes")
     mask = np.all([region.mask for region in regions], axis=0)
-    text = texts[0] if len(texts) == 1 else f"what {len(runs)} runs' regions have in common"
+    text = texts[0] if len(texts) == 1 else f"the intersection of {len(runs)} runs' regions"
     return Region(text=text, mask=mask, sureness=min(region.sureness for region in regions))
 
 
 def found_region(runs: Sequence[Run]) -> Region:
-    """The dome or gel that the frames without contact of some runs show.
+    """Find the dome or the gel in the frames of some runs without contact.
 
     Raises:
-        InputError: They have no images, or nothing can be found in them.
+        InputError: The runs have no images, or no region can be found in them.
     """
     chosen = [runs[at] for at in np.unique(np.linspace(0, len(runs) - 1, _RUNS).astype(int))]
     return find_region([frame for run in chosen for frame in resting_frames(run, _FRAMES)])

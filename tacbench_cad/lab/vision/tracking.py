@@ -1,12 +1,15 @@
-"""Following markers from a reference frame, where they may move farther than they lie apart.
+"""Tracking of markers from a reference frame, even if they move farther than the distance between two markers.
 
-The nearest marker of another frame is the wrong one as soon as markers move by half their spacing. But the skin is
-continuous: a marker moves nearly as its neighbours do. So the displacements are written as few smooth functions over
-the reference, and fitted to all markers of the frame at once: each marker of the reference is drawn towards a mean of
-those near its prediction, at first over more than a spacing, then over less and less (softassign with annealing: Chui
-and Rangarajan 2003, "A new point matching algorithm for non-rigid registration"). In the end the markers are assigned
-one to one by SciPy (``linear_sum_assignment``) to predictions from their neighbours, and what contradicts these is left
-out. Where many markers stay without a partner, the whole is tried again from shifts of the whole field.
+If markers move by more than half their spacing, the nearest marker in another frame is often a different marker. But
+the skin is continuous, so a marker moves nearly like its neighbours. Tracking uses this in three steps:
+
+1. The displacements are written as a sum of a few smooth functions over the reference, and fitted to all markers of the
+   frame at once. Each marker of the reference is drawn towards a mean of the markers near its predicted position. These
+   are at first the markers within more than a spacing, then within shorter and shorter distances. This is softassign
+   with annealing (Chui and Rangarajan 2003, "A new point matching algorithm for non-rigid registration").
+2. SciPy (``linear_sum_assignment``) assigns the markers one to one to the positions that their neighbours predict.
+   Markers that contradict the prediction are left out.
+3. If many markers have no partner, the first two steps are repeated, starting from shifts of the whole field.
 """
 
 from __future__ import annotations
@@ -20,36 +23,39 @@ import numpy as np
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Ints
 
-#: Neighbours that a displacement is predicted from.
+#: The number of neighbours that predict a displacement.
 NEIGHBOURS = 10
-#: The smooth functions: Gaussians of this width, as a fraction of the field's radius, and how many of them.
+#: The width of the smooth functions, which are Gaussians, as a fraction of the field's radius; and their number.
 _WIDTH, _FUNCTIONS = 0.4, 40
-#: The annealing: width of the assignment in spacings, from the first (quick, then thorough) to the last, and the ratio
-#: of one step to the next.
+#: The width of the assignment during annealing, in spacings: at the quick start, at the thorough start, and at the end;
+#: and the ratio of the width of a step to that of the step before.
 _QUICK, _THOROUGH, _LAST, _STEP = 0.4, 1.5, 0.2, 0.87
-#: The penalty of functions at a width of one spacing, and the weight of "no partner" against that of a perfect one.
+#: The penalty of the functions at a width of one spacing, and the weight of "no partner" relative to a perfect partner.
 _STIFFNESS, _NO_PARTNER = 0.05, np.float32(0.1)
-#: A marker may lie so far from the prediction by its neighbours, in spacings; and in the end, if no other is as near.
+#: The largest distance of a marker from the position that its neighbours predict, in spacings; and the same at the end,
+#: for markers without another partner.
 _REACH, _LAST_REACH = 0.4, 0.75
-#: The cost of a marker and a spot of the frame that both have no partner (each alone may be hidden, or a reflection),
-#: of a motion by one spacing (rings look the same when each turns by one marker).
+#: The cost of a marker and a spot of the frame that both have no partner, and the cost of a motion by one spacing. A
+#: single marker without a partner may be hidden, and a single spot may be a reflection. The motion has a cost because a
+#: ring of markers looks the same when it turns by one marker.
 _UNPAIRED_COST, _MOTION_COST = 2.0, 0.03
-#: A cost that is not questioned of the quick start, and of the others.
+#: The cost below which a track is accepted: from the quick start, and from the other starts.
 _GOOD_COST, _FAIR_COST = 0.06, 0.1
-#: The farthest shift of the whole field that is tried, in spacings, and how many shifts are.
+#: The largest shift of the whole field that is tried, in spacings, and the number of shifts.
 _MAX_SHIFT, _SHIFTS = 3.0, 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Track:
-    """Where the markers of the reference are in a frame.
+    """The reference's markers in a frame.
 
     Args:
-        displacement_px: Column and row that each marker moved, shape (n, 2); predicted from its neighbours where
-            ``found`` is false.
-        found: Which markers were found in the frame, shape (n,).
-        index: The number of each in the frame's markers, -1 where it was not found, shape (n,).
-        cost: How little the displacements are those of one continuous skin: up to 0.1 for a good track, at most 1.
+        displacement_px: The displacement of each marker as column and row, shape (n, 2). If the marker was not found,
+            it is predicted from the neighbours.
+        found: Whether each marker was found in the frame, shape (n,).
+        index: The index of each marker among the frame's markers, or -1 if it was not found, shape (n,).
+        cost: A measure of how much the displacements differ from those of a continuous skin: up to 0.1 for a good
+            track, at most 1.
     """
 
     displacement_px: Floats
@@ -58,13 +64,13 @@ class Track:
     cost: float
 
     def displacement_mm(self, mm_per_px: float) -> Floats:
-        """The displacements in millimetres.
+        """Return the displacements in mm.
 
         Args:
-            mm_per_px: The calibration: millimetres at the skin for each pixel.
+            mm_per_px: The calibration: the size of a pixel at the skin, in mm.
 
         Raises:
-            InputError: It is not a positive number.
+            InputError: The calibration is not a positive number.
         """
         if not 0.0 < mm_per_px < np.inf:
             raise InputError("mm_per_px", mm_per_px, "must be a positive number")
@@ -73,10 +79,10 @@ class Track:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MarkerTracker:
-    """Follows the markers of a reference frame.
+    """A tracker of the markers of a reference frame.
 
     Args:
-        reference_px: Their centres in the reference, shape (n, 2), more than 10.
+        reference_px: The centres of the markers in the reference, shape (n, 2), with n above 10.
     """
 
     reference_px: Floats
@@ -87,11 +93,12 @@ class MarkerTracker:
             raise InputError("reference_px", shape, f"must be (n, 2), columns and rows, with n above {NEIGHBOURS}")
 
     def follow(self, centres_px: Floats, start_px: Floats | None = None) -> Track:
-        """Find the reference's markers among those of a frame.
+        """Find the reference's markers among the markers of a frame.
 
         Args:
             centres_px: The centres in the frame, shape (m, 2), in any order.
-            start_px: About how far each marker moved, shape (n, 2): in a video, as in the frame before.
+            start_px: The approximate displacements, shape (n, 2), for example those in the previous frame of a video;
+                zero if None.
         """
         zero = np.zeros_like(self.reference_px)
         best = Track(displacement_px=zero, found=zero[:, 0] > 0.0, index=np.full(len(zero), -1), cost=1.0)
@@ -104,7 +111,11 @@ class MarkerTracker:
         return best
 
     def _starts(self, centres: Floats, start: Floats) -> Iterator[tuple[Floats, float]]:
-        """Where to begin, and how wide: as given, then wider, then from shifts that give many markers a partner."""
+        """Yield the displacements and the width to start from.
+
+        The first start uses the given displacements. The second is wider. The others are shifts of the whole field that
+        give many markers a partner.
+        """
         yield start, _QUICK
         yield start, _THOROUGH
         most, size = _MAX_SHIFT * self.spacing_px, 0.3 * self.spacing_px
@@ -116,7 +127,7 @@ class MarkerTracker:
 
     @cached_property
     def spacing_px(self) -> float:
-        """The usual distance of a marker from its nearest neighbours."""
+        """The median distance of a marker from its three nearest neighbours, in pixels."""
         return float(np.median(self._near[1][:, :3]))
 
     @cached_property
@@ -128,7 +139,7 @@ class MarkerTracker:
 
     @cached_property
     def _functions(self) -> Floats:
-        """The smooth functions at the markers, shape (n, k), scaled so that all have the same penalty."""
+        """The values of the smooth functions at the markers, shape (n, k), scaled so that all have the same penalty."""
         from scipy.spatial.distance import cdist
 
         radius = float(np.max(np.hypot(*(self.reference_px - self.reference_px.mean(axis=0)).T)))
@@ -137,7 +148,7 @@ class MarkerTracker:
         return np.asarray(vectors[:, -_FUNCTIONS:] * np.sqrt(np.maximum(values[-_FUNCTIONS:], 0.0)))
 
     def _annealed(self, centres: Floats, start: Floats, width: float) -> Floats:
-        """Smooth displacements that lead the reference to the centres, shape (n, 2)."""
+        """Fit smooth displacements that move the reference to the centres, shape (n, 2)."""
         from scipy.spatial.distance import cdist
 
         functions, moved = self._functions, start
@@ -156,27 +167,28 @@ class MarkerTracker:
 
     @cached_property
     def _design(self) -> tuple[Floats, Floats]:
-        """Of each marker the design of a linear fit over its neighbours, (n, k, 3), and their weights, (n, k)."""
+        """The design matrices of each marker's linear fit over its neighbours, (n, k, 3), and the weights, (n, k)."""
         near, distance = self._near
         offset = (self.reference_px[near] - self.reference_px[:, None]) / self.spacing_px
         width = np.maximum(distance[:, 3:4], self.spacing_px)
         return np.concatenate([np.ones((*near.shape, 1)), offset], axis=2), np.exp(-0.5 * (distance / width) ** 2)
 
     def _predicted(self, moved: Floats, known: Bools) -> Floats:
-        """Each displacement by those of its known neighbours; as it is where none is known."""
+        """Predict each displacement from the known neighbours. Without known neighbours, it is not changed."""
         near = self._near[0]
         design, weights = self._design
         weights = weights * known[near]
         weighted = design * weights[:, :, None]
-        # Slopes are held back: where few neighbours are known, these say little of them.
+        # The slopes are regularised, because few known neighbours do not determine them well.
         normal = weighted.transpose(0, 2, 1) @ design + np.diag([1e-9, 0.15, 0.15])
         solution = np.linalg.solve(normal, weighted.transpose(0, 2, 1) @ moved[near])[:, 0]
         return np.where(weights.sum(axis=1)[:, None] > 0.0, solution, moved)
 
     def _assigned(self, centres: Floats, moved: Floats) -> Track:
-        """The markers assigned one to one, at first by displacements that are about right, then by the neighbours'.
+        """Assign the markers one to one, starting from approximate displacements and then from the neighbours.
 
-        In the end what is left of both goes together over a longer way: relief moves single markers far.
+        At the end, the remaining markers and spots are assigned over a longer distance, because a relief can move a
+        single marker far.
         """
         from scipy.spatial.distance import cdist
 
@@ -199,7 +211,7 @@ class MarkerTracker:
 
 
 def _pairs(square: Floats, limit: float) -> Ints:
-    """For each row the column that it is assigned to, -1 where that would cost the limit or more, shape (rows,)."""
+    """Return the column assigned to each row, shape (rows,); -1 if the cost would be ``limit`` or more."""
     from scipy.optimize import linear_sum_assignment
 
     index = np.full(len(square), -1)

@@ -147,7 +147,7 @@ def test_a_frame_without_markers_is_left_out(pressed: Path) -> None:
     collection = Collection.open([pressed])
     features = MarkerFeatures.learn(collection.runs)
     run = collection.runs[0]
-    with pytest.raises(CheckFailedError, match="0 of 49 markers found"):
+    with pytest.raises(CheckFailedError, match="0 of 49 markers were found"):
         Preprocess(markers=features).of(_Black(run), collection.path(0))  # type: ignore[arg-type]
 
 

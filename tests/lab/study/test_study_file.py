@@ -74,11 +74,11 @@ def test_a_texture_of_ones_own_is_found_beside_the_file(tmp_path: Path) -> None:
         (BLOCK + "copy = 0\n", ["[block] copy", "0", "from 1"]),
         (BLOCK + "[protocol]\nforces_n = [1.0, 6.0]\nbands_n = [0.1, 0.1]\n", ["forces_n", "6.0", "below 5 N"]),
         (BLOCK + "[protocol]\nforces_n = [1.0]\n", ["bands_n", "missing"]),
-        (BLOCK + "[protocol]\nforces_n = [2.0, 1.0]\nbands_n = [0.1, 0.1]\n", ["forces_n", "rising"]),
+        (BLOCK + "[protocol]\nforces_n = [2.0, 1.0]\nbands_n = [0.1, 0.1]\n", ["forces_n", "in increasing order"]),
         (BLOCK + "[protocol]\nbands_n = [0.1]\n", ["bands_n", "3 numbers"]),
         (BLOCK + '[protocol]\ngrid = "2mm"\n', ["[protocol] grid", "2mm"]),
         (BLOCK + "[protocol]\ngrid = {x_mm = [1, 30], y_mm = [1, 2]}\n", ["30 x 2 mm", "too small for the press grid"]),
-        (BLOCK + "[protocol]\ngrid = {x_mm = [2, 1], y_mm = [1, 2]}\n", ["grid x_mm", "rise"]),
+        (BLOCK + "[protocol]\ngrid = {x_mm = [2, 1], y_mm = [1, 2]}\n", ["grid x_mm", "in increasing order"]),
         (BLOCK + "[protocol]\nsettle_s = nan\n", ["settle_s", "finite"]),
         (BLOCK + "[protocol]\nrepeats = 1000\ndepths_mm = 5\n", ["[protocol] depths_mm", "list of numbers"]),
         (
