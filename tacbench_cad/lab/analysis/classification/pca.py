@@ -52,16 +52,17 @@ JITTER = 1e-10
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pool:
-    """Readings that training sets are taken from, m of n, by their inner products.
+    """The m of n frames from which training sets are taken, with their inner products.
 
     Args:
-        rows: All readings, (n, numbers).
-        inside: Indices of the pool's readings, (m,).
-        plain: Inner products of 1 and the pool's readings with each other, (m + 1, m + 1).
-        factor: Coordinates of 1 and the pool's readings in an orthonormal frame, lower triangular, (m + 1, m + 1), if
-            noise is drawn along such coordinates; None if it is drawn for each number of a reading.
-        directions: Random vectors for each trial's seed, of which any part beside the frame is a uniform direction:
-            their inner products with 1 and the pool's readings (m + 1, components), and with each other.
+        rows: All frames, (n, numbers).
+        inside: The indices of the pool's frames, (m,).
+        plain: The inner products of 1 and the pool's frames with each other, (m + 1, m + 1).
+        factor: The coordinates of 1 and the pool's frames in an orthonormal basis, lower triangular, (m + 1, m + 1), if
+            noise is drawn along such coordinates; None if it is drawn for each number of a frame.
+        directions: Random vectors for the seed of each trial. Outside of the span of the pool, their directions are
+            uniformly distributed. Stored are their inner products with 1 and the pool's frames (m + 1, components), and
+            with each other.
     """
 
     rows: Rows
@@ -84,11 +85,11 @@ class Pool:
         """Compute the inner products.
 
         Args:
-            rows: All readings, (n, numbers).
-            inside: Indices of the pool's readings; None for all.
-            components: Components that will be asked for.
+            rows: All frames, (n, numbers).
+            inside: The indices of the pool's frames; None for all.
+            components: The number of components that will be computed.
             noise: Whether noise will be drawn.
-            seeds: Seeds of the noise, if scores of readings outside of the pool will be asked for.
+            seeds: The seeds of the noise, if scores of frames outside of the pool will be computed.
             jobs: Threads for the products of images, which are exact in any order.
         """
         from threadpoolctl import threadpool_limits
@@ -134,12 +135,12 @@ class Pool:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Noise:
-    """One trial's noise on each reading of a pool.
+    """The noise of one trial on each frame of a pool.
 
     Args:
         sigma: Its standard deviation.
         seed: The trial's seed.
-        cross: Inner products of 1 and the readings with noise, (m + 1, m).
+        cross: The inner products of 1 and the frames with the noise, (m + 1, m).
         own: Noise with noise, (m, m).
     """
 
@@ -150,7 +151,7 @@ class Noise:
 
     @classmethod
     def of(cls, pool: Pool, sigma: float, seed: int) -> Noise:
-        """Draw it."""
+        """Draw the noise."""
         count = len(pool.inside)
         cross, own = np.zeros((count + 1, count)), np.zeros((count, count))
         for first, block in pool.coordinates():
@@ -167,29 +168,29 @@ class Noise:
         return cls(sigma=sigma, seed=seed, cross=cross, own=mirrored(own))
 
     def sums(self, pool: Pool, weights: Floats) -> tuple[Floats, Callable[[int, int], Floats]]:
-        """Sums of noise as numbers of a reading.
+        """Return weighted sums of the noise.
 
         Args:
             pool: The pool.
-            weights: Weights of the noise of each of the pool's readings in each sum, (m, k).
+            weights: The weight of each frame's noise in each sum, (m, k).
 
         Returns:
-            Two things. The weights of 1 and of the pool's readings in each sum, (m + 1, k). A function that takes the
-            first number and how many there are, and returns what is added to these sums, (numbers, k).
+            The weights of 1 and of the pool's frames in each sum, (m + 1, k), and a function. The function takes the
+            first number and the count of numbers, and returns the part to add to these sums, (numbers, k).
         """
         if pool.factor is None:
             return np.zeros((len(pool.plain), weights.shape[1])), partial(_sums, self.sigma, self.seed, weights)
         along = np.concatenate(
             [_sums(self.sigma, self.seed, weights, first, part.shape[1]) for first, part in pool.coordinates()]
         )
-        # Of the part beside the pool's frame the inner products are known, and all directions are equally probable.
+        # Outside of the span of the pool, inner products are known and all directions are equally probable.
         inner, own = pool.directions[self.seed]
         inside = scipy.linalg.solve_triangular(pool.factor, inner, lower=True)
         squares, turn = np.linalg.eigh(weights.T @ self.own @ weights - along.T @ along)
         frame = np.sqrt(np.maximum(squares, 0.0))[:, None] * turn.T
         mix = scipy.linalg.solve_triangular(np.linalg.cholesky(own - inside.T @ inside).T, frame)
         kept = scipy.linalg.solve_triangular(pool.factor, along - inside @ mix, lower=True, trans=1)
-        # What is returned must not hold this noise: a study of many trials keeps it for each of them.
+        # The returned function must not keep this noise: a study stores such a function for each trial.
         return kept, partial(_mixed, self.seed, np.dtype(_exact(pool.rows)), mix)
 
 
@@ -212,14 +213,14 @@ class Scores:
 def principal_scores(
     pool: Pool, noise: Noise | None, augmentation: Augmentation, components: int, train: Ints | None = None
 ) -> Scores:
-    """Fit principal components to an augmented training set and project the pool's readings onto them.
+    """Fit principal components to an augmented training set and project the pool's frames onto them.
 
     Args:
-        pool: The readings.
-        noise: The trial's; None if the augmentation has no noise.
+        pool: The frames.
+        noise: The noise of the trial; None if the augmentation has no noise.
         augmentation: The copies.
-        components: Components to keep.
-        train: Places in the pool of the training set; None for the whole pool.
+        components: The number of components to keep.
+        train: The indices of the training set in the pool; None for the whole pool.
 
     Raises:
         InputError: There are more components than the training set has directions.
@@ -230,14 +231,14 @@ def principal_scores(
 def trial_scores(
     pool: Pool, augmentation: Augmentation, components: int, seeds: Sequence[int], jobs: int = 1
 ) -> list[Scores]:
-    """Fit principal components to the whole augmented pool for each trial's noise, and project all readings onto them.
+    """Fit principal components to the whole augmented pool for each trial's noise, and project all frames onto them.
 
     Args:
-        pool: The readings; made for these seeds.
+        pool: The frames; the pool must be made for these seeds.
         augmentation: The copies.
-        components: Components to keep.
-        seeds: Each trial's.
-        jobs: Threads.
+        components: The number of components to keep.
+        seeds: The seed of each trial.
+        jobs: The number of threads.
 
     Raises:
         InputError: There are more components than the pool has directions.
