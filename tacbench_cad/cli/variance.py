@@ -131,8 +131,8 @@ def command(
     with ProgressLine() as progress:
         seatings: tuple[Seating, ...] = ()
 
-        def readings(done: int, total: int) -> None:
-            progress.show("readings", done, total)
+        def frames(done: int, total: int) -> None:
+            progress.show("frames", done, total)
 
         if register:
             progress.show("registering")
@@ -145,7 +145,7 @@ def command(
             jobs=jobs,
             dask=dask,
             seed=seed,
-            progress=readings,
+            progress=frames,
         )
     files = [] if out is None else write_all(result, out, seatings)
     view = VarianceView.of(result, seatings)

@@ -1,4 +1,4 @@
-"""Starting a virtual rig in its own process, and communication with it apart from its ports."""
+"""Starting a virtual rig in its own process, and communication with it other than through its ports."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ if size:
     report["nodes"] = len(places)
     report["area"] = float(((((b - a)[:, [1, 2, 0]] * (c - a)[:, [2, 0, 1]]
                               - (b - a)[:, [2, 0, 1]] * (c - a)[:, [1, 2, 0]]) ** 2).sum(1) ** 0.5).sum() / 2)
-# Linux hands a parent's peak on to what it starts in getrusage; its own counter begins anew.
+# On Linux, getrusage of a child starts with the parent's peak memory. The child's own counter starts at zero.
 status = pathlib.Path("/proc/self/status")
 lines = status.read_text().splitlines() if status.exists() else []
 own = [line.split()[1] for line in lines if line.startswith("VmHWM")]

@@ -61,7 +61,7 @@ def test_the_marlin_driver_moves_octoprints_printer() -> None:
             with pytest.raises(OutOfRangeError):
                 stage.move((-1.0, 0.0, 10.0), 100.0)
             assert stage.position() == pytest.approx((12.5, 23.25, 7.125), abs=0.011)
-            # Its numbers are agreed on anew, which it takes as Marlin does.
+            # The line numbers are reset, which OctoPrint accepts as Marlin does.
             stage.home()
             assert stage.position() == (0.0, 0.0, 0.0)
 

@@ -17,7 +17,7 @@ from tacbench_cad.spec.block import Block
 
 pytestmark = pytest.mark.real
 
-ROWS, COLUMNS, PIXEL_MM, LEAST_MM = 480, 640, 0.0295, 0.2
+ROWS, COLUMNS, PIXEL_MM, MIN_MM = 480, 640, 0.0295, 0.2
 
 
 def points_of(path: Path) -> np.ndarray:
@@ -33,7 +33,7 @@ def map_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     centre = points[:, :2].mean(axis=0)
     columns = ((points[:, 0] - centre[0]) / PIXEL_MM + COLUMNS // 2).astype(int)
     rows = ((points[:, 1] - centre[1]) / PIXEL_MM + ROWS // 2).astype(int)
-    on = (columns > 0) & (columns < COLUMNS) & (rows > 0) & (rows < ROWS) & (points[:, 2] > LEAST_MM)
+    on = (columns > 0) & (columns < COLUMNS) & (rows > 0) & (rows < ROWS) & (points[:, 2] > MIN_MM)
     heights = np.zeros((ROWS, COLUMNS))
     heights[rows[on], columns[on]] = points[on, 2]
     return heights, centre - PIXEL_MM * np.array([COLUMNS // 2, ROWS // 2])
@@ -50,7 +50,7 @@ def test_heights(number: str, exported: Exported) -> None:
         lines = np.unique(values)
         assert (lines[0], lines[-1]) == pytest.approx((0.0, side)) and np.diff(lines).max() <= PIXEL_MM
     heights, corner = map_of(points)
-    assert heights[1:, 1:].min() > LEAST_MM, "a hole in the height map"
+    assert heights[1:, 1:].min() > MIN_MM, "a hole in the height map"
     mid = [corner[k] + PIXEL_MM * (np.arange(1, count) + 0.5) for k, count in enumerate((COLUMNS, ROWS))]
     above = block.datum_mm + block.surface.grid(*mid).T
     assert np.abs(heights[1:, 1:] - above).max() <= steepest * PIXEL_MM

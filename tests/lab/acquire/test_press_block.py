@@ -268,7 +268,7 @@ def test_other_settings_are_refused_before_anything_moves(tmp_path: Path) -> Non
 
 
 def one_random_fault(seed: int, folder: Path) -> None:
-    """A run under random faults, gone on with until it is whole; the invariants of the press loop after each part."""
+    """A run with random faults, resumed until it is complete. The invariants of the press loop hold after each part."""
     dice = random.Random(seed)
     protocol = small_protocol()
     plate = dice.choice([Plate(), Plate(stiffness=8.0, power=1.0), Plate(stiffness=30.0, power=1.5)])

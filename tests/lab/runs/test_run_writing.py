@@ -457,7 +457,7 @@ def test_kills_at_any_instant_lose_nothing(kills: int, tmp_path: Path, make_info
             time.sleep(seeded.uniform(0.0, 0.05))
             process.send_signal(signal.SIGKILL if hasattr(signal, "SIGKILL") else signal.SIGTERM)
         if folder.exists() and len(list(folder.glob("targets.csv"))) and len(rows_of(folder)) == 16:
-            # Whole already: begin anew with the kills that are left.
+            # The run is complete: start another one with the remaining kills.
             assert check_run(folder).ok
             folder = folder.with_name(f"{folder.name}x")
             script = _PRESSER.format(path=here, info=str(tmp_path / "info.json"), folder=str(folder))
