@@ -44,7 +44,7 @@ def encoded(frame: Frame, simulated: Sequence[str]) -> tuple[bytes, str]:
         simulated: The simulated devices, which are stored in the metadata of an image.
 
     Returns:
-        The bytes and the suffix of the file name: ``.png`` or ``.npy``.
+        The bytes, and ``.png`` or ``.npy`` as the suffix of the file name.
     """
     if not is_image(frame):
         stream = io.BytesIO()

@@ -178,7 +178,9 @@ def find_region(frames: Sequence[Frame]) -> Region:
             text, sureness = _around_markers(frames), _OF_MARKERS
         except InputError:
             if step <= 1.0:
-                raise InputError("roi", "auto", "found neither a dome nor a gel; give it as circle or rect") from None
+                raise InputError(
+                    "roi", "auto", "neither a dome nor a gel was found; give the region as circle or rect"
+                ) from None
     return replace(parse_region(text, height, width), sureness=sureness)
 
 
