@@ -158,7 +158,7 @@ def test_something_at_the_address_that_never_answers(impatient: None) -> None:
         silent.listen()
         address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
         began = time.monotonic()
-        with pytest.raises(InputError, match="no Dask scheduler answers"), workers(1, address):
+        with pytest.raises(InputError, match="no Dask scheduler answered"), workers(1, address):
             pass
         assert time.monotonic() - began < 20.0
 
