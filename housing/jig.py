@@ -386,8 +386,7 @@ class Jig(Fixture):
         return {
             "size": mm(*self.size_mm),
             "holes": f"{len(self.bores)} of {mm(marker.hole_mm)}, lead-in {mm(marker.lead_in_mm)}",
-            "cross hairs": f"{len(self.cross_hairs_mm)} per block"
-            + (f"; {cut} of them are incomplete near a hole" if cut else ""),
+            "cross hairs": f"{len(self.cross_hairs_mm)} per block" + (f", {cut} incomplete near a hole" if cut else ""),
             "columns x": ", ".join(f"{x:g}" for x in self.grid.x_mm) + " mm",
             "rows y": ", ".join(f"{y:g}" for y in self.grid.y_mm) + " mm",
             "clearance": f"{mm(*self.clearance_mm)} per side, lips {mm(self.seat.lip_depth_mm)} deep",
