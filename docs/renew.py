@@ -78,7 +78,7 @@ _VARIES = re.compile(
 )
 #: Lines of progress: how many there are depends on the speed of the machine, so a page shows none of them.
 _PROGRESS = re.compile(r"\[\d[\d,]*/\d[\d,]*\] |\S+  (?!(?P<all>\d+)/(?P=all) )\d+/\d+  .*\bleft\b|writing the page$")
-_NUMBER = re.compile(r"(\d+(?:\.\d+)?(?:e[-+]?\d+)?)")
+_NUMBER = re.compile(r"(\d+(?:\.\d*)?(?:e[-+]?\d+)?)")
 
 
 class PageError(Exception):
