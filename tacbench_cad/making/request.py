@@ -29,7 +29,7 @@ class Request:
     """The options of ``make``. Lengths in mm; None stands for the default.
 
     Args:
-        textures: Numbers or names of the six textures, paths of TOML files, ``all``, or :class:`Texture` objects.
+        textures: Numbers or names of the six textures, paths of TOML files, ``all``, or texture objects.
         preset: ``paper`` or ``released``.
         scale: The factor for sides, height, mm per unit and press grid.
         size_mm: The sides x, y of a block.
