@@ -61,7 +61,7 @@ def test_a_wrong_file_leaves_nothing(tmp_path: Path) -> None:
     wrong = replace(right, size_mm=(right.size_mm[0] + 1.0, *right.size_mm[1:]))
     with pytest.raises(CheckFailedError, match="box"):
         export(wrong, tmp_path / "wrong.stl")
-    with pytest.raises(InputError, match="its suffix must be one of"):
+    with pytest.raises(InputError, match="the file name must end in"):
         export(right, tmp_path / "wrong.obj")
     with pytest.raises(InputError, match="must be a Block"):
         export("block", tmp_path / "wrong.stl")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tacbench_cad.formats import step, stl, threemf
 from tacbench_cad.geometry.part import Part
-from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.util.errors import InputError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +69,5 @@ def format_of(path: Path) -> Format:
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise InputError(
-            "file", str(path), f"its suffix must be one of {', '.join(SUFFIXES)}; {nearest(suffix, SUFFIXES)}"
-        )
+        raise InputError("file", str(path), f"the file name must end in {', '.join(SUFFIXES)}")
     return FORMATS[SUFFIXES[suffix]]

@@ -99,7 +99,7 @@ def test_files_that_are_not_what_they_say(kind: str, suffix: str, block: Path, t
     [
         (["nothing.stl"], "No such file"),
         (["."], "is a folder"),
-        (["picture.png"], "ending"),
+        (["picture.png"], "must end in .stl"),
     ],
 )
 def test_what_is_no_file_to_check_ends_with_2(

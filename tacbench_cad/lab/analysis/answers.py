@@ -1,15 +1,18 @@
-"""The three main questions of a study, each with its figure, its 95 % interval and a plain answer.
+"""The main questions of a study, each with its figure, its 95 % interval and a plain answer.
 
 1. *Is this printer repeatable?* The figure is the standard deviation between prints of one texture, as a fraction of
    the standard deviation between textures. Gauge studies accept at most :data:`REPEATABLE`, and call up to 0.1 good
    (AIAG, Measurement Systems Analysis, 4th edition, 2010: percentage of gauge repeatability and reproducibility).
 2. *Do prints differ more than repeats?* The figure is the variance between two prints, divided by the variance between
    two repeats on one print. It is 1 if prints add no variance.
-3. *Which textures can be told apart on a print never seen?* The figure is the fraction of a texture's presses that is
+3. *Which printer's prints are more alike?* The figure is the ratio of the two printers' variances between prints, the
+   larger divided by the smaller. It has no interval. A permutation test decides: its p, adjusted for all pairs of
+   printers, must be at most :data:`SIGNIFICANT` (see :mod:`tacbench_cad.lab.analysis.variance.permutation`).
+4. *Which textures can be told apart on a print never seen?* The figure is the fraction of a texture's presses that is
    predicted correctly when the whole print is left out of the training (hold-out level ``copy``).
 
-The answer is yes or no only if the whole 95 % interval is on one side of the limit. The unit of the interval is the
-print.
+The answer to questions 1, 2 and 4 is yes or no only if the whole 95 % interval is on one side of the limit. The unit of
+the interval is the print.
 """
 
 from __future__ import annotations
@@ -21,23 +24,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from tacbench_cad.lab.analysis.tables import Column, Row, Table
-from tacbench_cad.lab.analysis.variance.cells import name_of
+from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, name_of
 from tacbench_cad.lab.analysis.variance.intervals import CellSums, component_interval, ratio_interval
 from tacbench_cad.lab.analysis.variance.streaming import CellKey, PlaceSums, levels_with_most_prints
-from tacbench_cad.lab.analysis.variance.table import VarianceResult, pooled
+from tacbench_cad.lab.analysis.variance.table import PrinterTest, VarianceResult, pooled
 from tacbench_cad.util.text import interval, short
 
 #: The limit of question 1: standard deviation between prints, as a fraction of the one between textures.
 REPEATABLE = 0.3
-#: The limit of question 3: fraction of a texture's presses that must be predicted correctly.
+#: The limit of question 3: p of the permutation test.
+SIGNIFICANT = 0.05
+#: The limit of question 4: fraction of a texture's presses that must be predicted correctly.
 TOLD_APART = 0.5
 
 IS_REPEATABLE = "Is this printer repeatable?"
 PRINTS_DIFFER = "Do prints differ more than repeats?"
+MORE_ALIKE = "Which printer's prints are more alike?"
 WHICH_TEXTURES = "Which textures can be told apart on a print never seen?"
 
 _OF_TEXTURES = "% of the SD between textures"
 _OF_REPEATS = "times the variance of repeats"
+_OF_OTHER = "times the variance between prints"
 RIGHT = "% predicted correctly"
 
 #: The columns of ``printer_answers.csv`` and ``texture_answers.csv``.
@@ -88,7 +95,7 @@ def shown(table: Table) -> Table:
 
 
 def print_answers(result: VarianceResult) -> Iterator[Answer]:
-    """Yield the answers to questions 1 and 2 for each printer of a variance table."""
+    """Yield the answers to questions 1 and 2 for each printer of a variance table, and to question 3 for each pair."""
     drawn = levels_with_most_prints(
         {(level, key): cell.design.tolist() for key, of in result.sums.items() for level, cell in of.items()}
     )
@@ -110,6 +117,26 @@ def print_answers(result: VarianceResult) -> Iterator[Answer]:
         ends = {"figure": max(1.0, ratio.estimate), "low": ratio.low, "high": ratio.high}
         differ.append(Answer(question=PRINTS_DIFFER, about=about, **ends, unit=_OF_REPEATS, answer=answer))
     yield from differ
+    yield from _more_alike(result.tests)
+
+
+def _more_alike(tests: Sequence[PrinterTest]) -> Iterator[Answer]:
+    """Compare pairs of printers by the permutation tests over all force levels, or at the only level."""
+    pairs = [test for test in tests if test.force_level == ALL_LEVELS] or list(tests)
+    if len({test.force_level for test in pairs}) > 1:
+        return
+    for test in pairs:
+        first, second = name_of(test.first), name_of(test.second)
+        smallest_p = min(1.0, test.outcome.least_p * len(pairs))
+        if test.p_holm <= SIGNIFICANT:
+            answer = f"{second if test.outcome.statistic > 0.0 else first} (p {short(test.p_holm)})"
+        elif smallest_p > SIGNIFICANT:
+            answer = f"cannot be said: too few prints, p cannot be below {short(smallest_p)}"
+        else:
+            answer = f"not shown (p {short(test.p_holm)})"
+        ratio = test.outcome.ratio
+        figure = None if ratio is None else max(ratio, 1.0 / ratio)
+        yield Answer(question=MORE_ALIKE, about=f"{first} and {second}", figure=figure, unit=_OF_OTHER, answer=answer)
 
 
 def _no_answer(cells: Sequence[CellSums]) -> str:

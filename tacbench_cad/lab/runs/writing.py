@@ -267,7 +267,8 @@ class RunWriter:
         """
         shape = self.info.frame_shape
         if shape is not None and frame.shape != shape:
-            raise SensorError(f"the sensor returned a frame of shape {frame.shape}, but the run has frames of {shape}")
+            stated = f"but the shape of its driver is {shape} (height, width, and channels of colour)"
+            raise SensorError(f"the sensor returned a frame of shape {frame.shape}, {stated}")
         with timed(self.seconds, "encode"):
             return FrameFile.of(*encoded(frame, self.info.simulated))
 

@@ -13,7 +13,7 @@ from helpers.studies import noise_image, texture_image
 pytest.importorskip("sklearn")
 
 from tacbench_cad.lab.analysis import answers
-from tacbench_cad.lab.analysis.answers import IS_REPEATABLE, PRINTS_DIFFER, WHICH_TEXTURES, Answer
+from tacbench_cad.lab.analysis.answers import IS_REPEATABLE, MORE_ALIKE, PRINTS_DIFFER, WHICH_TEXTURES, Answer
 from tacbench_cad.lab.analysis.classification.classify import classify
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.collection import Collection
@@ -30,24 +30,25 @@ MakeStudy = Callable[..., Collection]
 
 ONE = (("ender-3", "pla-plus"),)
 SHAPE = (40, 40)
-#: Standard deviations of the made-up readings between textures and between repeats.
+#: Standard deviations of the frames between textures and between repeats.
 TEXTURE, REPEAT = 10.0, 0.5
 
 
-def readings(prints: float) -> Maker:
-    """Readings whose prints differ by so much."""
+def frames(prints: float, **others: float) -> Maker:
+    """Frames whose prints differ by a standard deviation, which may be another one for some printers."""
 
     def image(printed: PrintedBlock, press: Press | None, rng: np.random.Generator) -> Frame:
         texture = np.random.default_rng(int(printed.object_label)).standard_normal(SHAPE)
         own = np.random.default_rng(list(printed.name.encode())).standard_normal(SHAPE)
-        return 50.0 + TEXTURE * texture + prints * own + REPEAT * rng.standard_normal(SHAPE)
+        between = others.get(printed.printer, prints)
+        return 50.0 + TEXTURE * texture + between * own + REPEAT * rng.standard_normal(SHAPE)
 
     return image
 
 
-def answers_about(make_study: MakeStudy, prints: float, **plan: object) -> dict[str, Answer]:
+def answers_about(make_study: MakeStudy, between: float, **plan: object) -> dict[str, Answer]:
     values = {"prints": ONE, "copies": 4, "textures": (1, 2, 3), "still": 0, "shape": SHAPE, "units": "kPa"}
-    study = make_study(**{"image": readings(prints), **values, **plan})
+    study = make_study(**{"image": frames(between), **values, **plan})
     return {answer.question: answer for answer in answers.print_answers(variance_table(study))}
 
 
@@ -92,10 +93,29 @@ def test_what_cannot_be_said_has_its_reason(make_study: MakeStudy, plan: dict[st
 
 def test_one_repeat_says_nothing_of_prints(make_study: MakeStudy) -> None:
     study = make_study(still=0)
-    result = list(answers.print_answers(variance_table(study.chosen(study.repeat == 1))))
-    assert {answer.answer for answer in result} == {
+    result = answers.print_answers(variance_table(study.chosen(study.repeat == 1)))
+    assert {answer.answer for answer in result if answer.question != MORE_ALIKE} == {
         "cannot be said: there is only one repeat; press each position at least twice"
     }
+
+
+TWO = (("ender", "pla"), ("bambu", "pla"))
+
+
+def test_the_printer_whose_prints_are_more_alike_is_named(make_study: MakeStudy) -> None:
+    result = answers_about(make_study, 1.0, prints=TWO, image=frames(1.0, ender=4.0))[MORE_ALIKE]
+    assert result.about == "bambu pla and ender pla" and result.answer.startswith("bambu pla (p 0.")
+    assert result.figure == pytest.approx(16.0, rel=0.2) and (result.low, result.high) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("plan", "answer"),
+    [({}, "not shown (p 0."), ({"textures": (1,), "copies": 2}, "cannot be said: too few prints, p cannot be below 1")],
+)
+def test_equal_printers_and_too_few_prints_have_no_winner(
+    make_study: MakeStudy, plan: dict[str, object], answer: str
+) -> None:
+    assert answers_about(make_study, 1.0, prints=TWO, **plan)[MORE_ALIKE].answer.startswith(answer)
 
 
 def textures(make_study: MakeStudy, out: Path, image: Maker, **settings: object) -> list[Answer]:
@@ -121,7 +141,7 @@ def test_the_view_begins_with_them_and_reads_them_again(make_study: MakeStudy, t
     name, first = next(iter(view.shown()))
     assert name == "printer_answers"
     questions = [row["question"] for row in first.rows]
-    assert questions == [IS_REPEATABLE, "", PRINTS_DIFFER, ""]
+    assert questions == [IS_REPEATABLE, "", PRINTS_DIFFER, "", MORE_ALIKE]
     view.write(tmp_path)
     assert list(VarianceView.read(tmp_path, study).answers.texts()) == list(first.texts())
     assert Table.read(tmp_path / "printer_answers.csv", answers.COLUMNS).rows == view.tables["printer_answers"].rows
