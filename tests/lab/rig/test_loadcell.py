@@ -7,7 +7,7 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -387,6 +387,14 @@ def test_the_virtual_load_cell(tmp_path: Path, newtons: bool) -> None:
                         found.read(1.0)
 
 
+def first_good_reading(gauge: Gauge, error: type[Exception]) -> float:
+    """Return the first force in N after a fault. On a busy machine the port may still hold samples of the fault."""
+    for _ in range(40):
+        with suppress(error):
+            return gauge.read(0.1).mean_n
+    raise AssertionError("the gauge did not recover")
+
+
 @pty_only
 def test_the_virtual_rigs_faults_end_in_named_errors_and_the_gauge_goes_on() -> None:
     from tacbench_cad.virtual_rig.faults import Fault
@@ -412,7 +420,7 @@ def test_the_virtual_rigs_faults_end_in_named_errors_and_the_gauge_goes_on() -> 
                     for _ in range(40):
                         found.read(0.1)
                 Clock(speed=50.0).sleep(until - rig.now_s() + 15.0)
-                assert found.read(0.1).mean_n == pytest.approx(force, abs=0.004)
+                assert first_good_reading(found, error) == pytest.approx(force, abs=0.004)
             rig.inject(Fault(kind="unplug", where="gauge"))
             with pytest.raises(DeviceLostError):
                 for _ in range(40):
