@@ -44,7 +44,7 @@ WHICH_TEXTURES = "Which textures can be told apart on a print never seen?"
 
 _OF_TEXTURES = "% of the SD between textures"
 _OF_REPEATS = "times the variance of repeats"
-_OF_OTHER = "times the variance between prints"
+_OF_OTHER = "times the other's variance"
 RIGHT = "% predicted correctly"
 
 #: The columns of ``printer_answers.csv`` and ``texture_answers.csv``.
@@ -136,7 +136,8 @@ def _more_alike(tests: Sequence[PrinterTest]) -> Iterator[Answer]:
             answer = f"not shown (p {short(test.p_holm)})"
         ratio = test.outcome.ratio
         figure = None if ratio is None else max(ratio, 1.0 / ratio)
-        yield Answer(question=MORE_ALIKE, about=f"{first} and {second}", figure=figure, unit=_OF_OTHER, answer=answer)
+        about = f"{first} or {second}" if len(pairs) > 1 else "both printers"
+        yield Answer(question=MORE_ALIKE, about=about, figure=figure, unit=_OF_OTHER, answer=answer)
 
 
 def _no_answer(cells: Sequence[CellSums]) -> str:

@@ -104,7 +104,7 @@ TWO = (("ender", "pla"), ("bambu", "pla"))
 
 def test_the_printer_whose_prints_are_more_alike_is_named(make_study: MakeStudy) -> None:
     result = answers_about(make_study, 1.0, prints=TWO, image=frames(1.0, ender=4.0))[MORE_ALIKE]
-    assert result.about == "bambu pla and ender pla" and result.answer.startswith("bambu pla (p 0.")
+    assert result.about == "both printers" and result.answer.startswith("bambu pla (p 0.")
     assert result.figure == pytest.approx(16.0, rel=0.2) and (result.low, result.high) == (None, None)
 
 
