@@ -222,6 +222,11 @@ def test_every_block_of_code_is_run() -> None:
     assert wrong == []
 
 
+def without_numbers(text: str) -> str:
+    """Return a page with its numbers and gaps replaced. Another processor or version of Python may change numbers."""
+    return re.sub(r"[\s─━-]+", " ", re.sub(r"\d[\d.,]*", "0", text))
+
+
 def test_outputs_and_pictures_are_up_to_date(once: Once, source: Path) -> None:
     def fill(folder: Path) -> None:
         tree = shutil.copytree(source, folder / "tree")
@@ -246,8 +251,10 @@ def test_outputs_and_pictures_are_up_to_date(once: Once, source: Path) -> None:
         name = path.relative_to(folder / "tree")
         old = source / name
         if path.suffix == ".md":
-            texts = (file.read_text(encoding="utf-8").splitlines() for file in (old, path))
-            differences += unified_diff(*texts, f"{name} (committed)", f"{name} (renewed)", lineterm="", n=1)
+            texts = [file.read_text(encoding="utf-8") for file in (old, path)]
+            if without_numbers(texts[0]) != without_numbers(texts[1]):
+                lines = (text.splitlines() for text in texts)
+                differences += unified_diff(*lines, f"{name} (committed)", f"{name} (renewed)", lineterm="", n=1)
         elif path.suffix == ".webp" and (not old.is_file() or old.read_bytes() != path.read_bytes()):
             differences.append(f"{name} looks different")
     assert not differences, "run make docs and commit what changes:\n" + "\n".join(differences)
