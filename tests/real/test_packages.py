@@ -309,10 +309,10 @@ IN_BASE = (
         "make --texture 1 --out all",
         "left out: holder, jig: needs cadquery-ocp, build123d, not installed: run pip install",
     ),
-    ("check made/texture-1_paper_x1.stl", "all checks passed"),
-    ("check made/texture-1_paper_x1.3mf", "all checks passed"),
+    ("check-part made/texture-1_paper_x1.stl", "all checks passed"),
+    ("check-part made/texture-1_paper_x1.3mf", "all checks passed"),
     ("plate --printer ender-3 --texture 1 --copies 2 --out plates", "T1 PAPER X1 01 02"),
-    ("export --to mjcf,urdf,sdf,usd,obj,glb,npy,png16,taxim --texture 1 --out sim", "texture-1.xml"),
+    ("export-simulator --to mjcf,urdf,sdf,usd,obj,glb,npy,png16,taxim --texture 1 --out sim", "texture-1.xml"),
     (
         "check-gcode texture-1.gcode --texture 1",
         'no picture: pictures need matplotlib: pip install "tacbench-cad[plot]"',
@@ -415,7 +415,7 @@ def use_cad(environment: Environment) -> None:
     assert len(stems) == 3, "block, holder, jig"
     assert {f"{stem}.{form}" for stem in stems for form in ("stl", "3mf", "step")} <= made
     for form in ("stl", "3mf", "step"):
-        assert "all checks passed" in environment.tacbench(f"check made/texture-1_paper_x1.{form}")
+        assert "all checks passed" in environment.tacbench(f"check-part made/texture-1_paper_x1.{form}")
     assert environment.lacks() == {}
 
 
