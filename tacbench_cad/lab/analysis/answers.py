@@ -117,7 +117,8 @@ def print_answers(result: VarianceResult) -> Iterator[Answer]:
         ends = {"figure": max(1.0, ratio.estimate), "low": ratio.low, "high": ratio.high}
         differ.append(Answer(question=PRINTS_DIFFER, about=about, **ends, unit=_OF_REPEATS, answer=answer))
     yield from differ
-    yield from _more_alike(result.tests)
+    if result.collection.has("print"):
+        yield from _more_alike(result.tests)
 
 
 def _more_alike(tests: Sequence[PrinterTest]) -> Iterator[Answer]:
@@ -127,11 +128,11 @@ def _more_alike(tests: Sequence[PrinterTest]) -> Iterator[Answer]:
         return
     for test in pairs:
         first, second = name_of(test.first), name_of(test.second)
-        smallest_p = min(1.0, test.outcome.least_p * len(pairs))
+        smallest_p = test.outcome.least_p * len(pairs)
         if test.p_holm <= SIGNIFICANT:
             answer = f"{second if test.outcome.statistic > 0.0 else first} (p {short(test.p_holm)})"
         elif smallest_p > SIGNIFICANT:
-            answer = f"cannot be said: too few prints, p cannot be below {short(smallest_p)}"
+            answer = "cannot be said: too few prints"
         else:
             answer = f"not shown (p {short(test.p_holm)})"
         ratio = test.outcome.ratio
