@@ -40,7 +40,9 @@ def command(runs: tuple[Path, ...], repair: bool, json: bool) -> None:
     """Check recorded runs for damaged or missing data.
 
     The command reads every frame. It reports:
-    - missing, extra, duplicate, unreadable, dark, blurred and identical images
+    - missing, extra, duplicate and unreadable images
+    - dark, saturated, blurred and identical images
+    - changes of brightness, flicker, drift, and a camera that moved
     - wrong checksums
     - gaps in the protocol
 

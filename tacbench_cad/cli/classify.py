@@ -69,7 +69,7 @@ SWEPT = ("resolution", "components", "copies", "forces")
 @options.option(
     "--sweep",
     options.text("SWEEP", *(f"{name}=" for name in SWEPT)),
-    "Draw a curve of the accuracy over resolution, components, copies (in training) or forces. NAME=LOW:HIGH takes 10 "
+    "Draw the accuracy as a function of resolution, components, copies (in training) or forces. NAME=LOW:HIGH takes 10 "
     "values, NAME=LOW:HIGH:N takes N values, NAME=A,B,C takes these values.",
     options.ADVANCED,
 )
@@ -146,8 +146,8 @@ def command(
     paper follows the text of the paper. The output says what makes its test accuracy too high.
 
     as-published repeats the computation of the authors' notebooks and shows the table of the paper next to your result.
-    It trains on copy 1 of one combination of printer and filament at one force level, on edge images. It tests on all
-    copies, including copy 1. One more column shows the result without copy 1, which was in training.
+    It trains on copy 1 of one combination of printer and filament at one force level, on images of the edges. It tests
+    on all copies, including copy 1. One more column shows the result without copy 1, which was in training.
 
     The output folder gets classification.csv, confusion.csv, predictions.csv and figures (PNG, PDF). With --sweep it
     also gets sweep.csv and a curve. Each finished trial is stored in the folder, so the same command resumes after an

@@ -18,9 +18,9 @@ from tacbench_cad.cli.common import next_paths, print_json, print_lines, print_n
 def command(runs: tuple[Path, ...], force_level: int | None, jobs: int, json: bool) -> None:
     """Compare your printer with the published printers.
 
-    The command answers whether repeated presses vary as little on your prints as on the published prints. The table of
-    the paper has the variance over the repeats on one print. The command computes the same variance from your runs, as
-    "tacbench variance --protocol as-published" does. For each texture it shows:
+    Do repeated presses vary as little on your prints as on the published prints? The command answers this question. The
+    table of the paper has the variance over the repeats on one print. The command computes the same variance from your
+    runs, as "tacbench variance --protocol as-published" does. For each texture it shows:
     - this variance, and its confidence interval, computed over prints
     - the variance that noise alone causes
     - whether your variance is smaller or larger than each published figure

@@ -60,8 +60,8 @@ def command(verify: str, json: bool, **request: Any) -> None:
 
     Use the preset paper for new work. Use --preset released if you want to compare with the prints of the authors.
 
-    Without --formats and --parts, the command makes everything that the installed packages allow. It lists what it left
-    out and how to install what is missing.
+    If a package is missing that a part or a format needs, the command leaves it out, and names the package and the
+    command that installs it. A part or format that you ask for by --parts or --formats is not left out: it is an error.
 
     Examples:
       tacbench make

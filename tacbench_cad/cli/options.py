@@ -328,7 +328,9 @@ TEXTURE = text("T", complete=of_lists(*TEXTURES[:-1], suffix=".toml"))
 
 json = flag("--json", "Print the result as one JSON document.", OUTPUT)
 preset = option("--preset", PRESET, "Preset of the geometry.", PARTS, default="paper")
-scale = option("--scale", SCALE, "Factor for the sides, height, relief and press grid.", SIZE, default="1")
+scale = option(
+    "--scale", SCALE, "Factor that multiplies all lengths of the block, and the press grid.", SIZE, default="1"
+)
 textures = option(
     "--texture",
     words("LIST", *TEXTURES, suffix=".toml"),
@@ -388,7 +390,7 @@ part = together(
     scale,
     option("--size", coordinates("X,Y"), "Sides in mm. Changes the number of periods.", SIZE, dest="size_mm"),
     option("--height", MM, "Height of the highest point in mm. Changes the base.", SIZE, dest="height_mm"),
-    option("--mm-per-unit", coordinates("X,Y,Z"), "Millimetres for each unit of the formula.", SIZE),
+    option("--mm-per-unit", coordinates("X,Y,Z"), "Lengths of one unit of u, v and z of the formula.", SIZE),
     option(
         "--tolerance",
         Value("MM", _tolerance_of),
@@ -398,7 +400,7 @@ part = together(
     option(
         "--grid",
         Value("[NXxNY]", _grid_of),
-        "Build the mesh from a grid of samples. Without a value: from the grid of the preset.",
+        "Build the mesh from a grid of samples; --grid without a value takes the preset's grid.",
         ACCURACY,
         alone="default",
     ),
@@ -408,7 +410,13 @@ part = together(
         "Clearance of the pockets on each side: press, slip, loose, or a number in mm. Default: slip.",
         FIXTURES,
     ),
-    option("--rim", MM, "Height of the block's top above the holder's rim. Default: 1.18.", FIXTURES, dest="rim_mm"),
+    option(
+        "--rim",
+        MM,
+        "Height of the block's highest point above the holder's rim. Default: 1.18.",
+        FIXTURES,
+        dest="rim_mm",
+    ),
     option("--slots", COUNT, "Number of pockets of the holder. Default: 1.", FIXTURES),
     option("--nozzle", MM, "Nozzle that will print the fixtures. Default: 0.4.", FIXTURES, dest="nozzle_mm"),
     option(

@@ -63,7 +63,7 @@ def command(
     You can upload the data set to Zenodo or another repository. The command itself uploads nothing. The data set is an
     RO-Crate with:
     - the runs, with each frame compared with its checksum
-    - the files of the blocks, if the runs say which blocks were pressed
+    - the files of the blocks, if the runs contain the formulas of the blocks
     - the report
     - metadata for DataCite and Zenodo
     - the licence

@@ -88,10 +88,10 @@ def command(
     After this table follow the variance components with ISO 5725 limits, and permutation tests between printers. A
     frame that cannot be used is named and left out, and the exit code is then 1.
 
-    The paper computed its printed figures in another way, as the saved outputs of the authors' notebooks show. Use
-    --protocol as-published to compute your figures in the same way: the variance over the repeats on one print (divided
-    by n), averaged over prints, positions and pixels. The images are grey, at 40 % of their size, and from one force
-    level. The published figures are shown next to yours.
+    The printed figures of the paper were not computed as its text says: the authors' saved notebooks show another way.
+    Use --protocol as-published to compute your figures in the same way: the variance over the repeats on one print
+    (divided by n), averaged over prints, positions and pixels. The images are grey, at 40 % of their size, and from one
+    force level. The published figures are shown next to yours.
 
     Examples:
       tacbench variance runs -o results
