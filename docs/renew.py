@@ -78,7 +78,7 @@ _VARIES = re.compile(
 )
 #: Lines of progress: how many there are depends on the speed of the machine, so a page shows none of them.
 _PROGRESS = re.compile(r"\[\d[\d,]*/\d[\d,]*\] |\S+  (?!(?P<all>\d+)/(?P=all) )\d+/\d+  .*\bleft\b|writing the page$")
-_NUMBER = re.compile(r"(\d+(?:\.\d*)?(?:e[-+]?\d+)?)")
+_NUMBER = re.compile(r"([-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?)")
 
 
 class PageError(Exception):
@@ -216,7 +216,7 @@ def shortened(text: str, limit: str) -> str:
 
 def alike(old: str, new: str, *, varies: bool = False) -> bool:
     """Whether two outputs differ only in durations and the like and in the rounding of numbers, or in any numbers."""
-    words = [_NUMBER.split(re.sub(r"[\s─━-]+", " ", _VARIES.sub("?", text))) for text in (old, new)]
+    words = [_NUMBER.split(re.sub(r"(?:[\s─━]|--+)+", " ", _VARIES.sub("?", text))) for text in (old, new)]
     if len(words[0]) != len(words[1]):
         return False
     return all(

@@ -224,7 +224,7 @@ def test_every_block_of_code_is_run() -> None:
 
 def without_numbers(text: str) -> str:
     """Return a page with its numbers and gaps replaced. Another processor or version of Python may change numbers."""
-    return re.sub(r"[\s─━-]+", " ", re.sub(r"\d[\d.,]*", "0", text))
+    return re.sub(r"(?:[\s─━]|--+)+", " ", re.sub(r"[-+]?\d[\d.,]*", "0", text))
 
 
 def test_outputs_and_pictures_are_up_to_date(once: Once, source: Path) -> None:
