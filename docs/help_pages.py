@@ -55,11 +55,6 @@ def linked(name: str) -> str:
     return f"[`{name}`](#{name.replace(' ', '-')})"
 
 
-def examples(text: str) -> str:
-    """Examples as they are typed."""
-    return inspect.cleandoc(text)
-
-
 def row(parameter: click.Parameter) -> str:
     """An option's or argument's row: how it is written, its meaning, and its default."""
     option = isinstance(parameter, click.Option)
@@ -83,7 +78,7 @@ def section(name: str, command: click.Command) -> Iterator[str]:
     yield f"{'#' * len(name.split())} {name}\n"
     for paragraph in inspect.cleandoc(command.help).split("\n\n"):
         if paragraph.startswith(EXAMPLES):
-            yield f"```sh\n{examples(paragraph.removeprefix(EXAMPLES))}\n```\n"
+            yield f"```sh\n{inspect.cleandoc(paragraph.removeprefix(EXAMPLES))}\n```\n"
         else:
             yield f"{prose(paragraph)}\n"
     if isinstance(command, click.Group):

@@ -43,7 +43,7 @@ import time
 import traceback
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -78,6 +78,8 @@ _VARIES = re.compile(
 )
 #: Lines of progress: how many there are depends on the speed of the machine, so a page shows none of them.
 _PROGRESS = re.compile(r"\[\d[\d,]*/\d[\d,]*\] |\S+  (?!(?P<all>\d+)/(?P=all) )\d+/\d+  .*\bleft\b|writing the page$")
+#: Gaps and rules, whose length depends on the words beside them.
+GAPS = re.compile(r"(?:[\s─━]|--+)+")
 _NUMBER = re.compile(r"([-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?)")
 
 
@@ -96,7 +98,7 @@ class Item:
     stop: int
     language: str = ""
     #: The words behind the language, or of a picture's comment.
-    options: dict[str, str] | None = None
+    options: dict[str, str] = field(default_factory=dict)
     code: str = ""
     #: The output that the page shows now.
     output: str = ""
@@ -122,7 +124,7 @@ def parse(page: str, lines: list[str]) -> Iterator[Item]:
                 yield Item("block", start, i, fence["language"], options, code, output)
         elif line.startswith("<!-- run: "):
             stop = closing(page, lines, i, "-->")
-            yield Item("hidden", start, stop + 1, line.split()[-1], {}, "\n".join(lines[i:stop]) + "\n")
+            yield Item("hidden", start, stop + 1, line.split()[-1], code="\n".join(lines[i:stop]) + "\n")
             i = stop + 1
         elif picture := _PICTURE.match(line):
             target = _TARGET.match(lines[i]) if i < len(lines) else None
@@ -216,7 +218,7 @@ def shortened(text: str, limit: str) -> str:
 
 def alike(old: str, new: str, *, varies: bool = False) -> bool:
     """Whether two outputs differ only in durations and the like and in the rounding of numbers, or in any numbers."""
-    words = [_NUMBER.split(re.sub(r"(?:[\s─━]|--+)+", " ", _VARIES.sub("?", text))) for text in (old, new)]
+    words = [_NUMBER.split(GAPS.sub(" ", _VARIES.sub("?", text))) for text in (old, new)]
     if len(words[0]) != len(words[1]):
         return False
     return all(
@@ -318,9 +320,8 @@ def renew(page: Path) -> list[str]:
     for item in items:
         result += lines[done : item.start]
         done = item.stop
-        options = item.options or {}
         try:
-            result += renewed_lines(page, item, options, session, lines, renewed)
+            result += renewed_lines(page, item, session, lines, renewed)
         except PageError as error:
             raise PageError(f"{name}:{item.start + 1}: {error}") from None
     new = "\n".join([*result, *lines[done:]])
@@ -332,10 +333,9 @@ def renew(page: Path) -> list[str]:
     return renewed
 
 
-def renewed_lines(
-    page: Path, item: Item, options: dict[str, str], session: Session, lines: list[str], renewed: list[str]
-) -> list[str]:
+def renewed_lines(page: Path, item: Item, session: Session, lines: list[str], renewed: list[str]) -> list[str]:
     """Run one item, and return the lines of it that the page shows."""
+    options = item.options
     shown = lines[item.start : item.stop]
     if item.kind == "hidden":
         session.run(item.language, item.code)
@@ -378,7 +378,6 @@ def environment() -> dict[str, str]:
         "OPENBLAS_NUM_THREADS": "1",
         "PYTHON_CPU_COUNT": "1",
         "TTY_COMPATIBLE": "0",
-        "_TYPER_FORCE_DISABLE_TERMINAL": "1",
         "TACBENCH_EXAMPLES": str(DOCS.parent / "examples"),
     }
 

@@ -89,10 +89,10 @@ def test_pictures_are_used_and_small() -> None:
 def test_marks_of_blocks_are_right(page: Path) -> None:
     lines = page.read_text(encoding="utf-8").split("\n")
     items = list(renew.parse(page.name, lines))
-    pictures = [item.options["target"] for item in items if item.kind == "picture" and item.options]
+    pictures = [item.options["target"] for item in items if item.kind == "picture"]
     assert len(pictures) == len(set(pictures)), "two pictures of one name"
     for item in items:
-        options = item.options or {}
+        options = item.options
         if item.kind == "block":
             assert options.keys() <= {"run", "quiet", "varies", "lines", "write", "from"}, f"line {item.start + 1}"
             assert "run" not in options or item.language in ("python", "sh"), f"line {item.start + 1}"

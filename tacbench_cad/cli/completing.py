@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import rich_click as click
 from click.shell_completion import CompletionItem, FishComplete, add_completion_class
+
+from tacbench_cad.util.errors import InputError
+
+if TYPE_CHECKING:
+    from tacbench_cad.slicing.printers import Printer
 
 Items = list[CompletionItem[str]]
 #: A function that returns the completions of an incomplete value. The context has the values that are already typed.
@@ -15,7 +20,7 @@ Completer = Callable[[click.Context, str], Items]
 
 #: The environment variable by which a shell asks for completions.
 VARIABLE = "_TACBENCH_COMPLETE"
-#: A folder with one of these files is a run folder.
+#: A folder with one of these files is a run folder; a test compares them with the files of the lab.
 RUN_FILES = ("run.json", "targets.csv")
 #: At most so many entries of a folder are considered.
 MAX_ENTRIES = 500
@@ -94,24 +99,18 @@ def of_printers(ctx: click.Context, incomplete: str) -> Items:
 
 def of_filaments(ctx: click.Context, incomplete: str) -> Items:
     """Offer the filaments of the printer in ``--printer``, or of all printers."""
-    printers = _printers(ctx)
-    tables = [printers[name] for name in printers if ctx.params.get("printer") in (None, name)]
-    return of_words(*dict.fromkeys(name for table in tables for name in table))(ctx, incomplete)
+    printers = [printer for name, printer in _printers(ctx).items() if ctx.params.get("printer") in (None, name)]
+    return of_words(*dict.fromkeys(name for printer in printers for name in printer.filaments))(ctx, incomplete)
 
 
-def _printers(ctx: click.Context) -> dict[str, list[str]]:
-    """The filaments of each printer. A file with a mistake is ignored: the command itself reports the mistake."""
-    from tacbench_cad.slicing import printers
+def _printers(ctx: click.Context) -> dict[str, Printer]:
+    """The known printers. A file with a mistake is ignored: the command itself reports the mistake."""
+    from tacbench_cad.slicing.printers import printers
 
-    names: dict[str, list[str]] = {}
-    for file in (printers.OWN_FILE, ctx.params.get("printers")):
-        if file is not None:
-            try:
-                tables = tomllib.loads(Path(file).read_text(encoding="utf-8"))["printer"]
-                names |= {name: list(table["filaments"]) for name, table in tables.items()}
-            except (OSError, ValueError, LookupError, TypeError, AttributeError):
-                continue
-    return names
+    try:
+        return printers(ctx.params.get("printers"))
+    except InputError:
+        return printers()
 
 
 def _paths(start: str, fits: Callable[[Path], bool]) -> Iterator[str]:

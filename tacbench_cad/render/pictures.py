@@ -17,6 +17,7 @@ from tacbench_cad.geometry.block_part import as_part
 from tacbench_cad.geometry.part import rgb_of
 from tacbench_cad.render.bodies import body_of, fine_body
 from tacbench_cad.render.picture_sheet import Item, draw_sheet
+from tacbench_cad.render.raster import linear
 from tacbench_cad.render.texture_figures import cuts_figure, formula, heading, press_figure
 from tacbench_cad.util.plotting import save_figure, styled
 
@@ -75,8 +76,7 @@ def assembly_picture(assembly: Any, path: Path, apart_mm: float = 0.0) -> None:
     for part, matrix in whole.placed:
         lift = np.eye(4)
         lift[2, 3] = apart_mm * kinds.index(part.kind)
-        red, green, blue = (channel**2.2 for channel in rgb_of(part.kind))
-        bodies.append(replace(fine_body(part, (red, green, blue)), matrix=lift @ matrix))
+        bodies.append(replace(fine_body(part, linear(rgb_of(part.kind))), matrix=lift @ matrix))
     with styled():
         draw_sheet([Item(f"{whole.title}\n{whole.name}", bodies, from_below=False)], path)
 

@@ -24,6 +24,8 @@ Relief = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
 
 #: Linear colour of a body under full light, where nothing else is said.
 MATERIAL: Colour = (0.57, 0.64, 0.71)
+#: Exponent between sRGB and linear colours.
+_GAMMA = 2.2
 #: Samples along each side of a finished pixel.
 _SAMPLES = 2
 #: Strength of the lamp, of the sky, and of the light that comes from everywhere.
@@ -92,6 +94,12 @@ def pixels_across(length_mm: float, pixels_per_mm: float) -> int:
     return math.ceil(length_mm * pixels_per_mm) + 2 * _BORDER
 
 
+def linear(colour: Colour) -> Colour:
+    """The linear colour of a body from its sRGB colour, red, green and blue from 0 to 1."""
+    red, green, blue = (channel**_GAMMA for channel in colour)
+    return red, green, blue
+
+
 def render(
     bodies: Sequence[Body], width: int, height: int, camera: Camera = ABOVE, pixels_per_mm: float | None = None
 ) -> Bytes:
@@ -126,7 +134,7 @@ def render(
         colours = np.concatenate([np.tile(np.array(body.colour), (len(body.mesh.faces), 1)) for body in bodies])
         image = np.stack([_averaged(light * channel[owner]) for channel in colours.T], axis=2)
     image += 1.0 - cover[:, :, None]
-    return np.asarray(np.rint(255.0 * np.clip(image, 0.0, 1.0) ** (1.0 / 2.2)), dtype=np.uint8)
+    return np.asarray(np.rint(255.0 * np.clip(image, 0.0, 1.0) ** (1.0 / _GAMMA)), dtype=np.uint8)
 
 
 def _box(bodies: Sequence[Body], axes: Floats) -> tuple[Floats, Floats]:

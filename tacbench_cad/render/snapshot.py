@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.triangulation import triangulate
-from tacbench_cad.render.raster import ABOVE, Body, Camera, Colour, render
+from tacbench_cad.render.raster import ABOVE, Body, Camera, Colour, linear, render
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.plotting import fill_figure, new_figure, save_figure, styled
 
@@ -61,10 +61,10 @@ def snapshot(
     if not tolerance_mm > 0.0:
         raise InputError("tolerance", tolerance_mm, "must be above 0 mm")
     bodies = []
-    for piece, (red, green, blue) in _pieces(shape):
+    for piece, colour in _pieces(shape):
         mesh = Mesh(*triangulate(piece, tolerance_mm, ANGLE_RAD_PER_MM * tolerance_mm))
         if len(mesh.faces):
-            bodies.append(Body(mesh=mesh, colour=(red**2.2, green**2.2, blue**2.2)))
+            bodies.append(Body(mesh=mesh, colour=linear(colour)))
     if not bodies:
         raise InputError("shape", type(shape).__name__, "has no face to draw")
     width, height = size_px

@@ -14,7 +14,7 @@ from click.shell_completion import ShellComplete, get_completion_class
 
 from tacbench_cad import cli
 from tacbench_cad.cli import classify, export_runs, export_simulator, import_frames, main, options, simulate
-from tacbench_cad.cli.completing import VARIABLE
+from tacbench_cad.cli.completing import RUN_FILES, VARIABLE
 from tacbench_cad.cli.completion import INSTALL
 
 Capture = pytest.CaptureFixture[str]
@@ -122,6 +122,7 @@ def test_the_words_are_those_of_the_program() -> None:
     from tacbench_cad.formats.simulators import SIMULATOR_TARGETS
     from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS
     from tacbench_cad.lab.analysis.classification.sweep import PARAMETERS
+    from tacbench_cad.lab.runs import schema
     from tacbench_cad.lab.runs.exporting.formats import FORMATS as EXPORTS
     from tacbench_cad.lab.runs.exporting.formats import TACTILE_DATA
     from tacbench_cad.lab.runs.importing.samples import FIELDS
@@ -135,6 +136,7 @@ def test_the_words_are_those_of_the_program() -> None:
     assert set(export_runs.FORMATS) == {*EXPORTS, TACTILE_DATA}
     assert tuple(LOOKS) == simulate.LOOK_NAMES
     assert tuple(PARAMETERS) == classify.SWEPT
+    assert RUN_FILES == (schema.RUN_FILE, schema.TARGETS_FILE)
     assert set(import_frames.COLUMNS) == set(FIELDS) - {"array"}
 
 

@@ -23,6 +23,10 @@ pytest.importorskip("sphinx", reason="the manual needs the extra docs")
 
 from markdown_it import MarkdownIt
 
+sys.path.insert(0, str(ROOT / "docs"))
+
+import renew
+
 pytestmark = pytest.mark.real
 
 #: For renewing all pages and for the build, in s, and for one page in the browser, in ms.
@@ -224,7 +228,7 @@ def test_every_block_of_code_is_run() -> None:
 
 def without_numbers(text: str) -> str:
     """Return a page with its numbers and gaps replaced. Another processor or version of Python may change numbers."""
-    return re.sub(r"(?:[\s─━]|--+)+", " ", re.sub(r"[-+]?\d[\d.,]*", "0", text))
+    return renew.GAPS.sub(" ", re.sub(r"[-+]?\d[\d.,]*", "0", text))
 
 
 def test_outputs_and_pictures_are_up_to_date(once: Once, source: Path) -> None:

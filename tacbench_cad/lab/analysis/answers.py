@@ -99,13 +99,13 @@ def print_answers(result: VarianceResult) -> Iterator[Answer]:
     drawn = levels_with_most_prints(
         {(level, key): cell.design.tolist() for key, of in result.sums.items() for level, cell in of.items()}
     )
+    known = result.collection.has("print")
     differ: list[Answer] = []
     for combination in dict.fromkeys(combination for combination, _ in result.sums):
         levels = {key: drawn[key] for key in result.sums if key[0] == combination}
         of_keys = ([result.sums[key][level] for level in of_key] for key, of_key in levels.items())
         several = [cell for of_key in of_keys if (cell := pooled(of_key) or of_key[0]).prints > 1]
         about = name_of(combination)
-        known = result.collection.has("print")
         reason = _no_answer(several) if known else "cannot be said: the print of each sample is unknown"
         if reason:
             yield Answer(question=IS_REPEATABLE, about=about, answer=reason)
@@ -117,7 +117,7 @@ def print_answers(result: VarianceResult) -> Iterator[Answer]:
         ends = {"figure": max(1.0, ratio.estimate), "low": ratio.low, "high": ratio.high}
         differ.append(Answer(question=PRINTS_DIFFER, about=about, **ends, unit=_OF_REPEATS, answer=answer))
     yield from differ
-    if result.collection.has("print"):
+    if known:
         yield from _more_alike(result.tests)
 
 
