@@ -28,7 +28,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from helpers.simulated_markers import found_and_false, simulated_frames
+from helpers.simulated_markers import detection_rates, simulated_frames
 
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.vision.markers import MarkerFinder, Markers, grey
@@ -81,11 +81,11 @@ def main() -> int:
         finder = MarkerFinder.learn([shots[0][0]])
         learned = time.process_time() - began
         tracker = MarkerTracker(reference_px=finder.find(shots[0][0]).centres_px)
-        found, false, rms = found_and_false(shots[1:], finder.find)
+        found, false, rms = detection_rates(shots[1:], finder.find)
         took = milliseconds(finder.find, frames)
         follow = milliseconds(tracker.follow, [finder.find(frame).centres_px for frame in frames])
         blobs = blob_detector(*tuned)
-        blobs_found, blobs_false, blobs_rms = found_and_false(shots[1:], blobs)
+        blobs_found, blobs_false, blobs_rms = detection_rates(shots[1:], blobs)
         blobs_took = milliseconds(blobs, frames[:10])
         print(f"{look}, {len(frames)} presses (learned in {learned:.2f} s)")
         print(

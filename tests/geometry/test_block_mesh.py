@@ -80,7 +80,7 @@ def test_on_the_sample_grid(number: int, preset: str, scale: float) -> None:
     z = block.height_at(x[:, None], y[None, :])
     places = np.stack(np.broadcast_arrays(x[:, None], y[None, :], z), axis=-1).reshape(-1, 3).astype(np.float32)
     assert np.array_equal(vertices_of_top(mesh, block), np.unique(places, axis=0))
-    distance, vertical = deviations(block, mesh, 4, most=300_000)
+    distance, vertical = deviations(block, mesh, 4, max_points=300_000)
     assert distance <= certificate.distance_mm
     assert vertical <= certificate.vertical_mm
 

@@ -1,4 +1,4 @@
-"""The project as a clean checkout has it."""
+"""The files of a clean checkout of the project."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ ROOT = Path(__file__).parents[2]
 
 #: Fills an empty folder.
 Fill = Callable[[Path], None]
-#: Gives the folder of a name, filled by the first of the processes that share the tests.
+#: Returns the folder of a name. The first of the test processes that asks for it fills it.
 Once = Callable[[str, Fill], Path]
 
-#: What a folder may hold beside the project; counts only where git does not say.
+#: Files and folders that do not belong to the project; used only if git cannot list the files.
 _BESIDE = (
     ".venv*",
     "__pycache__",
@@ -30,13 +30,13 @@ _BESIDE = (
 
 
 def versioned_files() -> tuple[str, ...]:
-    """The files that belong to the project, as paths from its root: what git has or would take, and is there."""
-    asked = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
+    """Return the existing files of the project as paths from its root: those that git tracks or would add."""
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
     try:
-        listed = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\0")
+        listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\0")
         return tuple(sorted({name for name in listed if name and (ROOT / name).is_file()}))
-    except (OSError, subprocess.CalledProcessError):  # no git, no checkout, or one of somebody else
+    except (OSError, subprocess.CalledProcessError):  # no git, no checkout, or the checkout of another user
         files = (path.relative_to(ROOT) for path in ROOT.rglob("*") if path.is_file())
-        found = {one for one in files if not any(fnmatch(part, rule) for rule in _BESIDE for part in one.parts)}
-        made = {one for one in found if one.parts[0] == "stl_out" and one.name != "README.md"}
-        return tuple(sorted(one.as_posix() for one in found - made - {Path("PKG-INFO"), Path("setup.cfg")}))
+        paths = {path for path in files if not any(fnmatch(part, rule) for rule in _BESIDE for part in path.parts)}
+        exported = {path for path in paths if path.parts[0] == "stl_out" and path.name != "README.md"}
+        return tuple(sorted(path.as_posix() for path in paths - exported - {Path("PKG-INFO"), Path("setup.cfg")}))

@@ -1,4 +1,4 @@
-"""Measure a drawing on the outlines that were cut out of the mesh: what is written must be what is drawn."""
+"""Compare the numbers of a drawing with its outlines, which were cut out of the mesh."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from tacbench_cad.render.drawing.sheet import Callout, Dimension, Drawing, Outli
 from tacbench_cad.util.plotting import only_style
 from tacbench_cad.util.types import Floats
 
-#: What both ends of a length lie on, by the beginning of its name: an outline of the part (the default), the axis of
-#: something symmetrical in it, a cross, or the thin outline of another part.
+#: The kinds of line on which the two ends of a dimension lie, by the beginning of the dimension's name: an outline of
+#: the part (the default), an axis of symmetry, a cross, or the thin outline of another part.
 ENDS = {
     "screw from edge": ("edge", "axis"),
     "screw to screw": ("axis", "axis"),
@@ -35,18 +35,18 @@ def outlines_of(view: View, *names: str) -> list[Floats]:
 
 
 def to_outlines(point: Point, loops: Outlines) -> float:
-    """Distance from a point to the nearest of some closed outlines."""
-    least = np.inf
+    """Return the distance from a point to the nearest of the closed outlines."""
+    distance = np.inf
     for loop in loops:
         a, b = loop, np.roll(loop, -1, axis=0)
         edge = b - a
         fraction = np.clip(((point - a) * edge).sum(1) / np.maximum((edge**2).sum(1), 1e-300), 0.0, 1.0)
-        least = min(least, float(np.hypot(*(a + fraction[:, None] * edge - point).T).min()))
-    return least
+        distance = min(distance, float(np.hypot(*(a + fraction[:, None] * edge - point).T).min()))
+    return distance
 
 
 def first_hits(point: Point, axis: int, loops: Outlines) -> tuple[float, float]:
-    """Distance to the first outline down and up along an axis."""
+    """Return the distances to the first outline below and above a point along an axis."""
     below, above = np.inf, np.inf
     other = 1 - axis
     for loop in loops:
@@ -61,7 +61,7 @@ def first_hits(point: Point, axis: int, loops: Outlines) -> tuple[float, float]:
 
 
 def faults(drawing: Drawing, within_mm: float) -> list[str]:
-    """What is wrong with a drawing's numbers; empty for nothing."""
+    """Return a description of each wrong number in a drawing."""
     faults: list[str] = []
     for view in (drawing.plan, drawing.front, drawing.side):
         for dimension in view.dimensions:
@@ -96,7 +96,7 @@ def _callout(view: View, callout: Callout, within_mm: float) -> list[str]:
 
 
 def clashes(drawing: Drawing) -> list[str]:
-    """Texts that lie on each other, on a dimension line or beyond the sheet's frame."""
+    """Return a description of each text that overlaps another text, a dimension line or the sheet's frame."""
     with only_style("drawings", {"font.family": "DejaVu Sans"}):
         figure = drawn(drawing)
         axes = figure.axes[0]
@@ -121,7 +121,7 @@ def clashes(drawing: Drawing) -> list[str]:
 
 
 def _meets(line: Floats, box: tuple[float, float, float, float]) -> bool:
-    """Whether a polyline passes a box, looked at in steps of 0.2 mm."""
+    """Return whether a polyline crosses a box, sampled in steps of 0.2 mm."""
     x0, x1, y0, y1 = box
     for a, b in itertools.pairwise(line):
         points = np.linspace(a, b, 2 + int(np.hypot(*(b - a)) / 0.2))

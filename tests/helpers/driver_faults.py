@@ -1,4 +1,4 @@
-"""Drivers against the virtual firmware: what must hold whatever fault it is given."""
+"""Check what must hold for every driver and every fault of the virtual firmware."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from tacbench_cad.virtual_rig.faults import Fault
 from tacbench_cad.virtual_rig.process import launch
 
 SPEED = 50.0
-#: Faults that the firmware's own counting of steps cannot see are for the force gauge, not for the drivers.
+#: Faults that a driver can notice. The firmware's step counters do not show the other faults; the force gauge does.
 KINDS = ("drop", "double", "garble", "silence", "reset", "alarm", "unplug")
-#: How far the true carriage may be from the reported place: the scatter of end stops and a step.
+#: The largest distance in mm between true and reported position: the scatter of the end stops and one step.
 NEAR_MM = 0.05
 
 Opener = Callable[[str], Stage]
 
 
-def a_fault(seed: int) -> Fault:
-    """Some fault, by its seed."""
+def random_fault(seed: int) -> Fault:
+    """Return a random fault that depends on the seed alone."""
     rng = random.Random(seed)
     kind = KINDS[seed % len(KINDS)]
     more: dict[str, Any] = {"direction": rng.choice(["in", "out", "both"])}
@@ -35,10 +35,13 @@ def a_fault(seed: int) -> Fault:
 
 
 def survive(kind: str, opener: Opener, center_mm: Point, seed: int) -> list[str]:
-    """Ten moves, one fault in the middle: every move ends where it says, or in a named error; then it can go on.
+    """Make ten moves with one fault at a random move.
+
+    Every move must end at the reported position or with a specific error. After an error the stage must be usable
+    again, or it must refuse to report a position.
 
     Returns:
-        Names of the errors.
+        The names of the errors.
     """
     rng = random.Random(seed)
     errors: list[str] = []
@@ -47,9 +50,9 @@ def survive(kind: str, opener: Opener, center_mm: Point, seed: int) -> list[str]
         stage.move(center_mm, 20.0)
         at_move = rng.randrange(10)
         for number in range(10):
-            target: Point = tuple(one + rng.uniform(-8.0, 8.0) for one in center_mm)  # type: ignore[assignment]
+            target: Point = tuple(coordinate + rng.uniform(-8.0, 8.0) for coordinate in center_mm)  # type: ignore[assignment]
             if number == at_move:
-                rig.inject(a_fault(seed))
+                rig.inject(random_fault(seed))
             try:
                 reported = stage.move(target, 20.0)
             except RigError as error:
@@ -65,7 +68,7 @@ def survive(kind: str, opener: Opener, center_mm: Point, seed: int) -> list[str]
 
 
 def _again(stage: Stage) -> bool:
-    """Make a stage usable after an error, as the press loop does; False where it no longer answers."""
+    """Make a stage usable after an error, as the press loop does; return False if it no longer answers."""
     with contextlib.suppress(RigError):
         stage.position()
         return True
@@ -73,7 +76,7 @@ def _again(stage: Stage) -> bool:
         stage.home()
     except RigError as error:
         assert type(error) is not RigError
-        # It stays so: no later move may be believed.
+        # The position must stay unknown, so that no later move is believed.
         with contextlib.suppress(RigError):
             stage.position()
             raise AssertionError("a stage that could not be homed reports a position") from error

@@ -1,4 +1,4 @@
-"""A stage of your own in 20 lines: here one that only remembers; yours calls the library of its robot arm."""
+"""A stage of your own in 20 lines. This example only remembers its position; yours calls your robot arm's library."""
 
 from tacbench_cad.lab.rig.errors import PositionLostError
 from tacbench_cad.lab.rig.stage import Closing
@@ -7,7 +7,7 @@ from tacbench_cad.lab.rig.stage import Closing
 class ExampleStage(Closing):
     def __init__(self, port: str = "", start_mm: tuple[float, float, float] = (0.0, 0.0, 50.0)) -> None:
         self.identity = f"example arm 1.0 at {port}"
-        self.simulated = "stage (example)"  # an empty text for a real one
+        self.simulated = "stage (example)"  # an empty text for a real stage
         self._at = tuple(start_mm)
         self._stopped = False
 

@@ -1,4 +1,4 @@
-"""Test doubles of a rig: a stage that is where it was sent, an elastic plate under it, a gauge and a sensor on it."""
+"""Test doubles of a rig: a stage that arrives at once, an elastic plate, and a gauge and a sensor pressed on it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Plate:
         return float(self.stiffness * depth**self.power) if depth > 0.0 else 0.0
 
     def stiffness_n_per_mm(self, force_n: float) -> float:
-        """Tangent stiffness where the force is ``force_n``."""
+        """Return the tangent stiffness at the force ``force_n``."""
         depth = (force_n / self.stiffness) ** (1.0 / self.power)
         return self.power * self.stiffness * depth ** (self.power - 1.0)
 
@@ -36,11 +36,11 @@ class FakeStage(Closing):
     """A stage in memory.
 
     Args:
-        at: Where it stands.
-        step_mm: Its resolution; 0 for none.
-        faults: Error to raise at the call of that number (moves and positions are counted together, from 1); the move
-            is then half done.
-        dead_after: From this call on every call fails.
+        at: The first position, in mm.
+        step_mm: The resolution; 0 for exact positions.
+        faults: The errors to raise, by the number of the call (calls of all kinds are counted together, from 1). A
+            move that raises an error stops halfway.
+        dead_after: The number of the first failing call, and the error that it and every later call raises.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class FakeStage(Closing):
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
         error = self._call()
         if self.step_mm:
-            x, y, z = (round(one / self.step_mm) * self.step_mm for one in target_mm)
+            x, y, z = (round(coordinate / self.step_mm) * self.step_mm for coordinate in target_mm)
             target_mm = (x, y, z)
         if error is not None:
             x, y, z = ((a + b) / 2.0 for a, b in zip(self.at, target_mm, strict=True))
@@ -109,11 +109,11 @@ class FakeGauge(Closing):
     """A gauge on the plate under a stage.
 
     Args:
-        stage: Where the sensor is.
-        plate: What it presses on.
-        noise_n: Standard deviation of a sample.
-        drift_n: Is added to every reading, a function of the number of readings so far.
-        faults: Error to raise, or value to give, at the reading of that number from 1.
+        stage: The stage that moves the sensor.
+        plate: The load under the sensor.
+        noise_n: The standard deviation of a sample.
+        drift_n: A function of the number of earlier samples; its value is added to each sample.
+        faults: The error to raise, or the value to return, by the number of the sample from 1.
     """
 
     def __init__(
@@ -164,10 +164,10 @@ class FakeSensor(Closing):
     """An image sensor: a noisy pattern whose middle grows brighter with the force on it.
 
     Args:
-        stage: Where the sensor is.
-        plate: What it presses on.
-        faults: Error to raise at the reading of that number from 1.
-        size: Height and width of an image.
+        stage: The stage that moves the sensor.
+        plate: The load under the sensor.
+        faults: The error to raise, by the number of the frame from 1.
+        size: The height and width of a frame, in pixels.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""One whole file of each kind that people hand us, and its reader; ``tests/hostile/test_mutations.py`` damages them."""
+"""A valid file of each kind that users supply, and its reader; ``tests/hostile/test_mutations.py`` damages them."""
 
 from __future__ import annotations
 
@@ -262,7 +262,7 @@ def read_manifest_file(folder: Path) -> object:
     return unchanged(folder, read_rows(folder))
 
 
-#: Every kind of file that people hand us.
+#: Every kind of file that users supply.
 KINDS: dict[str, Kind] = {
     "texture": Kind("file.toml", writer("file.toml", TEXTURE), read_texture_file, HARMLESS_IN_TOML),
     "series": Kind("file.toml", writer("file.toml", SERIES), read_texture_file, HARMLESS_IN_TOML),
@@ -288,5 +288,5 @@ KINDS: dict[str, Kind] = {
 
 
 def read(name: str, folder: Path) -> object:
-    """What the reader of a kind says of a folder."""
+    """Return the result of a kind's reader for a folder."""
     return KINDS[name].read(folder)

@@ -1,4 +1,4 @@
-"""A host for the tests of virtual firmware: writes bytes at given instants, reads what came, without any port."""
+"""A host for the tests of virtual firmware that exchanges bytes at given times, without any port."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ Point = tuple[float, float, float]
 
 
 class Host:
-    """Drives a board in its own time.
+    """A host that drives a board in simulated time.
 
     Args:
-        kind: Which firmware.
-        wake: Let it boot before anything is said; what it said is kept in ``greeting``.
-        options: Of :class:`Setup`.
+        kind: The firmware.
+        wake: Whether the board boots first; its message is kept in ``greeting``.
+        options: The options of :class:`Setup`.
     """
 
     def __init__(self, kind: str, *, wake: bool = True, **options: Any) -> None:
@@ -29,7 +29,7 @@ class Host:
         self.board.write(data, self.now_s)
 
     def wait(self, seconds: float) -> bytes:
-        """What arrives within so many seconds."""
+        """Return the bytes that arrive within the given time."""
         self.now_s += seconds
         return self.board.read(self.now_s)
 
@@ -37,18 +37,18 @@ class Host:
         self.send(data)
         return self.wait(seconds)
 
-    def until(self, mark: bytes, most_s: float = 120.0, step_s: float = 0.01) -> bytes:
-        """What arrives until ``mark`` is in it.
+    def until(self, mark: bytes, timeout_s: float = 120.0, step_s: float = 0.01) -> bytes:
+        """Return the bytes that arrive until they contain ``mark``.
 
         Raises:
-            AssertionError: It does not come.
+            AssertionError: ``mark`` does not arrive in time.
         """
-        got = b""
-        end = self.now_s + most_s
-        while mark not in got:
-            assert self.now_s < end, (mark, got)
-            got += self.wait(step_s)
-        return got
+        received = b""
+        end = self.now_s + timeout_s
+        while mark not in received:
+            assert self.now_s < end, (mark, received)
+            received += self.wait(step_s)
+        return received
 
     @property
     def true(self) -> Point:
@@ -63,7 +63,7 @@ class Host:
 
 
 def homed(kind: str, **options: Any) -> Host:
-    """A host whose board is homed and idle."""
+    """Return a host whose board is homed and idle."""
     host = Host(kind, **options)
     host.send({"grbl": b"$H\n", "grblhal": b"$H\n", "marlin": b"G28\n", "arduino": b"RESET\n"}[kind])
     host.until(b"done" if kind == "arduino" else b"ok")

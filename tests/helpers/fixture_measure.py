@@ -1,4 +1,4 @@
-"""How these tests look at a fixture: through its mesh, its solid and other people's kernels."""
+"""Measure a fixture on its mesh and its solid, with independent geometry kernels."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from tacbench_cad.geometry.part import Part
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.types import Floats
 
-#: Downward faces may lean out by 45 degrees at most; a little more for chords of a cone.
+#: The limit of a face's normal: downward faces may overhang by 45 degrees, and chords of a cone by a little more.
 STEEPEST_OVERHANG = -np.cos(np.radians(45.0)) - 0.02
 
 
 def manifold(mesh: Mesh) -> manifold3d.Manifold:
-    """The mesh in manifold3d."""
+    """Return the mesh as a manifold3d solid."""
     return manifold3d.Manifold(manifold3d.Mesh(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32)))
 
 
 def outline_of(block: Block) -> Floats:
-    """The block's outline in its own frame, counter-clockwise."""
+    """Return the block's outline in the block's frame, counter-clockwise."""
     x, y = block.size_mm
     k = block.key_mm
     corner = [(x, 0.0)] if k is None else [(x - k, 0.0), (x, k)]
@@ -28,13 +28,13 @@ def outline_of(block: Block) -> Floats:
 
 
 def block_prism(block: Block) -> manifold3d.Manifold:
-    """The upright prism over the block's outline up to its highest point: the block and more."""
+    """Return the upright prism over the block's outline up to the block's highest point; it contains the block."""
     section = manifold3d.CrossSection([outline_of(block)], manifold3d.FillRule.NonZero)
     return section.extrude(block.height_mm)
 
 
 def require_sound(part: Part) -> None:
-    """Mesh and solid are closed, have the stated genus, box and volume, and no triangle without area."""
+    """Check that mesh and solid are closed, have the stated genus, box and volume, and no triangle without area."""
     mesh, body = part.mesh
     solid = manifold(mesh)
     assert solid.status() == manifold3d.Error.NoError
@@ -43,7 +43,7 @@ def require_sound(part: Part) -> None:
     assert np.abs(low).max() == 0.0
     assert np.abs(high - part.size_mm).max() < 1e-5
     excess = mesh.volume_mm3 - body.volume_mm3
-    # Chords lie inside of a hole's circle, so a mesh never has less than the true volume, but for rounding.
+    # Chords lie inside a hole's circle, so except for rounding a mesh never has less than the true volume.
     assert -0.01 < excess <= body.volume_slack_mm3
     assert np.array_equal(mesh.vertices, mesh.vertices.astype(np.float32))
     a, b, c = np.moveaxis(mesh.triangle_points, 1, 0)
@@ -61,7 +61,7 @@ def require_sound(part: Part) -> None:
 
 
 def overhang_heights(mesh: Mesh) -> set[float]:
-    """Heights above the bed of faces that hang more than 45 degrees, rounded to a micrometre."""
+    """Return the heights above the bed of all faces that overhang by more than 45 degrees, rounded to 1 um."""
     a, b, c = np.moveaxis(mesh.triangle_points, 1, 0)
     normal = np.cross(b - a, c - a)
     steep = normal[:, 2] / np.linalg.norm(normal, axis=1) < STEEPEST_OVERHANG
@@ -69,14 +69,14 @@ def overhang_heights(mesh: Mesh) -> set[float]:
 
 
 def cylinders(shape: object) -> list[tuple[float, Floats]]:
-    """Radius and a point of the axis of every cylindrical face."""
+    """Return the radius and a point on the axis of every cylindrical face."""
     from build123d import GeomType, Solid
     from OCP.BRepAdaptor import BRepAdaptor_Surface
 
-    found = []
+    result = []
     for face in Solid(shape).faces().filter_by(GeomType.CYLINDER):
         cylinder = BRepAdaptor_Surface(face.wrapped).Cylinder()
         place, direction = cylinder.Axis().Location(), cylinder.Axis().Direction()
         assert abs(abs(direction.Z()) - 1.0) < 1e-12
-        found.append((cylinder.Radius(), np.array([place.X(), place.Y()])))
-    return found
+        result.append((cylinder.Radius(), np.array([place.X(), place.Y()])))
+    return result

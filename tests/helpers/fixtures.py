@@ -1,4 +1,4 @@
-"""Fixtures that several tests look at: shared, since each keeps its solid, which takes half a second to make."""
+"""Fixtures that several tests share, because each keeps its solid, which takes half a second to build."""
 
 from __future__ import annotations
 

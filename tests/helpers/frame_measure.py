@@ -1,7 +1,8 @@
 """Measure frames of a TacTip: geometry, levels, sharpness, reflections, noise, drift and compression.
 
-``inside`` is up to 0.98 R from the dome's centre, ``outside`` from 1.02 R on: the outline belongs to neither. Zones of
-the pins' field: its centre up to 0.3, its middle from 0.4 to 0.65, its rim from 0.9 of its radius.
+``inside`` is less than 0.98 R from the dome's centre, ``outside`` more than 1.02 R; the outline belongs to neither.
+The field of pins has three zones: the centre (up to 0.3 of its radius), the middle (0.4 to 0.65) and the rim (0.9 to
+1.1).
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ from scipy.spatial import cKDTree
 Floats = NDArray[np.float64]
 ZONES = {"centre": (0.0, 0.3), "middle": (0.4, 0.65), "rim": (0.9, 1.1)}
 QUANTILES = (1, 5, 25, 50, 75, 95, 99)
-#: A reflection is at least so bright; a pixel from here on counts as saturated.
+#: The lowest grey level of a reflection, and that of a saturated pixel.
 BRIGHT, SATURATED = 240, 250
 
 
 @dataclass(frozen=True, kw_only=True)
 class Dome:
-    """Where the dome's outline is, in px, and the width (standard deviation) over which it is blurred."""
+    """The centre and radius of the dome's outline and the standard deviation of its blur, all in px."""
 
     x: float
     y: float
@@ -36,15 +37,15 @@ class Dome:
 
 
 def grey_of(frame: NDArray[Any]) -> NDArray[np.uint8]:
-    """BT.601 grey in whole counts, as OpenCV gives it."""
+    """Return the BT.601 grey levels in whole counts, as OpenCV computes them."""
     return np.asarray(frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
 
 
 def _edges(profiles: Floats, step: float, reach: float) -> tuple[Floats, float]:
-    """Where each of many profiles crosses the middle between its ends, in px, and the blur of their common edge.
+    """Return the edge of each profile, in px, and the blur of their common edge, in px.
 
-    The blur is half of what lies between 16 and 84 % of the step that the profiles, laid over each other, have in the
-    median within a reach.
+    The edge of a profile is where it crosses the mean level of its two ends. For the blur the profiles are aligned at
+    their edges. It is half the distance between 16 and 84 % of the step of their median, within ``reach``.
     """
     count = profiles.shape[1]
     low, high = profiles[:, : count // 6].mean(axis=1), profiles[:, -(count // 6) :].mean(axis=1)
@@ -69,7 +70,11 @@ def _edges(profiles: Floats, step: float, reach: float) -> tuple[Floats, float]:
 
 
 def find_dome(grey: Floats, near: Dome) -> Dome:
-    """The circle through the outline, from a place near it: 360 rays, the farthest tenth of them left out twice."""
+    """Fit a circle to the outline, starting from a circle near it.
+
+    The outline is sampled along 360 rays and fitted three times. After each fit the tenth of the points that is
+    farthest from the circle is left out.
+    """
     step = 0.25
     radii = np.arange(near.radius - 14.0, near.radius + 14.0, step)
     turn = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
@@ -93,7 +98,7 @@ def find_dome(grey: Floats, near: Dome) -> Dome:
 
 
 def find_pins(grey: Floats, dome: Dome, sigma: float, threshold: float) -> Floats:
-    """Columns and rows of the peaks of the Laplacian of a Gaussian inside of the dome, shape (n, 2)."""
+    """Return columns and rows of the peaks of the Laplacian of a Gaussian inside the dome, shape (n, 2)."""
     response = -(sigma**2) * gaussian_laplace(grey, sigma)
     peaks = (response == maximum_filter(response, size=2 * round(sigma) + 1)) & (response > threshold)
     rows, columns = np.nonzero(peaks)
@@ -106,7 +111,7 @@ def find_pins(grey: Floats, dome: Dome, sigma: float, threshold: float) -> Float
 
 
 def block_ratio(grey: Floats) -> float:
-    """Mean step between two pixels across the border of two 8-px blocks, over that within the blocks."""
+    """Return the mean step between neighbouring pixels across the borders of 8-px blocks over that within blocks."""
     ratios = []
     for image in (grey, grey.T):
         steps = np.abs(np.diff(image, axis=1)).mean(axis=0)
@@ -116,22 +121,22 @@ def block_ratio(grey: Floats) -> float:
 
 
 def frame_statistics(
-    frame: NDArray[Any], near: Dome, field: float, log: tuple[float, float], seen: Floats | None = None
+    frame: NDArray[Any], near: Dome, field: float, log: tuple[float, float], visible: Floats | None = None
 ) -> dict[str, float]:
-    """What a single frame says.
+    """Return the statistics of a single frame.
 
     Args:
-        frame: uint8, (height, width) or (height, width, 3), BGR.
-        near: A place near the dome's outline.
-        field: Radius of the field of pins, as a fraction of the dome's.
-        log: Sigma and threshold of the pins' Laplacian of a Gaussian.
-        seen: Where the pins are that can be seen, if that is known; None takes what the Laplacian finds.
+        frame: The frame, uint8, shape (height, width) or (height, width, 3) in BGR.
+        near: A circle near the dome's outline.
+        field: The radius of the field of pins, as a fraction of the dome's radius.
+        log: Sigma and threshold of the Laplacian of a Gaussian that finds the pins.
+        visible: The known positions of the visible pins; None for the pins that the Laplacian finds.
 
     Raises:
-        ValueError: Hardly any pins are there.
+        ValueError: Fewer than 10 pins are visible.
     """
-    whole = grey_of(frame)
-    grey = whole.astype(np.float64)
+    counts = grey_of(frame)
+    grey = counts.astype(np.float64)
     smooth = spline_filter(grey)
     dome = find_dome(grey, near)
     rows, columns = np.indices(grey.shape)
@@ -145,7 +150,7 @@ def frame_statistics(
     }
     pins = find_pins(grey, dome, *log)
     values["peaks of the Laplacian"] = len(pins)
-    pins = pins if seen is None else seen
+    pins = pins if visible is None else visible
     values["pins seen"] = len(pins)
     if len(pins) < 10:
         raise ValueError(f"only {len(pins)} pins were found in the dome")
@@ -174,8 +179,8 @@ def frame_statistics(
         for quantile, value in zip(QUANTILES, np.percentile(grey[regions[name]], QUANTILES), strict=True):
             values[f"{quantile} % quantile, {name}"] = float(value)
         for sigma in (0, 1, 2, 4):
-            # In whole counts, whose rounding adds 20 / 12 to the variance.
-            blurred = cv2.GaussianBlur(whole, (0, 0), sigma) if sigma else whole
+            # The counts are whole numbers; their rounding adds 20 / 12 to the variance.
+            blurred = cv2.GaussianBlur(counts, (0, 0), sigma) if sigma else counts
             laplacian = cv2.Laplacian(blurred, cv2.CV_64F)
             values[f"Laplacian after a blur of {sigma}, {name}"] = float(laplacian[regions[name]].var())
     spots = _bright_spots(grey, inside, pins, values["pin width, middle"], values["pin peak, middle"])
@@ -195,7 +200,7 @@ def frame_statistics(
 
 
 def _pin_edges(smooth: Floats, pins: Floats) -> tuple[float, float]:
-    """Width of pins at half of their height, and the blur of their edges: 12 rays from each pin, medians."""
+    """Return the medians of the pins' full width at half maximum and of the blur of their edges, from 12 rays each."""
     step = 0.25
     radii = np.arange(0.0, 10.0, step)
     turn = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
@@ -203,7 +208,7 @@ def _pin_edges(smooth: Floats, pins: Floats) -> tuple[float, float]:
     for pin in pins:
         x, y = pin[0] + np.outer(np.cos(turn), radii), pin[1] + np.outer(np.sin(turn), radii)
         profiles = map_coordinates(smooth, [y, x], order=3, prefilter=False, mode="nearest")
-        # Each ray ends at its darkest place: what is beyond belongs to the next pin.
+        # Each ray ends at its darkest point, because the next pin begins beyond it.
         ends = np.argmin(profiles, axis=1)
         profiles = np.array(
             [np.where(np.arange(radii.size) > end, line[end], line) for line, end in zip(profiles, ends, strict=True)]
@@ -215,7 +220,7 @@ def _pin_edges(smooth: Floats, pins: Floats) -> tuple[float, float]:
 
 
 def _beyond(grey: Floats, radius: Floats, dome: Dome) -> dict[str, float]:
-    """The white ring round the dome and the saturated LEDs beyond it, as far as there are any."""
+    """Return the statistics of the white ring around the dome and of any saturated LEDs outside it."""
     step = 1.0 / dome.radius
     ring = float(np.median(grey[(radius > 1.02) & (radius < 1.08)]))
     beyond = float(np.median(grey[(radius > 1.15) & (radius < 1.2)]))
@@ -236,9 +241,9 @@ def _beyond(grey: Floats, radius: Floats, dome: Dome) -> dict[str, float]:
 def _bright_spots(
     grey: Floats, inside: NDArray[np.bool_], pins: Floats, pin_width: float, pin_peak: float
 ) -> list[float]:
-    """Diameters of circles with the areas of the bright spots inside of 4 px or more which are no pins.
+    """Return the diameters of circles with the same areas as the reflections of 4 px or more inside the dome.
 
-    Where the pins themselves are about as bright, a spot that lies on one and is not larger is a pin.
+    A bright spot on a pin counts as the pin itself if it is not larger than a pin and the pins are about as bright.
     """
     spots, count = label((grey >= BRIGHT) & inside)
     nearest = cKDTree(pins)
@@ -253,16 +258,17 @@ def _bright_spots(
 
 
 def noise_by_level(frames: Sequence[NDArray[Any]], levels: Sequence[tuple[int, int]], near: Dome) -> list[float]:
-    """Standard deviation of a pixel from frame to frame by its level, from the quietest pairs of neighbouring frames.
+    """Return the frame-to-frame standard deviation of a pixel for each range of grey levels.
 
-    What changes slowly over the image is light or motion: it is taken away by a Gaussian of 2 px.
+    It comes from the quietest pairs of consecutive frames. Slow changes over the image are light or motion, so a
+    Gaussian average of 2 px is subtracted.
 
     Args:
-        frames: At least two frames of one pose; of more than 15 pairs the quietest 15 are taken.
-        levels: From where to where each level goes.
-        near: The dome; only what is inside of it is looked at.
+        frames: At least two frames of one pose; at most the quietest 15 pairs are used.
+        levels: The lower and upper end of each range.
+        near: The dome; only pixels inside it are used.
     """
-    # What is left of white noise once its Gaussian average is taken away.
+    # The fraction of white noise that remains when its Gaussian average is subtracted.
     impulse = np.zeros((33, 33))
     impulse[16, 16] = 1.0
     kept = float(np.sqrt(np.sum((impulse - gaussian_filter(impulse, 2.0)) ** 2)))
@@ -281,12 +287,12 @@ def noise_by_level(frames: Sequence[NDArray[Any]], levels: Sequence[tuple[int, i
 
 
 def light_outside(frames: Sequence[NDArray[Any]], near: Dome) -> Floats:
-    """Mean grey outside of the dome in each frame, shape (n,)."""
+    """Return the mean grey level outside the dome in each frame, shape (n,)."""
     outside = _radius(frames[0], near) > 1.02
     return np.array([grey_of(frame)[outside].mean() for frame in frames])
 
 
 def _radius(image: NDArray[Any], dome: Dome) -> Floats:
-    """Distance of each pixel from the dome's centre, as a fraction of its radius."""
+    """Return the distance of each pixel from the dome's centre, as a fraction of the dome's radius."""
     rows, columns = np.indices(image.shape[:2])
     return np.asarray(np.hypot(columns - dome.x, rows - dome.y) / dome.radius)

@@ -1,4 +1,4 @@
-"""Whole files of each kind that ``tacbench import-frames``, ``runs roi`` and ``publish`` read, and their readers."""
+"""Valid files of each kind that ``tacbench import-frames``, ``runs roi`` and ``publish`` read, and their readers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from helpers.mutations import HARMLESS_IN_TOML, Kind, indented, marked, windows, writer
 
 AUTHORS_FILE = "PLAminus_z0_P30_Bambu.npy"
-#: What each of the frames shows.
+#: The label of each frame.
 LABELS = ("cork", "felt", "cork", "felt", "cork", "felt")
 NAMES = '[printers]\nmine = "ender-3"\n[filaments]\npetg = "pla-plus"\n[labels]\ncork = "bark"\n'
 PUBLICATION = """
@@ -104,7 +104,7 @@ def save_hugging_face(folder: Path) -> None:
 
 
 def imported(folder: Path, paths: Sequence[str], names: str | None = None) -> object:
-    """What becomes of an import; every run is whole, and every sample is in one or named with a reason."""
+    """Import samples; check that every run can be read and that every omitted sample has a reason."""
     from tacbench_cad.lab.runs.importing.importer import import_samples
     from tacbench_cad.lab.runs.importing.kinds import ImportOptions
     from tacbench_cad.lab.runs.reading import Run
@@ -113,8 +113,8 @@ def imported(folder: Path, paths: Sequence[str], names: str | None = None) -> ob
     shutil.rmtree(out, ignore_errors=True)
     options = ImportOptions(names=folder / names if names else None)
     report = import_samples([folder / path for path in paths], out, options)
-    for each in report.left_out:
-        assert each.where and each.reason and each.count > 0, each
+    for sample in report.left_out:
+        assert sample.where and sample.reason and sample.count > 0, sample
     for run in report.runs:
         frames = [opened.frame(row, verify=True) for opened in (Run.open(run.folder),) for row in opened.rows]
         assert len(frames) == run.imported > 0
@@ -151,13 +151,13 @@ def read_publication_file(folder: Path) -> object:
 
 
 def of_table(save: Callable[[Path], None]) -> Callable[[Path], None]:
-    """Writes frames, and a table with a row for each."""
+    """Return a function that writes frames and a table with a row for each."""
     return partial(make_arrays, save=save)
 
 
 read_images = partial(imported, paths=(".",))
 
-#: Every kind of file of other people's data.
+#: Every kind of imported or published file.
 IMPORT_KINDS: dict[str, Kind] = {
     "table of images": Kind("table.csv", make_images, read_images, (windows, marked)),
     "names": Kind("names.toml", make_images, partial(imported, paths=(".",), names="names.toml"), HARMLESS_IN_TOML),

@@ -22,7 +22,7 @@ from tacbench_cad.virtual_rig.devices import open_rig
 
 
 def on_doubles(folder: Path, seed: int) -> None:
-    """The paper's 150 presses, on a rig that takes hardly any time: most of it goes to encoding and writing."""
+    """Make the paper's 150 presses on a rig that is so fast that encoding and writing take most of the time."""
     doubles = FakeRig()
     doubles.sensor = FakeSensor(doubles.stage, doubles.plate, size=(120, 160), seed=seed)
     rig = doubles.rig()
@@ -34,7 +34,7 @@ def on_doubles(folder: Path, seed: int) -> None:
 
 
 def on_virtual_rig(folder: Path, driver: str) -> None:
-    """The same through the drivers and a pseudo-terminal."""
+    """Press a block through a driver and a pseudo-terminal."""
     chosen = virtual_study(driver=driver, speed=100.0, out=folder)
     print("ready", flush=True)
     person = Typing(lambda prompt: "", lambda message: None)

@@ -1,7 +1,8 @@
-"""Frames that look like five public recordings of optical tactile sensors, with the truth about their markers.
+"""Frames that look like five public recordings of optical tactile sensors, with the true positions of their markers.
 
-The numbers are measurements of real frames: geometry, grey levels, blur, noise, reflections and compression. Nothing of
-these frames is in here, and nothing of the simulated sensor, so that what is tested on them is not tested on itself.
+The numbers are measurements of real frames: geometry, grey levels, blur, noise, reflections and compression. This
+module contains no real frames. It does not use the simulated sensor either, so that tests with these frames are
+independent of it.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ WIDTH, HEIGHT = 640, 480
 
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """How a recording looks; lengths in pixels, brightness in counts, triples from the centre to the rim."""
+    """The look of a recording: lengths in pixels, brightness in counts, triples from the centre to the rim."""
 
     centre: tuple[float, float]
     radius: float
@@ -45,8 +46,8 @@ class Look:
         0.0,
     )  # reflections: count, smallest, largest diameter, counts
     diffuse: tuple[int, float, float] = (0, 0.0, 0.0)  # soft reflections: count, width at half maximum, counts
-    leds: tuple[int, float, float] = (0, 0.0, 0.0)  # lamps outside of the dome: count, diameter, radius / R
-    green: float = 0.0  # radius of a thin bright circle outside of the dome
+    leds: tuple[int, float, float] = (0, 0.0, 0.0)  # lamps outside the dome: count, diameter, radius / R
+    green: float = 0.0  # radius of a thin bright circle outside the dome
     noise: tuple[float, float] = (1.3, 0.8)  # in the dark, in the light
     jpeg: int = 0
     tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -93,7 +94,7 @@ LOOKS = {
 
 @dataclass(frozen=True)
 class Shot:
-    """A frame, BGR, where its markers are (n, 2), and which of them can be seen."""
+    """A BGR frame, the positions of its markers (n, 2), which of them are visible, and their positions at rest."""
 
     image: Image
     markers: Points
@@ -102,7 +103,7 @@ class Shot:
 
 
 def lattice(look: Look) -> Points:
-    """Where the pins are at rest."""
+    """Return the positions of the pins at rest, in pixels, shape (n, 2)."""
     parts = []
     for count, radius in look.rings:
         first = 7.5 if look.rings[1][0] == 12 else 0.0
@@ -111,37 +112,37 @@ def lattice(look: Look) -> Points:
     return np.concatenate(parts) + look.centre
 
 
-def pressed(rest: Points, look: Look, most: float, rng: np.random.Generator) -> Points:
-    """The pins pushed away from a contact, at most by ``most`` pixels, and the skin dragged along."""
+def pressed(rest: Points, look: Look, max_px: float, rng: np.random.Generator) -> Points:
+    """Return the pins pushed away from a contact by at most ``max_px`` pixels, with the skin dragged along."""
     reach = look.rings[-1][1]
     contact = look.centre + rng.uniform(-0.3, 0.3, 2) * reach
     width = rng.uniform(0.35, 0.6) * reach
     away = (rest - contact) / width
     push = away * np.exp(0.5 - 0.5 * np.sum(away**2, axis=1, keepdims=True))
     fixed = np.clip(1.15 - np.hypot(*(rest - look.centre).T) / reach, 0.0, 1.0)[:, None]
-    moved = push * np.minimum(1.0, 2.0 * fixed) + rng.normal(0, 0.35, 2) * fixed**0.7
-    return rest + moved * most / np.max(np.hypot(*moved.T))
+    displacement = push * np.minimum(1.0, 2.0 * fixed) + rng.normal(0, 0.35, 2) * fixed**0.7
+    return rest + displacement * max_px / np.max(np.hypot(*displacement.T))
 
 
 @cache
-def draw(look: Look, seed: int, most: float = 0.0, *, light: float = 1.0, blur: float = 0.0) -> Shot:
-    """A frame of a look, to be looked at and not changed.
+def draw(look: Look, seed: int, max_px: float = 0.0, *, light: float = 1.0, blur: float = 0.0) -> Shot:
+    """Draw a frame of a look. The frame is cached, so it must not be changed.
 
-    Lamps, reflections and unevenness belong to the look, the press and the noise to the seed.
+    Lamps, reflections and unevenness depend on the look; the press and the noise depend on the seed.
 
     Args:
         look: The look.
-        seed: Decides the press and the noise.
-        most: The largest displacement of a pin.
-        light: Factor of all brightness.
-        blur: Standard deviation of further blur inside of the dome only: the camera's focus.
+        seed: The seed of the press and the noise.
+        max_px: The largest displacement of a pin, in pixels.
+        light: A factor of the brightness.
+        blur: The standard deviation of an additional blur inside the dome, as of a camera out of focus, in pixels.
     """
     fixed, rng = np.random.default_rng(1), np.random.default_rng(seed)
     y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
     r = np.hypot(x - look.centre[0], y - look.centre[1])
     rel = r / look.radius
     rest = lattice(look)
-    places = pressed(rest, look, most, rng) if most else rest + rng.normal(0, 0.3, 2)
+    places = pressed(rest, look, max_px, rng) if max_px else rest + rng.normal(0, 0.3, 2)
     uneven = 1.0 + 0.08 * _smooth(fixed, 90) + 0.04 * _smooth(fixed, 25)
     field = look.rings[-1][1] / look.radius
     inside = np.interp(rel, (0, field / 2, field, field + 0.1), (*look.skin, look.beyond)) * uneven
@@ -200,15 +201,15 @@ def draw(look: Look, seed: int, most: float = 0.0, *, light: float = 1.0, blur: 
     return Shot(image, places, visible, rest)
 
 
-def gel(seed: int, most: float = 0.0) -> Shot:
-    """A rectangular gel with 63 dark dots, lit in three colours from its sides, as wide as the frame nearly."""
+def gel(seed: int, max_px: float = 0.0) -> Shot:
+    """Draw a rectangular gel with 63 dark dots, nearly as wide as the frame and lit in three colours from its sides."""
     fixed, rng = np.random.default_rng(2), np.random.default_rng(seed)
     y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
     columns, rows = np.meshgrid(np.linspace(110, 530, 9), np.linspace(80, 400, 7))
     rest = np.column_stack([columns.ravel(), rows.ravel()])
     away = (rest - (300, 250)) / 110.0
     push = away * np.exp(0.5 - 0.5 * np.sum(away**2, axis=1, keepdims=True))
-    places = rest + most * push
+    places = rest + max_px * push
     grey = 120.0 + 10.0 * _smooth(fixed, 60)
     for px, py in places:
         d = np.hypot(x - px, y - py)
@@ -220,8 +221,8 @@ def gel(seed: int, most: float = 0.0) -> Shot:
 
 
 def _smooth(rng: np.random.Generator, width: float) -> NDArray[Any]:
-    """A smooth random picture with standard deviation 1."""
-    step = max(1.0, width / 4.0)  # a wide one has no more to it at full resolution
+    """Return a smooth random picture with standard deviation 1."""
+    step = max(1.0, width / 4.0)  # a wide blur needs no full resolution
     small = rng.standard_normal((round(HEIGHT / step), round(WIDTH / step)))
     picture = cv2.resize(cv2.GaussianBlur(small, (0, 0), width / step), (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
     return np.asarray(picture / picture.std())

@@ -1,4 +1,4 @@
-"""Ways to damage a file, and what a kind of file is whose reader has to survive that.
+"""Ways to damage a file, and the description of a kind of file whose reader has to survive the damage.
 
 The readers run in a child process with limits of time and memory: see ``tests/hostile/test_mutations.py``.
 """
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from hypothesis import strategies as st
 
-#: What is put in the place of a number, a word or nothing at all.
+#: Texts that replace a number or a word, or are inserted.
 TOKENS = tuple(
     token.encode("utf-8", "surrogatepass")
     for line in (
@@ -30,13 +30,13 @@ _PIECE = re.compile(rb"-?\d[\d.eE+-]*|[A-Za-z_][\w-]*|[\[\]{}(),;=:\"'\n]")
 
 @dataclass(frozen=True)
 class Mutation:
-    """One change of a file's bytes.
+    """A change of a file's bytes.
 
     Args:
-        how: What is done.
-        at: Where, from 0 to 1 of the file or of its pieces.
-        length: How much, from 0 to 1.
-        data: What is put in.
+        how: The kind of change.
+        at: The position, from 0 to 1 of the file or of its tokens.
+        length: The length, from 0 to 1.
+        data: The inserted bytes.
     """
 
     how: str
@@ -72,7 +72,7 @@ class Mutation:
 
 
 def mutations() -> st.SearchStrategy[list[Mutation]]:
-    """One to four changes."""
+    """Return a strategy for one to four changes."""
     data = st.one_of(st.sampled_from(TOKENS), st.binary(min_size=1, max_size=8))
     unit = st.floats(0.0, 1.0, exclude_max=True)
     ways = ("replace", "replace", "replace", "insert", "bytes", "bytes", "drop", "repeat", "swap", "line", "cut")
@@ -84,10 +84,10 @@ class Kind:
     """A kind of file.
 
     Args:
-        file: Name of the file that is changed, in the folder that ``make`` fills.
-        make: Fills a folder with the whole file and what belongs to it.
-        read: Reads it, given the folder, as a command does.
-        harmless: Changes of the text that do not matter.
+        file: The name of the file that is changed, in the folder that ``make`` fills.
+        make: Fills a folder with the valid file and the files that belong to it.
+        read: Reads the folder as a command does.
+        harmless: Changes of the text that must not change the result.
     """
 
     file: str

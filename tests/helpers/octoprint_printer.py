@@ -1,8 +1,8 @@
-"""OctoPrint's own virtual Marlin printer behind a pseudo-terminal; run by the Python that has OctoPrint installed.
+"""OctoPrint's own virtual Marlin printer behind a pseudo-terminal; run it with the Python that has OctoPrint installed.
 
-Prints the terminal's path and runs until its standard input ends. No OctoPrint server, settings folder or port is
-needed: the printer object gets its plugin's default settings. With ``--marlin2`` its answers are brought nearer to
-Marlin 2, as far as settings and a line of M114 go; without, it is purely theirs.
+It prints the terminal's path and runs until its standard input ends. It needs no OctoPrint server, settings folder or
+port, because the printer object gets its plugin's default settings. With ``--marlin2`` some settings and the answer to
+M114 are changed to resemble Marlin 2; without it the printer is OctoPrint's own.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ MARLIN2 = {
     "sendBusy": True,
     "rxBuffer": 128,
     "resetLines": ["start", "Marlin 2.1.2"],
-    # Theirs gives as many decimals as Python does; Marlin always gives two.
+    # OctoPrint writes as many decimals as Python does; Marlin always writes two.
     "m114FormatString": "X:{x:.2f} Y:{y:.2f} Z:{z:.2f} E:{e[current]:.2f}",
     "simulated_errors": [],
 }
 
 
 class Settings:
-    """What the printer asks of OctoPrint's settings."""
+    """The part of OctoPrint's settings that the printer reads."""
 
     def __init__(self, values: dict[str, Any], folder: str) -> None:
         self.values, self.folder = values, folder
@@ -58,7 +58,7 @@ class Settings:
 
 
 class Marlin2(virtual.VirtualPrinter):  # type: ignore[misc]
-    """M114 as Marlin answers it: the position on a line of its own, then ``ok``."""
+    """A printer that answers M114 as Marlin does: the position on a separate line, then ``ok``."""
 
     def _gcode_M114(self, data: str) -> None:  # noqa: N802 (their name)
         self._send(self._generatePositionOutput())
@@ -71,14 +71,14 @@ def main() -> None:
     values.update(MARLIN2 if marlin2 else {})
     folder = tempfile.mkdtemp()
     kind = Marlin2 if marlin2 else virtual.VirtualPrinter
-    # The other end stays open here, so that a client's close is no hang-up.
+    # The other end stays open here, so that the terminal survives when a client closes it.
     ours, theirs = os.openpty()
     tty.setraw(theirs)
     printer = kind(Settings(values, folder), None, folder, read_timeout=0.2)
 
     def inwards() -> None:
-        # Their printer takes one line off each piece that it is given, and leaves what follows until the next piece
-        # comes; its own host writes line by line. A serial port knows no pieces, so they are made here.
+        # OctoPrint's printer takes only one line from each write and keeps the rest until the next write, because its
+        # own host writes line by line. A serial port has no such units, so the bytes are split into lines here.
         line = bytearray()
         with contextlib.suppress(Exception):
             while data := os.read(ours, 64):

@@ -1,4 +1,4 @@
-"""Programs that we did not write, and the parts that they are given. A missing program skips, and says so."""
+"""Programs of other projects, and the parts that they open. A test whose program is missing is skipped."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ Written = Callable[[str, str], Path]
 
 
 def program(name: str, package: str) -> Run:
-    """A caller of a program that fails on any exit code but 0 and gives back all that it printed."""
-    found = shutil.which(name)
-    if found is None:
+    """Return a function that runs a program, requires exit code 0 and returns the program's output."""
+    executable = shutil.which(name)
+    if executable is None:
         pytest.skip(f"{name} is not installed: apt-get install {package}")
 
     def run(arguments: Sequence[str | Path]) -> str:
-        done = subprocess.run(
-            [found, *map(str, arguments)], capture_output=True, text=True, timeout=PATIENCE_S, check=False
+        result = subprocess.run(
+            [executable, *map(str, arguments)], capture_output=True, text=True, timeout=PATIENCE_S, check=False
         )
-        output = done.stdout + done.stderr
-        assert done.returncode == 0, f"{name} ended with {done.returncode}: {output[-2000:]}"
+        output = result.stdout + result.stderr
+        assert result.returncode == 0, f"{name} ended with {result.returncode}: {output[-2000:]}"
         return output
 
     return run
 
 
 def _block(name: str) -> Part:
-    """``paper-4``, ``released-2``, ``grid-6``, ``fine-4``, ``keyed-4``: what it is and which texture."""
+    """Return the block of a kind and texture: ``paper-4``, ``released-2``, ``grid-6``, ``fine-4`` or ``keyed-4``."""
     kind, number = name.split("-")
     if kind in ("paper", "released"):
         return block_part(Block.of(number, kind))
@@ -54,7 +54,7 @@ def _block(name: str) -> Part:
 
 @cache
 def part_named(name: str) -> Part:
-    """A part of the print set; fixtures need the CAD kernel.
+    """Return a part of the print set; fixtures need the CAD kernel.
 
     Args:
         name: ``holder``, ``holder-released``, ``tray`` (six slots), ``jig``, ``jig-all``, ``coupon``, or a block.

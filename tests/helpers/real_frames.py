@@ -1,7 +1,7 @@
-"""Public frames of two TacTips in numbers, and the same statistics of the looks that were made from them.
+"""Statistics of public frames of two TacTips, and the same statistics of the simulated looks that follow them.
 
-``tactip-bristol``: mattclifford1/tactip-sensor-IQM-VIS, stills, one for each press. ``tactip-sussex``: the recording
-Movement4 of shepai/RoboSkin. Medians over some 10 frames; a range is that of several recordings.
+``tactip-bristol``: mattclifford1/tactip-sensor-IQM-VIS, one still image for each press. ``tactip-sussex``: the
+recording Movement4 of shepai/RoboSkin. The values are medians over some 10 frames; a range covers several recordings.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from tacbench_cad.lab import LOOKS, HolderRim, PrintedBlock, TacTip, contact_for
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import FORCES_N
 
-#: A statistic may leave what was measured by this fraction, or by so many counts or pixels where that is more.
+#: The allowed deviation from the measured value: this fraction, or the absolute value for the unit if that is larger.
 FRACTION = 0.2
 SLACK = {"counts": 5.0, "px": 0.3}
 #: Statistic; unit; tactip-bristol; tactip-sussex.
@@ -120,14 +120,14 @@ step ratio of blocks; 1; 1.0; 1.10 to 1.38
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor:
-    """What of a sensor has to be known to measure its frames.
+    """The properties of a sensor that are needed to measure its frames.
 
     Args:
-        dome: Its outline.
-        rings_px: Radii of the rings of pins at rest.
-        log: Sigma and threshold of the Laplacian of a Gaussian that finds its pins.
-        levels: The grey levels by which the noise was measured.
-        recording: Frames over which the motion of the dome was measured.
+        dome: The outline of the dome.
+        rings_px: The radii of the rings of pins at rest.
+        log: Sigma and threshold of the Laplacian of a Gaussian that finds the pins.
+        levels: The ranges of grey levels for which the noise was measured.
+        recording: The number of frames in which the motion of the dome was measured.
     """
 
     dome: Dome
@@ -138,7 +138,7 @@ class Sensor:
 
     @property
     def field(self) -> float:
-        """Radius of the field of pins, as a fraction of the dome's."""
+        """The radius of the field of pins, as a fraction of the dome's radius."""
         return self.rings_px[-1] / self.dome.radius
 
 
@@ -162,7 +162,7 @@ SENSORS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Goal:
-    """What was measured on real frames, and what a simulated statistic may be."""
+    """The measured range of a statistic of real frames, which a simulated statistic has to meet."""
 
     name: str
     unit: str
@@ -171,11 +171,11 @@ class Goal:
 
     @property
     def shown(self) -> str:
-        """What was measured, in words."""
+        """The measured value or range as text."""
         return f"{self.low:g}" if self.low == self.high else f"{self.low:g} to {self.high:g}"
 
     def met_by(self, value: float) -> bool:
-        """Whether a simulated value lies inside of the measured range, or near enough."""
+        """Return whether a simulated value lies in the measured range, within the allowed deviation."""
 
         def slack(measured: float) -> float:
             return max(FRACTION * abs(measured), SLACK.get(self.unit, 0.0))
@@ -184,7 +184,7 @@ class Goal:
 
 
 def goals(look: str) -> dict[str, Goal]:
-    """The goals of a look by the names of their statistics."""
+    """Return the goals of a look by the names of their statistics."""
     chosen = {}
     for line in MEASURED.strip().splitlines():
         name, unit, *values = (cell.strip() for cell in line.split(";"))
@@ -195,12 +195,13 @@ def goals(look: str) -> dict[str, Goal]:
 
 
 def simulated_statistics(look: str, *, presses: int = 6, recording: int | None = None) -> dict[str, float]:
-    """The statistics of a look: medians over presses of the textures at the middle force, and of frames at rest.
+    """Return the statistics of a look: medians over presses of the textures at the middle force, and of frames at rest.
 
     Args:
-        look: Its name.
-        presses: Presses that are measured whole.
-        recording: Presses over which the dome's motion is measured; None for as many as were on the real sensor.
+        look: The name of the look.
+        presses: The number of presses whose frames are measured completely.
+        recording: The number of presses in which the dome's motion is measured; None for the number of frames of the
+            real recording.
     """
     sensor, tactip = SENSORS[look], TacTip(look=LOOKS[look])
     rng = np.random.Generator(np.random.SFC64(1))
@@ -218,8 +219,8 @@ def simulated_statistics(look: str, *, presses: int = 6, recording: int | None =
         domes.append(find_dome(grey_of(frame).astype(np.float64), sensor.dome))
         if i < presses:
             markers = tactip.markers(pins)
-            seen = markers.centres_px[markers.visible]
-            single.append(frame_statistics(frame, sensor.dome, sensor.field, sensor.log, seen))
+            visible = markers.centres_px[markers.visible]
+            single.append(frame_statistics(frame, sensor.dome, sensor.field, sensor.log, visible))
     values = {name: float(np.median([statistics[name] for statistics in single])) for name in single[0]}
     values["motion of the dome's centre, peak to peak"] = float(
         max(np.ptp([dome.x for dome in domes]), np.ptp([dome.y for dome in domes]))

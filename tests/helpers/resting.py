@@ -1,4 +1,4 @@
-"""Where the formula lets a ball rest: a check of its own, from values of the formula only.
+"""The rest position of a ball on the formula's surface: an independent check that uses values of the formula only.
 
 A ball of radius R over (x, y) touches the surface when its centre is at ``c(x, y) = max of z(x + a, y + b) +
 sqrt(R^2 - a^2 - b^2)`` over the disc ``a^2 + b^2 <= R^2``. A ball that can move sideways rests in a minimum of ``c``.
@@ -16,7 +16,7 @@ import numpy as np
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.types import Floats
 
-#: Exports a texture (by number) to a target and gives the texture's folder.
+#: Exports a texture (by number) to a target and returns the texture's folder.
 Exported = Callable[[str, str], Path]
 #: The ball of the tests, in mm.
 BALL_MM = 0.5
@@ -25,7 +25,7 @@ NEAR_MM = 0.05
 
 
 def centre_height_mm(block: Block, x: float, y: float, radius_mm: float = BALL_MM, samples: int = 201) -> float:
-    """z of the centre of a ball that touches the formula from above at (x, y), in mm."""
+    """Return z of the centre of a ball over (x, y) that touches the surface from above, in mm."""
     reach = math.sqrt(2.0 * radius_mm * min(radius_mm, 1.1 * block.relief_mm))
     a0, b0, half = 0.0, 0.0, min(reach, radius_mm)
     best = -math.inf
@@ -44,7 +44,7 @@ def centre_height_mm(block: Block, x: float, y: float, radius_mm: float = BALL_M
 
 @cache
 def valley_mm(block: Block, margin_mm: float = 4.0, radius_mm: float = BALL_MM) -> tuple[float, float, float]:
-    """The rest (x, y, z of the centre) of a ball in the lowest valley away from the border, in mm."""
+    """Return the rest position (x, y, z of the centre) of a ball in the lowest valley away from the border, in mm."""
     x, y = (np.arange(margin_mm, side - margin_mm, 0.05) for side in block.size_mm)
     z = block.surface.grid(x, y)
     i, j = np.unravel_index(int(np.argmin(z)), z.shape)
@@ -52,11 +52,11 @@ def valley_mm(block: Block, margin_mm: float = 4.0, radius_mm: float = BALL_MM) 
 
 
 def settled_mm(block: Block, x: float, y: float, radius_mm: float = BALL_MM) -> tuple[float, float, float]:
-    """The minimum of the centre's height that is reached downhill from (x, y), in mm."""
+    """Return the rest position that a ball reaches downhill from (x, y), in mm."""
     step, best = 0.1, centre_height_mm(block, x, y, radius_mm)
     while step > 5e-4:
         tries = [(x + step * a, y + step * b) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))]
-        heights = [centre_height_mm(block, *one, radius_mm) for one in tries]
+        heights = [centre_height_mm(block, *place, radius_mm) for place in tries]
         k = int(np.argmin(heights))
         if heights[k] < best - 1e-9:
             (x, y), best = tries[k], heights[k]
@@ -66,11 +66,11 @@ def settled_mm(block: Block, x: float, y: float, radius_mm: float = BALL_MM) -> 
 
 
 def places_mm(block: Block, count: int = 300, seed: int = 6) -> Floats:
-    """Random places (x, y) on the block, away from its borders, in mm; shape (count, 2)."""
+    """Return random places (x, y) on the block, away from its borders, in mm, shape (count, 2)."""
     high = np.array(block.size_mm) - 0.2
     return np.random.default_rng(seed).uniform(0.2, high, (count, 2))
 
 
 def steel_kg(radius_mm: float) -> float:
-    """Mass of a steel ball, in kg."""
+    """Return the mass of a steel ball, in kg."""
     return 7800.0 * 4.0 / 3.0 * math.pi * (radius_mm / 1e3) ** 3

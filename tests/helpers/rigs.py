@@ -1,4 +1,4 @@
-"""Rigs of test doubles, and what a block on them is pressed with."""
+"""Rigs of test doubles, and the settings with which blocks are pressed on them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ LIMITS = ((-100.0, 300.0), (-100.0, 300.0), (-50.0, 50.0))
 
 
 def small_protocol(**changes: Any) -> Protocol:
-    """Four positions, two forces, two repeats: 16 presses, and few stationary readings."""
+    """Return a protocol of 16 presses (four positions, two forces, two repeats) with few stationary frames."""
     values: dict[str, Any] = {
         "grid": PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0)),
         "forces_n": (0.08045, 1.91295),
@@ -54,7 +54,7 @@ def printed(texture: int = 1, copy: int = 1) -> PrintedBlock:
 
 def study_of(protocol: Protocol, *textures: int) -> Study:
     levels = tuple(range(1, protocol.levels + 1))
-    blocks = tuple(PlannedBlock(printed=printed(one), levels=levels) for one in textures)
+    blocks = tuple(PlannedBlock(printed=printed(texture), levels=levels) for texture in textures)
     return Study(blocks=blocks, protocol=protocol)
 
 
@@ -66,7 +66,7 @@ def rig_settings(**stage: Any) -> RigSettings:
 
 
 class FakeRig:
-    """The doubles of a rig, and as many openings of it as a test needs."""
+    """A rig of test doubles that a test may open several times."""
 
     def __init__(self, *, plate: Plate | None = None, gauge: bool = True, **stage: Any) -> None:
         self.plate = plate or Plate()
@@ -94,7 +94,7 @@ class FakeRig:
             yield self.rig(settings)
 
     def presser(self, protocol: Protocol) -> Presser:
-        """The press loop on this rig, its gauge tared."""
+        """Return the press loop on this rig, with a tared gauge."""
         carriage = Carriage(self.stage, WorkFrame(origin_mm=(0.0, 0.0, 0.0)), protocol, HolderRim())
         force = None if self.gauge is None else ContactForce(self.gauge, carriage, protocol, AT_ONCE)
         if force is not None:

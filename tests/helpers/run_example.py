@@ -1,4 +1,4 @@
-"""Run in a child process by test_examples.py: one example, its result examined by the kernel, as one line of JSON."""
+"""Run an example, check its result with the CAD kernel and print one line of JSON; test_examples.py runs this file."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from typing import Any
 
 
 def main(path: Path, ask: dict[str, str], **host: dict[str, Any]) -> dict[str, Any]:
-    """The example's answer: what is wrong with its solid, the volume in mm^3, and the values asked for.
+    """Return the faults of the example's solid, its volume in mm^3, and the requested values.
 
     Args:
         path: The example.
-        ask: Names and expressions, taken in the example's own namespace.
-        host: With ``parameters`` it is built by CadQuery's CQGI with these; ``refused`` are tried before.
+        ask: Names and expressions, which are evaluated in the example's namespace.
+        host: If given, CadQuery's CQGI builds the example with ``parameters``, after an attempt with ``refused``.
     """
-    found: dict[str, Any] = {}
-    names = _hosted(path, found, **host) if host else runpy.run_path(str(path))
+    answer: dict[str, Any] = {}
+    names = _hosted(path, answer, **host) if host else runpy.run_path(str(path))
     from OCP.BRepGProp import BRepGProp
     from OCP.GProp import GProp_GProps
 
@@ -29,28 +29,28 @@ def main(path: Path, ask: dict[str, str], **host: dict[str, Any]) -> dict[str, A
     shape = getattr(shape, "wrapped", shape)
     props = GProp_GProps()
     BRepGProp.VolumeProperties_s(shape, props, 1e-5, False, True)
-    found["faults"] = [f"{one.name}: {one.detail}" for one in solid_checks(shape) if not one.ok]
-    found["volume"] = props.Mass()
+    answer["faults"] = [f"{check.name}: {check.detail}" for check in solid_checks(shape) if not check.ok]
+    answer["volume"] = props.Mass()
     space = {"pi": 3.141592653589793, **names}
     values = {name: eval(text, space) for name, text in ask.items()}
-    # NumPy's bool is none of JSON's.
-    return found | {
+    # JSON cannot store NumPy's bool.
+    return answer | {
         "values": {name: getattr(value, "item", lambda value=value: value)() for name, value in values.items()}
     }
 
 
-def _hosted(path: Path, found: dict[str, Any], parameters: dict[str, Any], refused: dict[str, Any]) -> dict[str, Any]:
+def _hosted(path: Path, answer: dict[str, Any], parameters: dict[str, Any], refused: dict[str, Any]) -> dict[str, Any]:
     from cadquery import cqgi
 
     text = path.read_text(encoding="utf-8")
     built = cqgi.parse(text).build(refused)
-    found["refused"] = f"{type(built.exception).__name__}: {built.exception}"
+    answer["refused"] = f"{type(built.exception).__name__}: {built.exception}"
     model = cqgi.parse(text)
     built = model.build(parameters)
     if not built.success:
         raise built.exception
-    found["parameters"] = list(model.metadata.parameters)
-    found["shown"] = [one.options["name"] for one in built.results]
+    answer["parameters"] = list(model.metadata.parameters)
+    answer["shown"] = [shown.options["name"] for shown in built.results]
     return {**built.env, "result": built.first_result.shape}
 
 

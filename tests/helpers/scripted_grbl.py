@@ -1,4 +1,4 @@
-"""A few lines of GRBL for the driver's own tests: it jumps where it is sent; a test changes what it says."""
+"""A minimal GRBL for the tests of the driver. It arrives at once; a test can change its answers."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ SETTINGS = b"$10=1\r\n$13=0\r\n$22=1\r\n$27=1.000\r\n$100=250.000\r\n$101=250.00
 
 
 class ScriptedGrbl:
-    """Homed at -1, -1, -1; every move arrives at once.
+    """A GRBL that is homed at -1, -1, -1 and arrives at once.
 
     Attributes:
-        on_move: Takes the target and yields what is sent in place of ``ok`` and the arrival.
-        on_status: Yields what is sent in place of a report.
-        on_home, on_reset: Likewise.
+        on_move: Takes the target and yields the bytes that are sent instead of ``ok``; the position does not change.
+        on_status: Yields the bytes that are sent instead of a status report.
+        on_home: Yields the bytes that are sent instead of the answer to homing.
+        on_reset: Yields the bytes that are sent instead of the banner.
     """
 
     def __init__(self) -> None:
@@ -33,33 +34,33 @@ class ScriptedGrbl:
         self.on_reset: Callable[[], Iterable[bytes | float]] | None = None
 
     def peer(self) -> Peer:
-        """Itself over a pseudo-terminal."""
+        """Return a peer that serves this firmware over a pseudo-terminal."""
         return Peer(self.answer)
 
     def report(self) -> bytes:
-        """A status report."""
+        """Return a status report."""
         return f"<{self.state}|MPos:{self.at[0]:.3f},{self.at[1]:.3f},{self.at[2]:.3f}|FS:0,0>\r\n".encode()
 
-    def answer(self, got: bytes) -> Iterator[bytes | float]:
-        """What is sent for a line or a real-time byte."""
-        if got == b"\x18":
+    def answer(self, command: bytes) -> Iterator[bytes | float]:
+        """Yield the answer to a line or a real-time byte."""
+        if command == b"\x18":
             self.deaf = False
             self.state = "Idle"
             yield from self.on_reset() if self.on_reset else [self.banner]
         elif self.deaf:
             return
-        elif got == b"?":
+        elif command == b"?":
             yield from self.on_status() if self.on_status else [self.report()]
-        elif got == b"!":
+        elif command == b"!":
             self.state = "Hold:0"
-        elif got == b"$I":
+        elif command == b"$I":
             yield self.version
-        elif got == b"$$":
+        elif command == b"$$":
             yield self.settings + b"ok\r\n"
-        elif got == b"$H":
+        elif command == b"$H":
             yield from self.on_home() if self.on_home else self._home()
-        elif found := re.search(rb"X(-?[\d.]+)Y(-?[\d.]+)Z(-?[\d.]+)", got):
-            target = (float(found[1]), float(found[2]), float(found[3]))
+        elif match := re.search(rb"X(-?[\d.]+)Y(-?[\d.]+)Z(-?[\d.]+)", command):
+            target = (float(match[1]), float(match[2]), float(match[3]))
             if self.on_move:
                 yield from self.on_move(target)
             else:

@@ -1,4 +1,4 @@
-"""A few lines of Marlin for the driver's own tests: it jumps where it is sent; a test changes what it says."""
+"""A minimal Marlin for the tests of the driver. It arrives at once; a test can change its answers."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ Handler = Callable[[bytes], Iterable[bytes | float]]
 
 
 class ScriptedMarlin:
-    """Checks numbers and checksums as Marlin does; homed at 0, 0, 100; every move arrives at once.
+    """A Marlin that checks line numbers and checksums, is homed at 0, 0, 100 and arrives at once.
 
     Attributes:
-        on: What is sent for a command in place of its own answer, by its first word.
-        steps_per_mm: For the ``Count`` of ``M114``; None for a build that reports none.
-        soft: Lowest coordinate that a target is clamped to.
+        on: Functions whose bytes replace the usual answer to a command, by the command's first word.
+        steps_per_mm: The steps per mm for the ``Count`` of ``M114``; None for a build that reports no counts.
+        soft: The soft limit below which target coordinates are clamped; None for no limit.
     """
 
     def __init__(self) -> None:
@@ -34,29 +34,31 @@ class ScriptedMarlin:
         self.accepted: list[bytes] = []
 
     def peer(self) -> Peer:
-        """Itself over a pseudo-terminal."""
+        """Return a peer that serves this firmware over a pseudo-terminal."""
         return Peer(self.answer, realtime=b"")
 
     def reset(self) -> bytes:
-        """The position and the line numbers are forgotten; what is said."""
+        """Forget the position and the line number, and return the banner."""
         self.at, self.last = (0.0, 0.0, 0.0), 0
         return BANNER
 
     def report(self) -> bytes:
-        """What M114 says."""
+        """Return the answer to M114."""
         x, y, z = self.at
         line = f"X:{x:.2f} Y:{y:.2f} Z:{z:.2f} E:0.00"
         if self.steps_per_mm:
-            a, b, c = (round(one * per_mm) for one, per_mm in zip(self.at, self.steps_per_mm, strict=True))
+            a, b, c = (
+                round(coordinate * per_mm) for coordinate, per_mm in zip(self.at, self.steps_per_mm, strict=True)
+            )
             line += f" Count X:{a} Y:{b} Z:{c}"
         return line.encode() + b"\n"
 
-    def answer(self, got: bytes) -> Iterator[bytes | float]:
-        """What is sent for a line."""
-        if self.mute or not got:
+    def answer(self, line: bytes) -> Iterator[bytes | float]:
+        """Yield the answer to a line."""
+        if self.mute or not line:
             return
-        if got.startswith(b"N"):
-            body, _, checksum = got.rpartition(b"*")
+        if line.startswith(b"N"):
+            body, _, checksum = line.rpartition(b"*")
             number, _, command = body[1:].partition(b" ")
             if b"M110" in command:
                 self.last = int(command.partition(b"N")[2])
@@ -71,22 +73,22 @@ class ScriptedMarlin:
                 yield self.refusal("Line Number is not Last Line Number+1")
                 return
             self.last = int(number)
-            got = command
-        self.accepted.append(got)
-        word = got.split(b" ")[0]
-        yield from self.on[word](got) if word in self.on else self.obey(got)
+            line = command
+        self.accepted.append(line)
+        word = line.split(b" ")[0]
+        yield from self.on[word](line) if word in self.on else self.obey(line)
 
     def refusal(self, why: str) -> bytes:
-        """The three lines that a refused line earns."""
+        """Return the three lines that answer a refused line."""
         return f"Error:{why}, Last Line: {self.last}\nResend: {self.last + 1}\nok\n".encode()
 
-    def obey(self, got: bytes) -> Iterator[bytes | float]:
-        """The usual answer to a command."""
-        word = got.split(b" ")[0]
+    def obey(self, command: bytes) -> Iterator[bytes | float]:
+        """Yield the usual answer to a command."""
+        word = command.split(b" ")[0]
         if word == b"G1":
-            self.go(got)
+            self.go(command)
         elif word == b"G28":
-            axis = got[-1:]
+            axis = command[-1:]
             x, y, z = self.at
             self.at = (0.0 if axis == b"X" else x, 0.0 if axis == b"Y" else y, 100.0 if axis == b"Z" else z)
         elif word == b"M114":
@@ -104,12 +106,12 @@ class ScriptedMarlin:
         elif word == b"M203":
             yield b"echo:  M203 X300.00 Y300.00 Z10.00 E25.00\n"
         elif word not in (b"G90", b"G91", b"M400", b"M113"):
-            yield b'echo:Unknown command: "' + got + b'"\n'
+            yield b'echo:Unknown command: "' + command + b'"\n'
         yield b"ok\n"
 
-    def go(self, got: bytes) -> None:
-        """Take a move's target as the position."""
-        made = dict(zip("XYZ", self.at, strict=True))
-        for letter, value in re.findall(rb"([XYZ])(-?[\d.]+)", got):
-            made[letter.decode()] = float(value) if self.soft is None else max(float(value), self.soft)
-        self.at = (made["X"], made["Y"], made["Z"])
+    def go(self, command: bytes) -> None:
+        """Set the position to the target of a move."""
+        position = dict(zip("XYZ", self.at, strict=True))
+        for letter, value in re.findall(rb"([XYZ])(-?[\d.]+)", command):
+            position[letter.decode()] = float(value) if self.soft is None else max(float(value), self.soft)
+        self.at = (position["X"], position["Y"], position["Z"])

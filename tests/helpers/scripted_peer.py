@@ -1,4 +1,4 @@
-"""A byte peer over a pseudo-terminal: a thread that answers what a test's function says. Kinder than no firmware."""
+"""A byte peer over a pseudo-terminal: a thread that sends the answers of a test's function."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from types import TracebackType
 from typing import Self
 
-#: Takes one line, or one real-time byte; returns what is sent: bytes, and seconds of silence.
+#: Takes a line or a real-time byte and returns the answer: bytes, and pauses in seconds.
 Answer = Callable[[bytes], Iterable[bytes | float]]
 
 
@@ -20,8 +20,8 @@ class Peer:
     """The far end of a serial line.
 
     Args:
-        answer: Called with each line (without its end) and each real-time byte.
-        realtime: Bytes that are taken out of the stream at once, as firmware does.
+        answer: The function that is called with each line (without its end) and each real-time byte.
+        realtime: The bytes that are taken out of the stream at once, as firmware does.
     """
 
     def __init__(self, answer: Answer, realtime: bytes = b"?!~\x18\x85") -> None:
@@ -32,7 +32,7 @@ class Peer:
         self._far, near = pty.openpty()
         tty.setraw(near)
         self.port = os.ttyname(near)
-        # Held open, so that a driver may close and open the port again; closed once, by whoever unplugs first.
+        # Both ends stay open, so that a driver can close and reopen the port. The first call of unplug closes them.
         self._ends: tuple[int, ...] = (near, self._far)
         self._lock = threading.Lock()
         self._over = threading.Event()
@@ -40,18 +40,18 @@ class Peer:
         self._thread.start()
 
     def say(self, data: bytes) -> None:
-        """Send something unasked."""
+        """Send bytes without a request."""
         os.write(self._far, data)
 
     def wait_for(self, line: bytes, within_s: float = 5.0) -> None:
-        """Until a line has been read here, which the thread does in its own time."""
+        """Wait until the thread has read a line."""
         until = time.monotonic() + within_s
         while line not in self.lines:
             assert time.monotonic() < until, f"{line!r} was not sent"
             time.sleep(0.005)
 
     def unplug(self) -> None:
-        """The device is gone."""
+        """Close both ends, as if the device were unplugged."""
         with self._lock:
             ends, self._ends = self._ends, ()
             self._over.set()
@@ -70,15 +70,15 @@ class Peer:
                 if byte in self.realtime:
                     self._reply(bytes([byte]))
                 elif byte == 0x0A:
-                    whole = bytes(line).strip()
+                    message = bytes(line).strip()
                     line.clear()
-                    self.lines.append(whole)
-                    self._reply(whole)
+                    self.lines.append(message)
+                    self._reply(message)
                 else:
                     line.append(byte)
 
-    def _reply(self, got: bytes) -> None:
-        for part in self.answer(got):
+    def _reply(self, message: bytes) -> None:
+        for part in self.answer(message):
             if isinstance(part, float):
                 time.sleep(part)
             else:

@@ -1,4 +1,4 @@
-"""Meshes and parts for the tests of files: sound ones, and one with each fault."""
+"""Meshes and parts for the tests of files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tacbench_cad.util.types import Floats
 def box_mesh(
     size: tuple[float, float, float] = (2.0, 3.0, 4.0), at: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> Mesh:
-    """A box of 12 triangles."""
+    """Return a box of 12 triangles."""
     corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * size + at
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
@@ -25,7 +25,7 @@ def box_mesh(
 
 
 def mesh_part(mesh: Mesh, name: str = "thing", **more: Any) -> Part:
-    """A part that is nothing but a mesh."""
+    """Return a part with a mesh and no solid."""
     low, high = mesh.bounds_mm
     size = tuple((high - low).tolist())
     expected = ExpectedGeometry(volume_mm3=mesh.volume_mm3, volume_slack_mm3=0.0)
@@ -33,20 +33,22 @@ def mesh_part(mesh: Mesh, name: str = "thing", **more: Any) -> Part:
     return Part(name=name, size_mm=size, make_mesh=lambda: (mesh, expected), **fields)
 
 
-def write_soup(path: Path, corners: Floats, header: bytes = b"made elsewhere", count: int | None = None) -> Path:
-    """Binary STL of bare triangles (m, 3, 3), as another program writes it: no names, no normals."""
-    facets = np.zeros(len(corners), dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
-    facets["v"] = corners
-    written = len(corners) if count is None else count
+def write_soup(
+    path: Path, triangle_points: Floats, header: bytes = b"made elsewhere", count: int | None = None
+) -> Path:
+    """Write triangles (m, 3, 3) as a binary STL file without names and normals, as another program may do."""
+    facets = np.zeros(len(triangle_points), dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
+    facets["v"] = triangle_points
+    written = len(triangle_points) if count is None else count
     path.write_bytes(header.ljust(80, b"\0") + np.uint32(written).tobytes() + facets.tobytes())
     return path
 
 
 def published(number: int, flipped_walls: bool = True) -> Floats:
-    """A block built as the authors' files are: 353,972 triangles, two of the four walls wound the wrong way.
+    """Return a block like those in the authors' files, in which two of the four walls have the wrong orientation.
 
     Returns:
-        Triangles, shape (353972, 3, 3).
+        The triangles, shape (353972, 3, 3).
     """
     block = Block.of(number, "released")
     nx, ny = 294, 301
@@ -56,11 +58,11 @@ def published(number: int, flipped_walls: bool = True) -> Floats:
     top, bottom = np.stack([xx, yy, z], axis=2), np.stack([xx, yy, np.zeros_like(z)], axis=2)
 
     def strip(a: Floats, b: Floats, flip: bool) -> Floats:
-        """Triangles between two rows of points."""
+        """Return the triangles between two rows of points."""
         first = np.stack([a[..., :-1, :], b[..., :-1, :], b[..., 1:, :]], axis=-2)
         second = np.stack([a[..., :-1, :], b[..., 1:, :], a[..., 1:, :]], axis=-2)
-        both = np.concatenate([first.reshape(-1, 3, 3), second.reshape(-1, 3, 3)])
-        return both[:, ::-1] if flip else both
+        triangles = np.concatenate([first.reshape(-1, 3, 3), second.reshape(-1, 3, 3)])
+        return triangles[:, ::-1] if flip else triangles
 
     sheets = [strip(top[:-1], top[1:], False), strip(bottom[:-1], bottom[1:], True)]
     walls = [
@@ -73,6 +75,6 @@ def published(number: int, flipped_walls: bool = True) -> Floats:
 
 
 def changed(mesh: Mesh, change: Callable[[Floats], Floats]) -> Mesh:
-    """The mesh with its vertices moved, rounded to float32."""
+    """Return the mesh with changed vertices, rounded to float32."""
     vertices = change(mesh.vertices.copy()).astype(np.float32).astype(np.float64)
     return Mesh(vertices, mesh.faces)

@@ -1,4 +1,4 @@
-"""Frames of the simulated sensor with the truth about their markers, and how well a finder does on them."""
+"""Frames of the simulated sensor with the true positions of their markers, and the detection rates of a finder."""
 
 from __future__ import annotations
 
@@ -17,12 +17,15 @@ from tacbench_cad.lab.vision.markers import Markers as FoundMarkers
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import FORCES_N
 
-#: A spot this near to a marker is that marker, in pixels.
+#: The largest distance between a marker and its detection, in pixels.
 NEAR_PX = 3.0
 
 
 def simulated_frames(look: str, presses: int, seed: int = 0) -> Iterator[tuple[Frame, Markers]]:
-    """Frames and their truth: one without contact, then presses of textures 2 and 4 at places and forces by chance."""
+    """Yield frames and their true markers: a frame without contact, then presses of textures 2 and 4.
+
+    The positions are random; the forces take turns.
+    """
     sensor = TacTip(look=look_named(look))
     rng = np.random.default_rng(seed)
     pins = sensor.pins(None, (0.0, 0.0, 0.0))
@@ -37,10 +40,10 @@ def simulated_frames(look: str, presses: int, seed: int = 0) -> Iterator[tuple[F
         yield sensor.frame(pins, rng), sensor.markers(pins)
 
 
-def found_and_false(
+def detection_rates(
     frames: Iterable[tuple[Frame, Markers]], find: Callable[[Frame], FoundMarkers]
 ) -> tuple[float, float, float]:
-    """The fraction of visible markers found, that of false ones, and the rms of the centres in pixels."""
+    """Return the fraction of visible markers found, the fraction of false ones, and the rms error in pixels."""
     visible = false = 0
     errors: list[NDArray[np.float64]] = []
     for frame, truth in frames:

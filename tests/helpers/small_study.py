@@ -1,4 +1,4 @@
-"""The file of the smallest study that a rig can press, for tests."""
+"""A study file with two presses, for tests."""
 
 #: One block, two presses, on the virtual firmware.
 STUDY = """

@@ -1,4 +1,4 @@
-"""Reference values for the solids, from the formula alone."""
+"""Reference values for the solids, computed from the formula alone."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tacbench_cad.util.types import Floats
 
 
 def gauss(low: float, high: float, panels: int) -> tuple[Floats, Floats]:
-    """Places and weights of the 10-point rule on equal panels of [low, high]."""
+    """Return the nodes and weights of the 10-point Gauss rule on equal panels of [low, high]."""
     points, weights = np.polynomial.legendre.leggauss(10)
     width = (high - low) / panels
     return (
@@ -29,7 +29,7 @@ def gauss(low: float, high: float, panels: int) -> tuple[Floats, Floats]:
 
 
 def top_area_mm2(block: Block, panels: int) -> float:
-    """Area of the whole top (the key not cut off), in mm^2."""
+    """Return the area of the whole top (with the corner that a key removes), in mm^2."""
     (x, wx), (y, wy) = (gauss(0.0, side, panels) for side in block.size_mm)
     surface = block.surface
     total = 0.0
@@ -43,7 +43,7 @@ def top_area_mm2(block: Block, panels: int) -> float:
 
 
 def block_area_mm2(block: Block) -> float:
-    """Area of a block without key and label, in mm^2; the quadrature is refined until it stands to 1e-6."""
+    """Return the area of a block without key and label, in mm^2, from a quadrature that is stable to 1e-6."""
     panels, area = 50, top_area_mm2(block, 25)
     while abs((finer := top_area_mm2(block, panels)) - area) > 1e-6 * finer:
         panels, area = 2 * panels, finer
@@ -55,7 +55,7 @@ def block_area_mm2(block: Block) -> float:
 
 
 def hole_mm3(block: Block, centre: tuple[float, float], radius: float) -> float:
-    """Volume that a round hole through the block removes, in mm^3."""
+    """Return the volume that a round hole through the block removes, in mm^3."""
     r, wr = gauss(0.0, radius, 60)
     angle = np.arange(2000) * (2.0 * np.pi / 2000)
     z = block.solid_datum_mm + block.surface(
@@ -65,7 +65,7 @@ def hole_mm3(block: Block, centre: tuple[float, float], radius: float) -> float:
 
 
 def faces(shape: TopoDS_Shape) -> Iterator[TopoDS_Face]:
-    """All faces."""
+    """Yield all faces."""
     explorer = TopExp_Explorer(shape, TopAbs_ShapeEnum.TopAbs_FACE)
     while explorer.More():
         yield TopoDS.Face_s(explorer.Current())
@@ -73,8 +73,8 @@ def faces(shape: TopoDS_Shape) -> Iterator[TopoDS_Face]:
 
 
 def points_of_top(shape: TopoDS_Shape, per_side: int) -> Floats:
-    """Points of the spline faces of a shape, on a grid of its own in each, ends included; shape (n, 3)."""
-    found = []
+    """Return points of the spline faces of a shape, on a grid for each face with its ends included, shape (n, 3)."""
+    points = []
     for face in faces(shape):
         surface = BRep_Tool.Surface_s(face)
         if GeomAdaptor_Surface(surface).GetType() != GeomAbs_SurfaceType.GeomAbs_BSplineSurface:
@@ -85,12 +85,12 @@ def points_of_top(shape: TopoDS_Shape, per_side: int) -> Floats:
                 point = surface.Value(float(u), float(v))
                 assert abs(point.X() - u) < 1e-9
                 assert abs(point.Y() - v) < 1e-9
-                found.append((point.X(), point.Y(), point.Z()))
-    return np.array(found)
+                points.append((point.X(), point.Y(), point.Z()))
+    return np.array(points)
 
 
 def random_block(rng: np.random.Generator, oblique: bool) -> Block:
-    """A block with one to six random waves, steep and flat ones, high enough for its relief."""
+    """Return a block with one to six random waves, steep or flat, which is high enough for its relief."""
     waves = []
     for _ in range(int(rng.integers(1, 7))):
         f, g = rng.uniform(0.2, 12.0, 2) * rng.choice([-1.0, 1.0], 2)

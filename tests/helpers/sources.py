@@ -1,4 +1,4 @@
-"""The project's own source files, as syntax trees: what tests of the sources look at, without importing them."""
+"""The project's source files as syntax trees, for tests that read the sources without importing them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-#: Every module of the project by its dotted name.
+#: The file of every module, by the module's dotted name.
 FILES = {
     ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
     for package in ("tacbench_cad", "housing")
@@ -17,5 +17,5 @@ FILES = {
 
 @cache
 def tree(path: Path) -> ast.Module:
-    """The syntax tree of a file."""
+    """Return the syntax tree of a file."""
     return ast.parse(path.read_text(encoding="utf-8"))

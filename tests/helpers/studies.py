@@ -1,4 +1,4 @@
-"""Small studies on disk for the tests of the analysis: true run folders, made by the run folder's own writer."""
+"""Small studies on disk for the tests of the analysis: valid run folders, written with the project's own writer."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol, WorkF
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
 
-Reading = NDArray[Any]
-#: Makes the reading of a press; the generator is seeded by the press and the block.
-Maker = Callable[[PrintedBlock, Press, np.random.Generator], Reading]
+Frame = NDArray[Any]
+#: Draws the frame of a press; the generator is seeded with the press and the block.
+DrawFrame = Callable[[PrintedBlock, Press, np.random.Generator], Frame]
 
 SHAPE = (24, 32)
 WHEN = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
@@ -29,8 +29,8 @@ GRID = PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0))
 PRINTERS = (("ender-3", "pla-plus"), ("bambu-p1p", "pla-minus"))
 
 
-def texture_image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
-    """A picture that a classifier can tell by texture and that differs a little by print and noise."""
+def texture_image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
+    """Return an image that depends on the texture and, much less, on print, position, force and noise."""
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     number = int(printed.object_label)
     phase = 0.1 * printed.copy + 0.3 * len(printed.printer) + 0.05 * press.position
@@ -38,27 +38,27 @@ def texture_image(printed: PrintedBlock, press: Press, rng: np.random.Generator)
     return np.clip(clean + press.force_level + rng.normal(0.0, 2.0, SHAPE), 0, 255).astype(np.uint8)
 
 
-def noise_image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Reading:
-    """A picture that says nothing of the texture."""
+def noise_image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
+    """Return an image of noise that does not depend on the texture."""
     return rng.integers(0, 256, SHAPE, dtype=np.uint8)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """What a small study holds.
+    """The contents of a small study.
 
     Args:
-        textures: Numbers of the textures.
-        prints: Printer and filament.
-        copies: Copies of each, counted from 1.
-        levels: Force levels.
-        grid: Positions.
-        image: Makes a reading.
-        still: Stationary frames in contact at the start, and as many at the end.
-        simulated: What ``run.json`` says of the sensor.
-        shape: Shape of a reading.
-        units: Unit of its numbers.
-        resting: Makes a frame without contact; None for a run without such frames.
+        textures: The numbers of the textures.
+        prints: The pairs of printer and filament.
+        copies: The number of copies of each.
+        levels: The force levels.
+        grid: The positions.
+        image: Draws a frame.
+        still: The number of stationary frames in contact at the start, and the same number at the end.
+        simulated: The sensor's text ``simulated`` in ``run.json``.
+        shape: The shape of a frame.
+        units: The unit of its numbers.
+        resting: Draws a frame without contact; None for a run without such frames.
     """
 
     textures: Sequence[int] = (1, 2)
@@ -66,20 +66,20 @@ class Plan:
     copies: int = 2
     levels: tuple[int, ...] = (1,)
     grid: PressGrid = GRID
-    image: Maker = texture_image
+    image: DrawFrame = texture_image
     still: int = 3
     simulated: str = ""
     shape: tuple[int, ...] = SHAPE
     units: str = "counts"
-    resting: Callable[[np.random.Generator], Reading] | None = None
+    resting: Callable[[np.random.Generator], Frame] | None = None
 
 
 def write_study(folder: Path, plan: Plan | None = None, **changes: Any) -> list[Path]:
-    """Write the runs of a study, one folder a print.
+    """Write the runs of a study, one folder for each print.
 
     Args:
-        folder: Where the run folders go.
-        plan: The study; keyword arguments are fields of one.
+        folder: The folder for the run folders.
+        plan: The study; if None, it is made of the keyword arguments, which are the fields of a plan.
 
     Returns:
         The run folders.

@@ -1,4 +1,4 @@
-"""Measuring the textured tops of meshes against their formula, from nothing but the triangles."""
+"""Compare the textured tops of meshes with their formula, using only the triangles."""
 
 from __future__ import annotations
 
@@ -13,60 +13,62 @@ from tacbench_cad.util.types import Floats
 
 
 def faults(mesh: Mesh) -> list[str]:
-    """Everything that makes a mesh no closed, outward, non-degenerate body of genus 0; empty for a sound one."""
-    found = []
+    """Return the faults that keep a mesh from being a closed, outward-oriented, non-degenerate body of genus 0."""
+    faults = []
     if not np.array_equal(mesh.vertices, mesh.vertices.astype(np.float32)):
-        found.append("a coordinate is no float32 value")
+        faults.append("a coordinate is no float32 value")
     if len(np.unique(mesh.vertices, axis=0)) != len(mesh.vertices):
-        found.append("two vertices at one place")
+        faults.append("two vertices at one place")
     if not np.array_equal(np.unique(mesh.faces), np.arange(len(mesh.vertices))):
-        found.append("a vertex is not used")
+        faults.append("a vertex is not used")
     a, b, c = mesh.faces.astype(np.int64).T
     count = len(mesh.vertices)
     edges = np.concatenate([a * count + b, b * count + c, c * count + a])
     backward = np.concatenate([b * count + a, c * count + b, a * count + c])
     if len(np.unique(edges)) != len(edges):
-        found.append("an edge is run through twice in one direction")
+        faults.append("an edge is run through twice in one direction")
     if not np.array_equal(np.sort(edges), np.sort(backward)):
-        found.append("an edge is open or wound inconsistently")
+        faults.append("an edge is open or wound inconsistently")
     if not np.all(areas(mesh) > 0.0):
-        found.append("a triangle without area")
+        faults.append("a triangle without area")
     body = manifold3d.Manifold(manifold3d.Mesh(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32)))
     if body.status() != manifold3d.Error.NoError:
-        found.append(f"manifold3d: {body.status()}")
+        faults.append(f"manifold3d: {body.status()}")
     elif body.genus() != 0 or not np.isclose(body.volume(), mesh.volume_mm3, rtol=1e-9) or body.volume() <= 0.0:
-        found.append(f"genus {body.genus()}, volume {body.volume()} and {mesh.volume_mm3}")
-    return found
+        faults.append(f"genus {body.genus()}, volume {body.volume()} and {mesh.volume_mm3}")
+    return faults
 
 
 def areas(mesh: Mesh) -> Floats:
-    """Area of each triangle, from its float32 coordinates."""
+    """Return the area of each triangle, from its float32 coordinates."""
     return np.asarray(np.linalg.norm(normals(mesh.triangle_points), axis=1) / 2.0)
 
 
-def normals(corners: Floats) -> Floats:
-    """Twice the area vector of each triangle, shape (m, 3)."""
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+def normals(triangle_points: Floats) -> Floats:
+    """Return twice the area vector of each triangle, shape (m, 3)."""
+    return np.cross(triangle_points[:, 1] - triangle_points[:, 0], triangle_points[:, 2] - triangle_points[:, 0])
 
 
 def top_triangles(mesh: Mesh, block: Block) -> Floats:
-    """Corners of the triangles that look up, shape (m, 3, 3): the top, since nothing else of a block does.
+    """Return the triangles whose normals point up, shape (m, 3, 3): the block's top.
 
-    The wall along the key's cut leans by the rounding of its vertices and is told from the top by lying on the cut.
+    The wall along the key's cut leans by the rounding of its vertices, so triangles on the cut are left out.
     """
-    corners = mesh.triangle_points
-    up = normals(corners)[:, 2] > 0.0
+    triangle_points = mesh.triangle_points
+    up = normals(triangle_points)[:, 2] > 0.0
     if block.key_mm is not None:
-        excess = corners[:, :, 0] - corners[:, :, 1] - (block.size_mm[0] - block.key_mm)
+        excess = triangle_points[:, :, 0] - triangle_points[:, :, 1] - (block.size_mm[0] - block.key_mm)
         up &= np.any(np.abs(excess) > 1e-5, axis=1)
-    return corners[up]
+    return triangle_points[up]
 
 
-def deviations(block: Block, mesh: Mesh, order: int = 6, seed: int = 0, most: int = 2_000_000) -> tuple[float, float]:
-    """Largest distance and largest vertical deviation of the top from the formula.
+def deviations(
+    block: Block, mesh: Mesh, order: int = 6, seed: int = 0, max_points: int = 2_000_000
+) -> tuple[float, float]:
+    """Return the largest distance and the largest vertical deviation of the top from the formula.
 
-    Points are a barycentric lattice of every top triangle, its corners and edges included, and four random points;
-    where that would take more than ``most`` points, of as many triangles as they allow, drawn at random.
+    The top is sampled at a barycentric lattice of every triangle, with its corners and edges, and at four random
+    points in it. If that takes more than ``max_points`` points, fewer triangles are sampled, drawn at random.
     """
     top = top_triangles(mesh, block)
     i, j = np.meshgrid(np.arange(order + 1), np.arange(order + 1), indexing="ij")
@@ -75,8 +77,8 @@ def deviations(block: Block, mesh: Mesh, order: int = 6, seed: int = 0, most: in
     shares = np.concatenate([lattice, scattered])
     weights = np.column_stack([shares, 1.0 - shares.sum(axis=1)])
     distance = vertical = 0.0
-    if len(top) * len(weights) > most:
-        top = top[np.random.default_rng(seed).permutation(len(top))[: most // len(weights)]]
+    if len(top) * len(weights) > max_points:
+        top = top[np.random.default_rng(seed).permutation(len(top))[: max_points // len(weights)]]
     for part in np.array_split(top, max(1, len(top) * len(weights) // 500_000)):
         points = np.einsum("kw,nwc->nkc", weights, part).reshape(-1, 3)
         x, y = points[:, 0], points[:, 1]
@@ -88,7 +90,10 @@ def deviations(block: Block, mesh: Mesh, order: int = 6, seed: int = 0, most: in
 
 
 def random_texture(rng: np.random.Generator, oblique: bool) -> Texture:
-    """One to five waves, along the axes or in any direction, with a relief that every preset's base can carry."""
+    """Return a texture of one to five waves along the axes or, if ``oblique``, in any direction.
+
+    Its relief is low enough for the base of every preset.
+    """
     waves = []
     for _ in range(int(rng.integers(1, 6))):
         frequency = float(rng.uniform(0.15, 3.0))

@@ -1,4 +1,4 @@
-"""Triangles as another program read them: their heights, and where a ball dropped on them comes to rest."""
+"""Triangles that another program has read: their heights, and the rest position of a ball dropped on them."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ NO_PYBULLET = "PyBullet is not installed: pip install pybullet" + (
 
 
 def heights_mm(points: Floats, triangles: Ints, places: Floats) -> Floats:
-    """z of the highest triangle over each place, by a plumb line.
+    """Return z of the highest triangle over each place.
 
     Args:
-        points: Vertices in mm, z up, shape (n, 3).
-        triangles: Their indices, shape (m, 3).
-        places: Places (x, y), shape (k, 2).
+        points: The vertices in mm, z up, shape (n, 3).
+        triangles: The vertex indices of the triangles, shape (m, 3).
+        places: The places (x, y), shape (k, 2).
     """
     a, b, c = np.moveaxis(points[triangles], 1, 0)
     twice = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    seen = twice > 0.0  # looks up; walls stand upright
-    a, b, c, twice = a[seen], b[seen], c[seen], twice[seen]
+    upward = twice > 0.0  # triangles of the top; walls have no area in this projection
+    a, b, c, twice = a[upward], b[upward], c[upward], twice[upward]
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-    found = []
+    heights = []
     for x, y in places:
         near = (low[:, 0] <= x) & (x <= high[:, 0]) & (low[:, 1] <= y) & (y <= high[:, 1])
         p, q, r, area = a[near], b[near], c[near], twice[near]
@@ -39,14 +39,14 @@ def heights_mm(points: Floats, triangles: Ints, places: Floats) -> Floats:
         over = (s >= -1e-9) & (t >= -1e-9) & (s + t <= 1.0 + 1e-9)
         assert over.any(), f"a hole over {x:g}, {y:g} mm"
         z = p[:, 2] + s * (q[:, 2] - p[:, 2]) + t * (r[:, 2] - p[:, 2])
-        found.append(float(z[over].max()))
-    return np.array(found)
+        heights.append(float(z[over].max()))
+    return np.array(heights)
 
 
 def rest_on_triangles(
     points: Floats, triangles: Ints, start_mm: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """Where a steel ball that is let go over the triangles comes to rest in PyBullet, in mm."""
+    """Return the position in mm where a steel ball that is dropped on the triangles comes to rest in PyBullet."""
     pybullet = pytest.importorskip("pybullet", reason=NO_PYBULLET)
     world = pybullet.connect(pybullet.DIRECT)
     try:
@@ -66,9 +66,9 @@ def rest_on_triangles(
 
 
 def drop(engine: Any, world: int, start_mm: tuple[float, float, float], radius_mm: float) -> tuple[float, float, float]:
-    """Let go of a steel ball in a world with gravity, and give its place a second later, in mm."""
+    """Drop a steel ball in a world with gravity and return its position a second later, in mm."""
     shape = engine.createCollisionShape(engine.GEOM_SPHERE, radius=radius_mm / 1e3, physicsClientId=world)
-    start = [one / 1e3 for one in start_mm]
+    start = [coordinate / 1e3 for coordinate in start_mm]
     ball = engine.createMultiBody(steel_kg(radius_mm), shape, basePosition=start, physicsClientId=world)
     engine.changeDynamics(
         ball,

@@ -25,16 +25,16 @@ ASK = {"grbl": b"$G\n", "grblhal": b"$G\n", "marlin": b"M105\n", "arduino": b"SH
 @pytest.mark.parametrize("kind", KINDS)
 def test_bytes_dropped_doubled_and_garbled_on_their_way_out(kind: str) -> None:
     host = homed(kind)
-    whole = host.ask(ASK[kind])
-    assert whole
+    answer = host.ask(ASK[kind])
+    assert answer
     host.inject("drop", count=3)
-    assert host.ask(ASK[kind]) == whole[3:]
+    assert host.ask(ASK[kind]) == answer[3:]
     host.inject("double", count=2)
-    assert host.ask(ASK[kind]) == whole[:1] * 2 + whole[1:2] * 2 + whole[2:]
+    assert host.ask(ASK[kind]) == answer[:1] * 2 + answer[1:2] * 2 + answer[2:]
     host.inject("garble")
-    said = host.ask(ASK[kind])
-    assert said[1:] == whole[1:] and said[:1] != whole[:1]
-    assert host.ask(ASK[kind]) == whole, "the fault is over"
+    garbled = host.ask(ASK[kind])
+    assert garbled[1:] == answer[1:] and garbled[:1] != answer[:1]
+    assert host.ask(ASK[kind]) == answer, "the fault is over"
 
 
 def test_bytes_dropped_on_their_way_in() -> None:
@@ -56,12 +56,12 @@ def test_silence_swallows_both_ways_for_its_time(kind: str) -> None:
 
 
 def test_chance_is_seeded() -> None:
-    said = []
+    reports = []
     for seed in (1, 1, 2):
         host = homed("grbl", seed=seed)
         host.inject("drop", chance=0.2, direction="both")
-        said.append(host.ask(b"$$\n", 1.0))
-    assert said[0] == said[1] != said[2]
+        reports.append(host.ask(b"$$\n", 1.0))
+    assert reports[0] == reports[1] != reports[2]
 
 
 def test_faults_begin_at_their_time_or_byte() -> None:
@@ -76,8 +76,8 @@ def test_faults_begin_at_their_time_or_byte() -> None:
 def test_a_reset_and_an_alarm_forget_or_halt(kind: str) -> None:
     host = homed(kind)
     host.inject("alarm")
-    said = host.wait(1.0)
-    assert {"grbl": b"ALARM:1", "grblhal": b"ALARM:1", "marlin": b"halted", "arduino": b""}[kind] in said
+    message = host.wait(1.0)
+    assert {"grbl": b"ALARM:1", "grblhal": b"ALARM:1", "marlin": b"halted", "arduino": b""}[kind] in message
     host.inject("reset")
     host.wait(3.0)
     assert host.reported == (0.0, 0.0, 0.0)
@@ -191,8 +191,8 @@ def withstand(kind: str, data: st.DataObject) -> None:
     board, firmware = host.board, host.board.firmware
     for _ in range(data.draw(st.integers(1, 4))):
         host.send(data.draw(lines(kind)))
-        said = host.wait(data.draw(st.sampled_from([0.0, 0.01, 0.3, 5.0])))
-        assert all(byte < 0x80 for byte in said)
+        sent = host.wait(data.draw(st.sampled_from([0.0, 0.01, 0.3, 5.0])))
+        assert all(byte < 0x80 for byte in sent)
         assert len(firmware._rx) <= firmware.rx_bytes
         assert firmware.carriage.queued <= 16
         assert board.room >= 0

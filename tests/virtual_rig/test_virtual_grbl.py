@@ -21,8 +21,8 @@ def status(host: Host) -> bytes:
 
 def test_soft_limit_gives_alarm_2_then_nothing_then_the_late_ok_before_the_banner() -> None:
     host = homed("grbl")
-    said = host.ask(b"G1 X300 F600\n", 0.02)
-    assert said == b"ALARM:2\r\n"
+    answer = host.ask(b"G1 X300 F600\n", 0.02)
+    assert answer == b"ALARM:2\r\n"
     assert host.wait(1.0) == b"[MSG:Reset to continue]\r\n"
     assert host.ask(b"?", 5.0) == b""
     assert host.ask(b"G1 X1 F600\n$X\n", 5.0) == b""
@@ -197,9 +197,9 @@ def test_sixty_lines_at_once_lose_most_without_an_error() -> None:
     host = homed("grbl")
     for i in range(60):
         host.send(b"G1 X%.3f Y%.3f F500\n" % (1 + i % 2 * 10, 1.0 + i))
-    said = host.wait(600.0)
-    assert b"error" not in said and b"ALARM" not in said
-    assert 18 <= said.count(b"ok") <= 26
+    answers = host.wait(600.0)
+    assert b"error" not in answers and b"ALARM" not in answers
+    assert 18 <= answers.count(b"ok") <= 26
 
 
 def test_the_buffer_holds_128_bytes() -> None:
@@ -252,8 +252,8 @@ def test_a_line_without_its_first_bytes_can_still_earn_ok() -> None:
 def test_a_question_right_after_ok_says_run_and_speed_0_comes_before_arrival() -> None:
     host = homed("grbl")
     host.send(b"G1 X5 F600\n")
-    said = host.until(b"ok\r\n", step_s=0.0005)
-    assert said == b"ok\r\n"
+    answer = host.until(b"ok\r\n", step_s=0.0005)
+    assert answer == b"ok\r\n"
     assert host.ask(b"?", 0.01).startswith(b"<Run|")
     still = []
     for _ in range(200):
@@ -315,8 +315,8 @@ def test_dwell_and_end_of_program_wait_for_the_motion() -> None:
 def test_status_shows_offsets_and_overrides_now_and_then() -> None:
     host = homed("grbl")
     reports = [status(host) for _ in range(20)]
-    assert sum(b"|WCO:" in one for one in reports) == 2
-    assert sum(b"|Ov:" in one for one in reports) == 2
+    assert sum(b"|WCO:" in report for report in reports) == 2
+    assert sum(b"|Ov:" in report for report in reports) == 2
     assert all(
         re.fullmatch(rb"<Idle\|MPos:0\.000,0\.000,0\.000\|FS:0,0(\|(WCO|Ov):[0-9.,]+)?>\r\n", r) for r in reports
     )

@@ -32,23 +32,23 @@ class Port:
         self.serial = serial.serial_for_url(name, baudrate=baud, timeout=0.005)
 
     def until(self, mark: bytes, most_s: float = 10.0) -> bytes:
-        got = b""
+        received = b""
         end = time.monotonic() + most_s
-        while mark not in got:
-            assert time.monotonic() < end, (mark, got)
-            got += self.serial.read(4096)
-        return got
+        while mark not in received:
+            assert time.monotonic() < end, (mark, received)
+            received += self.serial.read(4096)
+        return received
 
     def ask(self, data: bytes, mark: bytes) -> bytes:
         self.serial.write(data)
         return self.until(mark)
 
     def quiet(self, seconds: float = 0.1) -> bytes:
-        got = b""
+        received = b""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            got += self.serial.read(4096)
-        return got
+            received += self.serial.read(4096)
+        return received
 
 
 def gone(pid: int) -> bool:
@@ -86,7 +86,7 @@ def test_a_grbl_from_banner_to_position(tcp: bool) -> None:
 def test_the_other_firmwares(kind: str) -> None:
     with launch(kind, speed=SPEED) as rig:
         port = Port(rig.port)
-        ready, home, done = {
+        ready, home, answer = {
             "grblhal": (b"unlock]\r\n", b"$H\n", b"ok\r\n"),
             "marlin": (b"Settings Loaded\n", b"G28\n", b"ok\n"),
             "arduino": (b"", b"RESET\n", b"done\n"),
@@ -94,7 +94,7 @@ def test_the_other_firmwares(kind: str) -> None:
         port.until(ready)
         if not ready:
             time.sleep(2.0 / SPEED)
-        port.ask(home, done)
+        port.ask(home, answer)
         home_z = 100.0 if kind == "marlin" else 0.0
         assert all(abs(a - b) < 0.02 for a, b in zip(rig.true_position(), (0.0, 0.0, home_z), strict=True))
 
@@ -306,8 +306,8 @@ def test_the_programs_help_and_its_refusals() -> None:
 def test_a_launched_process_answers_nonsense_with_an_error() -> None:
     for text in ("", "nonsense\n", '{"kind": "reprap"}\n'):
         code = "from tacbench_cad.virtual_rig.__main__ import launched; launched()"
-        done = subprocess.run([sys.executable, "-c", code], input=text, capture_output=True, text=True)
-        assert "error" in json.loads(done.stdout) and done.stderr == ""
+        result = subprocess.run([sys.executable, "-c", code], input=text, capture_output=True, text=True)
+        assert "error" in json.loads(result.stdout) and result.stderr == ""
 
 
 @needs_pty

@@ -21,7 +21,7 @@ QUIET = CellSettings(noise_n=0.0, drift_n_per_min=0.0, offset_counts=1000.0, cou
 
 
 def counts(data: bytes) -> list[int]:
-    return [int(one) for one in data.split()]
+    return [int(word) for word in data.split()]
 
 
 def test_a_line_a_sample_at_its_rate() -> None:
@@ -40,28 +40,28 @@ def test_force_becomes_counts_and_changes_evenly_within_a_batch() -> None:
 
 
 def test_force_is_asked_for_only_when_a_sample_is_due() -> None:
-    asked = []
+    requests = []
     cell = LoadCell(QUIET)
 
     def force() -> float:
-        asked.append(1)
+        requests.append(1)
         return 0.0
 
     for i in range(100):
         cell.read(i * 0.001, force)
-    assert len(asked) == 10
+    assert len(requests) == 10
 
 
 def test_newtons_noise_and_drift() -> None:
     cell = LoadCell(CellSettings(newtons=True, noise_n=0.01, drift_n_per_min=1.0), seed=3)
-    values = [float(one) for one in cell.read(1.0, lambda: 0.5).split()][-40:]
+    values = [float(word) for word in cell.read(1.0, lambda: 0.5).split()][-40:]
     cell = LoadCell(CellSettings(newtons=True, noise_n=0.01, drift_n_per_min=1.0), seed=3)
     cell.skip_to(120.0)
     cell.read(120.0, lambda: 0.5)
-    later = [float(one) for one in cell.read(120.9, lambda: 0.5).split()]
+    later = [float(word) for word in cell.read(120.9, lambda: 0.5).split()]
     mean = sum(later) / len(later)
     assert 2.4 < mean < 2.6
-    assert 0.003 < (sum((one - mean) ** 2 for one in later) / len(later)) ** 0.5 < 0.03
+    assert 0.003 < (sum((value - mean) ** 2 for value in later) / len(later)) ** 0.5 < 0.03
     assert len(set(values)) > 10
 
 

@@ -98,14 +98,14 @@ def test_an_end_stop_closes_where_it_is_and_the_frame_stops_the_carriage() -> No
 
 
 def test_end_stops_scatter() -> None:
-    found = set()
+    positions = set()
     for seed in range(20):
         body = Carriage((AXIS, AXIS, AXIS), (5.0, 5.0, 5.0), random.Random(seed), switch_scatter_mm=0.01)
         body.go((-20.0, 0.0, 0.0), 5.0, 1e6, 0.0)
         when = body.next_event_s()
         assert when is not None
-        found.add(round(body.true(when)[0], 4))
-    assert len(found) > 10 and all(abs(one + 1.0) <= 0.0101 for one in found)
+        positions.add(round(body.true(when)[0], 4))
+    assert len(positions) > 10 and all(abs(position + 1.0) <= 0.0101 for position in positions)
 
 
 def test_a_slip_moves_the_carriage_and_not_the_counters() -> None:

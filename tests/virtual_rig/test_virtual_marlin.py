@@ -31,8 +31,8 @@ def test_ok_and_m114_come_when_a_move_is_queued() -> None:
     assert host.true[0] < 2.0
     host.send(b"M400\n")
     assert host.wait(1.5) == b""
-    said = host.until(b"ok\n")
-    assert said.replace(b"echo:busy: processing\n", b"") == b"ok\n"
+    answer = host.until(b"ok\n")
+    assert answer.replace(b"echo:busy: processing\n", b"") == b"ok\n"
     assert near(host.true, (100.0, 50.0, 100.0), STEP)
 
 
@@ -48,8 +48,8 @@ def test_m114_r_is_a_compile_option() -> None:
     for realtime in (False, True):
         host = homed("marlin", firmware={"m114_realtime": realtime})
         host.ask(b"G1 X100 F600\n", 1.0)
-        said = host.ask(b"M114 R\n", 0.05)
-        assert said.startswith(b"X:100.00") != realtime
+        answer = host.ask(b"M114 R\n", 0.05)
+        assert answer.startswith(b"X:100.00") != realtime
         assert where(host).startswith(b"X:100.00")
 
 
@@ -118,8 +118,8 @@ def test_a_refused_line_takes_what_follows_it_in_the_buffer_along() -> None:
     for _ in range(4):
         host.ask(b"G4 P500\n", 0.001)
     host.send(b"N9 G91*1\nM115\n")
-    said = host.wait(20.0)
-    assert b"Resend: 1" in said and b"FIRMWARE_NAME" not in said
+    answer = host.wait(20.0)
+    assert b"Resend: 1" in answer and b"FIRMWARE_NAME" not in answer
 
 
 # 17: the quick stop
@@ -133,8 +133,8 @@ def test_m410_stops_at_once_and_is_silent_for_a_second() -> None:
     assert host.wait(0.3) == b"ok\n"
     x = host.true[0]
     assert 10.0 < x < 30.0
-    told = float(where(host).split(b" ")[0][2:])
-    assert abs(told - x) < 0.02
+    reported = float(where(host).split(b" ")[0][2:])
+    assert abs(reported - x) < 0.02
 
 
 def test_m400_cut_short_by_m410_says_ok_far_from_the_target() -> None:
@@ -183,8 +183,8 @@ def test_m112_kills_until_a_reset_that_forgets_the_position(emergency_parser: bo
     assert host.ask(b"M114\nM115\n", 30.0) == b""
     assert host.true == true
     host.inject("reset")
-    said = host.wait(3.0)
-    assert said.startswith(b"start\nMarlin 2.1.2.7\n") and b"rror" not in said
+    greeting = host.wait(3.0)
+    assert greeting.startswith(b"start\nMarlin 2.1.2.7\n") and b"rror" not in greeting
     assert where(host).startswith(b"X:0.00 Y:0.00 Z:0.00 ")
     assert host.true == true
 
@@ -195,11 +195,11 @@ def test_m112_kills_until_a_reset_that_forgets_the_position(emergency_parser: bo
 def test_long_commands_say_busy_every_two_seconds_and_lines_end_in_lf() -> None:
     host = Host("marlin")
     host.send(b"G28\n")
-    said = host.until(b"ok\n")
-    assert said.endswith(b"X:0.00 Y:0.00 Z:100.00 E:0.00 Count X:0 Y:0 Z:40000\nok\n")
-    busy = said.count(b"echo:busy: processing\n")
-    assert busy >= 2 and said.startswith(b"echo:busy: processing\n")
-    assert b"\r" not in host.greeting + said
+    answer = host.until(b"ok\n")
+    assert answer.endswith(b"X:0.00 Y:0.00 Z:100.00 E:0.00 Count X:0 Y:0 Z:40000\nok\n")
+    busy = answer.count(b"echo:busy: processing\n")
+    assert busy >= 2 and answer.startswith(b"echo:busy: processing\n")
+    assert b"\r" not in host.greeting + answer
     assert near(host.true, (0.0, 0.0, 100.0), STEP)
     host.ask(b"G1 X200 F1200\n", 0.1)
     host.send(b"M400\n")
@@ -210,8 +210,8 @@ def test_long_commands_say_busy_every_two_seconds_and_lines_end_in_lf() -> None:
 def test_a_host_at_another_speed_reads_garbage(baud: int) -> None:
     host = homed("marlin", firmware={"baud": baud})
     host.board.host_baud = 57600
-    said = host.ask(b"M115\n", 1.0)
-    assert b"FIRMWARE" not in said
+    answer = host.ask(b"M115\n", 1.0)
+    assert b"FIRMWARE" not in answer
     host.board.host_baud = baud
     host.ask(b"\n", 1.0)
     assert b"FIRMWARE_NAME:Marlin" in host.ask(b"M115\n", 1.0)

@@ -77,7 +77,7 @@ def test_tight_within_a_tolerance(number: int) -> None:
 def test_tight_on_a_grid(number: int, sampling: str | SampleGrid) -> None:
     block = Block.of(number, sampling=sampling)  # type: ignore[arg-type]
     mesh, certificate = mesh_block(block)
-    distance, vertical = deviations(block, mesh, 8, most=6_000_000)
+    distance, vertical = deviations(block, mesh, 8, max_points=6_000_000)
     assert distance <= certificate.distance_mm <= 1.15 * distance
     assert vertical <= certificate.vertical_mm <= 1.10 * vertical
 

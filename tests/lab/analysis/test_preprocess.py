@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.dots import REST, SHAPE, dots_at_rest, dots_image, dots_moved
+from helpers.dots import REST, SHAPE, dots_at_rest, dots_displacement, dots_image
 from helpers.studies import write_study
 
 from tacbench_cad.cli import main
@@ -82,7 +82,7 @@ def test_variance_of_markers_is_that_of_their_true_displacements(pressed: Path) 
         truth = []
         for position in (1, 2, 3, 4):
             moved = [
-                dots_moved(run.info.printed, press)
+                dots_displacement(run.info.printed, press)
                 for run in collection.runs
                 if (run.info.printed.combination, run.info.printed.texture) == (cell.combination, cell.texture)
                 for press in plan_presses(run.info.protocol, run.info.levels, run.info.printed.name)
@@ -96,7 +96,7 @@ def test_variance_of_markers_is_that_of_their_true_displacements(pressed: Path) 
     nearest = np.argmin(np.hypot(*(reference[:, None] - REST[None]).transpose(2, 0, 1)), axis=1)
     run = next(run for run in collection.runs if run.info.printed.combination == "ender-3_pla-plus")
     press = plan_presses(run.info.protocol, run.info.levels, run.info.printed.name)[-1]
-    assert np.corrcoef(field[:, 0], dots_moved(run.info.printed, press)[nearest, 0])[0, 1] > 0.98
+    assert np.corrcoef(field[:, 0], dots_displacement(run.info.printed, press)[nearest, 0])[0, 1] > 0.98
 
 
 def test_markers_in_processes_give_the_same_table_and_are_drawn(pressed: Path, tmp_path: Path) -> None:

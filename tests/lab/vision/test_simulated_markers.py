@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.simulated_markers import found_and_false, simulated_frames
+from helpers.simulated_markers import detection_rates, simulated_frames
 
 from tacbench_cad.lab.vision.markers import MarkerFinder
 from tacbench_cad.lab.vision.region import SURE, find_region
@@ -21,7 +21,7 @@ LIMITS = {"tactip-bristol": (0.99, 0.005), "tactip-sussex": (0.95, 0.05), "clean
 def test_markers_of_the_looks_are_found_and_followed(look: str, presses: int) -> None:
     frames = list(simulated_frames(look, presses, seed=3))
     finder = MarkerFinder.learn([frames[0][0]])
-    found, false, error = found_and_false(frames[1:], finder.find)
+    found, false, error = detection_rates(frames[1:], finder.find)
     assert found >= LIMITS[look][0]
     assert false <= LIMITS[look][1]
     assert error <= 0.2
