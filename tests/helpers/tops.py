@@ -26,7 +26,7 @@ def faults(mesh: Mesh) -> list[str]:
     edges = np.concatenate([a * count + b, b * count + c, c * count + a])
     backward = np.concatenate([b * count + a, c * count + b, a * count + c])
     if len(np.unique(edges)) != len(edges):
-        faults.append("an edge is run through twice in one direction")
+        faults.append("an edge is used twice in the same direction")
     if not np.array_equal(np.sort(edges), np.sort(backward)):
         faults.append("an edge is open or wound inconsistently")
     if not np.all(areas(mesh) > 0.0):

@@ -1,4 +1,4 @@
-"""Faults on the line, in the board and in the motors; arbitrary bytes into every firmware."""
+"""Test faults of the line, the board and the motors, and send arbitrary bytes to every firmware."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ASK = {"grbl": b"$G\n", "grblhal": b"$G\n", "marlin": b"M105\n", "arduino": b"SH
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_bytes_dropped_doubled_and_garbled_on_their_way_out(kind: str) -> None:
+def test_output_bytes_are_dropped_doubled_and_garbled(kind: str) -> None:
     host = homed(kind)
     answer = host.ask(ASK[kind])
     assert answer
@@ -37,7 +37,7 @@ def test_bytes_dropped_doubled_and_garbled_on_their_way_out(kind: str) -> None:
     assert host.ask(ASK[kind]) == answer, "the fault is over"
 
 
-def test_bytes_dropped_on_their_way_in() -> None:
+def test_input_bytes_are_dropped() -> None:
     host = homed("grbl")
     host.inject("drop", direction="in", count=1)
     assert host.ask(b"$G\n") == b"error:1\r\n" or host.ask(b"$G\n")
@@ -47,7 +47,7 @@ def test_bytes_dropped_on_their_way_in() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_silence_swallows_both_ways_for_its_time(kind: str) -> None:
+def test_silence_blocks_both_directions_for_its_duration(kind: str) -> None:
     host = homed(kind)
     host.inject("silence", seconds=2.0)
     assert host.ask(ASK[kind], 1.9) == b""
@@ -55,7 +55,7 @@ def test_silence_swallows_both_ways_for_its_time(kind: str) -> None:
     assert host.ask(ASK[kind]) != b""
 
 
-def test_chance_is_seeded() -> None:
+def test_random_faults_are_seeded() -> None:
     reports = []
     for seed in (1, 1, 2):
         host = homed("grbl", seed=seed)
@@ -64,7 +64,7 @@ def test_chance_is_seeded() -> None:
     assert reports[0] == reports[1] != reports[2]
 
 
-def test_faults_begin_at_their_time_or_byte() -> None:
+def test_faults_begin_at_the_given_time_or_byte() -> None:
     host = Host("grbl", faults=(Fault(kind="reset", at_s=10.0), Fault(kind="drop", after_bytes=6, count=2)))
     assert host.ask(b"$G\n", 0.1).startswith(b"[GC:")
     assert host.ask(b"$G\n", 0.1).startswith(b"C:G0")
@@ -73,7 +73,7 @@ def test_faults_begin_at_their_time_or_byte() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_reset_and_an_alarm_forget_or_halt(kind: str) -> None:
+def test_reset_forgets_and_alarm_halts(kind: str) -> None:
     host = homed(kind)
     host.inject("alarm")
     message = host.wait(1.0)
@@ -83,14 +83,14 @@ def test_a_reset_and_an_alarm_forget_or_halt(kind: str) -> None:
     assert host.reported == (0.0, 0.0, 0.0)
 
 
-def test_an_alarm_while_it_boots_changes_nothing() -> None:
+def test_alarm_during_boot_changes_nothing() -> None:
     host = Host("grbl", wake=False)
     host.inject("alarm")
     assert host.wait(2.0).startswith(b"\r\nGrbl 1.1h")
     assert host.ask(b"?").startswith(b"<Alarm|")
 
 
-def test_a_slip_shows_in_the_true_position_only() -> None:
+def test_slip_changes_only_the_true_position() -> None:
     host = homed("grbl")
     host.ask(b"G1 Z-20 F900\n", 5.0)
     host.inject("slip", axis="z", mm=-1.5)
@@ -98,7 +98,7 @@ def test_a_slip_shows_in_the_true_position_only() -> None:
     assert near(host.true, (0.0, 0.0, -21.5), 0.01)
 
 
-def test_a_stall_ends_after_its_time() -> None:
+def test_stall_ends_after_its_duration() -> None:
     host = homed("grbl")
     host.inject("stall", axis="x", seconds=5.0)
     host.ask(b"G1 X10 F3000\n", 6.0)
@@ -107,7 +107,7 @@ def test_a_stall_ends_after_its_time() -> None:
     assert near(host.true, (1.0, 0.0, 0.0), 0.01)
 
 
-def test_unplugged_nothing_passes_and_the_firmware_goes_on() -> None:
+def test_unplugging_blocks_the_line_while_the_firmware_keeps_running() -> None:
     host = homed("grbl")
     host.ask(b"G1 X50 F600\n", 1.0)
     host.inject("unplug", seconds=10.0)
@@ -134,12 +134,12 @@ def test_unplugged_nothing_passes_and_the_firmware_goes_on() -> None:
         ({}, "kind: is missing; must be one of drop"),
     ],
 )
-def test_bad_faults_are_refused(values: dict[str, Any], message: str) -> None:
+def test_invalid_faults_are_refused(values: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Fault.of(values)
 
 
-def test_faults_as_text_and_as_values() -> None:
+def test_faults_from_text_and_from_values() -> None:
     fault = Fault.parse("drop at_s=12 count=3 direction=in chance=0.5")
     assert fault == Fault(kind="drop", at_s=12, count=3, direction="in", chance=0.5)
     assert Fault.of(to_plain(fault)) == fault
@@ -149,12 +149,12 @@ def test_faults_as_text_and_as_values() -> None:
 
 
 @given(text=st.text(max_size=30), kind=st.sampled_from(["drop", "slip", ""]))
-def test_any_text_is_a_fault_or_bad_input(text: str, kind: str) -> None:
+def test_any_text_is_a_fault_or_an_input_error(text: str, kind: str) -> None:
     with contextlib.suppress(InputError):
         assert Fault.parse(f"{kind} {text}").kind in FAULTS
 
 
-def test_setups_survive_being_written_down() -> None:
+def test_setups_round_trip_through_json() -> None:
     setup = Setup(
         kind="grbl", faults=(Fault(kind="drop"),), start_mm=(1.0, 2.0, -3.0), firmware={"settings": {22: 0, 20: 0}}
     )
@@ -174,7 +174,7 @@ def test_setups_survive_being_written_down() -> None:
 
 
 def lines(kind: str) -> st.SearchStrategy[bytes]:
-    """Bytes that go deeper than noise: pieces of the protocol, shuffled, with noise in between."""
+    """Return a strategy for bytes that reach deeper than noise: shuffled pieces of the protocol, mixed with noise."""
     own = {
         "grbl": rb"$H|;$X|;G1;G0;G91;G20;X10;Y-5.5;Z-1;F600;$J=;|;G4P1;?;!;~;G92;G10L2P1;$22=0|;$20=0|;$$|;$#|;M0|;M2|",
         "marlin": rb"G28|;G1 ;G91|;X10 ;Y-5.5 ;Z-1 ;F600;|;M400|;M410|;M114|;N1 ;N2 ;*33;M110 N0|;M112|;G4 S1|;M154S1|",
@@ -185,8 +185,8 @@ def lines(kind: str) -> st.SearchStrategy[bytes]:
     return st.lists(st.one_of(st.sampled_from(pieces), st.binary(max_size=12)), max_size=40).map(b"".join)
 
 
-def withstand(kind: str, data: st.DataObject) -> None:
-    """Draw bytes and pauses, and look at what must hold."""
+def check_arbitrary_bytes(kind: str, data: st.DataObject) -> None:
+    """Send drawn bytes with pauses and check the invariants of the firmware."""
     host = Host(kind)
     board, firmware = host.board, host.board.firmware
     for _ in range(data.draw(st.integers(1, 4))):
@@ -201,26 +201,26 @@ def withstand(kind: str, data: st.DataObject) -> None:
             assert low - 1e-9 <= value <= high + 1e-9
     host.inject("reset")
     host.wait(3.0)
-    assert host.ask(ASK[kind], 0.5) or kind == "arduino", "it does not come back after a reset"
+    assert host.ask(ASK[kind], 0.5) or kind == "arduino", "the firmware does not answer after a reset"
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @settings(max_examples=60, deadline=None)
 @given(data=st.data())
-def test_no_bytes_break_a_firmware_and_memory_is_bounded(kind: str, data: st.DataObject) -> None:
-    withstand(kind, data)
+def test_arbitrary_bytes_break_no_firmware_and_memory_is_bounded(kind: str, data: st.DataObject) -> None:
+    check_arbitrary_bytes(kind, data)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 @settings(max_examples=3000, deadline=None)
 @given(data=st.data())
-def test_many_bytes_break_no_firmware(kind: str, data: st.DataObject) -> None:
-    withstand(kind, data)
+def test_many_arbitrary_bytes_break_no_firmware(kind: str, data: st.DataObject) -> None:
+    check_arbitrary_bytes(kind, data)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_flood_is_bounded(kind: str) -> None:
+def test_flood_of_bytes_is_bounded(kind: str) -> None:
     host = homed(kind)
     for _ in range(20):
         host.send(ASK[kind] * 2000)

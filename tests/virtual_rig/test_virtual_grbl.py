@@ -1,4 +1,4 @@
-"""The virtual GRBL, byte by byte: the traits of GRBL 1.1h that drivers must survive, by their number in the list."""
+"""Test the virtual GRBL byte by byte: traits of GRBL 1.1h, numbered as in the tests of the driver."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def status(host: Host) -> bytes:
 # 1 and 2: alarms
 
 
-def test_soft_limit_gives_alarm_2_then_nothing_then_the_late_ok_before_the_banner() -> None:
+def test_soft_limit_sends_alarm_2_and_a_late_ok_before_the_next_banner() -> None:
     host = homed("grbl")
     answer = host.ask(b"G1 X300 F600\n", 0.02)
     assert answer == b"ALARM:2\r\n"
@@ -27,11 +27,11 @@ def test_soft_limit_gives_alarm_2_then_nothing_then_the_late_ok_before_the_banne
     assert host.ask(b"?", 5.0) == b""
     assert host.ask(b"G1 X1 F600\n$X\n", 5.0) == b""
     assert host.ask(b"\x18", 0.1) == b"ok\r\n" + BANNER + LOCKED
-    assert host.ask(b"", 3.0) == b"", "questions asked during the alarm were answered later"
+    assert host.ask(b"", 3.0) == b"", "queries during the alarm were answered later"
     assert status(host).startswith(b"<Alarm|")
 
 
-def test_a_soft_limit_in_motion_stops_first_and_keeps_the_position() -> None:
+def test_soft_limit_in_motion_stops_first_and_keeps_the_position() -> None:
     host = homed("grbl")
     assert host.ask(LONG, 1.0) == b"ok\r\n"
     host.send(b"G1 X300 F600\n")
@@ -44,7 +44,7 @@ def test_a_soft_limit_in_motion_stops_first_and_keeps_the_position() -> None:
     assert near(host.true, where, 0.005)
 
 
-def test_a_closed_end_stop_gives_alarm_1_and_is_mute_until_reset() -> None:
+def test_closed_end_stop_sends_alarm_1_and_silences_until_reset() -> None:
     host = homed("grbl", firmware={"settings": {20: 0}})
     host.send(b"G1 X-20 F600\n")
     assert b"ALARM:1\r\n[MSG:Reset to continue]\r\n" in host.wait(2.0)
@@ -53,13 +53,13 @@ def test_a_closed_end_stop_gives_alarm_1_and_is_mute_until_reset() -> None:
     assert b"|Pn:X" in status(host)
 
 
-def test_a_reset_within_the_alarms_pause_is_lost() -> None:
+def test_reset_during_the_pause_of_an_alarm_is_lost() -> None:
     host = homed("grbl")
     host.ask(b"G1 X300 F600\n", 0.1)
     assert host.ask(b"\x18", 3.0) == b"[MSG:Reset to continue]\r\n"
 
 
-def test_ok_after_alarm_3_before_the_banner_when_a_line_was_waiting() -> None:
+def test_waiting_line_causes_ok_between_alarm_3_and_banner() -> None:
     host = homed("grbl")
     for i in range(25):
         host.send(b"G1 X%d F600\n" % (i + 1))
@@ -70,7 +70,7 @@ def test_ok_after_alarm_3_before_the_banner_when_a_line_was_waiting() -> None:
 # 3: homing
 
 
-def test_homing_leaves_questions_open_and_answers_one_late() -> None:
+def test_homing_answers_only_one_query_and_late() -> None:
     host = Host("grbl")
     assert host.ask(b"$H\n", 0.1) == b""
     for _ in range(8):
@@ -80,14 +80,14 @@ def test_homing_leaves_questions_open_and_answers_one_late() -> None:
     assert near(host.true, (0.0, 0.0, 0.0), 0.005)
 
 
-def test_homing_with_a_dead_motor_fails_with_an_alarm_and_an_ok() -> None:
+def test_homing_with_a_dead_motor_sends_an_alarm_and_ok() -> None:
     host = Host("grbl")
     host.inject("stall", axis="x")
     host.send(b"$H\n")
     assert host.until(b"unlock]") == b"ALARM:9\r\nok\r\n" + BANNER + LOCKED
 
 
-def test_ctrl_x_in_homing_gives_alarm_6() -> None:
+def test_ctrl_x_during_homing_sends_alarm_6() -> None:
     host = Host("grbl")
     host.ask(b"$H\n", 1.0)
     assert host.ask(b"\x18", 2.0) == b"ALARM:6\r\nok\r\n" + BANNER + LOCKED
@@ -96,7 +96,7 @@ def test_ctrl_x_in_homing_gives_alarm_6() -> None:
 # 4: the reset button
 
 
-def test_reset_button_in_motion_gives_only_a_banner_and_loses_the_position() -> None:
+def test_reset_button_in_motion_sends_only_a_banner_and_loses_the_position() -> None:
     host = homed("grbl")
     host.ask(LONG, 3.0)
     host.inject("reset")
@@ -107,7 +107,7 @@ def test_reset_button_in_motion_gives_only_a_banner_and_loses_the_position() -> 
     assert b"<Alarm|MPos:0.000,0.000,0.000|" in status(host)
 
 
-def test_with_homing_off_a_reset_ends_in_plain_idle() -> None:
+def test_reset_without_homing_ends_in_idle() -> None:
     host = homed("grbl")
     assert host.ask(b"$22=0\n", 0.1) == b"ok\r\n"
     host.ask(LONG, 3.0)
@@ -132,7 +132,7 @@ def test_ctrl_x_from_hold_0_leaves_idle_without_alarm() -> None:
     assert near(host.reported, where, 1e-9)
 
 
-def test_ctrl_x_in_motion_gives_alarm_3_and_the_banner_half_a_second_later() -> None:
+def test_ctrl_x_in_motion_sends_alarm_3_and_a_banner_half_a_second_later() -> None:
     host = homed("grbl")
     host.ask(LONG, 1.0)
     assert host.ask(b"\x18", 0.4) == b"ALARM:3\r\n"
@@ -140,7 +140,7 @@ def test_ctrl_x_in_motion_gives_alarm_3_and_the_banner_half_a_second_later() -> 
     assert status(host).startswith(b"<Alarm|MPos:")
 
 
-def test_hold_and_resume_end_where_the_line_ends() -> None:
+def test_hold_and_resume_reach_the_end_of_the_line() -> None:
     host = homed("grbl")
     host.ask(b"G1 X20 F600\nG1 X20 Y10\n", 1.0)
     host.ask(b"!", 5.0)
@@ -151,10 +151,10 @@ def test_hold_and_resume_end_where_the_line_ends() -> None:
     assert status(host).startswith(b"<Idle|MPos:20.000,10.000,0.000|")
 
 
-# 6: refusals
+# 6: errors
 
 
-def test_refusals() -> None:
+def test_errors_and_their_causes() -> None:
     host = Host("grbl")
     assert host.ask(b"G1 X1 F100\n") == b"error:9\r\n"
     assert host.ask(b"$J=G91 X1 F100\n") == b"error:8\r\n"
@@ -173,7 +173,7 @@ def test_refusals() -> None:
         (b"X1 X2", 25), (b"G92", 26), (b"G4", 28), (b"$J=G1 X1 F1", 16), (b"$J=X1", 22), (b"X" + b"1" * 90, 11),
     ],
 )  # fmt: skip
-def test_lines_that_grbl_refuses(line: bytes, code: int) -> None:
+def test_refused_lines(line: bytes, code: int) -> None:
     host = homed("grbl")
     assert host.ask(line + b"\n") == b"error:%d\r\n" % code
 
@@ -181,7 +181,7 @@ def test_lines_that_grbl_refuses(line: bytes, code: int) -> None:
 # 7: the reset on open
 
 
-def test_a_reset_on_open_swallows_the_first_second_and_without_one_there_is_no_banner() -> None:
+def test_reset_on_open_loses_the_first_second_and_no_reset_means_no_banner() -> None:
     host = homed("grbl")
     host.board.opened(resets=True, now_s=host.now_s)
     assert host.ask(b"?$I\n\x18", 1.0) == b""
@@ -193,7 +193,7 @@ def test_a_reset_on_open_swallows_the_first_second_and_without_one_there_is_no_b
 # 8: the receive buffer
 
 
-def test_sixty_lines_at_once_lose_most_without_an_error() -> None:
+def test_most_of_sixty_lines_sent_at_once_are_lost_without_an_error() -> None:
     host = homed("grbl")
     for i in range(60):
         host.send(b"G1 X%.3f Y%.3f F500\n" % (1 + i % 2 * 10, 1.0 + i))
@@ -202,7 +202,7 @@ def test_sixty_lines_at_once_lose_most_without_an_error() -> None:
     assert 18 <= answers.count(b"ok") <= 26
 
 
-def test_the_buffer_holds_128_bytes() -> None:
+def test_buffer_holds_128_bytes() -> None:
     host = homed("grbl")
     for i in range(16):
         host.ask(b"G1 X%d F60\n" % (i + 1), 0.02)
@@ -225,7 +225,7 @@ def test_jog_cancel_is_one_raw_byte_and_its_utf8_form_is_two() -> None:
         assert host.ask(b"G91 G1 X1 F600\n", 0.1) == b"ok\r\n"
 
 
-def test_bytes_above_127_never_reach_a_line() -> None:
+def test_bytes_above_127_are_removed_from_lines() -> None:
     host = homed("grbl")
     assert host.ask(b"\xc2\xffG91\xfe\n") == b"ok\r\n"
 
@@ -235,21 +235,21 @@ def test_real_time_bytes_work_inside_a_line() -> None:
     assert re.fullmatch(rb"<Idle\|[^>]*>\r\nok\r\n", host.ask(b"G9?1\n"))
 
 
-# 10: mutilated lines
+# 10: damaged lines
 
 
-def test_a_line_without_its_first_bytes_can_still_earn_ok() -> None:
+def test_line_without_its_first_bytes_can_be_answered_with_ok() -> None:
     host = homed("grbl")
     host.ask(b"G1 X10 Y10 F3000\n", 3.0)
     host.inject("drop", direction="in", count=8)
-    assert host.ask(b"G1 X120 Y30\n", 8.0) == b"ok\r\n", "Y30 was lost with nothing said"
+    assert host.ask(b"G1 X120 Y30\n", 8.0) == b"ok\r\n", "X120 was lost without a message"
     assert near(host.reported, (10.0, 30.0, 0.0))
 
 
-# 11: just before arrival
+# 11: shortly before arrival
 
 
-def test_a_question_right_after_ok_says_run_and_speed_0_comes_before_arrival() -> None:
+def test_status_after_ok_is_run_and_speed_is_0_before_arrival() -> None:
     host = homed("grbl")
     host.send(b"G1 X5 F600\n")
     answer = host.until(b"ok\r\n", step_s=0.0005)
@@ -268,7 +268,7 @@ def test_a_question_right_after_ok_says_run_and_speed_0_comes_before_arrival() -
 
 def test_line_ends_and_comments() -> None:
     host = homed("grbl")
-    assert host.ask(b"G91\r\n") == b"ok\r\nok\r\n", "GRBL takes CR and LF for two lines"
+    assert host.ask(b"G91\r\n") == b"ok\r\nok\r\n", "GRBL reads CR and LF as the ends of two lines"
     assert host.ask(b"\n") == b"ok\r\n"
     assert host.ask(b"(hello $H) g90 ; bye\n") == b"ok\r\n"
     assert host.ask(b"$G\n") == b"[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]\r\nok\r\n"
@@ -284,7 +284,7 @@ def test_settings_and_identity() -> None:
     assert host.ask(b"$$\n") == b"error:8\r\n"
 
 
-def test_offsets_shift_work_but_not_machine_coordinates() -> None:
+def test_offsets_change_work_but_not_machine_coordinates() -> None:
     host = homed("grbl")
     host.ask(b"G1 X10 Y10 F3000\n", 3.0)
     assert host.ask(b"G92 X0\n") == b"ok\r\n"
@@ -304,7 +304,7 @@ def test_inches_and_relative_moves() -> None:
     assert near(host.reported, (12.7, 0.0, 0.0))
 
 
-def test_dwell_and_end_of_program_wait_for_the_motion() -> None:
+def test_dwell_and_program_end_wait_for_the_motion() -> None:
     host = homed("grbl")
     assert host.ask(b"G1 X10 F600\nG4 P0.5\n", 1.2) == b"ok\r\n"
     assert host.until(b"ok") == b"ok\r\n"
@@ -312,7 +312,7 @@ def test_dwell_and_end_of_program_wait_for_the_motion() -> None:
     assert host.ask(b"M2\n") == b"[MSG:Pgm End]\r\nok\r\n"
 
 
-def test_status_shows_offsets_and_overrides_now_and_then() -> None:
+def test_status_contains_offsets_and_overrides_periodically() -> None:
     host = homed("grbl")
     reports = [status(host) for _ in range(20)]
     assert sum(b"|WCO:" in report for report in reports) == 2
@@ -322,7 +322,7 @@ def test_status_shows_offsets_and_overrides_now_and_then() -> None:
     )
 
 
-def test_work_position_and_buffer_by_mask() -> None:
+def test_report_mask_selects_work_position_and_buffer() -> None:
     host = homed("grbl")
     host.ask(b"$10=2\n")
     assert b"|WPos:0.000,0.000,0.000|Bf:15,128|" in status(host)
@@ -331,7 +331,7 @@ def test_work_position_and_buffer_by_mask() -> None:
 # grblHAL: 12 and 13
 
 
-def test_grblhal_greets_with_its_own_banner_and_an_error_from_a_fresh_memory() -> None:
+def test_grblhal_sends_its_banner_and_an_error_with_fresh_memory() -> None:
     host = Host("grblhal")
     assert host.greeting == b"error:7\r\n\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n" + LOCKED
     host.inject("reset")
@@ -347,7 +347,7 @@ def test_grblhal_answers_in_alarm_2() -> None:
     assert status(host).startswith(b"<Alarm|")
 
 
-def test_grblhal_reset_in_motion_gives_the_banner_alone() -> None:
+def test_grblhal_reset_in_motion_sends_only_the_banner() -> None:
     host = homed("grblhal")
     host.ask(LONG, 1.0)
     assert host.ask(b"\x18", 0.1) == b"\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n"
@@ -355,7 +355,7 @@ def test_grblhal_reset_in_motion_gives_the_banner_alone() -> None:
     assert 5.0 < host.reported[0] < 11.0
 
 
-def test_grblhal_merges_two_questions() -> None:
+def test_grblhal_merges_two_queries() -> None:
     host = homed("grblhal")
     assert host.ask(b"??", 0.05).count(b"<Idle") == 1
     assert host.ask(b"?", 0.05).count(b"<Idle") == 1

@@ -1,4 +1,4 @@
-"""Virtual rigs as processes: over pseudo-terminals and TCP, with faults at run time, and no orphans."""
+"""Test virtual rigs as processes: over pseudo-terminals and TCP, with faults at run time, and without orphans."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ SPEED = 50.0
 
 
 class Port:
-    """A host on a port, reading with a bound."""
+    """A host on a serial port that reads with a time limit."""
 
     def __init__(self, name: str, baud: int = 115200) -> None:
         self.serial = serial.serial_for_url(name, baudrate=baud, timeout=0.005)
 
-    def until(self, mark: bytes, most_s: float = 10.0) -> bytes:
+    def until(self, mark: bytes, timeout_s: float = 10.0) -> bytes:
         received = b""
-        end = time.monotonic() + most_s
+        end = time.monotonic() + timeout_s
         while mark not in received:
             assert time.monotonic() < end, (mark, received)
             received += self.serial.read(4096)
@@ -51,8 +51,8 @@ class Port:
         return received
 
 
-def gone(pid: int) -> bool:
-    """Whether a process has ended, or waits only to be buried by its new parent."""
+def has_ended(pid: int) -> bool:
+    """Return whether a process has ended or is a zombie."""
     try:
         os.kill(pid, 0)
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
@@ -60,30 +60,30 @@ def gone(pid: int) -> bool:
         return True
 
 
-def eventually(so: Callable[[], bool], most_s: float = 10.0) -> bool:
-    end = time.monotonic() + most_s
+def becomes_true(condition: Callable[[], bool], timeout_s: float = 10.0) -> bool:
+    end = time.monotonic() + timeout_s
     while time.monotonic() < end:
-        if so():
+        if condition():
             return True
         time.sleep(0.01)
     return False
 
 
 @pytest.mark.parametrize("tcp", TRANSPORTS)
-def test_a_grbl_from_banner_to_position(tcp: bool) -> None:
+def test_grbl_from_banner_to_position(tcp: bool) -> None:
     with launch("grbl", speed=SPEED, tcp=tcp) as rig:
         port = Port(rig.port)
         assert port.until(b"unlock]\r\n").startswith(b"\r\nGrbl 1.1h ['$' for help]\r\n")
         port.ask(b"$H\n", b"ok\r\n")
         port.ask(b"G1 X30 Y20 Z-5 F3000\n", b"ok\r\n")
-        assert eventually(lambda: b"<Idle|MPos:30.000,20.000,-5.000|" in port.ask(b"?", b">"))
+        assert becomes_true(lambda: b"<Idle|MPos:30.000,20.000,-5.000|" in port.ask(b"?", b">"))
         assert all(abs(a - b) < 0.01 for a, b in zip(rig.true_position(), (30.0, 20.0, -5.0), strict=True))
         assert rig.reported_position() == (30.0, 20.0, -5.0)
 
 
 @needs_pty
 @pytest.mark.parametrize("kind", ["grblhal", "marlin", "arduino"])
-def test_the_other_firmwares(kind: str) -> None:
+def test_other_firmwares(kind: str) -> None:
     with launch(kind, speed=SPEED) as rig:
         port = Port(rig.port)
         ready, home, answer = {
@@ -100,11 +100,11 @@ def test_the_other_firmwares(kind: str) -> None:
 
 
 @pytest.mark.parametrize("tcp", TRANSPORTS)
-def test_opening_resets_only_where_asked_for(tcp: bool) -> None:
+def test_opening_resets_only_if_requested(tcp: bool) -> None:
     with launch("grbl", speed=SPEED, tcp=tcp, resets_on_open=False) as rig:
         time.sleep(2.0 / SPEED)
         port = Port(rig.port)
-        assert port.quiet() == b"", "no banner without a reset, and what was said before is gone"
+        assert port.quiet() == b"", "there is no banner without a reset, and earlier output is lost"
         assert port.ask(b"?", b">").startswith(b"<Alarm")
     with launch("grbl", speed=SPEED, tcp=tcp) as rig:
         for _ in range(3):
@@ -115,7 +115,7 @@ def test_opening_resets_only_where_asked_for(tcp: bool) -> None:
 
 
 @needs_pty
-def test_what_is_sent_while_it_boots_vanishes() -> None:
+def test_bytes_sent_during_boot_are_lost() -> None:
     with launch("grbl", speed=4.0) as rig:
         port = Port(rig.port)
         port.serial.write(b"$I\n?")
@@ -124,7 +124,7 @@ def test_what_is_sent_while_it_boots_vanishes() -> None:
 
 
 @pytest.mark.parametrize("tcp", TRANSPORTS)
-def test_unplugging_closes_the_port_and_the_same_name_comes_back(tcp: bool) -> None:
+def test_unplugging_closes_the_port_and_replugging_restores_its_name(tcp: bool) -> None:
     with launch("grbl", speed=SPEED, tcp=tcp) as rig:
         port = Port(rig.port)
         port.until(b"unlock]\r\n")
@@ -142,12 +142,12 @@ def test_unplugging_closes_the_port_and_the_same_name_comes_back(tcp: bool) -> N
                 return False
             return True
 
-        assert eventually(back)
+        assert becomes_true(back)
         port.until(b"unlock]\r\n")
 
 
 @pytest.mark.parametrize("tcp", TRANSPORTS)
-def test_the_load_cell_feels_the_true_position(tcp: bool) -> None:
+def test_load_cell_follows_the_true_position(tcp: bool) -> None:
     cell = {"newtons": True, "noise_n": 0.0, "drift_n_per_min": 0.0}
     flat = {"flat_z_mm": -5.0, "n_per_mm": 2.0}
     with launch("grbl", speed=SPEED, tcp=tcp, stimulus=flat, gauge=cell) as rig:
@@ -156,7 +156,7 @@ def test_the_load_cell_feels_the_true_position(tcp: bool) -> None:
         port.ask(b"$H\n", b"ok\r\n")
         assert b"0.0000\n" in gauge.until(b"\n0.0000\n")
         port.ask(b"G1 Z-6 F900\n", b"ok\r\n")
-        assert eventually(lambda: b"<Idle" in port.ask(b"?", b">"))
+        assert becomes_true(lambda: b"<Idle" in port.ask(b"?", b">"))
         assert rig.force_n() == pytest.approx(2.0, abs=0.01)
         steady = float(gauge.quiet(0.05).split(b"\n")[-2])
         assert steady == pytest.approx(rig.force_n(), abs=1e-4)
@@ -169,10 +169,10 @@ def test_the_load_cell_feels_the_true_position(tcp: bool) -> None:
         rig.inject(Fault(kind="unplug", where="gauge"))
         with pytest.raises(serial.SerialException):
             gauge.quiet(5.0)
-        assert port.ask(b"?", b">").startswith(b"<Idle"), "the stage's port is another one"
+        assert port.ask(b"?", b">").startswith(b"<Idle"), "the stage's port is a different one"
 
 
-def test_a_fault_of_the_load_cell_given_at_launch_leaves_the_stage_alone() -> None:
+def test_load_cell_fault_at_launch_does_not_affect_the_stage() -> None:
     faults = ["unplug where=gauge", "garble where=gauge chance=1"]
     with launch("grbl", speed=SPEED, faults=faults) as rig:
         port = Port(rig.port)
@@ -183,18 +183,18 @@ def test_a_fault_of_the_load_cell_given_at_launch_leaves_the_stage_alone() -> No
 
 
 @needs_pty
-def test_samples_come_in_rig_time() -> None:
+def test_samples_are_sent_in_rig_time() -> None:
     with launch("grbl", speed=10.0) as rig:
         gauge = Port(rig.gauge_port)
         gauge.until(b"\n")
         start = rig.now_s()
         lines = gauge.quiet(0.5).count(b"\n")
-        # A busy machine loses samples, never makes more.
+        # A busy machine loses samples but never adds any.
         assert 40 <= lines <= 80 * (rig.now_s() - start) + 80
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux tells the host's speed")
-def test_a_wrong_speed_gives_garbage() -> None:
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux reports the host's baud rate")
+def test_wrong_baud_rate_gives_garbage() -> None:
     with launch("marlin", speed=SPEED, check_baud=True) as rig:
         port = Port(rig.port, baud=115200)
         assert b"Marlin" not in port.quiet(0.3)
@@ -203,7 +203,7 @@ def test_a_wrong_speed_gives_garbage() -> None:
         Port(rig.port, baud=250000).until(b"Settings Loaded\n")
 
 
-def test_wrong_arguments_are_refused_at_once() -> None:
+def test_invalid_arguments_are_refused_at_once() -> None:
     with pytest.raises(InputError, match="kind"):
         launch("reprap")
     with pytest.raises(InputError, match="fire"):
@@ -217,18 +217,18 @@ def test_wrong_arguments_are_refused_at_once() -> None:
 
 
 @pytest.mark.parametrize("tcp", TRANSPORTS)
-def test_a_closed_rig_is_gone(tcp: bool) -> None:
+def test_closing_a_rig_ends_its_process(tcp: bool) -> None:
     rig = launch("grbl", tcp=tcp)
     pid, port = rig.process_id, rig.port
     rig.close()
     rig.close()
-    assert gone(pid) and (tcp or not Path(port).parent.exists())
+    assert has_ended(pid) and (tcp or not Path(port).parent.exists())
     with pytest.raises(DeviceLostError):
         rig.true_position()
 
 
 @needs_pty
-def test_it_dies_with_its_parent() -> None:
+def test_rig_ends_with_its_parent_process() -> None:
     code = (
         "import sys, time; from tacbench_cad.virtual_rig.process import launch\n"
         "rig = launch('grbl'); print(rig.process_id, rig.port, flush=True); time.sleep(600)"
@@ -236,22 +236,22 @@ def test_it_dies_with_its_parent() -> None:
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert parent.stdout is not None
     pid, port = parent.stdout.readline().split()
-    assert not gone(int(pid))
+    assert not has_ended(int(pid))
     parent.send_signal(signal.SIGKILL)
     parent.wait()
     parent.stdout.close()
-    assert eventually(lambda: gone(int(pid)))
-    assert eventually(lambda: not Path(port).parent.exists())
+    assert becomes_true(lambda: has_ended(int(pid)))
+    assert becomes_true(lambda: not Path(port).parent.exists())
 
 
 def busy_s(rig: VirtualRig) -> float:
-    """Processor time that a process has used."""
+    """Return the processor time that a process has used, in s."""
     fields = Path(f"/proc/{rig.process_id}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
-def test_it_sleeps_when_nothing_happens() -> None:
+def test_idle_rig_uses_little_processor_time() -> None:
     with launch("grbl", speed=SPEED) as rig:
         port = Port(rig.port)
         port.until(b"unlock]\r\n")
@@ -262,7 +262,7 @@ def test_it_sleeps_when_nothing_happens() -> None:
 
 @needs_pty
 @pytest.mark.parametrize(("end", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_the_program_says_that_it_simulates(end: signal.Signals, code: int) -> None:
+def test_program_says_that_it_simulates(end: signal.Signals, code: int) -> None:
     process = subprocess.Popen(
         [
             sys.executable,
@@ -296,14 +296,14 @@ def test_the_program_says_that_it_simulates(end: signal.Signals, code: int) -> N
     assert not Path(first.split()[-1]).parent.exists()
 
 
-def test_the_programs_help_and_its_refusals() -> None:
+def test_help_and_invalid_options_of_the_program() -> None:
     helped = subprocess.run([sys.executable, "-m", MODULE, "--help"], capture_output=True, text=True, check=True)
     assert "Simulated stage firmware" in helped.stdout and "saturated" in helped.stdout
     refused = subprocess.run([sys.executable, "-m", MODULE, "--fault", "fire"], capture_output=True, text=True)
     assert refused.returncode == 2 and refused.stderr.count("\n") == 1 and "fire" in refused.stderr
 
 
-def test_a_launched_process_answers_nonsense_with_an_error() -> None:
+def test_launched_process_answers_invalid_input_with_an_error() -> None:
     for text in ("", "nonsense\n", '{"kind": "reprap"}\n'):
         code = "from tacbench_cad.virtual_rig.__main__ import launched; launched()"
         result = subprocess.run([sys.executable, "-c", code], input=text, capture_output=True, text=True)
@@ -311,7 +311,7 @@ def test_a_launched_process_answers_nonsense_with_an_error() -> None:
 
 
 @needs_pty
-def test_files_of_the_working_folder_are_not_imported(tmp_path: Path) -> None:
+def test_files_in_the_working_folder_are_not_imported(tmp_path: Path) -> None:
     for name in ("tacbench_cad", "json", "argparse", "signal"):
         (tmp_path / f"{name}.py").write_text("raise SystemExit('a file of the working folder was imported')\n")
     code = "from tacbench_cad.virtual_rig.process import launch\nwith launch('grbl') as rig: print(rig.now_s() >= 0.0)"

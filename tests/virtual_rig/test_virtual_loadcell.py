@@ -1,4 +1,4 @@
-"""The load cell's stream, and the force that it feels."""
+"""Test the virtual load cell's stream and the force that it measures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def counts(data: bytes) -> list[int]:
     return [int(word) for word in data.split()]
 
 
-def test_a_line_a_sample_at_its_rate() -> None:
+def test_one_line_for_each_sample_at_the_sample_rate() -> None:
     cell = LoadCell(QUIET)
     assert cell.read(0.0, lambda: 0.0) == b"1000\n"
     assert cell.read(0.005, lambda: 0.0) == b""
@@ -32,14 +32,14 @@ def test_a_line_a_sample_at_its_rate() -> None:
     assert cell.next_s == pytest.approx(0.11)
 
 
-def test_force_becomes_counts_and_changes_evenly_within_a_batch() -> None:
+def test_force_becomes_counts_and_changes_linearly_within_a_batch() -> None:
     cell = LoadCell(QUIET)
     cell.read(0.0, lambda: 0.0)
     assert counts(cell.read(0.0401, lambda: 2.0)) == [6000, 11000, 16000, 21000]
     assert counts(cell.read(0.0501, lambda: 2.0)) == [21000]
 
 
-def test_force_is_asked_for_only_when_a_sample_is_due() -> None:
+def test_force_is_requested_only_when_a_sample_is_due() -> None:
     requests = []
     cell = LoadCell(QUIET)
 
@@ -52,7 +52,7 @@ def test_force_is_asked_for_only_when_a_sample_is_due() -> None:
     assert len(requests) == 10
 
 
-def test_newtons_noise_and_drift() -> None:
+def test_output_in_newtons_noise_and_drift() -> None:
     cell = LoadCell(CellSettings(newtons=True, noise_n=0.01, drift_n_per_min=1.0), seed=3)
     values = [float(word) for word in cell.read(1.0, lambda: 0.5).split()][-40:]
     cell = LoadCell(CellSettings(newtons=True, noise_n=0.01, drift_n_per_min=1.0), seed=3)
@@ -80,12 +80,12 @@ def test_faults_of_the_gauge() -> None:
     assert LoadCell(QUIET).read(0.0, lambda: 1e9) == b"%d\n" % FULL_SCALE
 
 
-def test_a_stream_that_nobody_read_does_not_pile_up() -> None:
+def test_unread_samples_do_not_accumulate() -> None:
     cell = LoadCell(QUIET)
     assert len(counts(cell.read(1e6, lambda: 0.0))) == 1
 
 
-def test_a_flat_spring_and_the_cache_of_its_force() -> None:
+def test_flat_spring_and_the_cache_of_its_force() -> None:
     spring = stimulus_from({"flat_z_mm": -50.0, "n_per_mm": 2.0})
     assert spring == FlatSpring(flat_z_mm=-50.0, n_per_mm=2.0)
     assert spring.force_n((0.0, 0.0, -49.0)) == 0.0
@@ -99,7 +99,7 @@ def test_a_flat_spring_and_the_cache_of_its_force() -> None:
     assert force() == 0.0
 
 
-def test_a_block_under_the_dome() -> None:
+def test_block_as_stimulus() -> None:
     from tacbench_cad.lab.simulate.contact import contact_for
     from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
     from tacbench_cad.spec.block import Block
@@ -120,7 +120,7 @@ def test_a_block_under_the_dome() -> None:
 @pytest.mark.parametrize(
     "values", [{}, {"flat_z_mm": 1.0}, {"flat_z_mm": 1.0, "n_per_mm": 1.0, "colour": 3}, {"printed": {}}]
 )
-def test_bad_stimuli_are_refused(values: dict[str, object]) -> None:
+def test_invalid_stimuli_are_refused(values: dict[str, object]) -> None:
     with pytest.raises(InputError):
         stimulus_from(values)
 
@@ -128,6 +128,6 @@ def test_bad_stimuli_are_refused(values: dict[str, object]) -> None:
 @pytest.mark.parametrize(
     "wrong", [{"rate_hz": 0.0}, {"counts_per_n": 0.0}, {"noise_n": float("nan")}, {"rate_hz": "fast"}]
 )
-def test_bad_cells_are_refused(wrong: dict[str, Any]) -> None:
+def test_invalid_cells_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(InputError):
         CellSettings(**wrong)

@@ -1,4 +1,4 @@
-"""The carriage: trapezoids, end stops, the ends of the axes, slipping and stalled motors."""
+"""Test the virtual carriage: trapezoids, end stops, the ends of the axes, slipping and stalled motors."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ positive = st.floats(0.01, 500.0)
 
 
 @given(length=st.floats(1e-4, 300.0), peak=positive, acceleration=positive)
-def test_a_stroke_is_a_trapezoid(length: float, peak: float, acceleration: float) -> None:
+def test_stroke_is_a_trapezoid(length: float, peak: float, acceleration: float) -> None:
     stroke = Stroke(
         start=(0.0, 0.0, 0.0), end=(length, 0.0, 0.0), peak_mm_s=peak, acceleration_mm_s2=acceleration, begin_s=1.0
     )
@@ -40,17 +40,17 @@ def test_a_stroke_is_a_trapezoid(length: float, peak: float, acceleration: float
     reached = min(peak, math.sqrt(acceleration * length))
     assert duration == pytest.approx(length / reached + reached / acceleration, rel=1e-9)
     times = [1.0 + duration * i / 40 for i in range(41)]
-    way = [stroke.travelled_mm(t) for t in times]
-    assert way[0] == 0.0 and way[-1] == pytest.approx(length) and way == sorted(way)
+    travel = [stroke.travelled_mm(t) for t in times]
+    assert travel[0] == 0.0 and travel[-1] == pytest.approx(length) and travel == sorted(travel)
     assert max(stroke.speed_mm_s(t) for t in times) <= reached * (1 + 1e-9)
-    # The way is the integral of the speed.
+    # The travelled distance is the integral of the speed.
     fine = [1.0 + duration * (i + 0.5) / 2000 for i in range(2000)]
     assert sum(stroke.speed_mm_s(t) for t in fine) * duration / 2000 == pytest.approx(length, rel=1e-3)
     middle = stroke.when_s(length / 3.0)
     assert stroke.travelled_mm(middle) == pytest.approx(length / 3.0, rel=1e-6)
 
 
-def test_strokes_follow_one_another() -> None:
+def test_strokes_are_queued() -> None:
     body = carriage()
     assert body.go((10.0, 0.0, 0.0), 10.0, 100.0, 0.0)
     assert body.go((10.0, 5.0, 0.0), 10.0, 100.0, 0.0)
@@ -60,7 +60,7 @@ def test_strokes_follow_one_another() -> None:
     assert body.true(100.0) == (60.0, 55.0, 50.0)
 
 
-def test_counters_hold_whole_steps_on_the_way() -> None:
+def test_counters_hold_whole_steps_during_a_motion() -> None:
     body = carriage()
     body.go((-1.0, 0.0, 0.0), 1.0, 10.0, 0.0)
     for i in range(100):
@@ -69,7 +69,7 @@ def test_counters_hold_whole_steps_on_the_way() -> None:
 
 
 @given(when=st.floats(0.0, 3.0))
-def test_slowing_down_and_going_on_reaches_the_target(when: float) -> None:
+def test_pausing_and_resuming_reaches_the_target(when: float) -> None:
     body = carriage()
     body.go((20.0, 10.0, 0.0), 15.0, 50.0, 0.0)
     run(body, when)
@@ -84,7 +84,7 @@ def test_slowing_down_and_going_on_reaches_the_target(when: float) -> None:
     assert body.counted(1e4) == (20.0, 10.0, 0.0)
 
 
-def test_an_end_stop_closes_where_it_is_and_the_frame_stops_the_carriage() -> None:
+def test_end_stop_closes_at_its_position_and_the_frame_stops_the_carriage() -> None:
     body = carriage((5.0, 50.0, 50.0))
     body.go((-20.0, 0.0, 0.0), 5.0, 1e6, 0.0)
     when = body.next_event_s()
@@ -94,10 +94,10 @@ def test_an_end_stop_closes_where_it_is_and_the_frame_stops_the_carriage() -> No
     assert body.pressed(100.0) == (0,)
     body.go((-15.0, 0.0, 0.0), 5.0, 1e6, 100.0)
     run(body, 200.0)
-    assert body.true(200.0)[0] == 2.0, "what was stepped against the frame is lost"
+    assert body.true(200.0)[0] == 2.0, "steps against the frame are lost"
 
 
-def test_end_stops_scatter() -> None:
+def test_end_stop_positions_scatter() -> None:
     positions = set()
     for seed in range(20):
         body = Carriage((AXIS, AXIS, AXIS), (5.0, 5.0, 5.0), random.Random(seed), switch_scatter_mm=0.01)
@@ -108,7 +108,7 @@ def test_end_stops_scatter() -> None:
     assert len(positions) > 10 and all(abs(position + 1.0) <= 0.0101 for position in positions)
 
 
-def test_a_slip_moves_the_carriage_and_not_the_counters() -> None:
+def test_slip_moves_the_carriage_and_not_the_counters() -> None:
     body = carriage()
     body.go((10.0, 0.0, 0.0), 10.0, 100.0, 0.0)
     run(body, 0.5)
@@ -119,7 +119,7 @@ def test_a_slip_moves_the_carriage_and_not_the_counters() -> None:
     assert body.true(10.0)[2] == 102.0
 
 
-def test_a_stalled_motor_counts_and_does_not_move() -> None:
+def test_stalled_motor_counts_steps_without_moving() -> None:
     body = carriage()
     body.turn_only(2, 0.0, 0.0)
     body.go((0.0, 0.0, -10.0), 10.0, 100.0, 0.0)
@@ -131,7 +131,7 @@ def test_a_stalled_motor_counts_and_does_not_move() -> None:
     assert body.true(20.0)[2] == 48.0
 
 
-def test_clearing_the_counters_moves_nothing() -> None:
+def test_clearing_the_counters_does_not_move_the_carriage() -> None:
     body = carriage()
     body.go((3.0, 0.0, 0.0), 10.0, 100.0, 0.0)
     run(body, 10.0)
@@ -139,6 +139,6 @@ def test_clearing_the_counters_moves_nothing() -> None:
     assert body.true(10.0) == (53.0, 50.0, 50.0) and body.counted(10.0) == (0.0, 0.0, 0.0)
 
 
-def test_a_start_beyond_an_axis_is_refused() -> None:
+def test_start_position_beyond_an_axis_is_refused() -> None:
     with pytest.raises(InputError, match="start z"):
         carriage((0.0, 0.0, 500.0))

@@ -1,4 +1,4 @@
-"""The virtual Marlin, byte by byte: the traits of Marlin 2.1 that drivers must survive, by their number in the list."""
+"""Test the virtual Marlin byte by byte: traits of Marlin 2.1, numbered as in the tests of the driver."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def where(host: Host) -> bytes:
 # 14: ok means queued
 
 
-def test_ok_and_m114_come_when_a_move_is_queued() -> None:
+def test_ok_and_m114_are_sent_when_a_move_is_queued() -> None:
     host = homed("marlin")
     assert host.ask(b"G1 X100 Y50 F600\n", 0.05) == b"ok\n"
     assert where(host) == b"X:100.00 Y:50.00 Z:100.00 E:0.00 Count X:8000 Y:4000 Z:40000\nok\n"
@@ -36,7 +36,7 @@ def test_ok_and_m114_come_when_a_move_is_queued() -> None:
     assert near(host.true, (100.0, 50.0, 100.0), STEP)
 
 
-def test_auto_report_gives_the_plan_too() -> None:
+def test_auto_report_contains_planned_positions() -> None:
     host = homed("marlin")
     assert host.ask(b"M154 S1\nG1 X100 F600\n", 0.5) == b"ok\nok\n"
     assert host.wait(1.0) == b"X:100.00 Y:0.00 Z:100.00 E:0.00 Count X:8000 Y:0 Z:40000\n"
@@ -44,7 +44,7 @@ def test_auto_report_gives_the_plan_too() -> None:
     assert host.wait(3.0) == b""
 
 
-def test_m114_r_is_a_compile_option() -> None:
+def test_m114_r_depends_on_a_compile_option() -> None:
     for realtime in (False, True):
         host = homed("marlin", firmware={"m114_realtime": realtime})
         host.ask(b"G1 X100 F600\n", 1.0)
@@ -53,7 +53,7 @@ def test_m114_r_is_a_compile_option() -> None:
         assert where(host).startswith(b"X:100.00")
 
 
-def test_steps_and_speeds_are_told_in_marlins_layout() -> None:
+def test_steps_and_speeds_are_reported_in_marlins_format() -> None:
     host = Host("marlin")
     assert host.ask(b"M92\n") == b"  M92 X80.00 Y80.00 Z400.00 E500.00\nok\n"
     assert host.ask(b"M203\n") == b"  M203 X100.00 Y100.00 Z10.00 E25.00\nok\n"
@@ -65,34 +65,34 @@ def test_steps_and_speeds_are_told_in_marlins_layout() -> None:
 @pytest.mark.parametrize(
     ("order", "axes"), [(b"G28 X Y\n", "xy"), (b"G28XZ\n", "xz"), (b"G28 Z0\n", "z"), (b"G28\n", "xyz")]
 )
-def test_the_named_axes_are_homed(order: bytes, axes: str) -> None:
+def test_only_named_axes_are_homed(order: bytes, axes: str) -> None:
     host = Host("marlin")
     host.ask(order + b"M400\n", 60.0)
     ends = {"x": 0.0, "y": 0.0, "z": 100.0}
     assert {name for name, at in zip("xyz", host.true, strict=True) if abs(at - ends[name]) <= STEP} == set(axes)
 
 
-def test_soft_end_stops_clamp_silently() -> None:
+def test_soft_end_stops_clamp_without_a_message() -> None:
     host = homed("marlin")
     assert host.ask(b"G1 X-20 Y300 Z-5 F6000\n", 0.05) == b"ok\n"
     assert where(host).startswith(b"X:0.00 Y:200.00 Z:0.00 ")
 
 
-def test_before_homing_nothing_is_clamped_and_the_carriage_runs_into_its_frame() -> None:
+def test_unhomed_targets_are_not_clamped_and_the_carriage_runs_into_the_frame() -> None:
     host = Host("marlin")
     assert host.ask(b"G1 X-100 F6000\n", 0.05) == b"ok\n"
     host.ask(b"M400\n", 5.0)
     assert where(host).startswith(b"X:-100.00 ")
-    assert host.true[0] == -2.0, "a pressed end stop outside of homing means nothing"
+    assert host.true[0] == -2.0, "a pressed end stop has no effect except in homing"
     host.ask(b"G1 X0\nM400\n", 5.0)
-    assert host.true[0] == 98.0, "the steps made against the frame are lost"
+    assert host.true[0] == 98.0, "the steps against the frame are lost"
     assert b"x_min: open\n" in host.ask(b"M119\n")
 
 
 # 16: line numbers
 
 
-def test_checksum_mismatch_asks_for_a_resend_and_says_ok() -> None:
+def test_checksum_mismatch_requests_a_resend_and_sends_ok() -> None:
     host = homed("marlin")
     assert host.ask(numbered(0, "M110 N0")) == b"ok\n"
     assert host.ask(numbered(1, "G91")) == b"ok\n"
@@ -100,7 +100,7 @@ def test_checksum_mismatch_asks_for_a_resend_and_says_ok() -> None:
     assert host.ask(numbered(2, "G1 X5 F600")) == b"ok\n"
 
 
-def test_an_accepted_line_sent_again_gets_no_answer() -> None:
+def test_repeated_line_gets_no_answer() -> None:
     host = homed("marlin")
     host.ask(numbered(0, "M110 N0") + numbered(1, "G91") + numbered(2, "G1 X5 F600"))
     assert host.ask(numbered(2, "G1 X5 F600"), 5.0) == b""
@@ -112,7 +112,7 @@ def test_an_accepted_line_sent_again_gets_no_answer() -> None:
     assert host.ask(b"N3 G90\n") == b"Error:No Checksum with line number, Last Line: 2\nResend: 3\nok\n"
 
 
-def test_a_refused_line_takes_what_follows_it_in_the_buffer_along() -> None:
+def test_refused_line_discards_the_lines_after_it_in_the_buffer() -> None:
     host = homed("marlin")
     host.ask(numbered(0, "M110 N0"))
     for _ in range(4):
@@ -125,7 +125,7 @@ def test_a_refused_line_takes_what_follows_it_in_the_buffer_along() -> None:
 # 17: the quick stop
 
 
-def test_m410_stops_at_once_and_is_silent_for_a_second() -> None:
+def test_m410_stops_at_once_and_then_ignores_input_for_a_second() -> None:
     host = homed("marlin")
     host.ask(b"G1 X100 F600\n", 2.0)
     assert host.ask(b"M410\n", 0.9) == b""
@@ -137,7 +137,7 @@ def test_m410_stops_at_once_and_is_silent_for_a_second() -> None:
     assert abs(reported - x) < 0.02
 
 
-def test_m400_cut_short_by_m410_says_ok_far_from_the_target() -> None:
+def test_m400_interrupted_by_m410_sends_ok_far_from_the_target() -> None:
     host = homed("marlin")
     host.ask(b"G1 X100 F600\nM400\n", 1.5)
     assert host.ask(b"M410\n", 0.9) == b""
@@ -145,7 +145,7 @@ def test_m400_cut_short_by_m410_says_ok_far_from_the_target() -> None:
     assert host.true[0] < 30.0
 
 
-def test_a_command_within_the_silence_runs_twice_and_m410_is_never_acknowledged() -> None:
+def test_command_after_m410_runs_twice_and_m410_gets_no_ok() -> None:
     host = homed("marlin")
     host.ask(b"G1 X100 F600\n", 2.0)
     host.ask(b"M410\n", 0.2)
@@ -155,7 +155,7 @@ def test_a_command_within_the_silence_runs_twice_and_m410_is_never_acknowledged(
     assert host.ask(b"M114\n", 3.0) == report % (x, round(x * 80))
 
 
-def test_with_an_emergency_parser_m410_behaves() -> None:
+def test_m410_with_an_emergency_parser() -> None:
     host = homed("marlin", firmware={"emergency_parser": True})
     assert b"Cap:EMERGENCY_PARSER:1\n" in host.ask(b"M115\n")
     host.ask(b"G1 X100 F600\nM400\n", 2.0)
@@ -167,7 +167,7 @@ def test_with_an_emergency_parser_m410_behaves() -> None:
 # 18: unknown commands, M112, reset
 
 
-def test_unknown_commands_are_echoed_and_say_ok() -> None:
+def test_unknown_commands_are_echoed_with_ok() -> None:
     host = homed("marlin")
     assert host.ask(b"M9999\n") == b'echo:Unknown command: "M9999"\nok\n'
     assert host.ask(b"hello\n") == b'echo:Unknown command: "hello"\nok\n'
@@ -175,7 +175,7 @@ def test_unknown_commands_are_echoed_and_say_ok() -> None:
 
 
 @pytest.mark.parametrize("emergency_parser", [False, True])
-def test_m112_kills_until_a_reset_that_forgets_the_position(emergency_parser: bool) -> None:
+def test_m112_halts_until_a_reset_that_forgets_the_position(emergency_parser: bool) -> None:
     host = homed("marlin", firmware={"emergency_parser": emergency_parser})
     host.ask(b"G1 X100 F600\n", 2.0)
     assert host.ask(b"M112\n") == b"Error:Printer halted. kill() called!\n"
@@ -192,7 +192,7 @@ def test_m112_kills_until_a_reset_that_forgets_the_position(emergency_parser: bo
 # 19: busy lines, line ends, baud
 
 
-def test_long_commands_say_busy_every_two_seconds_and_lines_end_in_lf() -> None:
+def test_long_commands_send_busy_every_two_seconds_and_lines_end_with_lf() -> None:
     host = Host("marlin")
     host.send(b"G28\n")
     answer = host.until(b"ok\n")
@@ -207,7 +207,7 @@ def test_long_commands_say_busy_every_two_seconds_and_lines_end_in_lf() -> None:
 
 
 @pytest.mark.parametrize("baud", [115200, 250000])
-def test_a_host_at_another_speed_reads_garbage(baud: int) -> None:
+def test_host_with_another_baud_rate_reads_garbage(baud: int) -> None:
     host = homed("marlin", firmware={"baud": baud})
     host.board.host_baud = 57600
     answer = host.ask(b"M115\n", 1.0)
@@ -217,10 +217,10 @@ def test_a_host_at_another_speed_reads_garbage(baud: int) -> None:
     assert b"FIRMWARE_NAME:Marlin" in host.ask(b"M115\n", 1.0)
 
 
-# The rest
+# Other commands
 
 
-def test_a_full_planner_holds_the_ok_back() -> None:
+def test_full_planner_delays_ok() -> None:
     host = homed("marlin")
     for i in range(40):
         host.ask(b"G1 X%d F60\n" % (i % 2), 0.01)
@@ -228,7 +228,7 @@ def test_a_full_planner_holds_the_ok_back() -> None:
     assert host.until(b"ok\n", step_s=0.5).endswith(b"ok\n")
 
 
-def test_positions_can_be_set_and_moves_relative() -> None:
+def test_set_positions_and_relative_moves() -> None:
     host = homed("marlin")
     host.ask(b"G1 X50 F6000\nM400\nG92 X10\nG91\nG1 X-5 Z-1\nM400\n", 10.0)
     assert where(host).startswith(b"X:5.00 Y:0.00 Z:99.00 ")
@@ -237,14 +237,14 @@ def test_positions_can_be_set_and_moves_relative() -> None:
     assert where(host).startswith(b"X:0.00 ")
 
 
-def test_homing_with_a_dead_motor_kills() -> None:
+def test_homing_with_a_dead_motor_halts() -> None:
     host = Host("marlin")
     host.inject("stall", axis="z")
     host.send(b"G28\n")
     assert host.until(b"kill() called!\n").endswith(b"echo:Homing Failed\nError:Printer halted. kill() called!\n")
 
 
-def test_dwell_waits_for_motion_and_temperature_is_that_of_the_room() -> None:
+def test_dwell_waits_for_motion_and_the_temperature_is_room_temperature() -> None:
     host = homed("marlin")
     assert host.ask(b"G1 X10 F600\nG4 S1\n", 1.9) == b"ok\n"
     assert host.wait(1.0) == b"echo:busy: processing\nok\n"
