@@ -11,7 +11,7 @@ import numpy as np
 from tacbench_cad.checks.look import Look
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid
-from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.spec.surface import Surface
 from tacbench_cad.util.types import Floats, Ints
 
 #: Points that rank the candidates; the chosen one is then measured at all of them.
@@ -140,7 +140,7 @@ class Candidate:
 class _Formula:
     """Height above a formula."""
 
-    def __init__(self, surface: WaveSum) -> None:
+    def __init__(self, surface: Surface) -> None:
         self.surface = surface
 
     def __call__(self, x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.spec.surface import Surface
 from tacbench_cad.util.types import Bools, Floats
 
 #: A triangle is a wall if the z component of its unit normal is smaller than this.
@@ -82,7 +82,7 @@ def points_on(mesh: Mesh, which: Bools, points: int = POINTS) -> Floats:
     return np.concatenate([mesh.vertices[used], between])
 
 
-def distance(points: Floats, surface: WaveSum, datum_mm: float) -> Distance:
+def distance(points: Floats, surface: Surface, datum_mm: float) -> Distance:
     """Return the distances of points from ``z = datum + surface(x, y)``.
 
     Args:
@@ -108,6 +108,6 @@ def distance(points: Floats, surface: WaveSum, datum_mm: float) -> Distance:
     )
 
 
-def _slanted(vertical: Floats, x: Floats, y: Floats, surface: WaveSum) -> Floats:
+def _slanted(vertical: Floats, x: Floats, y: Floats, surface: Surface) -> Floats:
     along_x, along_y = surface.gradient(x, y)
     return np.asarray(vertical / np.sqrt(1.0 + along_x**2 + along_y**2))

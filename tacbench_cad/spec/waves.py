@@ -204,23 +204,25 @@ class WaveSum:
                 total += weight * np.sin(f * uu + g * vv + (phase + turn))
         return total
 
-    def grid(self, u: Floats, v: Floats) -> Floats:
-        """Return the values on a grid. This is much faster than a call with a mesh grid.
+    def grid(self, u: Floats, v: Floats, order: tuple[int, int] = (0, 0)) -> Floats:
+        """Return the values or a partial derivative on a grid. This is much faster than a call with a mesh grid.
 
         Args:
             u: The coordinates along u, shape (n,).
             v: The coordinates along v, shape (m,).
+            order: The orders of the derivative along u and along v.
 
         Returns:
             The values, shape (n, m).
         """
-        if self.is_separable:
+        if self.is_separable and order == (0, 0):
             return self.along_u(u)[:, None] + self.along_v(v)[None, :]
         amplitude, f, g, phase = self.table.T
-        along_u = np.outer(u, f) + phase
-        along_v = np.outer(v, g)
-        first = (amplitude * np.sin(along_u)) @ np.cos(along_v).T
-        return np.asarray(first + (amplitude * np.cos(along_u)) @ np.sin(along_v).T, dtype=np.float64)
+        weight = amplitude * f ** order[0] * g ** order[1]
+        turn = (order[0] + order[1]) * (math.pi / 2.0)
+        along_u, along_v = np.outer(u, f) + (phase + turn), np.outer(v, g)
+        first = (weight * np.sin(along_u)) @ np.cos(along_v).T
+        return np.asarray(first + (weight * np.cos(along_u)) @ np.sin(along_v).T, dtype=np.float64)
 
     def gradient(self, u: ArrayLike, v: ArrayLike) -> tuple[Floats, Floats]:
         """Return both first partial derivatives at the points ``(u, v)``.
@@ -243,6 +245,27 @@ class WaveSum:
         """
         a, f, g = np.abs(self.table[:, 0]), np.abs(self.table[:, 1]), np.abs(self.table[:, 2])
         return float(np.sum(a * f**order_u * g**order_v))
+
+    def cell_bounds(self, u: Floats, v: Floats, order: tuple[int, int]) -> Floats:
+        """Return an upper bound of the absolute value of a partial derivative on each cell of a grid.
+
+        A function with the values w at the corners of a cell with the sides a and b is at most the largest ``|w|``
+        plus ``(a^2 M_uu + b^2 M_vv) / 8``, where M bounds its second derivatives over the whole plane.
+
+        Args:
+            u: The lines along u, ascending, shape (n,).
+            v: The lines along v, ascending, shape (m,).
+            order: The orders of the derivative along u and v.
+
+        Returns:
+            The bounds, shape (n - 1, m - 1).
+        """
+        value = np.abs(self.grid(u, v, order))
+        rows = np.maximum(value[:-1], value[1:])
+        a, b = np.diff(u)[:, None], np.diff(v)[None, :]
+        remainder = self.bound(order[0] + 2, order[1]) * a**2 + self.bound(order[0], order[1] + 2) * b**2
+        corners = np.maximum(rows[:, :-1], rows[:, 1:])
+        return np.asarray(np.minimum(corners + remainder / 8.0, self.bound(*order)))
 
     def integral(self, u: tuple[float, float], v: tuple[float, float]) -> float:
         """Return the integral over a rectangle in closed form.

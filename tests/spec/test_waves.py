@@ -69,6 +69,22 @@ def test_derivatives_agree_with_differences_and_stay_below_their_bounds(kind: st
 
 
 @pytest.mark.parametrize("seed", seeds(3, 30))
+def test_derivatives_on_a_grid_stay_below_the_bounds_of_their_cells(kind: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    waves = random_waves(rng, kind)
+    u, v = (np.sort(rng.uniform(-5, 5, 12)) for _ in range(2))
+    inside = np.linspace(0.0, 1.0, 9)
+    for order in [(0, 0), (1, 0), (1, 1), (0, 2)]:
+        np.testing.assert_allclose(waves.grid(u, v, order), waves(u[:, None], v[None, :], order), atol=1e-9)
+        bounds = waves.cell_bounds(u, v, order)
+        points_u = u[:-1, None] + np.diff(u)[:, None] * inside
+        points_v = v[:-1, None] + np.diff(v)[:, None] * inside
+        values = np.abs(waves(points_u[:, None, :, None], points_v[None, :, None, :], order)).max(axis=(2, 3))
+        assert np.all(values <= bounds * (1 + 1e-12))
+        assert np.all(bounds <= waves.bound(*order) * (1 + 1e-12))
+
+
+@pytest.mark.parametrize("seed", seeds(3, 30))
 def test_integral_over_a_rectangle_agrees_with_quadrature(kind: str, seed: int) -> None:
     waves = random_waves(np.random.default_rng(seed), kind)
     expected, error = dblquad(lambda b, a: float(waves(a, b)), -0.4, 1.3, 0.2, 2.1, epsabs=1e-10)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.spec.surface import Surface
 from tacbench_cad.util.types import Floats
 
 #: The largest number of parts of all cells together, unless there are more cells than this.
@@ -45,18 +45,18 @@ class Cells:
         y: The positions of the lines along y, ascending, shape (m,).
     """
 
-    def __init__(self, surface: WaveSum, x: Floats, y: Floats) -> None:
+    def __init__(self, surface: Surface, x: Floats, y: Floats) -> None:
         cells = (len(x) - 1) * (len(y) - 1)
         self._parts = max(1, min(MAX_PARTS_A_SIDE, math.isqrt(MAX_PARTS // cells)))
         fine_x, fine_y = _refined(x, self._parts), _refined(y, self._parts)
         self._value = surface.grid(fine_x, fine_y)
         a, b = np.diff(x)[:, None], np.diff(y)[None, :]
-        uu, uv, vv = (_bend(surface, x, y, a, b, order) for order in ((2, 0), (1, 1), (0, 2)))
+        uu, uv, vv = (surface.cell_bounds(x, y, order) for order in ((2, 0), (1, 1), (0, 2)))
         parts = self._parts
         self._between = self._spread((uu * a**2 + 2.0 * uv * a * b + vv * b**2) / (8.0 * parts**2))
         steep = np.zeros_like(self._between)
         for order, change in (((1, 0), uu * a + uv * b), ((0, 1), uv * a + vv * b)):
-            slope = np.abs(grid_derivative(surface, fine_x, fine_y, order))
+            slope = np.abs(surface.grid(fine_x, fine_y, order))
             steep += np.maximum(_largest_corner(slope) - self._spread(change / parts), 0.0) ** 2
         self._stretch = np.sqrt(1.0 + steep)
 
@@ -95,23 +95,6 @@ class Cells:
                     value = first if low else z11 + (1.0 - s) * (z01 - z11) + (1.0 - t) * (z10 - z11)
                 fit[k : k + (len(z) - 2) * parts + 1 : parts, j : j + (z.shape[1] - 2) * parts + 1 : parts] = value
         return fit
-
-
-def grid_derivative(surface: WaveSum, x: Floats, y: Floats, order: tuple[int, int]) -> Floats:
-    """Return a partial derivative on a tensor grid, shape (n, m)."""
-    amplitude, f, g, phase = surface.table.T
-    weight = amplitude * f ** order[0] * g ** order[1]
-    turn = (order[0] + order[1]) * (math.pi / 2.0)
-    along_x, along_y = np.outer(x, f) + (phase + turn), np.outer(y, g)
-    first = (weight * np.sin(along_x)) @ np.cos(along_y).T
-    return np.asarray(first + (weight * np.cos(along_x)) @ np.sin(along_y).T)
-
-
-def _bend(surface: WaveSum, x: Floats, y: Floats, a: Floats, b: Floats, order: tuple[int, int]) -> Floats:
-    """Return a bound of a second derivative on each cell."""
-    value = _largest_corner(np.abs(grid_derivative(surface, x, y, order)))
-    remainder = surface.bound(order[0] + 2, order[1]) * a**2 + surface.bound(order[0], order[1] + 2) * b**2
-    return np.asarray(np.minimum(value + remainder / 8.0, surface.bound(*order)))
 
 
 def _refined(lines: Floats, parts: int) -> Floats:

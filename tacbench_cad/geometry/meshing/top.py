@@ -11,7 +11,7 @@ import numpy as np
 from tacbench_cad.geometry.mesh import MAX_TRIANGLES, Certificate
 from tacbench_cad.geometry.meshing.axis import Axis
 from tacbench_cad.geometry.meshing.certify import Allowance, AxisProof, paired, prove_axis, vertical, within
-from tacbench_cad.geometry.meshing.certify_cells import CellProof, Cells, grid_derivative
+from tacbench_cad.geometry.meshing.certify_cells import CellProof, Cells
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.util.errors import InputError
@@ -268,8 +268,8 @@ def _tensor_lines(block: Block, tolerance: float, finer: float) -> tuple[Floats,
     sides = [float(np.float32(side)) for side in block.size_mm]
     counts = [int(np.clip(3.0 * k * side, 20, 600)) for k, side in zip(surface.highest_frequency, sides, strict=True)]
     t, s = (np.linspace(0.0, side, count) for side, count in zip(sides, counts, strict=True))
-    along_x = np.abs(grid_derivative(surface, t, s, (2, 0))).max(axis=1)
-    along_y = np.abs(grid_derivative(surface, t, s, (0, 2))).max(axis=0)
+    along_x = np.abs(surface.grid(t, s, (2, 0))).max(axis=1)
+    along_y = np.abs(surface.grid(t, s, (0, 2))).max(axis=0)
     lowest = 1e-4 * max(along_x.max(), along_y.max())
     per_x, per_y = (finer * np.sqrt((bend + lowest) / (6.0 * tolerance)) for bend in (along_x, along_y))
     needed = triangles_of(math.ceil(float(np.trapezoid(per_x, t))), math.ceil(float(np.trapezoid(per_y, s))))

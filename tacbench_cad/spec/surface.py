@@ -1,0 +1,100 @@
+"""The protocol of a surface: what the formula of a texture must offer.
+
+A surface is a function ``z(u, v)`` with bounds of its derivatives. Meshes, solids, pictures, the simulated sensor and
+the checks use only these methods, so every implementation works with all of them.
+:class:`tacbench_cad.spec.waves.WaveSum` is the exact one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from numpy.typing import ArrayLike
+
+from tacbench_cad.spec.extremes import Extremes, HalfPlane
+from tacbench_cad.util.types import Floats
+
+
+class Profile(Protocol):
+    """A function of one variable: one half of a separable surface."""
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether the function does not depend on its variable."""
+        ...
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> Floats:
+        """Return the value or the derivative of the given order at ``t``, with the shape of ``t``."""
+        ...
+
+
+class Surface(Protocol):
+    """A function ``z(u, v)`` with bounds of its derivatives."""
+
+    @property
+    def is_separable(self) -> bool:
+        """Whether ``z = p(u) + q(v)``."""
+        ...
+
+    @property
+    def along_u(self) -> Profile:
+        """The part ``p(u)`` of a separable surface, including its constant."""
+        ...
+
+    @property
+    def along_v(self) -> Profile:
+        """The part ``q(v)`` of a separable surface."""
+        ...
+
+    @property
+    def highest_frequency(self) -> tuple[float, float]:
+        """The highest relevant angular frequencies along u and v, in radians per unit."""
+        ...
+
+    def __call__(self, u: ArrayLike, v: ArrayLike, order: tuple[int, int] = (0, 0)) -> Floats:
+        """Return the value or a partial derivative at the points ``(u, v)``, with the broadcast shape."""
+        ...
+
+    def grid(self, u: Floats, v: Floats, order: tuple[int, int] = (0, 0)) -> Floats:
+        """Return the values or a partial derivative on a grid of lines, shape (n, m)."""
+        ...
+
+    def gradient(self, u: ArrayLike, v: ArrayLike) -> tuple[Floats, Floats]:
+        """Return both first partial derivatives at the points ``(u, v)``."""
+        ...
+
+    def bound(self, order_u: int, order_v: int) -> float:
+        """Return an upper bound of the absolute value of a partial derivative over the whole domain."""
+        ...
+
+    def cell_bounds(self, u: Floats, v: Floats, order: tuple[int, int]) -> Floats:
+        """Return an upper bound of the absolute value of a partial derivative on each cell of a grid.
+
+        Args:
+            u: The lines along u, ascending, shape (n,).
+            v: The lines along v, ascending, shape (m,).
+            order: The orders of the derivative along u and v.
+
+        Returns:
+            The bounds, shape (n - 1, m - 1).
+        """
+        ...
+
+    def integral(self, u: tuple[float, float], v: tuple[float, float]) -> float:
+        """Return the integral over a rectangle."""
+        ...
+
+    def integral_triangle(self, corners: Sequence[tuple[float, float]]) -> float:
+        """Return the integral over a triangle with these corners ``(u, v)``."""
+        ...
+
+    def extremes(self, u: tuple[float, float], v: tuple[float, float], keep: HalfPlane | None = None) -> Extremes:
+        """Find the lowest and the highest value over a rectangle, or over its part in a half-plane."""
+        ...
+
+    def mapped(
+        self, per_unit: tuple[float, float], height_per_unit: float, origin: tuple[float, float] = (0.0, 0.0)
+    ) -> Surface:
+        """Return the same surface in other coordinates: ``x = (u - origin_u) * per_unit_x``, and y likewise."""
+        ...
