@@ -1,4 +1,4 @@
-"""Files that crashed or hung a library: the command says so in one line and goes on with the next file."""
+"""Files that made a library crash or hang: the command reports this in one line and continues with the next file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from helpers.shapes import box_mesh, write_soup
 from tacbench_cad.checks.identify import examine
 from tacbench_cad.checks.meshcheck import oriented
 from tacbench_cad.cli import main
-from tacbench_cad.formats.stl import write_stl
+from tacbench_cad.formats.stl import read_stl, write_stl
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.block import Block
@@ -25,7 +25,7 @@ from tacbench_cad.util.errors import InputError
 
 @pytest.fixture(scope="module")
 def step_text(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A box as STEP."""
+    """Return a STEP file of a box."""
     pytest.importorskip("OCP")
     from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
 
@@ -40,14 +40,14 @@ def _without(text: str, entity: str) -> str:
     return re.sub(rf"(?m)^#\d+ = {entity}\([^;]*;\n", "", text, count=1)
 
 
-def _of_itself(text: str, entity: str) -> str:
+def _self_referencing(text: str, entity: str) -> str:
     return re.sub(rf"(?m)^#(\d+) = {entity}\(([^;#]*)#\d+", rf"#\1 = {entity}(\2#\1", text, count=1)
 
 
 CRASHING = {
     "a missing VECTOR": lambda text: _without(text, "VECTOR"),
-    "an edge of itself": lambda text: _of_itself(text, "ORIENTED_EDGE"),
-    "a curve of itself": lambda text: _of_itself(text, "SURFACE_CURVE"),
+    "an edge of itself": lambda text: _self_referencing(text, "ORIENTED_EDGE"),
+    "a curve of itself": lambda text: _self_referencing(text, "SURFACE_CURVE"),
 }
 
 
@@ -60,14 +60,14 @@ def test_a_step_file_that_crashes_the_kernel_is_refused_and_the_next_is_examined
     code = main(["check-part", str(bad), str(last), "--json"])
     document = json.loads(capsys.readouterr().out)
     assert [report["file"] for report in document["files"]] == ["whole.step"]
-    assert [each["file"] for each in document["refused"]] == ["bad.step"]
-    assert all("crashes the CAD kernel" in each["reason"] for each in document["refused"])
+    assert [refusal["file"] for refusal in document["refused"]] == ["bad.step"]
+    assert all("crashes the CAD kernel" in refusal["reason"] for refusal in document["refused"])
     assert code == 2
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", CRASHING)
-def test_a_crash_is_bad_input(name: str, step_text: str, tmp_path: Path) -> None:
+def test_a_crash_of_the_kernel_counts_as_bad_input(name: str, step_text: str, tmp_path: Path) -> None:
     path = tmp_path / "bad.step"
     path.write_text(CRASHING[name](step_text))
     assert path.read_text() != step_text
@@ -81,51 +81,51 @@ def _random(tmp_path: Path) -> Path:
 
 
 def _fan(tmp_path: Path) -> Path:
-    corners = np.zeros((20_000, 3, 3))
-    corners[:, 1, 2] = 10.0
-    corners[:, 2] = np.random.default_rng(0).random((20_000, 3)) * 50.0
-    return write_soup(tmp_path / "fan.stl", corners)
+    points = np.zeros((20_000, 3, 3))
+    points[:, 1, 2] = 10.0
+    points[:, 2] = np.random.default_rng(0).random((20_000, 3)) * 50.0
+    return write_soup(tmp_path / "fan.stl", points)
 
 
 @pytest.mark.parametrize("make", [_random, _fan])
-def test_a_mesh_whose_triangles_all_overlap_is_not_tested_for_cuts(make, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_a_mesh_of_overlapping_triangles_is_not_tested_for_self_intersections(make, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     pytest.importorskip("pymeshlab")
     begin = time.monotonic()
     report = examine(make(tmp_path))
     assert time.monotonic() - begin < 20.0
-    line = next(check for check in report.checks if check.name == "self-intersection")
-    assert line.detail.startswith("not tested: the boxes of about")
+    finding = next(check for check in report.checks if check.name == "self-intersection")
+    assert finding.detail.startswith("not tested: the boxes of about")
     assert not report.ok and report.volume_mm3 is None
 
 
-def test_a_cut_that_takes_pymeshlab_too_long_is_not_tested(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_test_for_self_intersections_has_a_time_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pymeshlab")
     from tacbench_cad.checks import meshcheck
 
     monkeypatch.setattr(meshcheck, "MAX_PAIRS", 1e12)
     monkeypatch.setattr(meshcheck, "MAX_SECONDS", 1.0)
     report = examine(_random(tmp_path))
-    line = next(check for check in report.checks if check.name == "self-intersection")
-    assert line.detail.startswith("not tested: it would take pymeshlab longer than")
+    finding = next(check for check in report.checks if check.name == "self-intersection")
+    assert finding.detail.startswith("not tested: it would take pymeshlab longer than")
 
 
-def test_coordinates_beyond_all_reason_are_refused(tmp_path: Path) -> None:
+def test_huge_coordinates_are_refused(tmp_path: Path) -> None:
     mesh = box_mesh()
     path = write_soup(tmp_path / "huge.stl", mesh.triangle_points * 1e30)
     report = examine(path)
     assert not report.ok and "10 km" in report.checks[0].detail
 
 
-def test_the_volume_of_a_file_with_inconsistent_winding_is_that_of_the_surface(tmp_path: Path) -> None:
+def test_inconsistent_winding_does_not_change_the_volume(tmp_path: Path) -> None:
     mesh = block_part(Block.of(5, sampling=SampleGrid(nx=40, ny=41))).mesh[0]
-    sound = examine(write_soup(tmp_path / "sound.stl", mesh.triangle_points), full=False)
+    consistent = examine(write_soup(tmp_path / "consistent.stl", mesh.triangle_points), full=False)
     low = mesh.bounds_mm[0]
     walls = (mesh.triangle_points[:, :, 0] == low[0]).all(axis=1)
     flipped = np.where(walls[:, None], mesh.faces[:, ::-1], mesh.faces)
     report = examine(write_soup(tmp_path / "walls.stl", mesh.vertices[flipped]), full=False)
-    assert {check.name for check in report.faults} - {check.name for check in sound.faults} == {"winding"}
-    assert report.volume_mm3 == pytest.approx(sound.volume_mm3, rel=1e-9)
-    assert abs(Mesh(mesh.vertices, flipped).volume_mm3 - sound.volume_mm3) > 1.0
+    assert {check.name for check in report.faults} - {check.name for check in consistent.faults} == {"winding"}
+    assert report.volume_mm3 == pytest.approx(consistent.volume_mm3, rel=1e-9)
+    assert abs(Mesh(mesh.vertices, flipped).volume_mm3 - consistent.volume_mm3) > 1.0
 
 
 def test_a_mesh_is_oriented_whichever_triangles_are_flipped() -> None:
@@ -134,22 +134,16 @@ def test_a_mesh_is_oriented_whichever_triangles_are_flipped() -> None:
         flip = np.random.default_rng(seed).random(12) < 0.5
         mesh = oriented(Mesh(box.vertices, np.where(flip[:, None], box.faces[:, ::-1], box.faces)))
         assert mesh is not None and mesh.volume_mm3 == pytest.approx(24.0)
-    two = Mesh.joined([box, box_mesh(at=(10.0, 0.0, 0.0))])
-    assert oriented(two) is None
+    boxes = Mesh.joined([box, box_mesh(at=(10.0, 0.0, 0.0))])
+    assert oriented(boxes) is None
 
 
-def test_a_texture_that_is_none_of_the_six_is_called_so(tmp_path: Path) -> None:
+def test_a_texture_other_than_the_six_is_reported(tmp_path: Path) -> None:
     texture = Texture(name="other", waves=plane_waves((0.7, 1.3, 2.1), (0.4, 3.1, -0.6), (0.5, 0.0, 5.3)))
     block = Block.of(texture, size_mm=(30.0, 40.0), height_mm=9.0, sampling=SampleGrid(nx=91, ny=121))
     path = tmp_path / "other.stl"
     write_stl(block_part(block), path)
-    anonymous = write_soup(tmp_path / "foreign.stl", examine_corners(path))
-    report = examine(anonymous, full=False)
+    unnamed = write_soup(tmp_path / "foreign.stl", read_stl(path).triangle_points)
+    report = examine(unnamed, full=False)
     assert [check.name for check in report.faults] == ["texture"]
     assert "not one of the six textures; the nearest is texture-" in report.faults[0].detail
-
-
-def examine_corners(path: Path) -> np.ndarray:
-    from tacbench_cad.formats.stl import read_stl
-
-    return read_stl(path).triangle_points

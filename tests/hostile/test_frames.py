@@ -1,4 +1,4 @@
-"""Arrays and images whose headers promise what no sensor gives: refused before anything is allocated."""
+"""Arrays and images with headers that no sensor writes are refused before memory is allocated."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tacbench_cad.util.errors import CheckFailedError, InputError
 
 
 def npy_file(header: str, data: bytes = b"") -> bytes:
-    """A NumPy file with any text as its header."""
+    """Return the bytes of a NumPy file with any text as its header."""
     padded = header.encode("latin-1").ljust((len(header) // 64 + 1) * 64 - 11) + b"\n"
     return npy.magic(1, 0) + struct.pack("<H", len(padded)) + padded + data
 
@@ -44,7 +44,7 @@ def header(shape: str, descr: str = "'<f8'") -> str:
         (npy_file(header("(" * 3000)), "header is damaged"),
     ],
 )
-def test_an_array_that_no_sensor_gives_is_refused(content: bytes, needle: str, tmp_path: Path) -> None:
+def test_an_array_that_cannot_be_a_frame_is_refused(content: bytes, needle: str, tmp_path: Path) -> None:
     path = tmp_path / "a.npy"
     path.write_bytes(content)
     for read in (lambda: array_of(content), lambda: mapped(path)):
@@ -54,7 +54,7 @@ def test_an_array_that_no_sensor_gives_is_refused(content: bytes, needle: str, t
 
 
 @pytest.mark.parametrize("dtype", ["bool", "u1", "<u2", ">i4", "<f4", "<f8", "<f2"])
-def test_arrays_of_sensors_still_read(dtype: str) -> None:
+def test_arrays_of_sensors_are_read(dtype: str) -> None:
     array = np.arange(24).reshape(2, 3, 4).astype(dtype)
     for order in "CF":
         stream = io.BytesIO()
@@ -63,7 +63,7 @@ def test_arrays_of_sensors_still_read(dtype: str) -> None:
 
 
 def png(width: int, height: int, bits: int = 8, colour: int = 2) -> bytes:
-    """A PNG whose header promises a size, with hardly any data."""
+    """Return the bytes of a PNG with the given size in its header, but with little data."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -93,7 +93,7 @@ def test_an_image_is_refused_by_its_header(content: bytes) -> None:
         decoded(content, "frame.png")
 
 
-def test_the_limit_of_images_can_be_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_size_limit_of_images_can_be_raised(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(CheckFailedError, match="set the environment variable TACBENCH_LIMITS=2 to allow it"):
         decoded(png(10_000, 10_000), "frame.png")
     monkeypatch.setenv("TACBENCH_LIMITS", "2")

@@ -1,4 +1,4 @@
-"""``make --assembly``: one STEP and one 3MF of holder, blocks and jig where they are used."""
+"""``make --assembly``: one STEP and one 3MF file with holder, blocks and jig in their places of use."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from tacbench_cad.util.errors import InputError
 
 BLOCKS = (Block.of(1, key_mm=3.0), Block.of(2, key_mm=3.0))
 SET = Assembly(holder=HOLDER, blocks=BLOCKS, jig=JIG)
-#: The least that has several colours.
+#: The smallest assembly with several colours.
 SMALL = Assembly(holder=SINGLE, blocks=(Block.of(1),), jig=None)
 NAMES = [HOLDER.name, *(block.name for block in BLOCKS), JIG.name]
 
@@ -47,31 +47,31 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @lru_cache
 def boxes() -> list[tuple[float, ...]]:
-    """Where build123d's joints put each part."""
-    found = [child.bounding_box() for child in assembled(HOLDER, BLOCKS, JIG).children]
-    return [(*one.min, *one.max) for one in found]
+    """Return the bounding box of each part, placed by the joints of build123d."""
+    bounds = [child.bounding_box() for child in assembled(HOLDER, BLOCKS, JIG).children]
+    return [(*box.min, *box.max) for box in bounds]
 
 
-def test_the_rows_say_what_is_in_the_files(folder: Path) -> None:
+def test_the_rows_describe_the_files(folder: Path) -> None:
     for row, ending in zip(json.loads((folder / "rows.json").read_text()), ("3mf", "step"), strict=True):
         assert row["file"] == f"assembly_{HOLDER.stem}.{ending}" and (folder / row["file"]).is_file()
         assert row["kind"] == "assembly" and all(check["ok"] for check in row["checks"])
-        assert [one["name"] for one in row["spec"]["parts"]] == NAMES
+        assert [part["name"] for part in row["spec"]["parts"]] == NAMES
         assert row["size_mm"] == pytest.approx([*JIG.seat.outer.size_mm, JIG.seat.roof_mm[1]], abs=1e-4)
         assert row["volume_mm3"] == pytest.approx(row["closed_form_volume_mm3"], rel=1e-4)
 
 
-def test_the_step_has_each_part_by_name_and_colour_where_the_joints_put_it(folder: Path) -> None:
-    whole = bd.import_step(str(folder / f"{SET.name}.step"))
-    assert whole.label == SET.name
-    assert [child.label for child in whole.children] == NAMES
-    for child, box, kind in zip(whole.children, boxes(), ("holder", "block", "block", "jig"), strict=True):
-        found = child.bounding_box()
-        assert (*found.min, *found.max) == pytest.approx(box, abs=2e-3)
+def test_the_step_has_each_part_with_its_name_colour_and_place(folder: Path) -> None:
+    assembly = bd.import_step(str(folder / f"{SET.name}.step"))
+    assert assembly.label == SET.name
+    assert [child.label for child in assembly.children] == NAMES
+    for child, box, kind in zip(assembly.children, boxes(), ("holder", "block", "block", "jig"), strict=True):
+        bounds = child.bounding_box()
+        assert (*bounds.min, *bounds.max) == pytest.approx(box, abs=2e-3)
         assert tuple(child.color)[:3] == pytest.approx(tuple(bd.Color(COLOURS[kind]))[:3], abs=1e-2)
 
 
-def test_the_3mf_has_each_part_where_the_joints_put_it(folder: Path) -> None:
+def test_the_3mf_has_each_part_in_its_place(folder: Path) -> None:
     mesh, entries = threemf.read_3mf(folder / f"{SET.name}.3mf")
     assert entries["kind"] == "assembly" and entries["name"] == SET.name
     first = 0
@@ -86,19 +86,19 @@ def test_the_3mf_has_each_part_where_the_joints_put_it(folder: Path) -> None:
 def test_check_examines_each_part_by_its_own_specification(folder: Path, ending: str) -> None:
     report = examine(folder / f"{SET.name}.{ending}", full=False)
     assert report.ok, report.faults
-    found = {check.name: check.detail for check in report.checks}
-    assert found["bodies"].startswith("4, 2 of them with a relief")
+    details = {check.name: check.detail for check in report.checks}
+    assert details["bodies"].startswith("4, 2 of them with a relief")
     for slot, block in enumerate(BLOCKS, start=1):
         name = f"{block.name} in slot {slot}" if ending == "3mf" else block.name
-        assert f"{block.texture.name}, preset paper, scale 1" in found[f"{name}: relief"]
-        assert found[f"{name}: key"] == "3 mm at the corner (X, 0)"
-        assert "turned by 90 degrees" in found[f"{name}: placement"]
-    assert found[f"{JIG.name}: texture"].startswith("none: a part of")
+        assert f"{block.texture.name}, preset paper, scale 1" in details[f"{name}: relief"]
+        assert details[f"{name}: key"] == "3 mm at the corner (X, 0)"
+        assert "turned by 90 degrees" in details[f"{name}: placement"]
+    assert details[f"{JIG.name}: texture"].startswith("none: a part of")
     assert report.size_mm == pytest.approx([*JIG.seat.outer.size_mm, JIG.seat.roof_mm[1]], abs=1e-3)
     assert report.deviation_mm is not None and report.deviation_mm <= 0.01 + 1e-5
 
 
-def test_check_names_the_body_that_is_not_what_its_name_says(tmp_path: Path) -> None:
+def test_the_check_names_a_body_with_the_name_of_another_part(tmp_path: Path) -> None:
     placed = [(replace(part, name=NAMES[1]) if part.kind == "block" else part, m) for part, m in SMALL.part().placed]
     step.write_assembly(placed, "assembly", "A wrong block", tmp_path / "a.step")
     faults = {check.name for check in examine(tmp_path / "a.step").faults}
@@ -106,7 +106,7 @@ def test_check_names_the_body_that_is_not_what_its_name_says(tmp_path: Path) -> 
 
 
 def test_the_same_assembly_gives_the_same_bytes(tmp_path: Path) -> None:
-    """Also after another one in the same process: the kernel counts on."""
+    """The kernel continues its numbering in the same process, but the files do not depend on it."""
     files = []
     for name in ("first", "second"):
         (tmp_path / name).mkdir()
@@ -117,23 +117,23 @@ def test_the_same_assembly_gives_the_same_bytes(tmp_path: Path) -> None:
 
 def test_a_part_in_the_wrong_place_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def shifted(placed: list[tuple[object, np.ndarray]], *rest: object) -> None:
-        moved = [(part, matrix + np.eye(4, k=3) * 0.01 * (i == 1)) for i, (part, matrix) in enumerate(placed)]
-        write(moved, *rest)  # type: ignore[arg-type]
+        transformed = [(part, matrix + np.eye(4, k=3) * 0.01 * (i == 1)) for i, (part, matrix) in enumerate(placed)]
+        write(transformed, *rest)  # type: ignore[arg-type]
 
     write = step.write_assembly
     monkeypatch.setattr(step, "write_assembly", shifted)
-    (made,) = make_files(SMALL.part(), ("step",), tmp_path, False)
-    assert isinstance(made, Failure)
-    assert any(fault.startswith(f"{SMALL.blocks[0].name}: place: 1.0e-02 mm") for fault in made.faults)
+    (result,) = make_files(SMALL.part(), ("step",), tmp_path, False)
+    assert isinstance(result, Failure)
+    assert any(fault.startswith(f"{SMALL.blocks[0].name}: place: 1.0e-02 mm") for fault in result.faults)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_the_option_means() -> None:
-    (one,) = plan(Request(assembly=True, slots=2)).assemblies
-    assert [block.texture.number for block in one.thing.blocks] == [1, 2]
-    assert one.thing.jig is not None and one.formats == ("3mf", "step")
+def test_the_blocks_that_an_assembly_contains() -> None:
+    (assembly,) = plan(Request(assembly=True, slots=2)).assemblies
+    assert [block.texture.number for block in assembly.thing.blocks] == [1, 2]
+    assert assembly.thing.jig is not None and assembly.formats == ("3mf", "step")
     (left,) = plan(Request(assembly=True, slots=2)).left_out
-    assert left.what == f"4 of 6 blocks in {one.thing.name}"
+    assert left.what == f"4 of 6 blocks in {assembly.thing.name}"
     assert left.reason == "the holder has only 2 slots, used by texture-1, texture-2; use --slots for more"
     (copied,) = plan(Request(textures=("3", "2"), copies=2, assembly=True, slots=3)).assemblies
     assert [(block.texture.number, block.copy) for block in copied.thing.blocks] == [(3, 1), (2, 1), (3, 2)]
@@ -144,10 +144,10 @@ def test_what_the_option_means() -> None:
     assert alone.thing.jig is None
 
 
-def test_a_block_without_a_solid_leaves_the_3mf() -> None:
+def test_an_assembly_with_a_block_without_solid_is_3mf_only() -> None:
     work = plan(Request(textures=("4",), preset="released", assembly=True))
     assert work.assemblies[0].formats == ("3mf",)
-    assert any(one.what.startswith("assembly") and "texture-4" in one.reason for one in work.left_out)
+    assert any(item.what.startswith("assembly") and "texture-4" in item.reason for item in work.left_out)
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,7 @@ def test_a_block_without_a_solid_leaves_the_3mf() -> None:
         ({"parts": ("holder", "jig")}, "assembly: needs a holder and a block"),
     ],
 )
-def test_an_assembly_of_too_little_is_refused(changes: dict[str, tuple[str, ...]], message: str) -> None:
+def test_an_assembly_needs_a_holder_and_a_block(changes: dict[str, tuple[str, ...]], message: str) -> None:
     with pytest.raises(InputError, match=message):
         plan(replace(Request(textures=("1",), assembly=True), **changes))
 

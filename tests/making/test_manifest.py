@@ -1,4 +1,4 @@
-"""The manifest: what it keeps, what it drops, and that its bytes depend on nothing but its rows."""
+"""The manifest: the rows that it keeps and drops. Its bytes depend only on its rows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def row(folder: Path, name: str, content: str = "solid") -> dict[str, Any]:
     return {"file": name, "sha256": sha256(folder / name), "volume_mm3": 1.0 / 3.0}
 
 
-def test_rows_come_back_as_they_were_written_in_the_order_of_their_names(tmp_path: Path) -> None:
+def test_rows_are_read_back_in_the_order_of_their_names(tmp_path: Path) -> None:
     rows = [row(tmp_path, "b.stl"), row(tmp_path, "a.stl")]
     manifest.write_manifest(tmp_path, rows)
     assert manifest.read_rows(tmp_path) == [rows[1], rows[0]]
@@ -31,14 +31,14 @@ def test_the_same_rows_in_any_order_give_the_same_bytes(tmp_path: Path) -> None:
     assert first.endswith(b"\n") and b"\r" not in first
 
 
-def test_an_altered_and_a_removed_file_lose_their_rows(tmp_path: Path) -> None:
+def test_the_rows_of_changed_and_removed_files_are_dropped(tmp_path: Path) -> None:
     rows = [row(tmp_path, name) for name in ("kept.stl", "altered.stl", "removed.stl")]
     (tmp_path / "altered.stl").write_text("something else")
     (tmp_path / "removed.stl").unlink()
-    assert [one["file"] for one in manifest.unchanged(tmp_path, rows)] == ["kept.stl"]
+    assert [entry["file"] for entry in manifest.unchanged(tmp_path, rows)] == ["kept.stl"]
 
 
-def test_a_new_row_takes_the_place_of_the_old_one(tmp_path: Path) -> None:
+def test_a_new_row_replaces_the_old_row(tmp_path: Path) -> None:
     old, other = row(tmp_path, "a.stl", "old"), row(tmp_path, "b.stl")
     new = row(tmp_path, "a.stl", "new")
     assert manifest.merge([old, other], [new]) == [new, other]
@@ -60,7 +60,7 @@ def test_no_manifest_means_no_rows(tmp_path: Path) -> None:
         '{"schema": 999, "files": []}',
     ],
 )
-def test_a_file_that_is_no_manifest_is_refused_and_left_alone(tmp_path: Path, text: str) -> None:
+def test_a_file_that_is_not_a_manifest_is_refused_and_kept(tmp_path: Path, text: str) -> None:
     path = tmp_path / manifest.MANIFEST_NAME
     path.write_text(text)
     with pytest.raises(InputError, match=r"manifest"):
@@ -68,22 +68,22 @@ def test_a_file_that_is_no_manifest_is_refused_and_left_alone(tmp_path: Path, te
     assert path.read_text() == text
 
 
-def test_a_manifest_of_bytes_that_are_no_text_is_refused(tmp_path: Path) -> None:
+def test_a_manifest_that_is_not_utf_8_is_refused(tmp_path: Path) -> None:
     (tmp_path / manifest.MANIFEST_NAME).write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(InputError, match="is not a manifest"):
         manifest.read_rows(tmp_path)
 
 
-def test_a_row_that_cannot_be_written_leaves_the_old_manifest(tmp_path: Path) -> None:
+def test_the_old_manifest_is_kept_if_a_row_cannot_be_written(tmp_path: Path) -> None:
     path = manifest.write_manifest(tmp_path, [row(tmp_path, "a.stl")])
     before = path.read_bytes()
     with pytest.raises(ValueError, match="JSON"):
         manifest.write_manifest(tmp_path, [{"file": "b.stl", "sha256": "0", "volume_mm3": float("nan")}])
     assert path.read_bytes() == before
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["a.stl", "manifest.json"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a.stl", "manifest.json"]
 
 
-def test_it_holds_no_folder_and_no_time(tmp_path: Path) -> None:
+def test_the_manifest_contains_no_folder_and_no_time(tmp_path: Path) -> None:
     text = manifest.write_manifest(tmp_path, [row(tmp_path, "a.stl")]).read_text()
     assert str(tmp_path) not in text
     assert set(json.loads(text)) == {"schema", "units", "files"}

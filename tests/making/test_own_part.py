@@ -1,4 +1,4 @@
-"""A part of a user's own, with a kind of its own, is exported, checked and built like ours."""
+"""A part that a user defines, with its own kind, is exported, checked and built like the parts of this project."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ HEIGHT_MM = 4.0
 
 @dataclass(frozen=True)
 class Spacer:
-    """A plate below the holder, with its screw holes: what a user's own script may hold."""
+    """A plate with screw holes below the holder, as a user may define it in a script."""
 
     holder: Holder
 
@@ -49,7 +49,7 @@ def test_it_is_exported_and_checked(ending: str, tmp_path: Path) -> None:
         export(Part.of_solid(bd.Box(1, 2, 3), name="box", volume_mm3=6.01), tmp_path / f"box.{ending}")
 
 
-def test_it_is_built_beside_ours(tmp_path: Path) -> None:
+def test_it_is_built_together_with_a_block(tmp_path: Path) -> None:
     result = build(Request(textures=(1,), parts=("blocks", Spacer(HOLDER)), formats=("stl", "step"), out=tmp_path))
     assert result.ok and result.preview
     rows = {row["file"]: row for row in json.loads((tmp_path / "manifest.json").read_text())["files"]}
@@ -57,7 +57,7 @@ def test_it_is_built_beside_ours(tmp_path: Path) -> None:
     assert rows["spacer.stl"]["kind"] == "spacer" and rows["spacer.stl"]["spec"] == {"of": "ours"}
 
 
-def test_it_is_shown(tmp_path: Path) -> None:
+def test_it_is_shown_on_the_page_and_in_a_picture(tmp_path: Path) -> None:
     pytest.importorskip("k3d")
     from tacbench_cad import part_picture, write_view
 
@@ -67,7 +67,7 @@ def test_it_is_shown(tmp_path: Path) -> None:
     assert (tmp_path / "spacer.png").stat().st_size > 1000
 
 
-def test_a_round_solid_of_cadquery_goes_to_the_origin(tmp_path: Path) -> None:
+def test_a_round_solid_of_cadquery_is_moved_to_the_origin(tmp_path: Path) -> None:
     ring = cq.Workplane().circle(10.0).circle(6.0).extrude(3.0).translate((50.0, -20.0, 7.0))
     part = Part.of_solid(ring, name="ring", genus=1)
     assert part.size_mm == pytest.approx((20.0, 20.0, 3.0), abs=1e-5)
@@ -76,7 +76,7 @@ def test_a_round_solid_of_cadquery_goes_to_the_origin(tmp_path: Path) -> None:
         assert export(part, tmp_path / f"ring.{ending}").ok
 
 
-def test_what_is_refused() -> None:
+def test_bad_parts_are_refused() -> None:
     with pytest.raises(InputError, match="must be a solid"):
         Part.of_solid("box", name="box")
     with pytest.raises(InputError, match="only planes, cylinders and cones"):

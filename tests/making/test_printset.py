@@ -1,4 +1,4 @@
-"""The print set: what a request means, and that files are made whole, checked, or not at all."""
+"""The print set: the parts that a request means. A file is written completely and checked, or not at all."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ def needs_cad() -> None:
     pytest.importorskip("build123d")
 
 
-# What a request means
+# The parts that a request means
 
 
-def test_by_default_six_blocks_holder_and_jig_in_all_formats() -> None:
+def test_the_default_is_six_blocks_holder_and_jig_in_all_formats() -> None:
     needs_cad()
     pytest.importorskip("lib3mf")
     work = plan(Request())
@@ -63,11 +63,11 @@ def test_by_default_six_blocks_holder_and_jig_in_all_formats() -> None:
         ({"sampling": SampleGrid(nx=50, ny=60)}, "texture-4_paper_x1_grid50x60"),
     ],
 )
-def test_names_say_what_is_not_the_default(changes: dict[str, Any], name: str) -> None:
+def test_names_contain_the_options_that_are_not_default(changes: dict[str, Any], name: str) -> None:
     assert names(replace(LIGHT, textures=("4",), **changes)) == [name]
 
 
-def test_copies_are_parts_of_their_own_and_bear_a_label() -> None:
+def test_copies_are_separate_parts_with_labels() -> None:
     work = plan(replace(LIGHT, textures=("2", "5"), copies=2))
     assert [source.part.name for source in work.sources] == [
         *("texture-2_paper_x1_copy01", "texture-2_paper_x1_copy02"),
@@ -78,8 +78,8 @@ def test_copies_are_parts_of_their_own_and_bear_a_label() -> None:
 
 def test_copies_share_one_holder_and_one_jig() -> None:
     needs_cad()
-    found = names(Request(textures=("1",), copies=3, formats=("stl",)))
-    assert [name for name in found if not name.startswith("texture")] == ["holder_paper_x1", "jig_paper_x1"]
+    files = names(Request(textures=("1",), copies=3, formats=("stl",)))
+    assert [name for name in files if not name.startswith("texture")] == ["holder_paper_x1", "jig_paper_x1"]
 
 
 def test_every_geometry_gets_its_own_holder(tmp_path: Path) -> None:
@@ -88,12 +88,12 @@ def test_every_geometry_gets_its_own_holder(tmp_path: Path) -> None:
     file.write_text(
         '[texture]\nname = "wide"\nfamily = "series"\nlaw = "triangle"\nN = 3\n[block]\nsize_mm = [40.0, 32.0]\n'
     )
-    found = names(Request(textures=("1", "2", str(file)), formats=("stl",), parts=("blocks", "holder")))
-    assert found[-2:] == ["holder_paper_x1", "holder_paper_x1_40x32x7"]
-    assert len(set(found)) == len(found) == 5
+    files = names(Request(textures=("1", "2", str(file)), formats=("stl",), parts=("blocks", "holder")))
+    assert files[-2:] == ["holder_paper_x1", "holder_paper_x1_40x32x7"]
+    assert len(set(files)) == len(files) == 5
 
 
-def test_the_preset_released_brings_the_holder_that_the_authors_printed() -> None:
+def test_the_preset_released_includes_the_holder_of_the_authors() -> None:
     needs_cad()
     request = Request(preset="released", textures=("1",), formats=("stl",), parts=("holder",))
     (holder,) = plan(request).sources
@@ -111,32 +111,32 @@ def test_two_files_with_one_name_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [4, 6])
-def test_released_square_waves_get_no_solid_but_everything_else(number: int) -> None:
+def test_released_square_waves_have_no_solid(number: int) -> None:
     pytest.importorskip("OCP")
     work = plan(Request(textures=(str(number),), preset="released", formats=("stl", "step"), parts=("blocks",)))
     (source,) = work.sources
     assert source.formats == ("stl",)
-    assert [one.what for one in work.left_out] == [f"texture-{number}_released_x1.step"]
+    assert [item.what for item in work.left_out] == [f"texture-{number}_released_x1.step"]
     assert work.left_out[0].reason
 
 
-def test_of_all_released_textures_those_with_a_solid_are_made() -> None:
+def test_released_textures_without_a_solid_are_left_out() -> None:
     pytest.importorskip("OCP")
     work = plan(Request(preset="released", formats=("step",), parts=("blocks",)))
     assert [source.part.name.split("_")[0] for source in work.sources] == [f"texture-{i}" for i in (1, 2, 3, 5)]
     assert len(work.left_out) == 2
 
 
-def test_a_jig_that_cannot_be_is_left_out_with_the_numbers_unless_asked_for() -> None:
+def test_an_impossible_jig_is_left_out_unless_it_is_requested() -> None:
     needs_cad()
     small = Request(textures=("1",), size_mm=(30.0, 20.0), formats=("stl",))
     work = plan(small)
     assert [source.part.kind for source in work.sources] == ["block", "holder"]
     (left,) = work.left_out
     assert left.what == "jig" and "9 x 23 mm" in left.reason and "30 x 20 mm" in left.reason
-    for asked in ({"jig": "default"}, {"parts": ("jig",)}):
+    for options in ({"jig": "default"}, {"parts": ("jig",)}):
         with pytest.raises(InputError, match="9 x 23 mm"):
-            plan(replace(small, **asked))
+            plan(replace(small, **options))
 
 
 def test_a_small_key_is_refused_even_when_no_holder_is_made() -> None:
@@ -146,7 +146,7 @@ def test_a_small_key_is_refused_even_when_no_holder_is_made() -> None:
 
 
 @pytest.mark.parametrize("extra", ["build123d", "OCP"])
-def test_without_the_cad_extra_the_rest_is_made_and_named(extra: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_cad_extra_only_meshes_of_blocks_are_planned(extra: str, monkeypatch: pytest.MonkeyPatch) -> None:
     reason = 'needs cadquery-ocp, not installed: run pip install "tacbench-cad[cad]"'
     monkeypatch.setattr(request, "why_missing", lambda *modules: reason if extra in modules else None)
     step = request.FORMATS["step"]
@@ -154,19 +154,19 @@ def test_without_the_cad_extra_the_rest_is_made_and_named(extra: str, monkeypatc
     work = plan(Request(textures=("1",)))
     assert [source.part.kind for source in work.sources] == ["block"]
     assert "step" not in work.sources[0].formats
-    assert {one.what for one in work.left_out} == {"step", "holder, jig"}
-    assert all("pip install" in one.reason for one in work.left_out)
-    for asked in ({"formats": ("step",)}, {"parts": ("holder",)}, {"jig": "all"}):
+    assert {item.what for item in work.left_out} == {"step", "holder, jig"}
+    assert all("pip install" in item.reason for item in work.left_out)
+    for options in ({"formats": ("step",)}, {"parts": ("holder",)}, {"jig": "all"}):
         with pytest.raises(MissingToolError, match="pip install"):
-            plan(Request(textures=("1",), **asked))
+            plan(Request(textures=("1",), **options))
 
 
-# Making it
+# Making the files
 
 
 @pytest.fixture
 def broken_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A kernel in front of the real one that does not load, as without libGL."""
+    """Put a kernel that does not load, as without libGL, before the real kernel in the import path."""
     (tmp_path / "site" / "OCP").mkdir(parents=True)
     text = "raise ImportError('libGL.so.1: cannot open shared object file')"
     (tmp_path / "site" / "OCP" / "__init__.py").write_text(text)
@@ -174,32 +174,36 @@ def broken_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("broken_kernel")
-def test_a_kernel_that_does_not_load_is_done_without(tmp_path: Path) -> None:
+def test_with_a_broken_kernel_only_meshes_of_blocks_are_made(tmp_path: Path) -> None:
     result = build(Request(textures=("1",), out=tmp_path / "out"))
     assert [row["file"] for row in result.rows if row["format"] == "stl"] == ["texture-1_paper_x1.stl"]
     assert not [row for row in result.rows if row["format"] == "step" or row["kind"] != "block"]
-    (left,) = [one for one in result.left_out if "kernel" in one.reason]
+    (left,) = [item for item in result.left_out if "kernel" in item.reason]
     assert left.what == "step, holder, jig" and "libGL.so.1" in left.reason and "doctor" in left.reason
 
 
 @pytest.mark.usefixtures("broken_kernel")
-def test_a_kernel_that_does_not_load_is_refused_where_it_is_needed(tmp_path: Path) -> None:
+def test_a_broken_kernel_is_an_error_if_a_solid_is_requested(tmp_path: Path) -> None:
     with pytest.raises(MissingToolError, match=r"libGL\.so\.1"):
         build(Request(textures=("1",), formats=("stl", "step"), parts=("blocks",), out=tmp_path / "out"))
     assert not (tmp_path / "out").exists()
 
 
-def test_textures_are_named_by_number_or_given_themselves(tmp_path: Path) -> None:
-    own = Texture(name="own", waves=equation1(1.0, 1.0, 2.0, 2.0))
-    assert names(replace(LIGHT, textures=(4, own, "1"))) == ["texture-4_paper_x1", "own_paper_x1", "texture-1_paper_x1"]
+def test_textures_are_numbers_or_objects(tmp_path: Path) -> None:
+    ridges = Texture(name="ridges", waves=equation1(1.0, 1.0, 2.0, 2.0))
+    assert names(replace(LIGHT, textures=(4, ridges, "1"))) == [
+        "texture-4_paper_x1",
+        "ridges_paper_x1",
+        "texture-1_paper_x1",
+    ]
     with pytest.raises(InputError, match="given twice"):
-        plan(replace(LIGHT, textures=(own, own)))
-    result = build(replace(LIGHT, textures=(own,), out=tmp_path))
+        plan(replace(LIGHT, textures=(ridges, ridges)))
+    result = build(replace(LIGHT, textures=(ridges,), out=tmp_path))
     (row,) = result.rows
     head, line = str(result).splitlines()
     assert head == f"1 file in {tmp_path}"
     assert line.split("  ")[1:] == [
-        "own_paper_x1.stl",
+        "ridges_paper_x1.stl",
         f"{len(row['checks'])} checks passed, {row['deviation_mm']:.2g} mm from the formula at most",
     ]
 
@@ -216,7 +220,7 @@ def test_a_result_names_what_failed_and_what_was_left_out(tmp_path: Path) -> Non
     assert str(printset.PrintSet(out=tmp_path)) == f"0 files in {tmp_path}"
 
 
-def test_a_row_says_what_the_file_is(tmp_path: Path) -> None:
+def test_a_row_describes_its_file(tmp_path: Path) -> None:
     result = build(replace(LIGHT, textures=("3",), out=tmp_path))
     (row,) = read_rows(tmp_path)
     assert [row] == result.rows
@@ -230,12 +234,12 @@ def test_a_row_says_what_the_file_is(tmp_path: Path) -> None:
     assert "grid_to_formula" not in row
 
 
-def test_on_a_sample_grid_the_row_says_how_far_the_grid_is_from_the_formula(tmp_path: Path) -> None:
+def test_the_row_of_a_sample_grid_states_its_distance_from_the_formula(tmp_path: Path) -> None:
     result = build(replace(LIGHT, textures=("4",), sampling="grid", out=tmp_path))
-    found = result.rows[0]["grid_to_formula"]
-    assert found["formula_above_height_mm"] == pytest.approx(0.033, abs=5e-4)
-    assert found["aliases"] is False
-    assert found["vertical_mm"] >= 0.2
+    distances = result.rows[0]["grid_to_formula"]
+    assert distances["formula_above_height_mm"] == pytest.approx(0.033, abs=5e-4)
+    assert distances["aliases"] is False
+    assert distances["vertical_mm"] >= 0.2
 
 
 def test_the_same_request_gives_the_same_bytes(tmp_path: Path) -> None:
@@ -250,21 +254,23 @@ def test_the_same_request_gives_the_same_bytes(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("two_processors")
-def test_meshes_shared_out_among_processes_are_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_meshes_made_in_several_processes_are_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     request = replace(LIGHT, textures=("1", "2", "3", "5"))
     alone = build(replace(request, out=tmp_path / "alone"))
     monkeypatch.setattr(printset, "SHARED_FROM", 0)
-    taken: list[str] = []
-    honest = printset.make_files
-    monkeypatch.setattr(printset, "make_files", lambda part, *rest: taken.append(part.name) or honest(part, *rest))
+    part_names: list[str] = []
+    original = printset.make_files
+    monkeypatch.setattr(
+        printset, "make_files", lambda part, *rest: part_names.append(part.name) or original(part, *rest)
+    )
     shared = build(replace(request, out=tmp_path / "shared"))
     assert shared.rows == alone.rows and len(shared.rows) == 4
-    assert len(set(taken)) == len(taken), "no part may be made twice"
+    assert len(set(part_names)) == len(part_names), "no part may be made twice"
     for row in alone.rows:
         assert (tmp_path / "alone" / row["file"]).read_bytes() == (tmp_path / "shared" / row["file"]).read_bytes()
 
 
-def test_a_second_call_replaces_only_what_it_makes(tmp_path: Path) -> None:
+def test_a_second_call_replaces_only_its_own_files(tmp_path: Path) -> None:
     build(replace(LIGHT, textures=("1", "3", "5"), out=tmp_path))
     before = {row["file"]: row for row in read_rows(tmp_path)}
     (tmp_path / "notes.txt").write_text("mine")
@@ -280,29 +286,31 @@ def test_a_second_call_replaces_only_what_it_makes(tmp_path: Path) -> None:
 
 
 def spoil(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """Let the checks of one part fail."""
-    honest = making.verify
+    """Make the checks of one part fail."""
+    original = making.verify
 
     def verify(part: Part, path: Path, full: bool = False) -> Report:
-        report = honest(part, path, full=full)
+        report = original(part, path, full=full)
         wrong = Check(name="closed", ok=False, detail="3 open edges")
         return replace(report, checks=(*report.checks, wrong)) if part.name == name else report
 
     monkeypatch.setattr(making, "verify", verify)
 
 
-def test_a_part_that_fails_is_not_put_in_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_part_that_fails_its_checks_does_not_replace_the_old_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     build(replace(LIGHT, textures=("3",), out=tmp_path))
     before = (tmp_path / "texture-3_paper_x1.stl").read_bytes()
     spoil(monkeypatch, "texture-3_paper_x1")
     result = build(replace(LIGHT, textures=("1", "3"), out=tmp_path))
     assert not result.ok
-    assert [(one.file, one.faults) for one in result.failures] == [
+    assert [(failure.file, failure.faults) for failure in result.failures] == [
         ("texture-3_paper_x1.stl", ("closed: 3 open edges",))
     ]
     assert [row["file"] for row in result.rows] == ["texture-1_paper_x1.stl"]
     assert (tmp_path / "texture-3_paper_x1.stl").read_bytes() == before
-    assert len(read_rows(tmp_path)) == 2, "the old file is still there, and so is its row"
+    assert len(read_rows(tmp_path)) == 2, "the old file and its row must still be there"
     assert not list(tmp_path.glob(".tacbench*"))
 
 
@@ -314,7 +322,7 @@ def stop_after(count: int) -> Callable[[str, int, int], None]:
     return progress
 
 
-def test_an_interruption_leaves_whole_files_and_a_true_manifest(tmp_path: Path) -> None:
+def test_an_interruption_leaves_complete_files_and_a_correct_manifest(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         build(replace(LIGHT, textures=("1", "3", "5"), out=tmp_path), stop_after(2))
     rows = read_rows(tmp_path)
@@ -330,26 +338,26 @@ def test_an_interruption_before_the_first_file_leaves_nothing(tmp_path: Path) ->
 
 
 @pytest.mark.usefixtures("two_processors")
-def test_an_interruption_ends_the_children_and_sweeps_what_they_had_begun(tmp_path: Path) -> None:
+def test_an_interruption_ends_the_children_and_removes_unfinished_files(tmp_path: Path) -> None:
     pytest.importorskip("OCP")
     request = Request(textures=("1", "4"), formats=("stl", "step"), parts=("blocks",), out=tmp_path)
     with pytest.raises(KeyboardInterrupt):
         build(request, stop_after(2))
-    found = {path.name for path in tmp_path.iterdir()}
-    assert {"texture-1_paper_x1.stl", "texture-4_paper_x1.stl", "manifest.json"} <= found
-    assert not [name for name in found if name.startswith(".")]
+    files = {path.name for path in tmp_path.iterdir()}
+    assert {"texture-1_paper_x1.stl", "texture-4_paper_x1.stl", "manifest.json"} <= files
+    assert not [name for name in files if name.startswith(".")]
     listed = {row["file"]: row["sha256"] for row in json.loads((tmp_path / "manifest.json").read_text())["files"]}
     assert all(sha256(tmp_path / name) == digest for name, digest in listed.items())
 
 
-def test_without_matplotlib_the_pictures_are_left_out_with_the_reason(
+def test_without_matplotlib_the_picture_is_left_out_with_the_reason(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reason = 'needs matplotlib, not installed: run pip install "tacbench-cad[plot]"'
     monkeypatch.setattr(printset, "why_missing", lambda name: reason if name == "matplotlib" else None)
     result = build(replace(LIGHT, textures=("1",), out=tmp_path))
     assert result.ok and not result.preview and not (tmp_path / "preview.png").exists()
-    assert [(one.what, one.reason) for one in result.left_out] == [("preview.png", reason)]
+    assert [(item.what, item.reason) for item in result.left_out] == [("preview.png", reason)]
 
 
 def test_the_full_checks_need_their_tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -359,7 +367,7 @@ def test_the_full_checks_need_their_tool(tmp_path: Path, monkeypatch: pytest.Mon
     assert not (tmp_path / "out").exists()
 
 
-def test_a_height_that_is_refused_names_one_that_does_for_all(tmp_path: Path) -> None:
+def test_a_refused_height_names_a_height_that_suits_all_textures(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         plan(replace(LIGHT, height_mm=3.0))
     height = float(caught.value.allowed.split("a height of ")[1].split(" mm")[0])

@@ -1,4 +1,4 @@
-"""The same spec gives the same bytes: again, in another process, later, and from another folder."""
+"""The same spec gives the same bytes: a second time, in another process, later, and in another folder."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ BLOCKS = {
 }
 
 
-def _need(form: str) -> None:
+def _require_format(form: str) -> None:
     if FORMATS[form].why_missing() is not None:
         pytest.skip(f"no {form} here")
 
@@ -50,7 +50,7 @@ test_reproducible.write_parts(Path(sys.argv[3]))
 
 
 def write_parts(folder: Path) -> None:
-    """Both blocks in every format that there is, and a jig, whose mesh comes from its solid."""
+    """Write two blocks in every available format, and a jig, because its mesh comes from its solid."""
     for name in ("plain", "keyed"):
         part = _part(name)
         for form in FORMATS.values():
@@ -61,41 +61,43 @@ def write_parts(folder: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def there(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The parts as another process writes them."""
+def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write the parts in another process and return the folder."""
     folder = tmp_path_factory.mktemp("there")
     arguments = [sys.executable, "-c", _OTHER_PROCESS, *map(str, Path(__file__).parents[:2]), str(folder)]
-    done = subprocess.run(arguments, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    process = subprocess.run(arguments, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr
     return folder
 
 
 @pytest.mark.parametrize("form", FORMATS)
 @pytest.mark.parametrize("name", ["plain", "keyed"])
-def test_same_bytes_again_and_in_another_process(name: str, form: str, there: Path, tmp_path: Path) -> None:
-    _need(form)
+def test_the_bytes_are_the_same_again_and_in_another_process(
+    name: str, form: str, elsewhere: Path, tmp_path: Path
+) -> None:
+    _require_format(form)
     suffix = FORMATS[form].suffix
-    # The headers of zip and STEP files hold seconds.
-    time.sleep(max(0.0, (there / f"{name}{suffix}").stat().st_mtime + 2.1 - time.time()))
+    # The headers of zip and STEP files can contain the time in seconds.
+    time.sleep(max(0.0, (elsewhere / f"{name}{suffix}").stat().st_mtime + 2.1 - time.time()))
     (tmp_path / "elsewhere").mkdir()
-    first, other, again = (tmp_path / f"{one}{suffix}" for one in ("first", "other", "elsewhere/again"))
+    first, other, again = (tmp_path / f"{stem}{suffix}" for stem in ("first", "other", "elsewhere/again"))
     FORMATS[form].write(_part(name), first)
-    FORMATS[form].write(_part("released"), other)  # a writer that counts would now be further on
+    FORMATS[form].write(_part("released"), other)  # a writer that numbers its files would now have a higher number
     FORMATS[form].write(_part(name), again)
     assert sha256(first) == sha256(again)
-    assert sha256(first) == sha256(there / f"{name}{suffix}")
+    assert sha256(first) == sha256(elsewhere / f"{name}{suffix}")
     assert sha256(first) != sha256(other)
 
 
-def test_a_jig_has_the_same_bytes_in_another_process(there: Path, tmp_path: Path) -> None:
+def test_a_jig_has_the_same_bytes_in_another_process(elsewhere: Path, tmp_path: Path) -> None:
     pytest.importorskip("build123d")
     FORMATS["stl"].write(_jig(), tmp_path / "jig.stl")
-    assert sha256(tmp_path / "jig.stl") == sha256(there / "jig.stl")
+    assert sha256(tmp_path / "jig.stl") == sha256(elsewhere / "jig.stl")
 
 
 @pytest.mark.parametrize("form", ["stl", "3mf"])
-def test_another_spec_gives_other_bytes(form: str, tmp_path: Path) -> None:
-    _need(form)
+def test_a_different_spec_gives_different_bytes(form: str, tmp_path: Path) -> None:
+    _require_format(form)
     hashes = set()
     for i, part in enumerate(
         [
@@ -110,7 +112,7 @@ def test_another_spec_gives_other_bytes(form: str, tmp_path: Path) -> None:
 
 
 def test_metadata_is_part_of_the_3mf(tmp_path: Path) -> None:
-    _need("3mf")
+    _require_format("3mf")
     hashes = set()
     for i, spec in enumerate([{"scale": 1.0}, {"scale": 2.0}]):
         FORMATS["3mf"].write(mesh_part(box_mesh(), spec=spec), tmp_path / f"{i}.3mf")
@@ -118,7 +120,7 @@ def test_metadata_is_part_of_the_3mf(tmp_path: Path) -> None:
     assert len(hashes) == 2
 
 
-def test_files_hold_no_path_and_no_date(tmp_path: Path) -> None:
+def test_files_contain_no_path_and_no_date(tmp_path: Path) -> None:
     for form in FORMATS.values():
         if form.why_missing() is not None:
             continue

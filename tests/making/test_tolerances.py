@@ -1,4 +1,4 @@
-"""One meaning of tolerance for each format: STL and 3MF keep --tolerance, STEP keeps --step-tolerance."""
+"""The tolerances of the formats: --tolerance applies to STL and 3MF, --step-tolerance applies to STEP."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def names(**changes: object) -> dict[str, str]:
     return source.files
 
 
-def test_each_changes_only_the_names_of_its_own_formats() -> None:
+def test_each_tolerance_changes_only_the_names_of_its_own_formats() -> None:
     pytest.importorskip("OCP")
     assert names() == {name: f"texture-4_paper_x1.{name}" for name in ("stl", "3mf", "step")}
     fine = names(sampling=Tolerance(mm=0.005))
@@ -51,12 +51,12 @@ def test_the_checks_follow_the_tolerance_of_a_step_file(texture: int, tolerance:
     if tolerance < 0.001:
         return
     assert (report.deviation_mm or 0.0) > 0.001
-    relief = next(one for one in check(path, Block.of(texture, scale=0.5)).checks if one.name == "relief")
-    assert not relief.ok, "held to a finer tolerance it fails"
+    relief = next(finding for finding in check(path, Block.of(texture, scale=0.5)).checks if finding.name == "relief")
+    assert not relief.ok, "the check must fail with a finer tolerance"
 
 
 @pytest.mark.long
-def test_texture_4_within_5_micrometres_passes_its_own_checks(tmp_path: Path) -> None:
+def test_texture_4_passes_its_checks_with_a_tolerance_of_5_micrometres(tmp_path: Path) -> None:
     pytest.importorskip("OCP")
     block = Block.of(4, step_tolerance_mm=0.005)
     assert export(block, tmp_path / "block.step").ok and check(tmp_path / "block.step").ok
@@ -65,8 +65,8 @@ def test_texture_4_within_5_micrometres_passes_its_own_checks(tmp_path: Path) ->
 def test_names_of_files_are_short_and_unique() -> None:
     odd = [Block.of(1, mm_per_unit=(3.7083101740411615 + i * 1e-9, 4.7746482927568605, 0.3)) for i in range(2)]
     stems = [
-        plan(Request(textures=(1,), parts=("blocks",), formats=("stl",), mm_per_unit=one.mm_per_unit)).sources[0]
-        for one in odd
+        plan(Request(textures=(1,), parts=("blocks",), formats=("stl",), mm_per_unit=block.mm_per_unit)).sources[0]
+        for block in odd
     ]
     files = [source.files["stl"] for source in stems]
     assert files[0] != files[1] and all(file.startswith("texture-1_paper_x1_mm3.708x4.775x0.3_") for file in files)

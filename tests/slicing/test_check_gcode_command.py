@@ -1,4 +1,4 @@
-"""``tacbench check-gcode``: table, JSON, pictures and errors."""
+"""The command ``tacbench check-gcode``: table, JSON, pictures and errors."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ def test_numbers_and_a_picture(gcode: Path, tmp_path: Path, monkeypatch: pytest.
         assert word in out
     for word in ("3.5 mm is not a whole number of layers", "with 1.75 mm the beads", "wrote two_as-sliced.png"):
         assert word in err
-    assert [one.name for one in tmp_path.iterdir()] == ["two_as-sliced.png"]
+    assert [path.name for path in tmp_path.iterdir()] == ["two_as-sliced.png"]
     with image.open(tmp_path / "two_as-sliced.png") as picture:
         assert picture.format == "PNG" and min(picture.size) > 1000
         assert len(picture.convert("RGB").getcolors(1 << 24)) > 200
 
 
-def test_several_files_stand_side_by_side(gcode: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_several_files_are_columns_of_one_table(gcode: Path, tmp_path: Path, capsys: Capture) -> None:
     other = write_gcode(tmp_path / "fine.gcode", Block.of(2, scale=0.5), layer_mm=0.1)
     assert main(["check-gcode", str(gcode), str(other), *HALF, "--no-picture"]) == 0
     head = capsys.readouterr().out.splitlines()[2]
@@ -46,20 +46,20 @@ def test_several_files_stand_side_by_side(gcode: Path, tmp_path: Path, capsys: C
 
 def test_json(gcode: Path, capsys: Capture) -> None:
     assert main(["check-gcode", str(gcode), *HALF, "--json", "--no-picture", "--frame", "90,80"]) == 0
-    said = json.loads(capsys.readouterr().out)["files"][0]
-    assert said["frame"]["source"] == "given" and said["frame"]["outline_mm"] is None
-    assert 0.03 < said["height"]["rms_mm"] < 0.1 and said["filament_assumed"]
-    assert said["left_out"] == {"CUSTOM": 1, "SKIRT": 3, "SUPPORT": 17}
+    comparison = json.loads(capsys.readouterr().out)["files"][0]
+    assert comparison["frame"]["source"] == "given" and comparison["frame"]["outline_mm"] is None
+    assert 0.03 < comparison["height"]["rms_mm"] < 0.1 and comparison["filament_assumed"]
+    assert comparison["left_out"] == {"CUSTOM": 1, "SKIRT": 3, "SUPPORT": 17}
 
 
-def test_without_matplotlib_the_numbers_come_all_the_same(
+def test_the_numbers_are_printed_without_matplotlib(
     gcode: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     assert main(["check-gcode", str(gcode), *HALF]) == 0
     assert "no picture: pictures need matplotlib" in capsys.readouterr().err
-    assert main(["check-gcode", str(gcode), *HALF, "-o", "wanted.png"]) == 2
+    assert main(["check-gcode", str(gcode), *HALF, "-o", "chosen.png"]) == 2
     assert list(tmp_path.iterdir()) == []
 
 
@@ -101,7 +101,7 @@ def test_wrong_input_is_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_one_picture_for_two_files_and_two_files_of_one_name(gcode: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_two_files_cannot_have_the_same_picture(gcode: Path, tmp_path: Path, capsys: Capture) -> None:
     twin = tmp_path / "two.gcode"
     twin.write_bytes(gcode.read_bytes())
     assert main(["check-gcode", str(gcode), str(twin), *HALF, "-o", str(tmp_path / "a.png")]) == 2
@@ -109,7 +109,7 @@ def test_one_picture_for_two_files_and_two_files_of_one_name(gcode: Path, tmp_pa
     assert capsys.readouterr().err.count("error: out") == 2
 
 
-def test_a_file_that_is_none(tmp_path: Path, capsys: Capture) -> None:
+def test_an_empty_file_is_refused(tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "empty.gcode").touch()
     assert main(["check-gcode", str(tmp_path / "empty.gcode"), *HALF, "--no-picture"]) == 2
     assert "is empty" in capsys.readouterr().err

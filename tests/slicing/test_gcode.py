@@ -1,4 +1,4 @@
-"""G-code as beads: modes, arcs, features and their heights, and files that are not G-code."""
+"""Reading G-code as beads: modes, arcs, features and their heights, and files that are not G-code."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def sliced(tmp_path: Path, text: str, filament_mm: float | None = None) -> Slice
 
 
 def beads(tmp_path: Path, text: str) -> np.ndarray:
-    """Return rows x0, y0, x1, y1, top, area of the beads of a file with a given beginning."""
-    found = sliced(tmp_path, HEAD + WALL + text).beads
-    return np.column_stack([found.start_mm, found.end_mm, found.top_mm, found.area_mm2])
+    """Return the beads of a file, after a fixed beginning, as rows of x0, y0, x1, y1, top and area."""
+    table = sliced(tmp_path, HEAD + WALL + text).beads
+    return np.column_stack([table.start_mm, table.end_mm, table.top_mm, table.area_mm2])
 
 
 PLAIN = "G1 X10 Y10\nG1 X20 Y10 E0.5\nG1 X20 Y30 E1\n"
@@ -47,7 +47,7 @@ PLAIN = "G1 X10 Y10\nG1 X20 Y10 E0.5\nG1 X20 Y30 E1\n"
         "G1 X10 Y10 Z0.6\nG1 Z0.2\nG1 X20 Y10 E0.5\n;WIPE_START\nG1 X10 E-0.3\n;WIPE_END\nG1 X20\nG1 X20 Y30 E1\n",
     ],
 )
-def test_one_print_in_many_words(tmp_path: Path, same: str) -> None:
+def test_equivalent_gcode_gives_the_same_beads(tmp_path: Path, same: str) -> None:
     expected = beads(tmp_path, PLAIN)
     assert expected == pytest.approx(
         np.array([[10, 10, 20, 10, 0.2, 0.05 * FILAMENT_MM2], [20, 10, 20, 30, 0.2, 0.05 * FILAMENT_MM2]])
@@ -86,19 +86,19 @@ def test_arcs(tmp_path: Path, arc: str, centre: tuple[float, float], sweep: floa
 
 
 def test_the_width_comes_from_the_extrusion(tmp_path: Path) -> None:
-    """A bead 0.45 mm wide and 0.2 mm high with round sides, and a string too thin for that."""
+    """The first bead is 0.45 mm wide and 0.2 mm high. The second is too thin for that and becomes a round string."""
     area = (0.45 - 0.2) * 0.2 + math.pi / 4.0 * 0.2**2
     text = f"{HEAD}{WALL}G1 X0 Y0\nG1 X10 E{10 * area / FILAMENT_MM2:.7f}\nG1 X20 E{10 * 0.01 / FILAMENT_MM2:.7f}\n"
     assert sliced(tmp_path, text).beads.width_mm == pytest.approx([0.45, math.sqrt(0.04 / math.pi)], abs=1e-5)
 
 
-def test_what_is_no_part_is_left_out(tmp_path: Path) -> None:
+def test_moves_that_do_not_print_the_part_are_left_out(tmp_path: Path) -> None:
     words = ("Custom", "Skirt/Brim", "Support material", "Support material interface", "Wipe tower")
     other = "".join(f";TYPE:{word}\nG1 X0\nG1 X50 E1\n" for word in words)
-    found = sliced(tmp_path, f"{HEAD}G1 X99 E5\n{other}{WALL}G1 X0\nG1 X9 E1\n{FILL}G1 X0 E1\n;TYPE:Lace\nG1 X3 E1\n")
-    assert found.beads.wall.tolist() == [True, False, False]
-    assert found.left_out == {"before the first feature": 1, **dict.fromkeys(words, 1)}
-    assert found.unknown == ("Lace",)
+    part = sliced(tmp_path, f"{HEAD}G1 X99 E5\n{other}{WALL}G1 X0\nG1 X9 E1\n{FILL}G1 X0 E1\n;TYPE:Lace\nG1 X3 E1\n")
+    assert part.beads.wall.tolist() == [True, False, False]
+    assert part.left_out == {"before the first feature": 1, **dict.fromkeys(words, 1)}
+    assert part.unknown == ("Lace",)
 
 
 @pytest.mark.parametrize(
@@ -111,9 +111,9 @@ def test_what_is_no_part_is_left_out(tmp_path: Path) -> None:
     ],
 )
 def test_dialects(tmp_path: Path, dialect: str, wall: str, fill: str, skirt: str) -> None:
-    found = sliced(tmp_path, f"{HEAD}{skirt}\nG1 X9 E1\n{wall}\nG1 X0 E1\n{fill}\nG1 X9 E1\n")
-    assert found.dialect == dialect and not found.unknown
-    assert found.beads.wall.tolist() == [True, False]
+    part = sliced(tmp_path, f"{HEAD}{skirt}\nG1 X9 E1\n{wall}\nG1 X0 E1\n{fill}\nG1 X9 E1\n")
+    assert part.dialect == dialect and not part.unknown
+    assert part.beads.wall.tolist() == [True, False]
 
 
 def _layers(*tops: float, words: str = "") -> str:
@@ -130,9 +130,11 @@ def test_heights_come_from_the_file_or_from_the_layers(tmp_path: Path) -> None:
 
 def test_a_raft_lies_below_the_part(tmp_path: Path) -> None:
     raft = "M83\n;TYPE:Support material\nG1 X0 Z0.8\nG1 X50 E1\n"
-    found = sliced(tmp_path, raft + _layers(1.2, 1.4, 1.6))
-    assert found.floor_mm == pytest.approx(1.0)
-    pressed = sliced(tmp_path, raft + _layers(1.2, *(1.18 + 0.2 * n for n in range(9))))  # as Cura presses them
+    part = sliced(tmp_path, raft + _layers(1.2, 1.4, 1.6))
+    assert part.floor_mm == pytest.approx(1.0)
+    pressed = sliced(
+        tmp_path, raft + _layers(1.2, *(1.18 + 0.2 * n for n in range(9)))
+    )  # Cura presses the first layer into the raft
     assert pressed.floor_mm == pytest.approx(0.78)
     assert pressed.beads.height_mm == pytest.approx([0.2] * 10, abs=0.021)
 
@@ -147,9 +149,9 @@ def test_a_raft_lies_below_the_part(tmp_path: Path) -> None:
     ],
 )
 def test_filament(tmp_path: Path, text: str, filament: float | None, expected: float, assumed: bool) -> None:
-    found = sliced(tmp_path, _layers(0.2) + text, filament)
-    assert (found.filament_mm, found.filament_assumed) == (expected, assumed)
-    assert found.beads.area_mm2 == pytest.approx(math.pi / 4.0 * expected**2 / 10.0)
+    part = sliced(tmp_path, _layers(0.2) + text, filament)
+    assert (part.filament_mm, part.filament_assumed) == (expected, assumed)
+    assert part.beads.area_mm2 == pytest.approx(math.pi / 4.0 * expected**2 / 10.0)
 
 
 @pytest.mark.parametrize(
@@ -185,7 +187,7 @@ def test_bad_files_are_refused(tmp_path: Path, content: bytes, needle: str) -> N
     assert needle in str(refused.value) and "bad.gcode" in str(refused.value)
 
 
-def test_no_file_a_folder_and_an_impossible_filament(tmp_path: Path) -> None:
+def test_a_missing_file_a_folder_and_an_impossible_filament_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="No such file"):
         read_gcode(tmp_path / "none.gcode")
     with pytest.raises(InputError, match="is a folder"):
@@ -210,7 +212,7 @@ def test_no_file_a_folder_and_an_impossible_filament(tmp_path: Path) -> None:
         ("G2 X9000 Y0 R4500 E1\nG2 X0 Y0 R4500 E1\n" * 40, r"line \d+.*more than the 50,000"),
     ],
 )
-def test_absurd_numbers_are_named_by_their_line(
+def test_the_message_about_an_impossible_number_names_its_line(
     tmp_path: Path, text: str, needle: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(gcode, "MAX_BEADS", 50_000)

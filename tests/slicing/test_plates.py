@@ -1,4 +1,4 @@
-"""Plates: all blocks fit, none overlap, copies are distributed, and the files state their places."""
+"""Print plates: all blocks fit without overlap, copies are distributed, and the files state the positions."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ SIX = [Block.of(number) for number in range(1, 7)]
 HEX = '[texture]\nname = "hex"\nfamily = "series"\nlaw = "square"\nN = 5\naxes = "x"\n'
 
 
-def require_sound(plate: Plate, spacing: float) -> None:
-    """Inside of the margin, apart by the spacing, and clear of where nothing may lie."""
+def require_no_overlap(plate: Plate, spacing: float) -> None:
+    """Check that the blocks keep the margin, the spacing and the areas that must stay free."""
     printer = plate.printer
     boxes = [(b.x_mm, b.y_mm, b.x_mm + b.block.size_mm[0], b.y_mm + b.block.size_mm[1]) for b in plate.blocks]
     for x0, y0, x1, y1 in boxes:
@@ -40,30 +40,30 @@ def require_sound(plate: Plate, spacing: float) -> None:
             assert x0 >= u1 or x1 <= u0 or y0 >= v1 or y1 <= v0
     for i, a in enumerate(boxes):
         for b in boxes[:i]:
-            apart = max(a[0] - b[2], b[0] - a[2], a[1] - b[3], b[1] - a[3])
-            assert apart >= spacing - 1e-9
+            gap = max(a[0] - b[2], b[0] - a[2], a[1] - b[3], b[1] - a[3])
+            assert gap >= spacing - 1e-9
 
 
 @pytest.mark.parametrize("name", sorted(PRINTERS))
-def test_six_copies_of_the_six_on_each_printer(name: str) -> None:
+def test_six_copies_of_each_texture_on_each_printer(name: str) -> None:
     plates = arrange_plates(SIX, 6, printers()[name])
-    labels = [one.label for plate in plates for one in plate.blocks]
+    labels = [placed.label for plate in plates for placed in plate.blocks]
     assert sorted(labels) == sorted(f"T{n} PAPER X1 {copy:02d}" for n in range(1, 7) for copy in range(1, 7))
     assert [plate.number for plate in plates] == list(range(1, len(plates) + 1))
     for plate in plates:
-        require_sound(plate, 5.0)
-        counts = np.unique([one.block.texture.name for one in plate.blocks], return_counts=True)[1]
+        require_no_overlap(plate, 5.0)
+        counts = np.unique([placed.block.texture.name for placed in plate.blocks], return_counts=True)[1]
         assert counts.max() - counts.min() <= 1
-        # Anyhow dealt, three copies lie 25 mm off the middle in the mean; sorted by texture, 60.
+        # The mean of three copies is 25 mm off the middle for a random order, and 60 mm if sorted by texture.
         assert plate.imbalance_mm < 15.0
-        assert all(one.block.label for one in plate.blocks)
+        assert all(placed.block.label for placed in plate.blocks)
 
 
-def test_copies_lie_in_the_middle_and_outside_alike() -> None:
+def test_every_texture_has_the_same_mean_distance_from_the_middle() -> None:
     (plate,) = arrange_plates(SIX, 6, printers()["bambu-p1p"])
-    places = np.array([(one.x_mm, one.y_mm) for one in plate.blocks])
+    places = np.array([(placed.x_mm, placed.y_mm) for placed in plate.blocks])
     away = np.hypot(*(places - places.mean(axis=0)).T)
-    names = np.array([one.block.texture.name for one in plate.blocks])
+    names = np.array([placed.block.texture.name for placed in plate.blocks])
     means = [away[names == name].mean() for name in np.unique(names)]
     assert plate.imbalance_mm < 2.0 and np.ptp(means) < 5.0
 
@@ -74,7 +74,7 @@ def test_the_same_request_gives_the_same_plates() -> None:
 
 @pytest.mark.parametrize("copies", [1, 2, 5])
 @pytest.mark.parametrize("spacing", [0.0, 20.0])
-def test_any_count_on_a_small_bed(copies: int, spacing: float) -> None:
+def test_any_number_of_copies_on_a_small_bed(copies: int, spacing: float) -> None:
     small = Printer(
         name="small", bed_mm=(90.0, 100.0), height_mm=20.0, margin_mm=0.0, keep_out_mm=((0, 0, 9, 9),), filaments=("x",)
     )
@@ -84,37 +84,37 @@ def test_any_count_on_a_small_bed(copies: int, spacing: float) -> None:
     sizes = [len(plate.blocks) for plate in plates]
     assert max(sizes) - min(sizes) <= 1
     for plate in plates:
-        require_sound(plate, spacing)
+        require_no_overlap(plate, spacing)
 
 
 def test_a_block_that_just_fits_and_one_that_does_not() -> None:
-    tight = Printer(name="tight", bed_mm=(27.3, 34.0), height_mm=10.0, margin_mm=2.0, filaments=("x",))
-    assert len(arrange_plates([Block.of(1)], 2, tight)) == 2
+    printer = Printer(name="tight", bed_mm=(27.3, 34.0), height_mm=10.0, margin_mm=2.0, filaments=("x",))
+    assert len(arrange_plates([Block.of(1)], 2, printer)) == 2
     with pytest.raises(InputError, match=r"tight.*27\.3 x 34 mm.*a block of 23\.53 x 30\.3 mm does not fit"):
-        arrange_plates([Block.of(1, scale=1.01, height_mm=6.9)], 1, tight)
+        arrange_plates([Block.of(1, scale=1.01, height_mm=6.9)], 1, printer)
     with pytest.raises(InputError, match="mm high"):
-        arrange_plates([Block.of(1, height_mm=10.1)], 1, tight)
-    shut = Printer(**{**vars(tight), "keep_out_mm": ((10.0, 10.0, 11.0, 11.0),)})
+        arrange_plates([Block.of(1, height_mm=10.1)], 1, printer)
+    shut = Printer(**{**vars(printer), "keep_out_mm": ((10.0, 10.0, 11.0, 11.0),)})
     with pytest.raises(InputError, match="does not fit"):
         arrange_plates([Block.of(1)], 1, shut)
 
 
 def test_a_block_too_small_for_a_label_is_placed_without_one() -> None:
     (plate,) = arrange_plates([Block.of(1, scale=0.5), Block.of(2)], 2, printers()["form-3"])
-    assert [one.block.label for one in plate.blocks] == [one.block.scale == 1.0 for one in plate.blocks]
-    assert sorted(one.block.copy or 0 for one in plate.blocks) == [1, 1, 2, 2]
+    assert [placed.block.label for placed in plate.blocks] == [placed.block.scale == 1.0 for placed in plate.blocks]
+    assert sorted(placed.block.copy or 0 for placed in plate.blocks) == [1, 1, 2, 2]
 
 
 @pytest.mark.parametrize(("copies", "spacing", "field"), [(0, 5.0, "copies"), (1, -1.0, "spacing"), (1, math.nan, "s")])
-def test_impossible_numbers(copies: int, spacing: float, field: str) -> None:
+def test_impossible_numbers_are_refused(copies: int, spacing: float, field: str) -> None:
     with pytest.raises(InputError, match=field):
         arrange_plates(SIX, copies, printers()["form-3"], spacing)
 
 
-def test_the_papers_printers_and_filaments_are_all_there() -> None:
+def test_all_printers_and_filaments_of_the_paper_are_known() -> None:
     known = printers()
     assert set(known) == set(PRINTERS)
-    assert {(name, one) for name, printer in known.items() for one in printer.filaments} == set(COMBINATIONS)
+    assert {(name, filament) for name, printer in known.items() for filament in printer.filaments} == set(COMBINATIONS)
 
 
 @pytest.mark.parametrize(
@@ -129,7 +129,7 @@ def test_the_papers_printers_and_filaments_are_all_there() -> None:
         ("[printers.x]\n", ["printers", 'did you mean "printer"']),
     ],
 )
-def test_a_users_printers(tmp_path: Path, change: str, needles: list[str]) -> None:
+def test_printers_of_a_users_file(tmp_path: Path, change: str, needles: list[str]) -> None:
     path = tmp_path / "ours.toml"
     path.write_text('[printer.delta]\nbed_mm = [100, 120]\nheight_mm = 90\nfilaments = ["abs"]\n' + change)
     if not needles:
@@ -141,46 +141,45 @@ def test_a_users_printers(tmp_path: Path, change: str, needles: list[str]) -> No
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("lib3mf")
-    folder = tmp_path_factory.mktemp("plates")
-    (folder / "hex.toml").write_text(HEX)
-    options = ("--copies", "2", "--key", "3", "--texture", f"1,{folder / 'hex.toml'}", "--filament", "pla-lite")
-    assert main(["plate", "--printer", "bambu-p1p", *options, "--out", str(folder / "out")]) == 0
-    return folder / "out"
+    parent = tmp_path_factory.mktemp("plates")
+    (parent / "hex.toml").write_text(HEX)
+    options = ("--copies", "2", "--key", "3", "--texture", f"1,{parent / 'hex.toml'}", "--filament", "pla-lite")
+    assert main(["plate", "--printer", "bambu-p1p", *options, "--out", str(parent / "out")]) == 0
+    return parent / "out"
 
 
 STEM = "bambu-p1p_pla-minus_plate01"
 
 
-def test_the_files_of_a_plate(made: Path) -> None:
-    names = {one.name for one in made.iterdir()}
+def test_the_files_of_a_plate(folder: Path) -> None:
+    names = {path.name for path in folder.iterdir()}
     expected = {"hex.toml", f"{STEM}.3mf", f"{STEM}.csv", f"{STEM}_print.toml", f"{STEM}.png"}
     assert names == expected - ({f"{STEM}.png"} if "matplotlib" not in sys.modules else set())
-    mesh, entries = threemf.read_3mf(made / f"{STEM}.3mf")
+    mesh, entries = threemf.read_3mf(folder / f"{STEM}.3mf")
     places = json.loads(entries["parts"])
     assert entries["kind"] == "plate" and len(places) == 4
     low = mesh.bounds_mm[0]
-    assert low == pytest.approx([min(one[1] for one in places), min(one[2] for one in places), 0.0], abs=1e-4)
-    volume = 2.0 * sum(one.volume_mm3(one.datum_mm) for one in _blocks(made))
+    assert low == pytest.approx([min(place[1] for place in places), min(place[2] for place in places), 0.0], abs=1e-4)
+    volume = 2.0 * sum(block.volume_mm3(block.datum_mm) for block in _blocks(folder))
     assert mesh.volume_mm3 == pytest.approx(volume, rel=2e-3)
 
 
-def _blocks(made: Path) -> list[Block]:
+def _blocks(folder: Path) -> list[Block]:
     from tacbench_cad.spec.textures import read_texture
 
-    kinds = (Block.of(1, key_mm=3.0, copy=1), Block.of(read_texture(made / "hex.toml").texture, key_mm=3.0, copy=1))
-    return list(kinds)
+    return [Block.of(1, key_mm=3.0, copy=1), Block.of(read_texture(folder / "hex.toml").texture, key_mm=3.0, copy=1)]
 
 
-def test_the_layout_names_blocks_as_acquire_asks_for_them(made: Path) -> None:
+def test_the_layout_names_blocks_as_acquire_asks_for_them(folder: Path) -> None:
     settings = rig_settings()
-    study = made.parent / "labels.toml"
+    study = folder.parent / "labels.toml"
     study.write_text(f'[study]\nlayouts = ["out/{STEM}.csv"]\n')
-    asked = [one.label for one in places(read_study(study).study, settings, made)]
-    with (made / f"{STEM}.csv").open(newline="") as stream:
-        assert sorted(row["label"] for row in csv.DictReader(stream)) == sorted(asked)
-    assert sorted(asked) == ["HEX PAPER X1 01", "HEX PAPER X1 02", "T1 PAPER X1 01", "T1 PAPER X1 02"]
+    labels = [place.label for place in places(read_study(study).study, settings, folder)]
+    with (folder / f"{STEM}.csv").open(newline="") as stream:
+        assert sorted(row["label"] for row in csv.DictReader(stream)) == sorted(labels)
+    assert sorted(labels) == ["HEX PAPER X1 01", "HEX PAPER X1 02", "T1 PAPER X1 01", "T1 PAPER X1 02"]
 
 
 def test_the_table_lists_the_labels_of_each_texture(tmp_path: Path, capsys: Capture) -> None:
@@ -191,32 +190,32 @@ def test_the_table_lists_the_labels_of_each_texture(tmp_path: Path, capsys: Capt
     assert "T1 PAPER X1 01 02 03" in out and "T2 PAPER X1 01 02 03" in out
 
 
-def test_acquire_reads_the_layout(made: Path) -> None:
-    blocks = read_layout(made / f"{STEM}.csv")
-    names = sorted(one.name for one in blocks)
+def test_acquire_reads_the_layout(folder: Path) -> None:
+    blocks = read_layout(folder / f"{STEM}.csv")
+    names = sorted(block.name for block in blocks)
     assert names == sorted(
         f"{texture}_paper_x1_key3_bambu-p1p_pla-minus_copy{copy:02d}"
         for texture in ("texture-1", "hex")
         for copy in (1, 2)
     )
-    study = made.parent / "study.toml"
+    study = folder.parent / "study.toml"
     study.write_text(f'[study]\nlayouts = ["out/{STEM}.csv"]\n')
-    found = read_study(study).study
-    assert sorted(one.printed.name for one in found.blocks) == names
-    assert all(one.levels == (1, 2, 3) for one in found.blocks)
+    settings = read_study(study).study
+    assert sorted(block.printed.name for block in settings.blocks) == names
+    assert all(block.levels == (1, 2, 3) for block in settings.blocks)
 
 
-def test_a_filled_in_record_stays(made: Path) -> None:
-    record = made / f"{STEM}_print.toml"
+def test_a_completed_print_record_is_kept(folder: Path) -> None:
+    record = folder / f"{STEM}_print.toml"
     text = record.read_text()
     assert 'filament = "pla-minus"' in text and "4 blocks" in text
     record.write_text(text + "# mine\n")
     options = ("--copies", "2", "--texture", "1", "--filament", "pla-minus")
-    assert main(["plate", "--printer", "bambu-p1p", *options, "--out", str(made)]) == 0
+    assert main(["plate", "--printer", "bambu-p1p", *options, "--out", str(folder)]) == 0
     assert record.read_text().endswith("# mine\n")
 
 
-def test_plates_left_by_a_larger_request_are_refused_and_stay(tmp_path: Path, capsys: Capture) -> None:
+def test_old_plates_of_a_larger_request_are_refused_and_kept(tmp_path: Path, capsys: Capture) -> None:
     pytest.importorskip("lib3mf")
 
     def plates(copies: int, filament: str = "petg") -> int:
@@ -224,16 +223,16 @@ def test_plates_left_by_a_larger_request_are_refused_and_stay(tmp_path: Path, ca
         return main(["plate", "--printer", "ender-3", "--copies", str(copies), *options, "--out", str(tmp_path)])
 
     assert plates(10) == 0
-    before = {one.name: one.read_bytes() for one in tmp_path.iterdir()}
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     assert "ender-3_petg_plate02.3mf" in before
     capsys.readouterr()
     assert plates(1) == 2
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1
     assert "ender-3_petg_plate02.3mf" in err and "ender-3_petg_plate02.csv" in err and "plate01" not in err
-    assert {one.name: one.read_bytes() for one in tmp_path.iterdir()} == before
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
     assert plates(10) == 0 and plates(1, "pla-plus") == 0
-    # Their records, which somebody may have filled in, are in nobody's way.
+    # The print records of the old plates do not matter, because a user may have completed them.
     (tmp_path / "ender-3_petg_plate02.3mf").unlink()
     (tmp_path / "ender-3_petg_plate02.csv").unlink()
     assert plates(1) == 0 and (tmp_path / "ender-3_petg_plate02_print.toml").exists()
@@ -262,7 +261,7 @@ def test_a_layout_with_a_mistake(tmp_path: Path, content: str, needles: list[str
     assert all(needle in str(refused.value) for needle in ["layout.csv", *needles])
 
 
-def test_a_study_has_blocks_of_one_scale_and_a_layout_alone(tmp_path: Path) -> None:
+def test_a_study_refuses_several_scales_and_textures_beside_a_layout(tmp_path: Path) -> None:
     head = "texture,preset,scale,key_mm,copy,printer,filament\n"
     (tmp_path / "a.csv").write_text(f"{head}1,paper,1,,1,a,b\n")
     (tmp_path / "b.csv").write_text(f"{head}1,paper,2,,1,a,b\n")

@@ -25,7 +25,7 @@ SINGLE_PEAK = Texture(
 )
 
 
-def test_the_presets_are_the_papers() -> None:
+def test_the_presets_agree_with_the_paper() -> None:
     paper, released = Block.of(4), Block.of(4, "released")
     assert paper.size_mm == (23.3, 30.0)
     assert paper.domain == (pytest.approx((0.0, 6 * math.pi + 0.5)), pytest.approx((0.0, 6 * math.pi + 1.2)))
@@ -40,7 +40,7 @@ def test_the_presets_are_the_papers() -> None:
 
 
 @pytest.mark.parametrize(("number", "relief"), [(1, 2.0), (2, 4.0), (3, 3.937), (4, 4.693), (5, 1.969), (6, 2.346)])
-def test_released_relief_is_the_published_one(number: int, relief: float) -> None:
+def test_the_released_relief_is_the_published_relief(number: int, relief: float) -> None:
     block = Block.of(number, "released")
     x, y = block.samples_mm
     z = block.surface.grid(x, y)
@@ -57,21 +57,21 @@ def test_the_highest_point_is_at_the_height(number: int, preset: str) -> None:
     assert block.base_mm == pytest.approx(7.0 - block.relief_mm)
 
 
-def test_scale_multiplies_everything_but_the_domain() -> None:
-    one, two = Block.of(4), Block.of(4, scale=2.5)
-    assert two.size_mm == (23.3 * 2.5, 75.0)
-    assert two.height_mm == 17.5
-    assert two.relief_mm == pytest.approx(2.5 * one.relief_mm)
-    assert two.domain == one.domain
+def test_scale_multiplies_everything_except_the_domain() -> None:
+    original, scaled = Block.of(4), Block.of(4, scale=2.5)
+    assert scaled.size_mm == (23.3 * 2.5, 75.0)
+    assert scaled.height_mm == 17.5
+    assert scaled.relief_mm == pytest.approx(2.5 * original.relief_mm)
+    assert scaled.domain == original.domain
     x, y = np.linspace(0, 23.3, 50), np.linspace(0, 30, 50)
-    np.testing.assert_allclose(two.height_at(2.5 * x, 2.5 * y), 2.5 * one.height_at(x, y), atol=1e-9)
+    np.testing.assert_allclose(scaled.height_at(2.5 * x, 2.5 * y), 2.5 * original.height_at(x, y), atol=1e-9)
 
 
 def test_size_keeps_the_mapping_and_mm_per_unit_keeps_the_size() -> None:
     plain = Block.of(2)
-    wide = Block.of(2, size_mm=(40.0, 50.0))
-    assert wide.mm_per_unit == plain.mm_per_unit
-    assert wide.domain[0][1] == pytest.approx(40.0 / plain.mm_per_unit[0])
+    resized = Block.of(2, size_mm=(40.0, 50.0))
+    assert resized.mm_per_unit == plain.mm_per_unit
+    assert resized.domain[0][1] == pytest.approx(40.0 / plain.mm_per_unit[0])
     coarse = Block.of(2, mm_per_unit=(2.0, 3.0, 0.5))
     assert coarse.size_mm == plain.size_mm
     assert coarse.domain == ((0.0, 23.3 / 2.0), (0.0, 10.0))
@@ -82,13 +82,13 @@ def test_size_keeps_the_mapping_and_mm_per_unit_keeps_the_size() -> None:
     assert both.height_mm == 10.0
 
 
-def test_height_changes_the_base_only() -> None:
+def test_the_height_changes_only_the_base() -> None:
     low, high = Block.of(4, height_mm=6.0), Block.of(4, height_mm=9.0)
     assert high.relief_mm == low.relief_mm
     assert high.base_mm - low.base_mm == pytest.approx(3.0)
 
 
-def test_too_little_base_says_what_would_do() -> None:
+def test_the_message_about_a_thin_base_names_a_sufficient_height() -> None:
     with pytest.raises(InputError, match=r"1\.518 mm less than the 0\.8 mm.*a height of 5\.52 mm would do"):
         Block.of(4, height_mm=4.0)
     assert Block.of(4, height_mm=5.52).base_mm >= MIN_BASE_MM
@@ -97,7 +97,7 @@ def test_too_little_base_says_what_would_do() -> None:
     assert Block.of(4, height_mm=5.92, label=True).base_mm >= MIN_BASE_MM + LABEL_DEPTH_MM
 
 
-def test_released_with_other_sides_needs_a_sampling() -> None:
+def test_the_preset_released_with_another_size_needs_a_sampling() -> None:
     for options in ({"size_mm": (40.0, 40.0)}, {"height_mm": 8.0}, {"mm_per_unit": (1.0, 1.0, 0.5)}):
         with pytest.raises(InputError, match="--grid or --tolerance"):
             Block.of(2, "released", **options)
@@ -106,7 +106,7 @@ def test_released_with_other_sides_needs_a_sampling() -> None:
     assert wider.sampling == SampleGrid(nx=401, ny=501)
 
 
-def test_a_texture_files_block_comes_in_place_of_the_preset() -> None:
+def test_the_block_table_of_a_texture_file_replaces_the_preset() -> None:
     domain = ((1.0, 11.0), (2.0, 22.0))
     block = Block.of(SINGLE_PEAK, table=BlockTable(domain=domain, mm_per_unit=(2.0, 1.5, 1.0), height_mm=6.0))
     assert block.size_mm == (20.0, 30.0)
@@ -156,7 +156,7 @@ def test_bad_tolerances_and_grids_are_named(value: float) -> None:
         SampleGrid(nx=1, ny=20)
 
 
-def test_the_key_leaves_its_corner_out_of_the_height() -> None:
+def test_the_corner_of_the_key_does_not_count_for_the_height() -> None:
     plain = Block.of(SINGLE_PEAK)
     assert plain.extremes.at_high[1] == pytest.approx(0.0, abs=1e-6)
     keyed = Block.of(SINGLE_PEAK, key_mm=7.0)
@@ -177,16 +177,16 @@ def test_the_closed_form_volume_agrees_with_quadrature(number: int, key: float |
     x, y = block.size_mm
     nodes, weights = np.polynomial.legendre.leggauss(400)
     xs, ys = x * (nodes + 1) / 2, y * (nodes + 1) / 2
-    whole = float(x * y / 4 * (weights @ block.height_at(xs[:, None], ys[None, :]) @ weights))
+    integral = float(x * y / 4 * (weights @ block.height_at(xs[:, None], ys[None, :]) @ weights))
     corner = 0.0
     if key is not None:
         s, t = (nodes[:, None] + 1) / 2, (nodes[None, :] + 1) / 2
         values = block.height_at(x - key + key * s, key * s * t) * key**2 * s
         corner = float(weights @ values @ weights / 4)
-    assert block.volume_mm3(block.datum_mm) == pytest.approx(whole - corner, rel=1e-8)
+    assert block.volume_mm3(block.datum_mm) == pytest.approx(integral - corner, rel=1e-8)
 
 
-def test_the_label_is_taken_off_the_volume() -> None:
+def test_the_volume_of_the_label_is_subtracted() -> None:
     plain, labelled = Block.of(2), Block.of(2, copy=3)
     assert labelled.engraving is not None
     difference = plain.volume_mm3(plain.datum_mm) - labelled.volume_mm3(labelled.datum_mm)
@@ -237,17 +237,17 @@ def test_the_constructor_also_needs_a_known_preset() -> None:
 
 
 @pytest.mark.parametrize(("value", "text"), [(1.0, "1"), (0.1, "0.1"), (1e-5, "0.00001"), (12.0, "12"), (2.50, "2.5")])
-def test_decimals_are_the_shortest_exact_ones(value: float, text: str) -> None:
+def test_decimals_are_the_shortest_exact_notation(value: float, text: str) -> None:
     assert decimal(value) == text
     assert float(decimal(value)) == value
 
 
-def test_str_is_a_dimension_report() -> None:
+def test_the_string_of_a_block_is_a_dimension_report() -> None:
     block = Block.of(2, scale=1.5, key_mm=3.0, copy=7)
     title, *lines = str(block).splitlines()
     assert title == block_part(block).title == "texture-2, preset paper, 34.95 x 45 x 10.5 mm"
-    said = {line[:15].strip(): line[15:] for line in lines}
-    assert said == {
+    values = {line[:15].strip(): line[15:] for line in lines}
+    assert values == {
         "name": block.name,
         "z": "sin u + sin(v + pi/2)",
         "size": "34.95 x 45 x 10.5 mm",

@@ -83,14 +83,14 @@ def differing(first: Bools, second: Bools) -> float:
 
 @pytest.mark.parametrize("character", sorted(GLYPHS))
 @pytest.mark.parametrize("size", [(30.0, 30.0), (6.2, 6.2)], ids=["5mm", "3mm"])
-def test_each_glyph_reads_from_below(character: str, size: tuple[float, float]) -> None:
+def test_each_glyph_is_legible_from_below(character: str, size: tuple[float, float]) -> None:
     """Turned over about x, a glyph matches its drawing better than its mirror image or other glyphs match it."""
     engraving = engrave((character,), size, 0.0)
     assert engraving.glyph_mm == (MAX_GLYPH_MM if size[0] == 30.0 else MIN_GLYPH_MM)
     picture = seen_from_below(engraving)
-    scores = {one: differing(picture, as_drawn(one, engraving.glyph_mm)) for one in GLYPHS}
+    scores = {glyph: differing(picture, as_drawn(glyph, engraving.glyph_mm)) for glyph in GLYPHS}
     assert scores[character] < 0.12
-    assert min((score, one) for one, score in scores.items())[1] == character
+    assert min((score, glyph) for glyph, score in scores.items())[1] == character
     if character in "BCDEFGJKLNPQRSZ1234567":
         assert differing(picture[:, ::-1], as_drawn(character, engraving.glyph_mm)) > 0.1
 
@@ -101,7 +101,7 @@ def test_glyphs_differ() -> None:
     for first, second in itertools.combinations(sorted(GLYPHS), 2):
         a, b = as_drawn(first, MIN_GLYPH_MM), as_drawn(second, MIN_GLYPH_MM)
         shape = [max(a.shape[i], b.shape[i]) for i in (0, 1)]
-        a, b = (np.pad(one, [(0, shape[i] - one.shape[i]) for i in (0, 1)]) for one in (a, b))
+        a, b = (np.pad(glyph, [(0, shape[i] - glyph.shape[i]) for i in (0, 1)]) for glyph in (a, b))
         if np.count_nonzero(a != b) <= 0.1 * np.count_nonzero(a | b):
             alike.append((first, second))
     assert not alike
@@ -191,17 +191,17 @@ def test_strokes_are_a_pen_wide(words: tuple[str, ...], size: tuple[float, float
 def test_gaps_can_be_printed(words: tuple[str, ...], size: tuple[float, float], key: float) -> None:
     """Gaps between strokes are at least 0.4 mm (the nozzle) for glyphs of 3.2 mm or higher, otherwise 0.3 mm."""
     engraving = engrave(words, size, key)
-    least = 0.4 if engraving.glyph_mm >= 3.2 else 0.3
-    assert engraving.glyph_mm / 2.0 - 1.5 * STROKE_MM >= least - 1e-9
+    min_gap = 0.4 if engraving.glyph_mm >= 3.2 else 0.3
+    assert engraving.glyph_mm / 2.0 - 1.5 * STROKE_MM >= min_gap - 1e-9
     islands = [c for c in engraving.contours if area_mm2(c) < 0]
     for c in islands:
-        assert CrossSection([c[::-1].tolist()]).offset(-least / 2 + 0.005, JoinType.Miter).area() > 0.0
+        assert CrossSection([c[::-1].tolist()]).offset(-min_gap / 2 + 0.005, JoinType.Miter).area() > 0.0
     points = section(engraving).decompose()
     for first, second in itertools.combinations(points, 2):
         assert (first.offset(0.29, JoinType.Round) ^ second.offset(0.29, JoinType.Round)).is_empty()
 
 
-def test_equal_on_every_run() -> None:
+def test_the_label_is_equal_on_every_run() -> None:
     first, second = (engrave(("T4", "PAPER", "X1", "03"), BLOCK, 3.0) for _ in range(2))
     assert len(first.contours) == len(second.contours)
     assert all(np.array_equal(a, b) for a, b in zip(first.contours, second.contours, strict=True))

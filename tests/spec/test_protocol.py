@@ -24,7 +24,7 @@ def test_the_grid_scales_with_the_block() -> None:
     assert half.spacing_mm == (0.625, 0.625)
 
 
-def test_a_block_that_the_grid_leaves_is_refused_with_the_numbers() -> None:
+def test_a_block_smaller_than_the_grid_is_refused_with_the_numbers() -> None:
     PressGrid.paper().require_on(Block.of(4))
     with pytest.raises(InputError, match=r"20 x 20 mm.*9 x 23 mm"):
         PressGrid.paper().require_on(Block.of(4, size_mm=(20.0, 20.0)))

@@ -1,4 +1,4 @@
-"""The catalogue and the paper's equations, and texture files with all kinds of errors."""
+"""The catalogue, the equations of the paper, and texture files with errors of all kinds."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def square(t: np.ndarray, highest: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("preset", "highest"), [("paper", 25), ("released", 101)])
-def test_the_six_are_the_papers_equations(preset: str, highest: int) -> None:
+def test_the_six_textures_are_the_equations_of_the_paper(preset: str, highest: int) -> None:
     expected = [
         np.sin(U),
         np.sin(U) + np.sin(V + math.pi / 2),
@@ -34,8 +34,8 @@ def test_the_six_are_the_papers_equations(preset: str, highest: int) -> None:
         triangle(U, 25),
         square(U, highest),
     ]
-    for one, values in zip(catalogue(preset), expected, strict=True):
-        np.testing.assert_allclose(one.waves(U, V), values, atol=1e-12, err_msg=one.name)
+    for pattern, values in zip(catalogue(preset), expected, strict=True):
+        np.testing.assert_allclose(pattern.waves(U, V), values, atol=1e-12, err_msg=pattern.name)
 
 
 @pytest.mark.parametrize("name", [4, "4", "texture-4", " Texture-4 "])
@@ -49,7 +49,7 @@ def test_an_unknown_texture_is_refused(name: str | int) -> None:
         texture(name)
 
 
-def test_terms_can_be_a_count() -> None:
+def test_terms_can_be_the_number_of_waves() -> None:
     assert len(series("square", 25, axes="x").waves) == 13
     assert len(series("square", 25, terms="count", axes="x").waves) == 25
     assert series("square", 25, terms="count", axes="x").waves[-1].f == 49.0
@@ -62,10 +62,10 @@ def write(folder: Path, text: str) -> Path:
 
 
 def test_the_three_families_are_read(tmp_path: Path) -> None:
-    one = read_texture(
+    definition = read_texture(
         write(tmp_path, '[texture]\nname="a"\nfamily="equation1"\nA1=1\nA2=0.5\nf1=1\nf2=2\nphase=0.3\n')
     )
-    np.testing.assert_allclose(one.texture.waves(U, V), np.sin(U) + 0.5 * np.sin(2 * V + 0.3), atol=1e-12)
+    np.testing.assert_allclose(definition.texture.waves(U, V), np.sin(U) + 0.5 * np.sin(2 * V + 0.3), atol=1e-12)
     two = read_texture(write(tmp_path, '[texture]\nname="b"\nfamily="series"\nlaw="square"\nN=5\naxes="y"\n'))
     np.testing.assert_allclose(two.texture.waves(U, V), square(V, 5), atol=1e-12)
     text = '[texture]\nname="c"\nfamily="plane-waves"\n[[wave]]\namplitude=1\nf=1\ng=0.5\n'
@@ -77,20 +77,20 @@ def test_the_three_families_are_read(tmp_path: Path) -> None:
     assert three.block.height_mm == 6.0
 
 
-def test_what_a_file_leaves_out_is_one_amplitude_and_no_phase(tmp_path: Path) -> None:
+def test_the_default_amplitude_is_1_and_the_default_phase_is_0(tmp_path: Path) -> None:
     file = read_texture(write(tmp_path, '[texture]\nname="a"\nfamily="equation1"\nf1=2\nf2=3\n'))
     assert file.texture.waves == equation1(1.0, 1.0, 2.0, 3.0)
     np.testing.assert_allclose(file.texture.waves(U, V), np.sin(2 * U) + np.sin(3 * V), atol=1e-12)
 
 
 def test_plane_waves_are_triples_or_quadruples() -> None:
-    made = plane_waves((0.6, 2.0, 1.0), (0.5, 0.0, 3.0, 0.2))
-    np.testing.assert_allclose(made(U, V), 0.6 * np.sin(2 * U + V) + 0.5 * np.sin(3 * V + 0.2), atol=1e-12)
+    waves = plane_waves((0.6, 2.0, 1.0), (0.5, 0.0, 3.0, 0.2))
+    np.testing.assert_allclose(waves(U, V), 0.6 * np.sin(2 * U + V) + 0.5 * np.sin(3 * V + 0.2), atol=1e-12)
     with pytest.raises(InputError, match="amplitude, f, g"):
         plane_waves((1.0, 2.0))  # type: ignore[arg-type]
 
 
-def test_an_equation_is_written_from_the_waves() -> None:
+def test_the_equation_is_derived_from_the_waves() -> None:
     assert Texture(name="diamonds", waves=plane_waves((0.6, 2.0, 1.0), (1.0, 2.0, -1.0))).equation == (
         "0.6 sin(2u + v) + sin(2u - v)"
     )
@@ -139,7 +139,7 @@ GOOD = '[texture]\nname="hex"\nfamily="series"\nlaw="square"\nN=5\n'
         ("", r"\[texture\]"),
     ],
 )
-def test_a_wrong_file_says_what_is_wrong(tmp_path: Path, text: str, message: str) -> None:
+def test_the_message_about_a_wrong_file_names_the_error(tmp_path: Path, text: str, message: str) -> None:
     path = write(tmp_path, text)
     with pytest.raises(InputError, match=message) as caught:
         read_texture(path)
@@ -147,7 +147,7 @@ def test_a_wrong_file_says_what_is_wrong(tmp_path: Path, text: str, message: str
     assert "\n" not in str(caught.value)
 
 
-def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
+def test_folders_missing_files_and_binary_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="folder"):
         read_texture(tmp_path)
     with pytest.raises(InputError, match="No such file"):
@@ -167,12 +167,12 @@ def test_a_flat_texture_is_refused() -> None:
     ("wave", "field", "value"),
     [((1e7, 1.0, 0.0), "amplitude", 1e7), ((1.0, 1e308, 0.0), "f", 1e308), ((1.0, 0.0, -2e4), "g", -2e4)],
 )
-def test_numbers_that_no_texture_has_are_refused(wave: tuple[float, float, float], field: str, value: float) -> None:
+def test_numbers_out_of_range_are_refused(wave: tuple[float, float, float], field: str, value: float) -> None:
     with pytest.raises(InputError, match=f"texture far wave {field} = .*must be from -1") as refusal:
         Texture(name="far", waves=plane_waves(wave))
     assert refusal.value.value == value
 
 
-def test_a_function_is_no_sum_of_waves() -> None:
+def test_a_function_instead_of_a_sum_of_waves_is_refused() -> None:
     with pytest.raises(InputError, match=r"texture bumps waves = 'function': must be a sum of waves: plane_waves"):
         Texture(name="bumps", waves=lambda u, v: u * v)  # type: ignore[arg-type]

@@ -17,7 +17,7 @@ PERIOD = (0.0, 2.0 * math.pi)
 
 
 def random_waves(rng: np.random.Generator, kind: str) -> WaveSum:
-    """A sum of one to six waves: ``separable``, ``parallel`` or ``oblique``."""
+    """Return a sum of one to six waves of the kind ``separable``, ``parallel`` or ``oblique``."""
     count = int(rng.integers(1, 7))
     angle = rng.uniform(0.0, math.pi)
     waves = []
@@ -43,7 +43,7 @@ def seeds(small: int, full: int) -> list[object]:
 
 
 @pytest.mark.parametrize("seed", seeds(6, 60))
-def test_value_is_the_sum_of_the_waves(kind: str, seed: int) -> None:
+def test_the_value_is_the_sum_of_the_waves(kind: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     waves = random_waves(rng, kind)
     u, v = rng.uniform(-20, 20, (2, 50))
@@ -126,46 +126,46 @@ def test_extremes_are_proved(kind: str, seed: int) -> None:
     rng = np.random.default_rng(1000 + seed)
     waves = random_waves(rng, kind)
     u, v = (0.0, float(rng.uniform(1, 20))), (-3.0, float(rng.uniform(1, 20)))
-    found = waves.extremes(u, v)
+    extremes = waves.extremes(u, v)
     allowed = max(EXTREMES_ERROR, EXTREMES_FRACTION * waves.amplitude_sum) if kind == "oblique" else EXTREMES_ERROR
-    assert found.error <= allowed * (1 + 1e-12)
+    assert extremes.error <= allowed * (1 + 1e-12)
     sampled = waves.grid(np.linspace(*u, 801), np.linspace(*v, 803))
-    assert sampled.max() <= found.high + found.error + 1e-12
-    assert sampled.min() >= found.low - found.error - 1e-12
-    for place, value in ((found.at_low, found.low), (found.at_high, found.high)):
+    assert sampled.max() <= extremes.high + extremes.error + 1e-12
+    assert sampled.min() >= extremes.low - extremes.error - 1e-12
+    for place, value in ((extremes.at_low, extremes.low), (extremes.at_high, extremes.high)):
         assert float(waves(*place)) == pytest.approx(value, abs=1e-9)
         assert u[0] - 1e-9 <= place[0] <= u[1] + 1e-9
         assert v[0] - 1e-9 <= place[1] <= v[1] + 1e-9
 
 
 @pytest.mark.parametrize("seed", seeds(5, 50))
-def test_extremes_in_a_half_plane_count_only_its_points(kind: str, seed: int) -> None:
+def test_extremes_in_a_half_plane_ignore_other_points(kind: str, seed: int) -> None:
     rng = np.random.default_rng(2000 + seed)
     waves = random_waves(rng, kind)
     keep = HalfPlane(1.0, -1.0, 2.0)
-    found = waves.extremes((0.0, 5.0), (0.0, 4.0), keep)
+    extremes = waves.extremes((0.0, 5.0), (0.0, 4.0), keep)
     uu, vv = np.meshgrid(np.linspace(0, 5, 700), np.linspace(0, 4, 700))
     counts = keep.excess(uu, vv) <= 0
-    assert waves(uu[counts], vv[counts]).max() <= found.high + found.error + 1e-12
-    assert float(keep.excess(*found.at_high)) <= 1e-9
-    assert float(waves(*found.at_high)) == pytest.approx(found.high, abs=1e-9)
-    assert found.error <= max(EXTREMES_ERROR, EXTREMES_FRACTION * waves.amplitude_sum) * (1 + 1e-12)
+    assert waves(uu[counts], vv[counts]).max() <= extremes.high + extremes.error + 1e-12
+    assert float(keep.excess(*extremes.at_high)) <= 1e-9
+    assert float(waves(*extremes.at_high)) == pytest.approx(extremes.high, abs=1e-9)
+    assert extremes.error <= max(EXTREMES_ERROR, EXTREMES_FRACTION * waves.amplitude_sum) * (1 + 1e-12)
 
 
-def test_extremes_of_equal_sums_are_sought_once() -> None:
+def test_extremes_of_equal_sums_are_computed_once() -> None:
     first, second = (WaveSum((Wave(amplitude=0.5, f=3.0, g=2.0), Wave(amplitude=1.0, f=1.0, g=0.0))) for _ in range(2))
-    found = first.extremes((0.0, 4.0), (0.0, 5.0))
-    assert second.extremes((0.0, 4.0), (0.0, 5.0)) is found
-    assert second.extremes((0.0, 4.0), (0.0, 0.1)) != found
-    assert second.extremes((0.0, 4.0), (0.0, 5.0), HalfPlane(a=1.0, b=0.0, c=0.5)) != found
+    extremes = first.extremes((0.0, 4.0), (0.0, 5.0))
+    assert second.extremes((0.0, 4.0), (0.0, 5.0)) is extremes
+    assert second.extremes((0.0, 4.0), (0.0, 0.1)) != extremes
+    assert second.extremes((0.0, 4.0), (0.0, 5.0), HalfPlane(a=1.0, b=0.0, c=0.5)) != extremes
 
 
-def test_the_papers_extremes_over_a_whole_period() -> None:
+def test_the_extremes_of_the_papers_textures_over_a_whole_period() -> None:
     expected = [1.0, 2.0, 1.9688396, 2.3589463, 0.9844198, 1.1794732]
     for texture, value in zip(catalogue(), expected, strict=True):
-        found = texture.waves.extremes(PERIOD, PERIOD)
-        assert found.high == pytest.approx(value, abs=1e-7)
-        assert found.low == pytest.approx(-value, abs=1e-7)
+        extremes = texture.waves.extremes(PERIOD, PERIOD)
+        assert extremes.high == pytest.approx(value, abs=1e-7)
+        assert extremes.low == pytest.approx(-value, abs=1e-7)
 
 
 def test_mapping_keeps_the_surface() -> None:
@@ -176,7 +176,7 @@ def test_mapping_keeps_the_surface() -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, "1", True, None])
-def test_a_wave_refuses_what_is_no_number(value: object) -> None:
+def test_a_wave_refuses_values_that_are_not_numbers(value: object) -> None:
     with pytest.raises(InputError, match="wave f"):
         Wave(amplitude=1.0, f=value, g=0.0)  # type: ignore[arg-type]
 
@@ -193,5 +193,5 @@ def test_a_wave_refuses_what_is_no_number(value: object) -> None:
     ],
 )
 def test_a_sum_of_waves_is_written_as_a_formula(waves: tuple[tuple[float, ...], ...], text: str) -> None:
-    made = WaveSum(tuple(Wave(amplitude=a, f=f, g=g, phase=phase) for a, f, g, phase in waves))
-    assert str(made) == text
+    wave_sum = WaveSum(tuple(Wave(amplitude=a, f=f, g=g, phase=phase) for a, f, g, phase in waves))
+    assert str(wave_sum) == text
