@@ -1,4 +1,4 @@
-"""Shared by all tests: the switch between small and full counts."""
+"""Options and fixtures for all tests, with the option for the long tests."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from typing import Any
 
 import pytest
 
-# Started in the background of a shell without job control, a process ignores interruptions, and so does all that it
-# starts: the tests that interrupt a command would wait for nothing.
+# A process that a shell without job control starts in the background ignores interruptions, and so do its children. The
+# tests that interrupt a command would then wait forever.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--long", action="store_true", help="run the full counts too (make test-long)")
+    parser.addoption("--long", action="store_true", help="also run the long tests (make test-long)")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -33,17 +33,17 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection() -> None:
-    gc.disable()  # next to nothing of what the imports make is garbage
+    gc.disable()  # the imports create almost no garbage
 
 
 def pytest_collection_finish() -> None:
-    gc.freeze()  # nor does it become garbage during the tests: no need to look through it again and again
+    gc.freeze()  # imported objects stay in use, so the collector need not search them again and again
     gc.enable()
 
 
 @pytest.fixture(scope="session", autouse=True)
 def one_processor() -> Iterator[None]:
-    """Commands start one child process unless a test asks for more: each loads its packages again."""
+    """Let commands start only one child process by default, because each child loads its packages again."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHON_CPU_COUNT", os.environ.get("PYTHON_CPU_COUNT", "1"))
         yield
@@ -51,13 +51,13 @@ def one_processor() -> Iterator[None]:
 
 @pytest.fixture
 def two_processors(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Commands share their work among two child processes."""
+    """Let commands use two child processes."""
     monkeypatch.setenv("PYTHON_CPU_COUNT", "2")
 
 
 @pytest.fixture(scope="session", autouse=True)
 def light_pdf_fonts() -> Iterator[list[tuple[dict[str, Any], Any]]]:
-    """Embed letters in PDF files as shapes (type 3): cutting TrueType fonts to size takes longer than all the rest."""
+    """Embed letters in PDF files as shapes (type 3), because reducing TrueType fonts takes most of the time."""
     with pytest.MonkeyPatch.context() as patch:
         styles = []
         if find_spec("matplotlib"):
@@ -73,21 +73,21 @@ def light_pdf_fonts() -> Iterator[list[tuple[dict[str, Any], Any]]]:
 
 @pytest.fixture
 def own_pdf_fonts(light_pdf_fonts: list[tuple[dict[str, Any], Any]], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Embed fonts in PDF files as a user's own process does."""
+    """Embed fonts in PDF files with the default setting, as for a user."""
     for style, kind in light_pdf_fonts:
         monkeypatch.setitem(style, "pdf.fonttype", kind)
 
 
 @pytest.fixture
 def no_preview(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave the sheet of pictures empty that ``make`` draws of its parts, where a test is not about it."""
+    """Write an empty preview in ``make``, for tests of other results."""
     pictures = "tacbench_cad.render.pictures.preview_sheet"
     monkeypatch.setattr(pictures, lambda items, path: path.write_bytes(b"") and None)
 
 
 @pytest.fixture
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave figures of an analysis empty where a test is not about them: drawing takes longer than all the rest."""
+    """Write empty figures in an analysis, for tests of other results, because drawing takes most of the time."""
     head = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + struct.pack(">II", 640, 480)
 
     def save(figure: object, path: Path, box: object = None, about: str = "") -> None:

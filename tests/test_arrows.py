@@ -1,4 +1,4 @@
-"""Imports run one way: no circle of modules, no import of a layer above, and nothing but the commands knows the lab."""
+"""Imports run one way: no circle of modules, no import of a higher layer, and only the commands import the lab."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from helpers.sources import FILES, tree
 
-#: For each place, the places that it may import. ``tacbench_cad`` itself holds the version and the lazy public names.
+#: The places that each place may import. ``tacbench_cad`` itself contains the version and the lazy public names.
 BELOW = {
     "util": set(),
     "spec": {"util"},
@@ -30,7 +30,7 @@ BELOW["cli"] = set(BELOW)
 
 
 def imported(path: Path) -> set[str]:
-    """The modules of the project that a file names in an import, for types and inside of functions too."""
+    """Return the modules of the project that a file imports, also for type hints and inside functions."""
     modules: set[str] = set()
     for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
@@ -42,7 +42,7 @@ def imported(path: Path) -> set[str]:
 
 
 def place(module: str) -> str:
-    """The folder or file at the first level in which a module lies; empty for the package itself."""
+    """Return the folder or file at the first level that contains a module; empty for the package itself."""
     first, _, rest = module.partition(".")
     return first if first == "housing" else rest.partition(".")[0]
 
@@ -52,7 +52,7 @@ MODULES = [name for name in FILES if name != "tacbench_cad"]
 
 @cache
 def arrows(name: str) -> set[str]:
-    """The modules that a module imports."""
+    """Return the modules that a module imports."""
     return imported(FILES[name])
 
 
@@ -65,5 +65,5 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
 
 @pytest.mark.parametrize("name", [name for name in MODULES if name != "tacbench_cad.__main__"])
 def test_a_module_imports_only_what_lies_below(name: str) -> None:
-    here = place(name)
-    assert {other for other in arrows(name) if place(other) not in BELOW[here] | {here, ""}} == set()
+    level = place(name)
+    assert {other for other in arrows(name) if place(other) not in BELOW[level] | {level, ""}} == set()

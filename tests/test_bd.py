@@ -20,11 +20,11 @@ VOLUME = BLOCK.volume_mm3(BLOCK.solid_datum_mm)
 
 
 def box(shape: bd.Shape) -> tuple[float, ...]:
-    found = shape.bounding_box()
-    return (*found.min, *found.max)
+    bounds = shape.bounding_box()
+    return (*bounds.min, *bounds.max)
 
 
-def test_measures_right() -> None:
+def test_the_block_has_its_dimensions_and_volume() -> None:
     block = Block.of(1)
     part = TextureBlock(1, align=None)
     assert part.is_valid
@@ -54,16 +54,16 @@ def test_algebra_mode() -> None:
     assert part.is_valid
     assert part.volume == pytest.approx(60 * 60 * 2 + VOLUME, rel=1e-5)
     placed = [location * TextureBlock(BLOCK) for location in bd.GridLocations(40, 40, 2, 1)]
-    assert [round(one.bounding_box().min.X, 3) for one in placed] == [-31.65, 8.35]
+    assert [round(block.bounding_box().min.X, 3) for block in placed] == [-31.65, 8.35]
 
 
 @pytest.mark.parametrize("number", [1, pytest.param(4, marks=pytest.mark.long)])
 def test_a_hole_through_the_texture(number: int) -> None:
     part = TextureBlock(number)
-    made = part - bd.Pos(1, 2, 0) * bd.Cylinder(3, 30)
-    assert made.is_valid
+    drilled = part - bd.Pos(1, 2, 0) * bd.Cylinder(3, 30)
+    assert drilled.is_valid
     removed = hole_mm3(part.block, (23.3 / 2 + 1, 17.0), 3.0)
-    assert made.volume == pytest.approx(part.block.volume_mm3(part.block.solid_datum_mm) - removed, rel=1e-4)
+    assert drilled.volume == pytest.approx(part.block.volume_mm3(part.block.solid_datum_mm) - removed, rel=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -78,11 +78,11 @@ def test_align(align: object, expected: tuple[float, ...]) -> None:
     assert box(TextureBlock(BLOCK, align=align)) == pytest.approx(expected, abs=1e-3)
 
 
-def test_rotation_turns_the_aligned_block() -> None:
+def test_the_rotation_is_applied_after_the_alignment() -> None:
     assert box(TextureBlock(BLOCK, rotation=(0, 0, 90))) == pytest.approx((-15, -11.65, 0, 15, 11.65, 7), abs=1e-3)
 
 
-def test_private_mode_leaves_the_builder_alone() -> None:
+def test_private_mode_does_not_change_the_builder() -> None:
     with bd.BuildPart() as builder:
         bd.Box(1, 1, 1)
         TextureBlock(BLOCK, mode=bd.Mode.PRIVATE)
@@ -94,10 +94,12 @@ def test_parameters_reach_the_block_and_placing_comes_last() -> None:
     assert names[-3:] == ["rotation", "align", "mode"]
     part = TextureBlock("texture-2", "released", scale=0.9, key_mm=2.0, copy=3)
     assert part.block.name == "texture-2_released_x0.9_key2_copy03"
-    assert part.scale(2.0).volume == pytest.approx(8 * part.volume, rel=1e-3), "build123d's own method is gone"
+    assert part.scale(2.0).volume == pytest.approx(8 * part.volume, rel=1e-3), (
+        "the method of build123d no longer exists"
+    )
 
 
-def test_what_is_refused() -> None:
+def test_bad_arguments_are_refused() -> None:
     with pytest.raises(InputError, match="is a block"):
         TextureBlock(BLOCK, scale=2.0)
     with pytest.raises(InputError, match="millions of poles"):

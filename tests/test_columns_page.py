@@ -1,4 +1,4 @@
-"""``docs/columns.md`` names each column of a CSV file and each key of a JSON document."""
+"""The page ``docs/columns.md`` names each column of a CSV file and each key of a JSON document."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
 
 DOCS = Path(__file__).parent.parent / "docs"
-#: Keys whose own keys are data: names of folds and textures, kinds of moves.
+#: Keys of tables whose keys are data: names of folds and textures, kinds of moves.
 KEYED_BY_DATA = ("folds", "recall", "left_out")
-#: Heads of each table, and the page that explains them.
+#: The headers of each table, and the page that explains them.
 TABLES = {
     **{f"{name}.csv": [column.name for column in columns] for name, columns in view.COLUMNS.items()},
     "classification.csv": [column.name for column in result.COLUMNS],
@@ -44,16 +44,16 @@ Capture = pytest.CaptureFixture[str]
 
 
 def named(page: str) -> set[str]:
-    """All words that a page sets as code, outside of its code blocks."""
+    """Return all words that a page sets as code, outside of its code blocks."""
     text = re.sub(r"^```.*?^```", "", (DOCS / page).read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
     return {word for span in re.findall(r"`([^`\n]+)`", text) for word in span.replace(",", " ").split()}
 
 
 def keys(document: Any) -> Iterator[str]:
-    """Every key of a JSON document, at any depth."""
+    """Yield every key of a JSON document, at any depth."""
     if isinstance(document, list):
-        for one in document:
-            yield from keys(one)
+        for item in document:
+            yield from keys(item)
     elif isinstance(document, dict):
         for name, value in document.items():
             yield name
@@ -62,7 +62,7 @@ def keys(document: Any) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("table", TABLES)
-def test_every_head_of_a_table_is_explained(table: str) -> None:
+def test_every_header_of_a_table_is_explained(table: str) -> None:
     assert set(TABLES[table]) <= named("columns.md")
 
 
@@ -99,7 +99,9 @@ def test_every_key_of_the_analysis_documents_is_explained(tmp_path: Path, capsys
     folders = write_study(runs, grid=PressGrid(x_mm=(4.0, 9.0), y_mm=(20.0,)))
     quick = ("--trials", "1", "--hold-out", "copy", "--components", "2", "--jobs", "1", "--epochs", "100")
     splits, predictions = tmp_path / "splits", tmp_path / "predictions.csv"
-    assert main(["check-runs", *map(str, folders), "--json"]) == 1  # they lack references: findings are shown, too
+    assert (
+        main(["check-runs", *map(str, folders), "--json"]) == 1
+    )  # the runs lack references, so that findings are also printed
     assert _unexplained(capsys) == set()
     for argv in (
         ["report", str(runs), "-o", str(tmp_path / "report.html"), "--no-classify", "--jobs", "1"],
@@ -123,7 +125,7 @@ def test_every_key_of_the_analysis_documents_is_explained(tmp_path: Path, capsys
 
 
 def _unexplained(capsys: Capture) -> set[str]:
-    """Keys of the document just printed that the page does not name."""
+    """Return the keys of the printed document that the page does not name."""
     return set(keys(json.loads(capsys.readouterr().out))) - named("columns.md")
 
 
@@ -151,5 +153,5 @@ def test_the_examples_that_teach_are_outputs_of_the_analysis_page() -> None:
 
 
 def _sections(text: str) -> list[tuple[str, str]]:
-    """The headings of a page, each with the text below it."""
+    """Return the headings of a page, each with the text below it."""
     return re.findall(r"^#+ (.+)\n((?:(?!#+ ).*\n)*)", text, re.MULTILINE)

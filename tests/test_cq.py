@@ -1,4 +1,4 @@
-"""CadQuery: the block in a chain, cut, and what it measures."""
+"""CadQuery: the block in a chain of calls, cut, and its dimensions."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def registered() -> Iterator[None]:
     del cq.Workplane.textureBlock
 
 
-def test_solid_measures_right() -> None:
+def test_the_solid_has_its_dimensions_and_volume() -> None:
     block = Block.of(1)
     solid = plugin.solid(block)
     assert solid.isValid()
@@ -36,7 +36,7 @@ def test_solid_measures_right() -> None:
     assert sides == pytest.approx((0, 23.3, 0, 30, 0, 7), abs=1e-3)
 
 
-def test_eachpoint_puts_one_at_every_point() -> None:
+def test_eachpoint_adds_a_block_at_every_point() -> None:
     chain = cq.Workplane().rarray(40, 50, 2, 2).eachpoint(plugin.texture_block(BLOCK))
     assert len(chain.vals()) == 4
     corners = sorted((round(s.BoundingBox().xmin), round(s.BoundingBox().ymin)) for s in chain.vals())
@@ -44,7 +44,7 @@ def test_eachpoint_puts_one_at_every_point() -> None:
     assert sum(s.Volume() for s in chain.vals()) == pytest.approx(4 * VOLUME, rel=1e-5)
 
 
-def test_invoke_puts_one_at_every_point_in_the_workplanes_axes() -> None:
+def test_invoke_adds_a_block_at_every_point_in_the_axes_of_the_workplane() -> None:
     chain = cq.Workplane("XZ", origin=(0, 10, 0)).pushPoints([(0, 0), (30, 0)]).invoke(plugin.texture_block(BLOCK))
     assert len(chain.vals()) == 2
     box = chain.vals()[1].BoundingBox()
@@ -55,13 +55,13 @@ def test_eachpoint_can_combine() -> None:
     plate = (
         cq.Workplane().box(60, 60, 4, centered=(True, True, False)).faces(">Z").workplane(centerOption="CenterOfMass")
     )
-    made = plate.eachpoint(plugin.texture_block(BLOCK), useLocalCoordinates=True, combine="a")
-    assert made.solids().size() == 1
-    assert made.val().isValid()
-    assert made.val().Volume() == pytest.approx(60 * 60 * 4 + VOLUME, rel=1e-5)
+    combined = plate.eachpoint(plugin.texture_block(BLOCK), useLocalCoordinates=True, combine="a")
+    assert combined.solids().size() == 1
+    assert combined.val().isValid()
+    assert combined.val().Volume() == pytest.approx(60 * 60 * 4 + VOLUME, rel=1e-5)
 
 
-def test_register_is_opt_in() -> None:
+def test_the_methods_must_be_registered() -> None:
     assert not hasattr(cq.Workplane, "textureBlock")
 
 
@@ -70,22 +70,22 @@ def test_registered_method_combines_like_box() -> None:
     plate = (
         cq.Workplane().box(80, 60, 4, centered=(True, True, False)).faces(">Z").workplane(centerOption="CenterOfMass")
     )
-    made = plate.rarray(35, 1, 2, 1).textureBlock(BLOCK)
-    assert made.solids().size() == 1
-    assert made.val().isValid()
-    assert made.val().Volume() == pytest.approx(80 * 60 * 4 + 2 * VOLUME, rel=1e-5)
-    apart = cq.Workplane().rarray(35, 1, 2, 1).textureBlock(BLOCK, combine=False)
-    assert len(apart.vals()) == 2
+    combined = plate.rarray(35, 1, 2, 1).textureBlock(BLOCK)
+    assert combined.solids().size() == 1
+    assert combined.val().isValid()
+    assert combined.val().Volume() == pytest.approx(80 * 60 * 4 + 2 * VOLUME, rel=1e-5)
+    separate = cq.Workplane().rarray(35, 1, 2, 1).textureBlock(BLOCK, combine=False)
+    assert len(separate.vals()) == 2
 
 
 @pytest.mark.parametrize("number", [2, pytest.param(4, marks=pytest.mark.long)])
 def test_a_hole_through_a_texture(number: int) -> None:
     block = Block.of(number)
     solid = plugin.solid(block)
-    made = cq.Workplane(solid).pushPoints([(11.0, 15.0)]).circle(3.0).cutThruAll()
-    assert made.val().isValid()
+    drilled = cq.Workplane(solid).pushPoints([(11.0, 15.0)]).circle(3.0).cutThruAll()
+    assert drilled.val().isValid()
     removed = hole_mm3(block, (11.0, 15.0), 3.0)
-    assert made.val().Volume() == pytest.approx(block.volume_mm3(block.solid_datum_mm) - removed, rel=1e-4)
+    assert drilled.val().Volume() == pytest.approx(block.volume_mm3(block.solid_datum_mm) - removed, rel=1e-4)
 
 
 def test_texture_face() -> None:
@@ -95,18 +95,18 @@ def test_texture_face() -> None:
     assert face.Area() == pytest.approx(872.517, rel=1e-4)
 
 
-def test_the_geometry_is_that_of_brep() -> None:
-    """Built once and shared, while the topology is each solid's own."""
-    ours, theirs = (next(faces(shape)) for shape in (plugin.solid(BLOCK).wrapped, brep.solid_block(BLOCK)[0]))
-    assert BRep_Tool.Surface_s(ours) == BRep_Tool.Surface_s(theirs)
-    assert ours.TShape() != theirs.TShape()
+def test_the_geometry_is_shared_with_the_module_brep() -> None:
+    """The geometry is built once and shared, but each solid has its own topology."""
+    plugin_face, brep_face = (next(faces(shape)) for shape in (plugin.solid(BLOCK).wrapped, brep.solid_block(BLOCK)[0]))
+    assert BRep_Tool.Surface_s(plugin_face) == BRep_Tool.Surface_s(brep_face)
+    assert plugin_face.TShape() != brep_face.TShape()
 
 
 def test_label_name_and_colour() -> None:
     assert plugin.solid(BLOCK).label == BLOCK.name
-    made = plugin.assembly(BLOCK)
-    whole = cq.Assembly().add(made, loc=cq.Location((1, 2, 3)))
-    assert made.name == BLOCK.name
-    assert made.color is not None
-    assert made.color.toTuple()[:3] == pytest.approx((0xE3 / 255, 0xB7 / 255, 0x78 / 255), abs=1e-6)
-    assert whole.toCompound().BoundingBox().xmin == pytest.approx(1.0, abs=1e-3)
+    assembly = plugin.assembly(BLOCK)
+    outer = cq.Assembly().add(assembly, loc=cq.Location((1, 2, 3)))
+    assert assembly.name == BLOCK.name
+    assert assembly.color is not None
+    assert assembly.color.toTuple()[:3] == pytest.approx((0xE3 / 255, 0xB7 / 255, 0x78 / 255), abs=1e-6)
+    assert outer.toCompound().BoundingBox().xmin == pytest.approx(1.0, abs=1e-3)

@@ -1,7 +1,7 @@
-"""Every name of the project that a test, a benchmark or an example uses is there: mypy reads none of them.
+"""Every name of the project that a test, a benchmark or an example uses must exist, because mypy does not check them.
 
-A renamed function would otherwise be noticed only where its test runs, which in ``tests/real`` needs other programs.
-Nothing is imported: the sources are read.
+Otherwise the old name of a function would be noticed only when the test runs, and ``tests/real`` needs other programs.
+The sources are parsed and not imported.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ USERS = sorted(
     for path in (ROOT / folder).rglob("*.py")
     if path != Path(__file__)
 )
-#: An import in the text of a program that a test runs in another process.
+#: An import in the source of a program that a test runs in another process.
 _IN_TEXT = re.compile(r"\bfrom ((?:tacbench_cad|housing)[\w.]*) import (\w+(?: *, *\w+)*)")
-#: What ``monkeypatch.setattr`` takes: a module and one of its names.
+#: The arguments of ``monkeypatch.setattr``: a module and one of its names.
 _DOTTED = re.compile(r"(?:tacbench_cad|housing)(?:\.\w+)+")
 
 
 def defined(statements: list[ast.stmt]) -> Iterator[str]:
-    """The names that statements at the first level of a module bind."""
+    """Yield the names that statements at the first level of a module define."""
     for node in statements:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
             yield node.name
@@ -39,14 +39,16 @@ def defined(statements: list[ast.stmt]) -> Iterator[str]:
         elif isinstance(node, ast.If | ast.Try | ast.With | ast.For):
             for _, body in ast.iter_fields(node):
                 if isinstance(body, list):
-                    yield from defined([one for one in body if isinstance(one, ast.stmt)])
-            yield from defined([line for one in getattr(node, "handlers", []) for line in one.body])
-        yield from (one.id for one in ast.walk(node) if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store))
+                    yield from defined([child for child in body if isinstance(child, ast.stmt)])
+            yield from defined([line for child in getattr(node, "handlers", []) for line in child.body])
+        yield from (
+            child.id for child in ast.walk(node) if isinstance(child, ast.Name) and isinstance(child.ctx, ast.Store)
+        )
 
 
 @cache
 def names_of(module: str) -> frozenset[str]:
-    """What can be taken from a module: its own names, those of its stub, and the modules in it."""
+    """Return the names that a module provides: its own names, the names of its stub, and its modules."""
     path = MODULES[module]
     stub = path.with_suffix(".pyi")
     files = [path, *([stub] if stub.exists() else [])]
@@ -55,8 +57,8 @@ def names_of(module: str) -> frozenset[str]:
     return frozenset(own | inside | {"__file__", "__name__", "__doc__", "__all__", "__path__"})
 
 
-def is_there(dotted: str) -> bool:
-    """Whether a dotted name is a module, or a name in one; what a class holds is not looked at."""
+def exists(dotted: str) -> bool:
+    """Return whether a dotted name is a module or a name in a module. Attributes of classes are not checked."""
     if dotted in MODULES:
         return True
     module, _, name = dotted.rpartition(".")
@@ -66,7 +68,7 @@ def is_there(dotted: str) -> bool:
 
 
 def used(path: Path) -> Iterator[str]:
-    """The dotted names of the project that a file uses."""
+    """Return the dotted names of the project that a file uses."""
     modules: dict[str, str] = {}
     nodes = list(ast.walk(tree(path)))
     for node in nodes:
@@ -100,12 +102,12 @@ def test_every_name_that_is_used_exists(folder: str) -> None:
         for path in USERS
         if path.relative_to(ROOT).parts[0] == folder
         for name in sorted(set(used(path)))
-        if name.partition(".")[0] in ("tacbench_cad", "housing", "helpers") and not is_there(name)
+        if name.partition(".")[0] in ("tacbench_cad", "housing", "helpers") and not exists(name)
     ]
     assert not missing, "\n".join(missing)
 
 
-def test_a_name_that_does_not_exist_is_seen(tmp_path: Path) -> None:
+def test_a_name_that_does_not_exist_is_found(tmp_path: Path) -> None:
     path = tmp_path / "test_old.py"
     path.write_text(
         "from tacbench_cad.spec.block import Block, Blok\n"
@@ -114,7 +116,7 @@ def test_a_name_that_does_not_exist_is_seen(tmp_path: Path) -> None:
         "door.no_such_name('tacbench_cad.util.door.nor_this')\n"
         "CODE = 'from housing import Holder, Holdr'\n"
     )
-    assert {name for name in used(path) if not is_there(name)} == {
+    assert {name for name in used(path) if not exists(name)} == {
         "tacbench_cad.spec.block.Blok",
         "housing.holdr",
         "tacbench_cad.util.door.no_such_name",

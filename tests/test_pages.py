@@ -1,4 +1,4 @@
-"""The pages that people read in the repository: plain Markdown whose pictures, links and anchors are there."""
+"""The pages that people read in the repository are plain Markdown, and their pictures, links and anchors exist."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relativ
 
 @cache
 def prose(page: Path) -> str:
-    """A page without its fenced blocks and comments."""
+    """Return a page without its fenced blocks and comments."""
     text = re.sub(r"^(`{3,}).*?^\1$", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
     return re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
 
 
 @cache
 def anchors(page: Path) -> frozenset[str]:
-    """The anchors that GitHub gives to the headings of a page."""
+    """Return the anchors that GitHub gives to the headings of a page."""
     seen: Counter[str] = Counter()
     names = []
     for heading in re.findall(r"^#{1,6} +(.*?) *#*$", prose(page), re.MULTILINE):
@@ -48,7 +48,7 @@ def anchors(page: Path) -> frozenset[str]:
 
 
 def links(page: Path) -> Iterator[tuple[Path, str]]:
-    """The file and the anchor of each link and picture of a page that leads into the project."""
+    """Return the file and the anchor of each link and picture of a page that leads into the project."""
     text = re.sub(r"(`+).*?\1", "", prose(page))
     targets = re.findall(r"\]\(<?([^)\s>]+)>?[^)]*\)", text) + re.findall(r"(?:src|href)=\"([^\"]+)\"", text)
     for target in targets:
@@ -58,7 +58,7 @@ def links(page: Path) -> Iterator[tuple[Path, str]]:
 
 
 @each_page
-def test_links_lead_somewhere(page: Path) -> None:
+def test_the_targets_of_links_exist(page: Path) -> None:
     wrong = []
     for target, anchor in links(page):
         if not target.exists():
@@ -86,11 +86,11 @@ def test_pictures_are_used_and_small() -> None:
 
 
 @each_page
-def test_marks_of_blocks_are_right(page: Path) -> None:
+def test_marks_of_blocks_are_correct(page: Path) -> None:
     lines = page.read_text(encoding="utf-8").split("\n")
     items = list(renew.parse(page.name, lines))
     pictures = [item.options["target"] for item in items if item.kind == "picture"]
-    assert len(pictures) == len(set(pictures)), "two pictures of one name"
+    assert len(pictures) == len(set(pictures)), "two pictures have the same name"
     for item in items:
         options = item.options
         if item.kind == "block":
@@ -102,7 +102,7 @@ def test_marks_of_blocks_are_right(page: Path) -> None:
             assert f"{name}`" in above, f"line {item.start + 1}: the text above does not name {name}"
 
 
-def test_outputs_that_differ_in_durations_and_rounding_are_alike() -> None:
+def test_outputs_that_differ_only_in_durations_and_rounding_count_as_equal() -> None:
     old = "[A]  1,296 images in 83.4 s, 0:01:24 left\n ─────\n mean  2.254 counts at /tmp/rig-x1/stage"
     new = "[A]  1,296 images in 9.1 s, 0:00:02 left\n ───────\n mean   2.259 counts at /tmp/rig-zz/stage"
     assert renew.alike(old, new)
@@ -112,7 +112,7 @@ def test_outputs_that_differ_in_durations_and_rounding_are_alike() -> None:
     assert not renew.alike(old, new.replace("1,296", "1,295 of 1,296"))
 
 
-def test_long_outputs_keep_their_ends() -> None:
+def test_long_outputs_keep_their_first_and_last_lines() -> None:
     text = "\n".join(map(str, range(10)))
     assert renew.shortened(f"[1/9] part.stl\n{text}\n", "2+1") == "0\n1\n...\n9"
     assert renew.shortened(text, "9+1") == text

@@ -1,4 +1,4 @@
-"""The public names: all can be imported, none costs anything before it is used, and examples and docs need no other."""
+"""The public names can be imported, load nothing before they are used, and are sufficient for examples and docs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ HEAVY = ("numpy", "scipy", "OCP", "build123d", "cadquery", "matplotlib", "rich")
 
 
 @pytest.mark.parametrize("package", [tacbench_cad, housing], ids=lambda package: package.__name__)
-def test_every_public_name_is_there(package: object) -> None:
+def test_every_public_name_can_be_imported(package: object) -> None:
     pytest.importorskip("OCP")
     names = package.__all__  # type: ignore[attr-defined]
     assert len(names) == len(set(names)) > 5
@@ -33,14 +33,14 @@ def test_every_public_name_is_there(package: object) -> None:
         assert getattr(package, name) is not None
 
 
-def test_no_public_name_is_a_folder_or_module_beside_it() -> None:
+def test_no_public_name_is_also_a_module() -> None:
     for package in (tacbench_cad, housing):
         inside = {path.stem for path in Path(package.__file__).parent.iterdir()}
         modules = {name for name in package.__all__ if type(getattr(package, name)) is type(sys)}
         assert not (set(package.__all__) - modules) & inside
 
 
-def test_importing_loads_nothing_heavy() -> None:
+def test_the_import_loads_no_heavy_module() -> None:
     code = f"import sys, tacbench_cad, housing; print([m for m in {HEAVY!r} if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 
@@ -53,23 +53,23 @@ def test_a_block_is_exported_and_checked(ending: str, tmp_path: Path) -> None:
     assert report.ok and report.path == path and (report.deviation_mm or 0.0) < 0.011
     assert check(path, block).ok and check(path, full=False).ok
     assert not check(path, Block.of(2, scale=0.5)).ok
-    assert [one.name for one in tmp_path.iterdir()] == [path.name]
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]
 
 
 def test_a_wrong_file_leaves_nothing(tmp_path: Path) -> None:
-    right = as_part(Block.of(1, scale=0.5))
-    wrong = replace(right, size_mm=(right.size_mm[0] + 1.0, *right.size_mm[1:]))
+    part = as_part(Block.of(1, scale=0.5))
+    wrong = replace(part, size_mm=(part.size_mm[0] + 1.0, *part.size_mm[1:]))
     with pytest.raises(CheckFailedError, match="box"):
         export(wrong, tmp_path / "wrong.stl")
     with pytest.raises(InputError, match="the file name must end in"):
-        export(right, tmp_path / "wrong.obj")
+        export(part, tmp_path / "wrong.obj")
     with pytest.raises(InputError, match="must be a Block"):
         export("block", tmp_path / "wrong.stl")
     assert not list(tmp_path.iterdir())
 
 
 def _sources() -> dict[str, list[str]]:
-    """The Python of the examples and of the pages that people read."""
+    """Return the Python code of the examples and of the pages that people read."""
     sources = {path.name: [path.read_text(encoding="utf-8")] for path in sorted((ROOT / "examples").glob("*.py"))}
     for path in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
         sources[path.name] = re.findall(r"^```python\b[^\n]*\n(.*?)^```", path.read_text(encoding="utf-8"), re.M | re.S)
@@ -80,19 +80,19 @@ SOURCES = _sources()
 
 
 def _imports(code: str) -> list[tuple[str, str]]:
-    """Module and name of each import of ours; without a name where a whole module is imported."""
-    found = []
+    """Return the module and the name of each import from this project; the name is empty if a module is imported."""
+    imports = []
     for node in ast.walk(ast.parse(code)):
         if isinstance(node, ast.ImportFrom) and node.module is not None:
-            found += [(node.module, alias.name) for alias in node.names]
+            imports += [(node.module, alias.name) for alias in node.names]
         elif isinstance(node, ast.Import):
-            found += [(alias.name, "") for alias in node.names]
-    return [(module, name) for module, name in found if module.partition(".")[0] in ("tacbench_cad", "housing")]
+            imports += [(alias.name, "") for alias in node.names]
+    return [(module, name) for module, name in imports if module.partition(".")[0] in ("tacbench_cad", "housing")]
 
 
 @pytest.mark.parametrize("source", [name for name, codes in SOURCES.items() if any(codes)])
 def test_examples_and_pages_import_public_names_only(source: str) -> None:
-    imports = [one for code in SOURCES[source] for one in _imports(code)]
+    imports = [imported for code in SOURCES[source] for imported in _imports(code)]
     private = {f"{module}.{name}" for module, name in imports if module not in PUBLIC}
     assert not private
     for module, name in imports:
@@ -100,5 +100,5 @@ def test_examples_and_pages_import_public_names_only(source: str) -> None:
             assert name in importlib.import_module(module).__all__
 
 
-def test_the_pages_are_really_read() -> None:
+def test_the_search_finds_imports_in_the_pages() -> None:
     assert sum(len(_imports(code)) for codes in SOURCES.values() for code in codes) > 60

@@ -1,4 +1,4 @@
-"""The README does what it says: its code runs, and its commands exist."""
+"""The code of the README runs, and its commands exist."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from tacbench_cad.cli import main
 
 ROOT = Path(__file__).parent.parent
 README = ROOT / "README.md"
-#: Pages outside of the manual's build, and the manual's blocks that the build does not run: they need hardware.
+#: The pages whose commands are checked, also in blocks that the build of the manual skips because they need hardware.
 PAGES = [README, ROOT / "CONTRIBUTING.md", ROOT / "examples" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-#: A command, with its group's name where it has one, and what follows.
+#: A command, with the name of its group if it has one, and the words after it.
 _COMMAND = re.compile(r"tacbench ((?:runs|rig) [\w-]+|[\w-]+)(.*)")
 
 
 def blocks(page: Path, language: str) -> list[str]:
-    """The fenced blocks of one language."""
+    """Return the fenced blocks of one language."""
     return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
 
 
@@ -30,7 +30,7 @@ def test_python_blocks_run(code: str, tmp_path: Path, monkeypatch: pytest.Monkey
     assert {path.suffix for path in (tmp_path / "stl_out").iterdir()} >= {".stl", ".step"}
 
 
-def test_a_texture_takes_five_lines() -> None:
+def test_a_texture_needs_five_lines() -> None:
     python, toml = blocks(README, "python"), blocks(README, "toml")
     assert len(python) == len(toml) == 1
     for text in (*python, *toml):
@@ -42,12 +42,12 @@ def test_the_texture_file_makes_checked_stl_and_step(tmp_path: Path) -> None:
     file = tmp_path / "ridges.toml"
     file.write_text(blocks(README, "toml")[0], encoding="utf-8")
     assert main(["make", "--texture", str(file), "--parts", "blocks", "--out", str(tmp_path / "made")]) == 0
-    made = sorted((tmp_path / "made").glob("ridges*"))
-    assert {path.suffix for path in made} == {".stl", ".3mf", ".step"}
-    assert main(["check-part", *map(str, made), "--texture", str(file)]) == 0
+    files = sorted((tmp_path / "made").glob("ridges*"))
+    assert {path.suffix for path in files} == {".stl", ".3mf", ".step"}
+    assert main(["check-part", *map(str, files), "--texture", str(file)]) == 0
 
 
-def test_every_option_named_in_what_is_not_run_exists(
+def test_options_in_blocks_that_are_not_run_exist(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")

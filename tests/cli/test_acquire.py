@@ -1,4 +1,4 @@
-"""``tacbench acquire``: a file to begin with, a run without hardware, resuming, refusals and exit codes."""
+"""The command ``tacbench acquire``: the first settings file, a virtual run, resuming, errors and exit codes."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def virtual_file(folder: Path, repeats: int = 1, **changes: str) -> Path:
     return path
 
 
-def test_lines_of_a_script_are_shown_where_a_persons_would_stand(monkeypatch: Patch, capsys: Capture) -> None:
+def test_the_answers_of_a_script_are_shown(monkeypatch: Patch, capsys: Capture) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO("T1 PAPER X1 01\n"))
     assert ask_line("Its label: ", err=True) == "T1 PAPER X1 01"
     assert capsys.readouterr().err == "Its label: T1 PAPER X1 01\n"
@@ -74,7 +74,7 @@ def test_init_writes_a_file_and_never_overwrites(tmp_path: Path, capsys: Capture
 
 
 @needs_pty
-def test_a_virtual_rig_gives_a_run_and_goes_on_with_it(tmp_path: Path, capsys: Capture) -> None:
+def test_a_virtual_rig_records_a_run_and_resumes_it(tmp_path: Path, capsys: Capture) -> None:
     path = virtual_file(tmp_path)
     assert main(["acquire", str(path)]) == 0
     shown = capsys.readouterr()
@@ -85,13 +85,13 @@ def test_a_virtual_rig_gives_a_run_and_goes_on_with_it(tmp_path: Path, capsys: C
     assert len(run.rows) == 2
     assert len(run.info.simulated) == 3
     assert (tmp_path / "runs" / "last.png").read_bytes() == (folder / "sensor_images" / "image_2.png").read_bytes()
-    # A row is lost: only its press is made again.
+    # One row is lost: only its press is repeated.
     targets = folder / "targets.csv"
     targets.write_text("".join(targets.read_text().splitlines(keepends=True)[:-1]))
     assert main(["acquire", str(path)]) == 0
     assert f"{NAME}: 1 of 2 presses done" in capsys.readouterr().err
     assert len(Run.open(folder).rows) == 2
-    # Nothing is missing: no device is opened.
+    # The run is complete: no device is opened.
     assert main(["acquire", str(path)]) == 0
     assert "complete: 1 of 1 block\n" in capsys.readouterr().err
     assert main(["acquire", str(virtual_file(tmp_path, forces_n="[0.6]"))]) == 2
@@ -99,7 +99,7 @@ def test_a_virtual_rig_gives_a_run_and_goes_on_with_it(tmp_path: Path, capsys: C
 
 
 @needs_pty
-def test_ctrl_c_ends_with_130_and_a_run_that_goes_on(tmp_path: Path) -> None:
+def test_ctrl_c_ends_with_130_and_the_run_can_be_resumed(tmp_path: Path) -> None:
     path = virtual_file(tmp_path, repeats=100)
     command = [sys.executable, "-c", "import sys; from tacbench_cad.cli import main; sys.exit(main())"]
     with subprocess.Popen([*command, "acquire", str(path)], stderr=subprocess.PIPE, text=True) as process:

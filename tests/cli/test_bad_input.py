@@ -1,4 +1,4 @@
-"""Bad input: one line that names field, value and what is allowed; exit code 2; nothing written, nothing lost."""
+"""Bad input gives one line with the field, the value and the allowed values, exit code 2, and changes no file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LIGHT = ("--formats", "stl", "--parts", "blocks")
 
 @pytest.fixture
 def out(tmp_path: Path) -> Iterator[Path]:
-    """An output folder with a file in it that must survive; afterwards nothing else may be there."""
+    """Return an output folder with one file; after the test, the folder must contain only the same file."""
     folder = tmp_path / "out"
     folder.mkdir()
     precious = folder / "texture-1_paper_x1.stl"
@@ -32,7 +32,7 @@ def out(tmp_path: Path) -> Iterator[Path]:
 
 
 def refusal(capsys: Capture, *argv: str) -> str:
-    """The one line of a command that must end with exit code 2."""
+    """Run a command that must end with exit code 2, and return its one line of output."""
     assert main(argv) == 2
     out, err = capsys.readouterr()
     assert out == ""
@@ -114,19 +114,17 @@ def test_an_option_with_a_wrong_value(options: list[str], needles: list[str], ou
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) and value and value[0].startswith("-") else "",
 )
-def test_a_part_or_a_format_that_there_is_not(
-    options: list[str], needles: list[str], out: Path, capsys: Capture
-) -> None:
+def test_an_unknown_part_or_format(options: list[str], needles: list[str], out: Path, capsys: Capture) -> None:
     line = refusal(capsys, "make", *options, "--out", str(out))
     for needle in needles:
         assert needle in line
 
 
-def test_the_misspelt_option_is_told_the_right_one(capsys: Capture) -> None:
+def test_the_correct_option_is_suggested(capsys: Capture) -> None:
     assert "Did you mean '--texture'?" in refusal(capsys, "make", "--textur", "1")
 
 
-def test_the_misspelt_command_is_told(capsys: Capture) -> None:
+def test_the_correct_command_is_suggested(capsys: Capture) -> None:
     assert "Did you mean 'make'?" in refusal(capsys, "mak")
     assert "Did you mean 'probe'?" in refusal(capsys, "rig", "prob")
 
@@ -160,36 +158,36 @@ def test_a_texture_file_with_a_mistake(
         assert needle in line
 
 
-def test_a_folder_and_a_missing_file_in_place_of_a_texture(out: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_a_folder_or_a_missing_file_instead_of_a_texture(out: Path, tmp_path: Path, capsys: Capture) -> None:
     assert "is a folder" in refusal(capsys, "make", *LIGHT, "--texture", str(tmp_path), "--out", str(out))
     line = refusal(capsys, "make", *LIGHT, "--texture", str(tmp_path / "no.toml"), "--out", str(out))
     assert "no.toml" in line and "No such file" in line
 
 
-def test_a_tolerance_so_fine_that_the_mesh_would_be_absurd(out: Path, capsys: Capture) -> None:
-    # Texture 1 alone would be small enough: it must not be written before texture 4 is refused.
+def test_a_tolerance_that_needs_too_many_triangles(out: Path, capsys: Capture) -> None:
+    # Texture 1 would be small enough. It must not be written before texture 4 is refused.
     options = ("--texture", "1,4", "--tolerance", "3e-5")
     line = refusal(capsys, "make", *LIGHT, *options, "--out", str(out))
     assert "tolerance" in line and "triangles" in line and "20,000,000" in line
 
 
-def test_the_press_grid_leaves_the_block(out: Path, capsys: Capture) -> None:
+def test_a_block_smaller_than_the_press_grid(out: Path, capsys: Capture) -> None:
     line = refusal(capsys, "make", "--parts", "jig", "--size", "30,20", "--out", str(out))
     assert "30 x 20 mm" in line and "9 x 23 mm" in line
 
 
-def test_the_markers_merge(out: Path, capsys: Capture) -> None:
+def test_markers_that_merge(out: Path, capsys: Capture) -> None:
     line = refusal(capsys, "make", "--jig", "all", "--scale", "0.6", "--height", "12", "--out", str(out))
     assert "jig" in line and "merge" in line and "0.75" in line
 
 
-def test_a_solid_that_there_is_not_is_refused_when_nothing_else_is_asked_for(out: Path, capsys: Capture) -> None:
+def test_a_request_for_only_a_solid_that_does_not_exist(out: Path, capsys: Capture) -> None:
     argv = ("make", "--texture", "4", "--preset", "released", "--formats", "step", "--parts", "blocks")
     line = refusal(capsys, *argv, "--out", str(out))
     assert "step" in line and "texture-4" in line
 
 
-def test_a_file_in_place_of_the_output_folder(tmp_path: Path, capsys: Capture) -> None:
+def test_a_file_instead_of_the_output_folder(tmp_path: Path, capsys: Capture) -> None:
     file = tmp_path / "out"
     file.write_text("precious")
     for folder in (file, file / "inner"):
@@ -199,7 +197,7 @@ def test_a_file_in_place_of_the_output_folder(tmp_path: Path, capsys: Capture) -
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere")
-def test_an_output_folder_that_cannot_be_written(tmp_path: Path, capsys: Capture) -> None:
+def test_an_output_folder_without_write_permission(tmp_path: Path, capsys: Capture) -> None:
     tmp_path.chmod(0o500)
     try:
         assert "not writable" in refusal(capsys, "make", *LIGHT, "--texture", "1", "--out", str(tmp_path))
@@ -207,7 +205,7 @@ def test_an_output_folder_that_cannot_be_written(tmp_path: Path, capsys: Capture
         tmp_path.chmod(0o700)
 
 
-def test_an_output_folder_that_runs_full(out: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+def test_a_full_disk(out: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
     from tacbench_cad.formats import FORMATS
     from tacbench_cad.geometry.part import Part
 
@@ -223,7 +221,7 @@ def test_an_output_folder_that_runs_full(out: Path, monkeypatch: pytest.MonkeyPa
 
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of POSIX")
 @pytest.mark.parametrize("format_name", ["stl", "3mf", "step"])
-def test_a_file_system_that_takes_only_half_of_a_file(format_name: str, tmp_path: Path) -> None:
+def test_a_file_system_that_stores_only_half_of_a_file(format_name: str, tmp_path: Path) -> None:
     if format_name != "stl":
         pytest.importorskip({"3mf": "lib3mf", "step": "OCP"}[format_name])
     code = (
@@ -233,15 +231,15 @@ def test_a_file_system_that_takes_only_half_of_a_file(format_name: str, tmp_path
     argv = ["make", "--parts", "blocks", "--formats", format_name, "--texture", "1", "--out", str(tmp_path)]
     precious = tmp_path / f"texture-1_paper_x1.{format_name}"
     precious.write_bytes(b"made before")
-    done = subprocess.run([sys.executable, "-c", code, *argv], capture_output=True, text=True, check=False)
-    assert done.returncode == 2, done.stderr
-    line = done.stderr.splitlines()[-1]
-    assert line.startswith("error: output folder") and "File too large" in line and "Traceback" not in done.stderr
+    process = subprocess.run([sys.executable, "-c", code, *argv], capture_output=True, text=True, check=False)
+    assert process.returncode == 2, process.stderr
+    line = process.stderr.splitlines()[-1]
+    assert line.startswith("error: output folder") and "File too large" in line and "Traceback" not in process.stderr
     assert precious.read_bytes() == b"made before"
     assert [path.name for path in tmp_path.iterdir()] == [precious.name]
 
 
-def test_a_manifest_that_is_not_ours(tmp_path: Path, capsys: Capture) -> None:
+def test_a_manifest_of_another_program(tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "manifest.json").write_text('{"name": "a web page"}')
     line = refusal(capsys, "make", *LIGHT, "--texture", "1", "--out", str(tmp_path))
     assert "manifest" in line and "move it away" in line
@@ -253,7 +251,7 @@ def test_a_second_process_in_one_folder_is_refused(tmp_path: Path) -> None:
     code = "import sys; from tacbench_cad.cli import main; sys.exit(main())"
     argv = [sys.executable, "-c", code, "make", *LIGHT, "--texture", "1", "--out", str(tmp_path)]
     with locked(tmp_path):
-        done = subprocess.run(argv, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert "another tacbench is writing" in done.stderr and "Traceback" not in done.stderr
+        process = subprocess.run(argv, capture_output=True, text=True, check=False)
+    assert process.returncode == 2
+    assert "another tacbench is writing" in process.stderr and "Traceback" not in process.stderr
     assert list(tmp_path.iterdir()) == []

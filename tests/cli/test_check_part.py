@@ -1,4 +1,4 @@
-"""``tacbench check-part``: files found sound, faults named, and the exit codes."""
+"""The command ``tacbench check-part``: correct files, messages about faults, and exit codes."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Capture = pytest.CaptureFixture[str]
 
 @pytest.fixture(scope="module")
 def block(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Texture 3 as an STL file."""
+    """Return an STL file of texture 3."""
     folder = tmp_path_factory.mktemp("made")
     assert main(["make", "--texture", "3", "--formats", "stl", "--parts", "blocks", "--out", str(folder)]) == 0
     return folder / "texture-3_paper_x1.stl"
 
 
 def triangles(path: Path) -> np.ndarray:
-    """The file's records of 50 bytes, shape (n, 50)."""
+    """Return the triangle records of the file, shape (n, 50) bytes."""
     data = path.read_bytes()
     return np.frombuffer(data[84:], dtype=np.uint8).reshape(-1, 50).copy()
 
@@ -33,7 +33,7 @@ def write(path: Path, records: np.ndarray) -> Path:
     return path
 
 
-def test_a_sound_file_passes_and_is_recognised(block: Path, capsys: Capture) -> None:
+def test_a_correct_file_passes_and_is_recognised(block: Path, capsys: Capture) -> None:
     assert main(["check-part", str(block)]) == 0
     out = capsys.readouterr().out
     assert "texture-3" in out and "all checks passed" in out and "FAULT" not in out
@@ -63,7 +63,7 @@ def test_the_wrong_texture_is_a_fault_with_its_distance(block: Path, capsys: Cap
     assert any("mm" in check["detail"] for check in faults)
 
 
-def test_one_bad_file_among_good_ones(block: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_one_bad_file_among_good_files(block: Path, tmp_path: Path, capsys: Capture) -> None:
     cut = tmp_path / "cut.stl"
     cut.write_bytes(block.read_bytes()[:5000])
     assert main(["check-part", str(block), str(cut), "--json"]) == 1
@@ -82,7 +82,7 @@ def spoilt(kind: str, good: bytes) -> bytes:
 
 @pytest.mark.parametrize("kind", ["empty", "text", "nan", "lie", "half"])
 @pytest.mark.parametrize("suffix", [".stl", ".3mf", ".step"])
-def test_files_that_are_not_what_they_say(kind: str, suffix: str, block: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_files_with_the_wrong_content(kind: str, suffix: str, block: Path, tmp_path: Path, capsys: Capture) -> None:
     if suffix != ".stl":
         pytest.importorskip({".3mf": "lib3mf", ".step": "OCP"}[suffix])
     path = tmp_path / f"file{suffix}"
@@ -102,7 +102,7 @@ def test_files_that_are_not_what_they_say(kind: str, suffix: str, block: Path, t
         (["picture.png"], "must end in .stl"),
     ],
 )
-def test_what_is_no_file_to_check_ends_with_2(
+def test_files_that_cannot_be_checked_end_with_2(
     argv: list[str], needle: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -127,6 +127,6 @@ def test_wrong_options_end_with_2(options: list[str], needle: str, block: Path, 
     assert out == "" and err.startswith("error: ") and err.count("\n") == 1 and needle in err
 
 
-def test_no_file_at_all_is_wrong(capsys: Capture) -> None:
+def test_a_command_without_a_file_is_refused(capsys: Capture) -> None:
     assert main(["check-part"]) == 2
     assert "FILE" in capsys.readouterr().err

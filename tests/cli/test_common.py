@@ -1,4 +1,4 @@
-"""What the commands share."""
+"""Output that several commands share."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from tacbench_cad.cli.common import print_simulated
 
 Capture = pytest.CaptureFixture[str]
 
-#: What the runs of one study say of themselves.
+#: The simulated devices that the runs of one study list.
 RUNS = tuple(
     f"{device}: {device} of the virtual rig, block of a virtual printer, copy {copy} of texture {texture}"
     for texture in range(1, 7)
@@ -17,11 +17,11 @@ RUNS = tuple(
 )
 
 
-def test_what_was_simulated_is_said_in_one_short_line(capsys: Capture) -> None:
+def test_simulated_devices_are_listed_in_one_short_line(capsys: Capture) -> None:
     print_simulated(RUNS)
     assert capsys.readouterr().out == "simulated: stage, gauge, sensor (see run.json)\n"
 
 
-def test_nothing_is_said_of_real_data(capsys: Capture) -> None:
+def test_nothing_is_printed_for_real_data(capsys: Capture) -> None:
     print_simulated(())
     assert capsys.readouterr().out == ""

@@ -1,4 +1,4 @@
-"""Tab completion: what is offered for commands, options and values, how fast, and the scripts for the shells."""
+"""Tab completion: the offered commands, options and values, the speed, and the scripts for the shells."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ Capture = pytest.CaptureFixture[str]
 
 
 def offered(*words: str) -> list[str]:
-    """The values that are offered for the last word."""
+    """Return the values that are offered for the last word."""
     shell = ShellComplete(cli.tacbench, {}, "tacbench", VARIABLE)
     return [item.value for item in shell.get_completions(list(words[:-1]), words[-1])]
 
 
 def kinds(*words: str) -> set[str]:
-    """What the shell is asked to list itself: files, folders, or nothing."""
+    """Return the kinds of paths that the shell itself must list: files, folders, or nothing."""
     shell = ShellComplete(cli.tacbench, {}, "tacbench", VARIABLE)
     return {item.type for item in shell.get_completions(list(words[:-1]), words[-1])} - {"plain"}
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -67,34 +67,36 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
-def test_words(words: list[str], expected: list[str], here: Path) -> None:
+def test_values_of_commands_and_options(words: list[str], expected: list[str], folder: Path) -> None:
     assert offered(*words) == expected
 
 
-def test_texture_files_stand_beside_the_paper_textures(here: Path) -> None:
+def test_texture_files_are_offered_with_the_paper_textures(folder: Path) -> None:
     for name in ("hex.toml", "hexagon.stl", ".hidden.toml"):
-        (here / name).touch()
-    (here / "mine").mkdir()
-    (here / "mine" / "waves.toml").touch()
+        (folder / name).touch()
+    (folder / "mine").mkdir()
+    (folder / "mine" / "waves.toml").touch()
     assert offered("make", "--texture", "1,h") == ["1,hex.toml"]
     assert offered("show", "") == ["1", "2", "3", "4", "5", "6", "all", "hex.toml"]
     assert offered("show", "mine/") == ["mine/waves.toml"]
     assert kinds("show", "other/") == {"file"}
 
 
-def test_own_printers_are_offered_and_a_broken_file_is_no_trouble(here: Path) -> None:
-    (here / "own.toml").write_text('[printer.lab-delta]\nbed_mm = [200, 200]\nheight_mm = 200\nfilaments = ["petg"]\n')
+def test_own_printers_are_offered_and_a_broken_file_is_ignored(folder: Path) -> None:
+    (folder / "own.toml").write_text(
+        '[printer.lab-delta]\nbed_mm = [200, 200]\nheight_mm = 200\nfilaments = ["petg"]\n'
+    )
     assert "lab-delta" in offered("plate", "--printers", "own.toml", "--printer", "")
     assert offered("plate", "--printers", "own.toml", "--printer", "lab-delta", "--filament", "") == ["petg"]
-    (here / "own.toml").write_text("[printer")
+    (folder / "own.toml").write_text("[printer")
     assert "ender-3" in offered("plate", "--printers", "own.toml", "--printer", "")
 
 
-def test_run_folders_are_offered_before_other_folders(here: Path) -> None:
+def test_run_folders_are_offered_before_other_folders(folder: Path) -> None:
     for name in ("runs/texture-1", "runs/texture-2", "results", "other/deep/run"):
-        (here / name).mkdir(parents=True)
+        (folder / name).mkdir(parents=True)
     for name in ("runs/texture-1/run.json", "runs/texture-2/targets.csv", "other/deep/run/run.json"):
-        (here / name).touch()
+        (folder / name).touch()
     assert offered("variance", "") == ["runs"]
     assert offered("check-runs", "runs/") == ["runs/texture-1", "runs/texture-2"]
     assert offered("publish", "runs/texture-2") == ["runs/texture-2"]
@@ -117,7 +119,7 @@ def test_an_unknown_or_old_command_completes_to_nothing(capsys: Capture, monkeyp
         assert capsys.readouterr() == ("", "")
 
 
-def test_the_words_are_those_of_the_program() -> None:
+def test_the_completed_words_agree_with_the_program() -> None:
     from tacbench_cad.formats import FORMATS
     from tacbench_cad.formats.simulators import SIMULATOR_TARGETS
     from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS
@@ -141,7 +143,7 @@ def test_the_words_are_those_of_the_program() -> None:
 
 
 @pytest.mark.parametrize("shell", INSTALL)
-def test_the_script_asks_this_program_and_how_to_install_it_is_said(shell: str, capsys: Capture) -> None:
+def test_the_script_calls_this_program_and_explains_its_installation(shell: str, capsys: Capture) -> None:
     assert main(["completion", shell]) == 0
     out, err = capsys.readouterr()
     assert f"{VARIABLE}={shell}_complete" in out
@@ -149,7 +151,7 @@ def test_the_script_asks_this_program_and_how_to_install_it_is_said(shell: str, 
     assert get_completion_class(shell) is not None
 
 
-def test_completion_is_quick_and_loads_nothing_heavy(here: Path) -> None:
+def test_completion_is_fast_and_loads_no_heavy_module(folder: Path) -> None:
     code = (
         "import sys\n"
         "from tacbench_cad.cli import main\n"
@@ -160,17 +162,17 @@ def test_completion_is_quick_and_loads_nothing_heavy(here: Path) -> None:
     for line in ("tacbench ", "tacbench make --texture ", "tacbench plate --printer ", "tacbench variance "):
         words = {"COMP_WORDS": line, "COMP_CWORD": str(len(line.split())), VARIABLE: "bash_complete"}
         started = time.process_time(), time.monotonic()
-        done = subprocess.run([sys.executable, "-c", code], env=os.environ | words, capture_output=True, text=True)
-        assert done.stderr == "0\n", line
-        assert done.stdout or line == "tacbench variance "
+        process = subprocess.run([sys.executable, "-c", code], env=os.environ | words, capture_output=True, text=True)
+        assert process.stderr == "0\n", line
+        assert process.stdout or line == "tacbench variance "
         assert time.monotonic() - started[1] < 5.0
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
-def test_bash_completes_a_line(here: Path) -> None:
-    """The script in bash itself, with the command as a function of the shell's path."""
-    (here / "bin").mkdir()
-    command = here / "bin" / "tacbench"
+def test_bash_completes_a_line(folder: Path) -> None:
+    """Run the script in bash, with a command ``tacbench`` in the search path."""
+    (folder / "bin").mkdir()
+    command = folder / "bin" / "tacbench"
     command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m tacbench_cad "$@"\n')
     command.chmod(0o755)
     script = (
@@ -179,9 +181,9 @@ def test_bash_completes_a_line(here: Path) -> None:
         "COMP_WORDS=(tacbench make --texture 1,4,); COMP_CWORD=3; COMP_LINE=x; _tacbench_completion tacbench\n"
         'printf "%s " "${COMPREPLY[@]}"\n'
     )
-    path = f"{here / 'bin'}{os.pathsep}{os.environ['PATH']}"
-    done = subprocess.run(
+    path = f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}"
+    process = subprocess.run(
         ["bash", "--norc", "-c", script], env=os.environ | {"PATH": path}, capture_output=True, text=True
     )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == ["1,4,2", "1,4,3", "1,4,5", "1,4,6", "1,4,all"]
+    assert process.returncode == 0, process.stderr
+    assert process.stdout.split() == ["1,4,2", "1,4,3", "1,4,5", "1,4,6", "1,4,all"]

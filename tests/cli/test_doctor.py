@@ -1,4 +1,4 @@
-"""``tacbench doctor``: it must find what is broken, and name the command that mends it."""
+"""The command ``tacbench doctor`` must find broken packages and name the command that repairs them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Capture = pytest.CaptureFixture[str]
 
 
 def install(folder: Path, name: str, version: str, files: dict[str, str]) -> None:
-    """Leave the traces of an installed wheel: its files, and the list of their hashes."""
+    """Write the files of an installed package and the list of their hashes."""
     info = folder / f"{name.replace('-', '_')}-{version}.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
@@ -33,20 +33,20 @@ def install(folder: Path, name: str, version: str, files: dict[str, str]) -> Non
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder in front of everything that is installed."""
+    """Return a folder that comes before the installed packages in the search path."""
     monkeypatch.syspath_prepend(str(tmp_path))
     importlib.invalidate_caches()
     return tmp_path
 
 
-def test_the_right_wheel_installed_last_is_fine(site: Path) -> None:
+def test_the_correct_package_installed_last_is_not_reported(site: Path) -> None:
     install(site, "cadquery-ocp-novtk", "7.9", {"OCP/kernel.so": "without VTK"})
     install(site, "cadquery-ocp", "7.9", {"OCP/kernel.so": "with VTK"})
     (finding,) = doctor.kernel_findings()
     assert finding.ok and "share the folder OCP" in finding.detail
 
 
-def test_the_wrong_wheel_installed_last_is_found_with_its_repair(site: Path) -> None:
+def test_the_wrong_package_installed_last_is_found_with_its_repair(site: Path) -> None:
     install(site, "cadquery-ocp", "7.9.3.1", {"OCP/kernel.so": "with VTK", "OCP/IVtk.py": "x"})
     install(site, "cadquery-ocp-novtk", "7.9.3.1", {"OCP/kernel.so": "without VTK"})
     (finding,) = doctor.kernel_findings()
@@ -56,7 +56,7 @@ def test_the_wrong_wheel_installed_last_is_found_with_its_repair(site: Path) -> 
     assert finding.pip == ("--force-reinstall", "--no-deps", "cadquery-ocp==7.9.3.1")
 
 
-def test_files_that_another_wheel_took_away_are_found(site: Path) -> None:
+def test_files_that_another_package_removed_are_found(site: Path) -> None:
     install(site, "cadquery-ocp", "7.9", {"OCP/kernel.so": "with VTK", "OCP/__init__.py": ""})
     (site / "OCP" / "__init__.py").unlink()
     assert doctor.foreign_files("cadquery-ocp") == ["OCP/__init__.py"]
@@ -69,14 +69,14 @@ def test_cadquery_without_its_own_kernel_is_found(monkeypatch: pytest.MonkeyPatc
     assert not finding.ok and finding.pip[-1] == "cadquery-ocp==7.9.3.1"
 
 
-def test_without_the_extra_there_is_nothing_to_find(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_extra_nothing_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "version", lambda name: None)
     monkeypatch.setattr(doctor, "has_module", lambda name: False)
     assert doctor.kernel_findings() == [] and doctor.library_findings() == []
 
 
 @pytest.mark.skipif(doctor.sys.platform != "linux", reason="only Linux has these libraries")
-def test_missing_system_libraries_are_named_with_the_packages_that_bring_them(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_system_libraries_are_named_with_their_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "has_module", lambda name: True)
     monkeypatch.setattr(doctor, "LIBRARIES", {"libnone.so.1": "libnone1", "libc.so.6": "libc6", "libno.so.2": "libno2"})
     (finding,) = doctor.library_findings()
@@ -85,7 +85,7 @@ def test_missing_system_libraries_are_named_with_the_packages_that_bring_them(mo
     assert finding.repair is not None and finding.repair.startswith("apt-get install -y libnone1")
 
 
-def test_the_libraries_are_those_that_the_kernel_needs() -> None:
+def test_the_list_of_libraries_agrees_with_the_kernel() -> None:
     assert doctor.LIBRARIES == {"libGL.so.1": "libgl1", "libX11.so.6": "libx11-6"}
 
 
@@ -108,14 +108,14 @@ def test_a_package_that_ends_the_process_is_found(site: Path, monkeypatch: pytes
     assert not finding.ok and "ended with code 7" in finding.detail
 
 
-def test_repair_runs_pip_for_what_pip_can_mend_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    ran: list[list[str]] = []
+def test_repair_runs_pip_only_for_findings_that_pip_can_repair(monkeypatch: pytest.MonkeyPatch) -> None:
+    commands: list[list[str]] = []
 
     class Done:
         returncode = 0
 
     def run(command: list[str], **_: object) -> Done:
-        ran.append(command)
+        commands.append(command)
         return Done()
 
     monkeypatch.setattr(doctor.subprocess, "run", run)
@@ -124,10 +124,10 @@ def test_repair_runs_pip_for_what_pip_can_mend_and_nothing_else(monkeypatch: pyt
         doctor.Finding(name="system", ok=False, detail="", repair="apt-get install -y libgl1"),
         doctor.Finding(name="wheels", ok=False, detail="", repair="pip ...", pip=("--no-deps", "cadquery-ocp==7")),
     )
-    done = doctor.repair(doctor.Diagnosis(packages=(), findings=findings))
-    assert done == [("--no-deps", "cadquery-ocp==7")]
-    assert [command[1:5] for command in ran] == [["-P", "-m", "pip", "install"]]
-    assert ran[0][-2:] == ["--no-deps", "cadquery-ocp==7"]
+    repairs = doctor.repair(doctor.Diagnosis(packages=(), findings=findings))
+    assert repairs == [("--no-deps", "cadquery-ocp==7")]
+    assert [command[1:5] for command in commands] == [["-P", "-m", "pip", "install"]]
+    assert commands[0][-2:] == ["--no-deps", "cadquery-ocp==7"]
 
 
 def test_json_and_exit_code_when_something_is_broken(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:

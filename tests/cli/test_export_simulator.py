@@ -1,4 +1,4 @@
-"""``tacbench export-simulator``: folders for simulators; bad input ends with exit code 2 and writes nothing."""
+"""The command ``tacbench export-simulator``: folders for simulators. Bad input gives exit code 2 and writes no file."""
 
 from __future__ import annotations
 

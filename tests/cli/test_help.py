@@ -17,14 +17,14 @@ from tacbench_cad.cli import options
 from tacbench_cad.cli.options import RENAMED
 
 
-def test_its_code_gives_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_code_in_the_package_help_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     finished = doctest.testmod(tacbench_cad, raise_on_error=False)
     assert finished.attempted >= 8
     assert finished.failed == 0
 
 
-def test_what_it_names_exists() -> None:
+def test_names_in_the_package_help_exist() -> None:
     text = tacbench_cad.__doc__ or ""
     modules = set(re.findall(r":mod:`([\w.]+)`", text))
     assert len(modules) >= 4
@@ -36,7 +36,7 @@ def test_what_it_names_exists() -> None:
 
 
 def command_lines(words: list[str], group: click.Group) -> Iterator[tuple[list[str], click.Command]]:
-    """The commands of a group and of the groups in it, each with the words that call it."""
+    """Yield the commands of a group and of its subgroups, each with the words that call it."""
     context = click.Context(group)
     yield words, group
     for name in group.list_commands(context):
@@ -54,7 +54,7 @@ each_command = pytest.mark.parametrize(
 )
 
 
-#: The line that ends a panel's frame, and the characters of the frames.
+#: The last line of the frame of a panel, and the characters of frames.
 FRAME = "╭╮╰╯─│"
 
 
@@ -72,18 +72,18 @@ def test_a_help_fits_its_terminal(
         text = shown_help(words, columns, capsys, monkeypatch)
         lines = [line.strip().strip(FRAME).strip() for line in text.splitlines()]
         assert max(map(len, text.splitlines())) <= min(columns, 100)
-        # Examples, and items of lists, have a line each, as they are written.
+        # Each example and each item of a list has its own line, as in the source.
         for line in re.findall(r"^(?:  |- ).+$", command.help or "", re.MULTILINE):
             assert line.strip() in lines, line
     assert " ".join(["Usage: tacbench", *words]) in text
     assert not re.search(r"\[\[|\]\]|\.{4}|\.\.\.\}|[Dd]efault: default|\[(default|required)", text)
     assert not re.search(r"<(bool|str|int|float|list|Path)|\b(BOOLEAN|TEXT|INTEGER|PATH)\b", text), (
-        "a type of the code stands in the help"
+        "the help contains a type name of the code"
     )
 
 
 @each_command
-def test_a_summary_is_one_line_of_the_list(
+def test_a_summary_fits_one_line_of_the_list(
     words: list[str], command: click.Command, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if words:
@@ -94,7 +94,7 @@ def test_a_summary_is_one_line_of_the_list(
 
 
 @each_command
-def test_every_option_is_described_in_a_panel_and_help_stands_last(
+def test_every_option_is_described_in_a_panel_and_help_is_last(
     words: list[str], command: click.Command, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for parameter in command.params:
@@ -107,7 +107,7 @@ def test_every_option_is_described_in_a_panel_and_help_stands_last(
     assert sum("--help  Show" in line for line in lines) == 1
 
 
-def test_the_commands_stand_under_headings_in_the_order_of_use() -> None:
+def test_the_commands_are_under_headings_in_the_order_of_use() -> None:
     assert list(cli.GROUPS) == ["Print", "Press", "Analyse", "Share", "Help"]
     names = [name for names in cli.GROUPS.values() for name in names]
     assert len(names) == len(set(names))
@@ -115,7 +115,7 @@ def test_the_commands_stand_under_headings_in_the_order_of_use() -> None:
     assert {name.replace("-", "_") for name in names} <= files
 
 
-def test_the_same_thing_has_the_same_short_option_everywhere() -> None:
+def test_short_options_have_the_same_meaning_everywhere() -> None:
     long_names: dict[str, set[str]] = {}
     for words, command in COMMANDS:
         for parameter in command.params:
@@ -129,8 +129,11 @@ def test_the_same_thing_has_the_same_short_option_everywhere() -> None:
 
 @each_command
 def test_a_help_names_only_existing_options(words: list[str], command: click.Command) -> None:
-    """In prose and examples: an option that is shown is one of this command, or of the command of the example."""
-    known = {" ".join(words): {name for each in command.params for name in each.opts} for words, command in COMMANDS}
+    """Every option in the text or an example must be an option of this command or of the command in the example."""
+    known = {
+        " ".join(words): {name for parameter in command.params for name in parameter.opts}
+        for words, command in COMMANDS
+    }
     everything = {name for names in known.values() for name in names} | {"--help", "--version"}
     text = command.help or ""
     assert set(re.findall(r"(?<![\w-])--[a-z-]+", text)) <= everything

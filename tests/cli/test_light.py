@@ -1,4 +1,4 @@
-"""What a command loads: asking for help or for the catalogue must not cost the import of a CAD kernel."""
+"""The modules that a command loads: help and catalogue must not import a CAD kernel."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ HEAVY = (*KERNEL, "matplotlib", "scipy", "numba")
 
 
 def modules_after(*commands: Sequence[str]) -> list[set[str]]:
-    """Top-level modules that each run of ``tacbench`` leaves loaded; all run in one new process, in this order."""
+    """Run the commands in this order in one new process; return the top-level modules that are loaded after each."""
     code = (
         "import json, sys\n"
         "from tacbench_cad.cli import main\n"
@@ -23,9 +23,9 @@ def modules_after(*commands: Sequence[str]) -> list[set[str]]:
         "    after.append([code, sorted({name.split('.')[0] for name in sys.modules})])\n"
         "print(json.dumps(after), file=sys.stderr)\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    after = json.loads(done.stderr.splitlines()[-1])
-    assert [code for code, _ in after] == [0] * len(commands), done.stderr
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    after = json.loads(process.stderr.splitlines()[-1])
+    assert [code for code, _ in after] == [0] * len(commands), process.stderr
     return [set(names) for _, names in after]
 
 
@@ -70,8 +70,8 @@ def test_no_help_loads_numpy_or_a_device_library() -> None:
         "assert [main([*command, '--help']) for command in words] == [0] * len(words)\n"
         "print(*({name.split('.')[0] for name in sys.modules} & {'numpy', 'OCP', 'cv2', 'serial'}), file=sys.stderr)\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stderr == "\n"
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert process.stderr == "\n"
 
 
 def test_meshes_are_made_and_checked_without_the_kernel(tmp_path: Path) -> None:
@@ -81,7 +81,7 @@ def test_meshes_are_made_and_checked_without_the_kernel(tmp_path: Path) -> None:
     assert "manifold3d" in loaded, "the files must have been checked"
 
 
-def test_solids_are_made_in_child_processes(tmp_path: Path) -> None:
+def test_solids_are_built_in_child_processes(tmp_path: Path) -> None:
     argv = ("make", "--texture", "1", "--formats", "step", "--parts", "blocks", "--out", str(tmp_path))
     (loaded,) = modules_after(argv)
     assert loaded & set(KERNEL) == set()

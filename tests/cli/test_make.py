@@ -1,4 +1,4 @@
-"""``tacbench make`` from end to end: one shared run with solids and fixtures, and small ones beside it."""
+"""The command ``tacbench make``: one shared run with solids and fixtures, and several small runs."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Run(NamedTuple):
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """Texture 1 with its holder in every format."""
+    """Make texture 1 with its holder in every format."""
     for module in ("build123d", "lib3mf", "matplotlib"):
         pytest.importorskip(module)
     folder = tmp_path_factory.mktemp("made") / "new" / "folder"
@@ -45,7 +45,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return Run(folder, json.loads(out.getvalue()), err.getvalue())
 
 
-def test_every_part_is_there_in_every_format(result: Run) -> None:
+def test_every_part_exists_in_every_format(result: Run) -> None:
     parts = ("texture-1_paper_x1", "holder_paper_x1")
     files = {f"{part}{suffix}" for part in parts for suffix in (".stl", ".3mf", ".step")}
     assert {path.name for path in result.folder.iterdir()} == files | {"manifest.json", "preview.png"}
@@ -53,8 +53,8 @@ def test_every_part_is_there_in_every_format(result: Run) -> None:
 
 
 def test_the_document_is_the_manifest(result: Run) -> None:
-    written = json.loads((result.folder / "manifest.json").read_text())
-    assert written["files"] == result.document["files"]
+    document = json.loads((result.folder / "manifest.json").read_text())
+    assert document["files"] == result.document["files"]
     assert result.document["ok"] is True and result.document["failed"] == [] and result.document["left_out"] == []
     assert result.document["preview"] == "preview.png" and result.document["version"] == __version__
 
@@ -70,21 +70,21 @@ def test_every_row_has_passed_its_checks(result: Run) -> None:
             assert row["least_wall_mm"] >= 0.4
 
 
-def test_solids_are_within_a_micrometre_and_meshes_within_ten(result: Run) -> None:
+def test_solids_deviate_by_1_and_meshes_by_10_micrometres_at_most(result: Run) -> None:
     for row in result.document["files"]:
         if row["kind"] == "block":
             limit = 0.001 if row["format"] == "step" else 0.01
             assert 0.0 < row["deviation_mm"] <= row["certificate"]["distance_mm"] <= limit * (1 + 1e-9)
 
 
-def test_the_manifest_names_no_place_and_no_time(result: Run) -> None:
+def test_the_manifest_contains_no_path_and_no_time(result: Run) -> None:
     text = (result.folder / "manifest.json").read_text()
     for word in (str(result.folder.parent), "/tmp", os.uname().nodename, time.strftime("%Y-%m")):
         assert word not in text
     assert "unfinished" not in text
 
 
-def test_progress_goes_to_the_standard_error(result: Run) -> None:
+def test_progress_is_printed_on_the_standard_error(result: Run) -> None:
     assert result.messages.count("[6/6]") == 1
     assert "Traceback" not in result.messages
 
@@ -127,13 +127,13 @@ def test_the_coupon_has_no_preset(tmp_path: Path, capsys: Capture) -> None:
     assert "preset: " not in capsys.readouterr().out
 
 
-def test_brackets_and_colons_are_printed_as_they_are(tmp_path: Path, capsys: Capture) -> None:
+def test_brackets_and_colons_are_printed_unchanged(tmp_path: Path, capsys: Capture) -> None:
     folder = tmp_path / "[bold]:smile:"
     assert main(["make", *LIGHT, "--texture", "1", "--out", str(folder)]) == 0
     assert "[bold]:smile:" in capsys.readouterr().out
 
 
-def test_what_is_left_out_is_said_and_is_no_failure(tmp_path: Path, capsys: Capture) -> None:
+def test_parts_left_out_are_listed_and_are_not_a_failure(tmp_path: Path, capsys: Capture) -> None:
     pytest.importorskip("OCP")
     argv = ["make", "--texture", "6", "--preset", "released", "--formats", "stl,step", "--parts", "blocks"]
     assert main([*argv, "--out", str(tmp_path)]) == 0
@@ -160,7 +160,7 @@ def test_a_failed_check_ends_with_1_and_names_it(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_full_checks_are_more(tmp_path: Path, capsys: Capture) -> None:
+def test_the_full_checks_are_additional_checks(tmp_path: Path, capsys: Capture) -> None:
     pytest.importorskip("pymeshlab")
     counts = []
     for options in ((), ("--verify", "full")):
@@ -169,7 +169,7 @@ def test_the_full_checks_are_more(tmp_path: Path, capsys: Capture) -> None:
     assert counts[1] > counts[0]
 
 
-def test_jig_and_coupon_are_made_when_they_are_asked_for(tmp_path: Path, capsys: Capture) -> None:
+def test_jig_and_coupon_are_made_if_requested(tmp_path: Path, capsys: Capture) -> None:
     pytest.importorskip("build123d")
     assert main(["make", "--parts", "jig,coupon", "--formats", "stl", "--json", "--out", str(tmp_path)]) == 0
     rows = json.loads(capsys.readouterr().out)["files"]
@@ -232,6 +232,6 @@ def test_version_and_help(capsys: Capture) -> None:
 def test_the_whole_print_set_with_the_full_checks(tmp_path: Path) -> None:
     for preset, files in (("paper", 24), ("released", 22)):
         argv = (*TACBENCH, "make", "--preset", preset, "--verify", "full", "--json", "--out", str(tmp_path / preset))
-        done = subprocess.run(argv, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        assert len(json.loads(done.stdout)["files"]) == files
+        process = subprocess.run(argv, capture_output=True, text=True, check=False)
+        assert process.returncode == 0, process.stderr
+        assert len(json.loads(process.stdout)["files"]) == files

@@ -1,4 +1,4 @@
-"""A command that needs a package of an extra that is not installed says which, and how to install it."""
+"""If a package of an extra is not installed, the command that needs it names the package and its installation."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ print(json.dumps(results))
 """
 
 
-#: The modules of extra analysis.
+#: The modules of the extra ``analysis``.
 ANALYSIS = "serial,cv2,matplotlib,sklearn,joblib"
 
 
-#: What is missing, and with it each command and what its message names.
+#: The missing modules, and for each of them the commands with the words that their messages must contain.
 MISSING: dict[str, list[tuple[list[str], list[str]]]] = {
     "joblib": [
         (["variance", "{runs}"], ["joblib", "tacbench-cad[analysis]"]),
@@ -76,13 +76,13 @@ def test_a_missing_package_is_named_in_one_line_and_nothing_is_left(tmp_path: Pa
     places |= {name: tmp_path / name for name in ("runs", "others")}
     commands = [[word.format(**places) for word in words] for words, _ in MISSING[modules]]
     argv = [sys.executable, "-c", CODE, modules, str(tmp_path), json.dumps(commands)]
-    done = subprocess.run(argv, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
-    results = json.loads(done.stdout.splitlines()[-1])
-    for (words, needles), (code, said, there) in zip(MISSING[modules], results, strict=True):
-        errors = [line for line in said.splitlines() if line.startswith("error: ")]
-        assert code == 2, (words, said)
-        assert "Traceback" not in said and len(errors) == 1, (words, said)
+    process = subprocess.run(argv, capture_output=True, text=True, timeout=120)
+    assert process.returncode == 0, process.stderr
+    results = json.loads(process.stdout.splitlines()[-1])
+    for (words, needles), (code, message, files) in zip(MISSING[modules], results, strict=True):
+        errors = [line for line in message.splitlines() if line.startswith("error: ")]
+        assert code == 2, (words, message)
+        assert "Traceback" not in message and len(errors) == 1, (words, message)
         for needle in needles:
             assert needle in errors[0]
-        assert there == before, words
+        assert files == before, words

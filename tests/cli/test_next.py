@@ -1,4 +1,4 @@
-"""The last line of a command's output: the next command to type, which exists and has the user's own paths."""
+"""The last line of a command's output is the next command to type. It exists and contains the user's own paths."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Capture = pytest.CaptureFixture[str]
 
 
 def next_line(capsys: Capture, *words: str, err: bool = False) -> str:
-    """The next command that a command ends with; it must be a command with only options that the command has."""
+    """Run a command, return the next command that it prints, and check that the command and its options exist."""
     assert main(list(words)) == 0
     captured = capsys.readouterr()
     last = (captured.err if err else captured.out).splitlines()[-1]
@@ -36,53 +36,53 @@ def next_line(capsys: Capture, *words: str, err: bool = False) -> str:
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def test_the_way_to_a_print(here: Path, capsys: Capture) -> None:
+def test_the_commands_that_lead_to_a_print(folder: Path, capsys: Capture) -> None:
     assert next_line(capsys, "textures") == "make"
     assert next_line(capsys, "textures", "--texture", "1,4", "--scale", "1.5") == "make --texture 1,4 --scale 1.5"
     assert next_line(capsys, "plate", "--printer", "ender-3", "--texture", "1") == "acquire --init study.toml"
 
 
-def test_a_print_set_is_followed_by_what_it_is_for() -> None:
+def test_the_next_command_of_make_depends_on_the_parts() -> None:
     request = {"textures": ("1",), "preset": "released", "scale": 1.0, "key_mm": None, "parts": None}
     request |= dict.fromkeys(("size_mm", "height_mm", "mm_per_unit"))
     plate = ["plate", "--printer", "NAME", "--texture", "1", "--preset", "released"]
     assert next_of_make(request) == plate
     assert next_of_make(request | {"parts": ("blocks", "holder")}) == plate
     assert next_of_make(request | {"parts": ("coupon",)}) == ["make", "--fit", "FIT"]
-    for change in ({"parts": ("holder",)}, {"size_mm": (20.0, 20.0)}):  # plates have blocks of the usual size only
+    for change in ({"parts": ("holder",)}, {"size_mm": (20.0, 20.0)}):  # plates contain only blocks of the default size
         assert next_of_make(request | change) == ["acquire", "--init", "study.toml"]
 
 
-def test_the_way_to_a_run(here: Path, capsys: Capture) -> None:
+def test_the_commands_that_lead_to_a_run(folder: Path, capsys: Capture) -> None:
     assert next_line(capsys, "rig", "probe") == "acquire --init study.toml"
     assert next_line(capsys, "acquire", "--init", "my study.toml", err=True) == "rig align 'my study.toml'"
 
 
-def test_the_way_to_a_data_set(here: Path, capsys: Capture) -> None:
+def test_the_commands_that_lead_to_a_data_set(folder: Path, capsys: Capture) -> None:
     words = ("publish", "my-runs", "--report", "report.html", "--init", "about.toml")
     assert next_line(capsys, *words, err=True) == "publish my-runs --about about.toml --report report.html -o data-set"
     assert next_line(capsys, "publish", "--init", "b.toml", err=True) == "publish RUNS --about b.toml -o data-set"
 
 
-def test_json_ends_without_it(capsys: Capture) -> None:
+def test_json_output_has_no_next_command(capsys: Capture) -> None:
     assert main(["textures", "--json"]) == 0
     out, err = capsys.readouterr()
     assert json.loads(out)["textures"] and err == ""
 
 
-def test_what_has_its_default_is_left_out() -> None:
+def test_options_with_default_values_are_left_out() -> None:
     assert next_block(("all",), "paper", 1.0) == []
     assert next_block(("2", "hex.toml"), "released", 0.5, 3.0) == [
         *("--texture", "2,hex.toml", "--preset", "released", "--scale", "0.5", "--key", "3"),
     ]
 
 
-def test_many_paths_are_one_word() -> None:
+def test_many_paths_become_one_word() -> None:
     paths = [Path(f"run{i}") for i in range(MAX_PATHS + 1)]
     assert next_paths(paths[:2]) == ["run0", "run1"]
     assert next_paths(paths) == ["RUNS"]

@@ -1,4 +1,4 @@
-"""Progress on a stream that is no terminal: a line now and then, with the time left once there is a pace."""
+"""Progress on a stream that is not a terminal: few lines, with the remaining time as soon as it can be estimated."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from tacbench_cad.cli import progress
 from tacbench_cad.cli.progress import ProgressLine
 
 
-def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_log_gets_few_lines(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     clock = iter([0.0, 0.0, 4.0, 12.0, 14.0, 30.0])
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
     with ProgressLine() as line:
@@ -20,7 +20,7 @@ def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys:
     ]
 
 
-def test_what_has_no_total_is_only_named(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_step_without_a_total_is_only_named(capsys: pytest.CaptureFixture[str]) -> None:
     with ProgressLine(every_s=0.0) as line:
         line.show("registering")
         line.show("texture-1.stl", 1, 2)

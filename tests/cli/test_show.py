@@ -1,4 +1,4 @@
-"""``tacbench show``: a picture or a drawing is written where it was asked for."""
+"""The command ``tacbench show`` writes a picture or a drawing to the given path."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tacbench_cad.cli import main
 Capture = pytest.CaptureFixture[str]
 
 
-def test_the_picture_has_the_name_that_was_asked_for(tmp_path: Path, capsys: Capture) -> None:
+def test_the_picture_is_written_to_the_given_path(tmp_path: Path, capsys: Capture) -> None:
     path = tmp_path / "four.png"
     assert main(["show", "4", "-o", str(path)]) == 0
     out, err = capsys.readouterr()
@@ -26,16 +26,16 @@ def test_the_picture_has_the_name_that_was_asked_for(tmp_path: Path, capsys: Cap
 @pytest.mark.parametrize("options", [[], ["--press"], ["--drawing"]], ids=["surface", "press", "drawing"])
 @pytest.mark.parametrize(("suffix", "head"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")])
 def test_the_ending_chooses_the_format(options: list[str], suffix: str, head: bytes, tmp_path: Path) -> None:
-    """Each kind of picture in each format, the same bytes on every run, without a date."""
+    """Each kind of picture in each format has the same bytes on every run, and no date."""
     paths = [tmp_path / f"{run}{suffix}" for run in "ab"]
     for path in paths:
         assert main(["show", "1", *options, "-o", str(path)]) == 0
-    written = paths[0].read_bytes()
-    assert written.startswith(head) and written == paths[1].read_bytes()
-    assert b"CreationDate" not in written and b"<dc:date>" not in written and b"atplotlib v" not in written
+    content = paths[0].read_bytes()
+    assert content.startswith(head) and content == paths[1].read_bytes()
+    assert b"CreationDate" not in content and b"<dc:date>" not in content and b"atplotlib v" not in content
 
 
-def test_press_gives_another_picture_under_another_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_press_gives_another_picture_with_another_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["show", "1"]) == 0
     assert main(["show", "1", "--press", "--preset", "paper"]) == 0
@@ -43,7 +43,7 @@ def test_press_gives_another_picture_under_another_name(tmp_path: Path, monkeypa
     assert plain.read_bytes() != press.read_bytes()
 
 
-def test_several_textures_are_shown_as_one_picture_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_texture_has_its_own_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["show", "2,3"]) == 0
     assert main(["show", "2,3", "--drawing"]) == 0
@@ -60,8 +60,8 @@ def test_a_texture_file_can_be_shown(tmp_path: Path) -> None:
     assert (tmp_path / "hex.png").is_file()
 
 
-def test_a_drawing_is_of_the_part_that_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its options mean what they mean to ``make``: the drawing has the name of the file that is printed."""
+def test_a_drawing_shows_the_part_that_make_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The options have the same meaning as for ``make``: the drawing has the name of the file that is printed."""
     monkeypatch.chdir(tmp_path)
     assert main(["show", "1", "--drawing", "--key", "4", "--scale", "1.5", "--label"]) == 0
     assert (
@@ -90,7 +90,7 @@ def test_a_drawing_is_of_the_part_that_is_made(tmp_path: Path, monkeypatch: pyte
     assert (tmp_path / "block.svg").read_bytes() != (tmp_path / "plain.svg").read_bytes()
 
 
-def test_fixtures_are_drawn_by_the_same_option(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_same_option_draws_fixtures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("build123d", reason="fixtures need the extra cad")
     monkeypatch.chdir(tmp_path)
     for argv in (["holder", "--slots", "2", "--fit", "loose"], ["jig"], ["coupon"]):

@@ -1,4 +1,4 @@
-"""``tacbench textures``: the catalogue's numbers."""
+"""The command ``tacbench textures``: the numbers of the catalogue."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def catalogue(capsys: Capture, *options: str) -> list[dict[str, object]]:
     return rows
 
 
-def test_relief_of_the_released_files(capsys: Capture) -> None:
+def test_the_relief_of_the_released_files(capsys: Capture) -> None:
     rows = catalogue(capsys, "--preset", "released")
-    # Peak to peak of the published files; with N = 101 the formula's own overshoot lies between their samples.
+    # The relief of the published files, valley to peak. With N = 101, the formula's overshoot lies between samples.
     published = [2.000, 4.000, 3.937, None, 1.969, None]
     for row, relief in zip(rows, published, strict=True):
         if relief is not None:
@@ -32,12 +32,12 @@ def test_relief_of_the_released_files(capsys: Capture) -> None:
         assert row["relief_mm"] + row["base_mm"] == pytest.approx(7.0)  # type: ignore[operator]
 
 
-def test_extremes_of_the_paper_preset(capsys: Capture) -> None:
+def test_the_extremes_of_the_preset_paper(capsys: Capture) -> None:
     highest = [row["highest"] for row in catalogue(capsys)]
     assert highest == pytest.approx([1.0, 2.0, 1.9688396, 2.3589463, 0.9844198, 1.1794732], abs=1e-7)
 
 
-def test_finest_ridge_is_half_the_shortest_wave_in_mm(capsys: Capture) -> None:
+def test_the_finest_ridge_is_half_of_the_shortest_wave(capsys: Capture) -> None:
     rows = catalogue(capsys, "--scale", "2", "--nozzle", "0.4")
     mm_x, mm_y = 2 * 23.3 / (6 * math.pi + 0.5), 2 * 30.0 / (6 * math.pi + 1.2)
     assert rows[3]["finest_ridge_mm"] == pytest.approx(math.pi * min(mm_x, mm_y) / 25)
@@ -57,7 +57,7 @@ def test_a_texture_file_is_described(capsys: Capture, tmp_path: Path) -> None:
     assert row["relief_mm"] == pytest.approx(1.0)
 
 
-def test_the_table_has_a_line_for_each_texture(capsys: Capture) -> None:
+def test_the_table_has_one_line_for_each_texture(capsys: Capture) -> None:
     assert main(["textures"]) == 0
     out = capsys.readouterr().out
     for number in range(1, 7):

@@ -1,4 +1,4 @@
-"""The last line of defence: an exception that nobody expected is one line, and its traceback is in a log file."""
+"""An unexpected exception gives a message of one line, and its traceback is written to a log file."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def log(tmp_path: Path, monkeypatch: Patch) -> Path:
     return path
 
 
-def test_a_file_that_a_reader_fails_on_is_named(tmp_path: Path, log: Path, monkeypatch: Patch, capsys: Capture) -> None:
+def test_the_file_that_cannot_be_read_is_named(tmp_path: Path, log: Path, monkeypatch: Patch, capsys: Capture) -> None:
     monkeypatch.setattr("tacbench_cad.checks.identify.examine", broken)
     good, bad = tmp_path / "good.stl", tmp_path / "bad.stl"
     bad.write_text("solid")
@@ -40,9 +40,7 @@ def test_a_file_that_a_reader_fails_on_is_named(tmp_path: Path, log: Path, monke
     assert log.read_text().startswith(f"tacbench {__version__}: tacbench check-part {bad} {good}\n")
 
 
-def test_a_file_in_a_folder_of_the_command_is_named(
-    tmp_path: Path, log: Path, monkeypatch: Patch, capsys: Capture
-) -> None:
+def test_a_file_in_an_input_folder_is_named(tmp_path: Path, log: Path, monkeypatch: Patch, capsys: Capture) -> None:
     (tmp_path / "runs" / "a").mkdir(parents=True)
     inner = tmp_path / "runs" / "a" / "run.json"
     inner.write_text("{}")
@@ -51,7 +49,7 @@ def test_a_file_in_a_folder_of_the_command_is_named(
     assert f"error: {inner}: unexpected IndexError" in capsys.readouterr().err
 
 
-def test_an_error_beside_all_input_is_not_blamed_on_it(
+def test_an_error_without_an_input_file_names_no_file(
     tmp_path: Path, log: Path, monkeypatch: Patch, capsys: Capture
 ) -> None:
     out = tmp_path / "out.html"
@@ -61,9 +59,7 @@ def test_an_error_beside_all_input_is_not_blamed_on_it(
     assert capsys.readouterr().err.startswith("error: unexpected IndexError: ")
 
 
-def test_without_a_place_of_its_own_the_log_is_a_new_temporary_file(
-    tmp_path: Path, monkeypatch: Patch, capsys: Capture
-) -> None:
+def test_the_default_log_is_a_new_temporary_file(tmp_path: Path, monkeypatch: Patch, capsys: Capture) -> None:
     monkeypatch.delenv(LOG_VARIABLE, raising=False)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr("tacbench_cad.util.doctor.diagnose", lambda: broken(tmp_path))
@@ -72,7 +68,9 @@ def test_without_a_place_of_its_own_the_log_is_a_new_temporary_file(
     assert str(log) in capsys.readouterr().err and "Traceback" in log.read_text()
 
 
-def test_a_log_that_cannot_be_written_is_no_second_failure(tmp_path: Path, monkeypatch: Patch, capsys: Capture) -> None:
+def test_a_log_that_cannot_be_written_causes_no_second_error(
+    tmp_path: Path, monkeypatch: Patch, capsys: Capture
+) -> None:
     monkeypatch.setenv(LOG_VARIABLE, str(tmp_path / "missing" / "log"))
     monkeypatch.setattr("tacbench_cad.util.doctor.diagnose", lambda: broken(tmp_path))
     assert main(["doctor"]) == 1
@@ -81,12 +79,14 @@ def test_a_log_that_cannot_be_written_is_no_second_failure(tmp_path: Path, monke
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes of POSIX")
-def test_a_reader_that_leaves_ends_the_command_without_a_word() -> None:
+def test_a_closed_pipe_ends_the_command_without_a_message() -> None:
     code = "import sys; from tacbench_cad.cli import main; sys.exit(main(['textures', '--json']))"
     read, write = os.pipe()
     os.close(read)
     try:
-        done = subprocess.run([sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE, text=True, timeout=60)
+        process = subprocess.run(
+            [sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE, text=True, timeout=60
+        )
     finally:
         os.close(write)
-    assert (done.returncode, done.stderr) == (1, "")
+    assert (process.returncode, process.stderr) == (1, "")

@@ -87,10 +87,10 @@ def test_cadquery_and_build123d_import_one_solid(tmp_path: Path) -> None:
 
     part = block_part(Block.of(1))
     write_step(part, tmp_path / "a.step")
-    theirs = cadquery.importers.importStep(str(tmp_path / "a.step"))
-    assert theirs.solids().size() == 1
-    assert theirs.val().isValid()
-    assert theirs.val().Volume() == pytest.approx(part.solid[1].volume_mm3, rel=1e-4)
+    imported = cadquery.importers.importStep(str(tmp_path / "a.step"))
+    assert imported.solids().size() == 1
+    assert imported.val().isValid()
+    assert imported.val().Volume() == pytest.approx(part.solid[1].volume_mm3, rel=1e-4)
     solids = build123d.import_step(tmp_path / "a.step").solids()
     assert len(solids) == 1
     assert pytest.approx(7.0, abs=1e-3) == solids[0].bounding_box().size.Z

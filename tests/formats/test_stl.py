@@ -48,12 +48,12 @@ def test_normals_point_outwards_and_have_length_one(tmp_path: Path) -> None:
 
     part = block_part(Block.of(2))
     write_stl(part, tmp_path / "a.stl")
-    theirs = peer.Mesh.from_file(str(tmp_path / "a.stl"), calculate_normals=False)
-    np.testing.assert_allclose(np.linalg.norm(theirs.normals, axis=1), 1.0, atol=1e-6)
-    exact = np.cross(theirs.v1.astype(float) - theirs.v0, theirs.v2.astype(float) - theirs.v0)
+    stored = peer.Mesh.from_file(str(tmp_path / "a.stl"), calculate_normals=False)
+    np.testing.assert_allclose(np.linalg.norm(stored.normals, axis=1), 1.0, atol=1e-6)
+    exact = np.cross(stored.v1.astype(float) - stored.v0, stored.v2.astype(float) - stored.v0)
     exact /= np.linalg.norm(exact, axis=1)[:, None]
-    np.testing.assert_allclose(theirs.normals, exact, atol=1e-6)
-    volume, _, _ = theirs.get_mass_properties()
+    np.testing.assert_allclose(stored.normals, exact, atol=1e-6)
+    volume, _, _ = stored.get_mass_properties()
     assert volume == pytest.approx(part.mesh[1].volume_mm3, rel=1e-4)
 
 

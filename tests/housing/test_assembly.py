@@ -36,7 +36,7 @@ TRAY = Holder(block=Block.of(1, key_mm=3.0), slots=6)
 @cache
 def meshed(holder: Holder) -> tuple[Jig, manifold3d.Manifold, manifold3d.Manifold]:
     """Return the jig of a holder, the mesh of the holder, and the mesh of the jig in its place of use."""
-    shared = {each.holder: each for each in (JIG, KEYED_JIG)}
+    shared = {known.holder: known for known in (JIG, KEYED_JIG)}
     jig = shared.get(holder) or Jig(holder=holder)
     return jig, manifold(holder.part().mesh[0]), manifold(tessellate(jig.solid_in_use()))
 

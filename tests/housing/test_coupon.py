@@ -29,13 +29,13 @@ def test_mesh_and_solid_are_what_is_stated() -> None:
     assert overhang_heights(part.mesh[0]) == {round(COUPON.tab_height_mm[0], 3)}
 
 
-def test_the_named_fits_are_among_the_pockets() -> None:
+def test_the_pockets_include_the_named_fits() -> None:
     assert set(FITS.values()) <= set(CLEARANCES_MM)
     assert len(CLEARANCES_MM) == 5
 
 
 @pytest.mark.parametrize("index", range(5))
-def test_the_stub_goes_in_with_the_named_clearance(index: int) -> None:
+def test_the_stub_fits_with_the_stated_clearance(index: int) -> None:
     solid = manifold(COUPON.part().mesh[0])
     pocket, clearance = COUPON.pockets[index], CLEARANCES_MM[index]
     x, y, z = STUB_MM
@@ -46,7 +46,7 @@ def test_the_stub_goes_in_with_the_named_clearance(index: int) -> None:
             assert ((stub ^ solid).volume() < 1e-3) == goes_in
 
 
-def test_the_stub_stands_beside_the_plate_and_is_joined_above_the_pockets_depth() -> None:
+def test_the_stub_is_connected_to_the_plate_above_the_depth_of_the_pockets() -> None:
     solid = manifold(COUPON.part().mesh[0])
     assert len(solid.decompose()) == 1
     # Just above the tab's underside, plate and stub are connected, and there are no numerals yet.
@@ -56,13 +56,15 @@ def test_the_stub_stands_beside_the_plate_and_is_joined_above_the_pockets_depth(
     assert COUPON.tab_height_mm[0] > DEPTH_OF_POCKET_MM
 
 
-def test_each_pocket_bears_its_clearance_in_hundredths() -> None:
+def test_each_pocket_is_marked_with_its_clearance_in_hundredths() -> None:
     section = manifold(COUPON.part().mesh[0]).slice(COUPON.plate_mm[2] - 0.1)
     for pocket, letters in zip(COUPON.pockets, ("05", "10", "15", "20", "30"), strict=True):
         strip = manifold3d.CrossSection([pocket.corners - (0.0, 4.1)], manifold3d.FillRule.NonZero)
         strip = strip ^ manifold3d.CrossSection.square((200.0, 4.1)).translate((0.0, 0.3))
         engraved = (strip - section).area()
-        assert engraved == pytest.approx(sum(one.area_mm2 for one in merged(word(letters, (0.0, 0.0)))), rel=1e-3)
+        assert engraved == pytest.approx(
+            sum(polygon.area_mm2 for polygon in merged(word(letters, (0.0, 0.0)))), rel=1e-3
+        )
 
 
 def test_walls_are_stated_and_checked() -> None:

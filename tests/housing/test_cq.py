@@ -19,12 +19,12 @@ from tacbench_cad import Block, InputError
 
 
 def box(shape: cq.Shape) -> tuple[float, ...]:
-    found = shape.BoundingBox()
-    return (found.xmin, found.ymin, found.zmin, found.xmax, found.ymax, found.zmax)
+    bounds = shape.BoundingBox()
+    return (bounds.xmin, bounds.ymin, bounds.zmin, bounds.xmax, bounds.ymax, bounds.zmax)
 
 
 @pytest.mark.parametrize("fixture", [HOLDER, JIG, Coupon()], ids=lambda fixture: fixture.kind)
-def test_a_solid_has_the_volume_and_the_name(fixture: Fixture) -> None:
+def test_a_solid_has_the_volume_and_the_name_of_the_part(fixture: Fixture) -> None:
     solid = plugin.solid(fixture)
     assert solid.isValid() and solid.label == fixture.name
     assert solid.Volume() == pytest.approx(fixture.volume_mm3, rel=1e-8)
@@ -36,17 +36,17 @@ def test_a_jig_is_seated_unless_it_is_printed() -> None:
     assert box(plugin.solid(JIG))[5] == pytest.approx(JIG.seat.roof_mm[1], abs=1e-5)
 
 
-def test_the_assembly_is_that_of_the_joints() -> None:
-    whole, ours = plugin.assembled(HOLDER, jig=JIG), joined(HOLDER, jig=JIG)
-    assert whole.name == ours.label and len(whole.children) == len(ours.children) == 4
-    for child, other in zip(whole.children, ours.children, strict=True):
-        found, expected = child.obj.located(child.loc), other.bounding_box()
-        assert box(found) == pytest.approx((*expected.min, *expected.max), abs=2e-3)
+def test_the_assembly_agrees_with_the_joints_of_build123d() -> None:
+    by_plugin, by_joints = plugin.assembled(HOLDER, jig=JIG), joined(HOLDER, jig=JIG)
+    assert by_plugin.name == by_joints.label and len(by_plugin.children) == len(by_joints.children) == 4
+    for child, other in zip(by_plugin.children, by_joints.children, strict=True):
+        located, expected = child.obj.located(child.loc), other.bounding_box()
+        assert box(located) == pytest.approx((*expected.min, *expected.max), abs=2e-3)
         assert child.name.partition(" ")[0] == other.label
         assert child.color.toTuple()[:3] == pytest.approx(tuple(other.color)[:3], abs=1e-6)
 
 
-def test_what_does_not_go_together_is_refused() -> None:
+def test_parts_that_do_not_fit_together_are_refused() -> None:
     with pytest.raises(InputError, match="does not fit into"):
         plugin.assembled(HOLDER, [Block.of(1)])
     with pytest.raises(InputError, match="2 slots"):
@@ -67,8 +67,8 @@ def test_the_registered_method_combines() -> None:
     coupon = Coupon()
     both = cq.Workplane().pushPoints([(0.0, 0.0), (0.0, 60.0)]).fixture(coupon)
     assert both.solids().size() == 2
-    assert sum(one.Volume() for one in both.solids().vals()) == pytest.approx(2 * coupon.volume_mm3, rel=1e-8)
+    assert sum(solid.Volume() for solid in both.solids().vals()) == pytest.approx(2 * coupon.volume_mm3, rel=1e-8)
 
 
-def test_registering_is_left_to_the_user() -> None:
+def test_only_the_user_registers_the_methods() -> None:
     assert not hasattr(cq.Workplane, "fixture")

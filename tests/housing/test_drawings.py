@@ -56,7 +56,7 @@ def test_every_number_is_the_distance_on_the_mesh(name: str) -> None:
     assert clashes(drawing) == []
 
 
-def test_a_holders_numbers_are_its_specifications() -> None:
+def test_the_numbers_of_a_holder_agree_with_its_specification() -> None:
     holder = Holder(block=_KEYED, slots=6)
     drawing = drawing_of("tray")
     numbers = {dimension.name: round(dimension.value_mm, 9) for dimension in drawing.dimensions}
@@ -80,7 +80,7 @@ def test_all_four_screw_holes_of_the_authors_are_placed() -> None:
     assert {(line.axis, round(end[line.axis], 6)) for line in apart for end in (line.start, line.end)} == places
 
 
-def test_the_other_part_is_as_large_as_it_is() -> None:
+def test_the_other_part_has_its_true_size() -> None:
     """The thin outlines in a holder's section show its blocks, up to their highest points."""
     holder = Holder(block=_KEYED, slots=6)
     boxes = drawing_of("tray").front.outlines["other"]
@@ -90,18 +90,18 @@ def test_the_other_part_is_as_large_as_it_is() -> None:
         assert np.ptp(box, axis=0) == pytest.approx([_KEYED.size_mm[0], _KEYED.height_mm])
 
 
-def test_a_jig_is_drawn_as_it_is_used() -> None:
+def test_a_jig_is_drawn_in_its_position_of_use() -> None:
     jig = _JIG
     points = np.concatenate(jig_drawing(jig).front.outlines["cut"])
     assert points[:, 1].min() == pytest.approx(jig.seat.bottom_mm, abs=1e-5)
     assert points[:, 1].max() == pytest.approx(jig.seat.roof_mm[1], abs=1e-5)
 
 
-def test_accepted_deviations_leave_a_third_of_the_clearance() -> None:
+def test_the_tolerances_leave_a_third_of_the_clearance() -> None:
     for clearance in (*FITS.values(), 0.2):
         assert 2.0 * accepted_mm((clearance, clearance))[0] <= 4.0 / 3.0 * clearance + 0.01
     assert (accepted_mm((0.15, 0.3)), accepted_mm((0.05, 0.0))) == ((0.1, 0.1), (0.03, 0.02))
 
 
-def test_a_detail_is_as_large_as_it_fits() -> None:
+def test_a_detail_has_the_largest_scale_that_fits() -> None:
     assert [Circle((0.0, 0.0), radius).scale for radius in (3.0, 6.0, 1000.0)] == [10.0, 5.0, 0.1]

@@ -104,7 +104,7 @@ def test_push_out_hole_keeps_clear_of_the_press_positions() -> None:
             assert f"{holder.push_out.clear_of_press_mm:.3g} mm" in " ".join(holder.spec()["notes"])
 
 
-def test_released_is_the_authors_holder() -> None:
+def test_the_preset_released_is_the_holder_of_the_authors() -> None:
     block = Block.of(1, "released")
     holder = Holder(block=block, preset="released")
     assert holder.name == "holder_released_x1_measured"
@@ -131,7 +131,7 @@ def test_released_is_the_authors_holder() -> None:
     assert holder.min_wall_mm == pytest.approx(math.hypot(42.31 - 41.08, 62.13 - 60.51) - 2.0, abs=1e-9)
 
 
-def test_released_cannot_be_changed() -> None:
+def test_the_preset_released_cannot_be_changed() -> None:
     block = Block.of(1, "released")
     for option in ({"fit": "loose"}, {"rim_mm": 1.0}, {"slots": 2}, {"floor_mm": 2.0}):
         text = refusal(block=block, preset="released", **option)
@@ -176,17 +176,17 @@ def test_nozzle_sets_the_smallest_wall() -> None:
     assert Holder(block=PAPER, nozzle_mm=0.8, web_mm=1.6, slots=2).walls_mm["wall between pockets"] == 1.6
 
 
-def test_every_stated_wall_is_there() -> None:
+def test_no_wall_is_thinner_than_stated() -> None:
     """An opening of the plate by half of the thinnest wall removes nothing, so no wall is thinner than stated."""
     holder = Holder(block=KEYED, slots=2, margin_mm=8.0, web_mm=1.7)
     assert holder.min_wall_mm == min(holder.walls_mm.values()) == 1.65
     section = manifold(holder.part().mesh[0]).slice(holder.size_mm[2] - 1.0)
-    least = min(wall for name, wall in holder.walls_mm.items() if "floor" not in name and "ledge" not in name)
-    opened = section.offset(-least / 2 + 0.005, manifold3d.JoinType.Round, circular_segments=256)
-    reopened = opened.offset(least / 2, manifold3d.JoinType.Round, circular_segments=256)
-    assert (section - reopened).area() < 0.6  # the plate's own corners, which an opening rounds off
-    thinner = section.offset(-least / 2 - 0.05, manifold3d.JoinType.Round, circular_segments=256)
-    assert (section - thinner.offset(least / 2 + 0.06, manifold3d.JoinType.Round)).area() > 20.0
+    thinnest = min(wall for name, wall in holder.walls_mm.items() if "floor" not in name and "ledge" not in name)
+    opened = section.offset(-thinnest / 2 + 0.005, manifold3d.JoinType.Round, circular_segments=256)
+    reopened = opened.offset(thinnest / 2, manifold3d.JoinType.Round, circular_segments=256)
+    assert (section - reopened).area() < 0.6  # the corners of the plate, because an opening rounds them
+    thinner = section.offset(-thinnest / 2 - 0.05, manifold3d.JoinType.Round, circular_segments=256)
+    assert (section - thinner.offset(thinnest / 2 + 0.06, manifold3d.JoinType.Round)).area() > 20.0
 
 
 @pytest.mark.parametrize("fit", [*FITS, 0.0, 0.2])
@@ -195,35 +195,35 @@ def test_a_block_with_a_key_fits_in_one_orientation(fit: str | float) -> None:
     c = clearance_mm(fit)
     rng = np.random.default_rng(3)
     for size in ((23.3, 30.0), (30.0, 30.0), (30.0, 30.0 + 1.9 * c)):
-        least = min_key_mm(PAPER, fit)
-        for key in (least + 0.01, 3.0):
+        smallest = min_key_mm(PAPER, fit)
+        for key in (smallest + 0.01, 3.0):
             block = Block.of(1, size_mm=size, key_mm=key)
             pocket = Holder(block=block, fit=fit).pocket_outline()
-            assert _goes_in(outline_of(block), pocket, 0, c, rng)
+            assert _fits_in(outline_of(block), pocket, 0, c, rng)
             for turns in (1, 2, 3):
-                assert not _goes_in(outline_of(block), pocket, turns, c, rng)
+                assert not _fits_in(outline_of(block), pocket, turns, c, rng)
 
 
 def test_a_key_that_allows_a_half_turn_is_refused() -> None:
     rng = np.random.default_rng(4)
     for fit, c in FITS.items():
-        least = min_key_mm(PAPER, fit)
-        assert least == pytest.approx((2.0 + math.sqrt(2.0)) * c)
-        block = Block.of(1, key_mm=least - 0.01)
+        smallest = min_key_mm(PAPER, fit)
+        assert smallest == pytest.approx((2.0 + math.sqrt(2.0)) * c)
+        block = Block.of(1, key_mm=smallest - 0.01)
         text = refusal(block=block, fit=fit)
-        assert f"above {least:.4g} mm" in text
+        assert f"above {smallest:.4g} mm" in text
         assert f"{c:g} mm per side" in text
         # The pocket of the refused holder: the pocket for the next larger key, with its corner moved back.
-        pocket = Holder(block=Block.of(1, key_mm=least + 0.01), fit=fit).pocket_outline()
+        pocket = Holder(block=Block.of(1, key_mm=smallest + 0.01), fit=fit).pocket_outline()
         pocket[1, 0] += 0.02
         pocket[2, 1] -= 0.02
-        assert _goes_in(outline_of(block), pocket, 2, c, rng)
+        assert _fits_in(outline_of(block), pocket, 2, c, rng)
 
 
-def _goes_in(outline: np.ndarray, pocket: np.ndarray, turns: int, c: float, rng: np.random.Generator) -> bool:
+def _fits_in(outline: np.ndarray, pocket: np.ndarray, turns: int, c: float, rng: np.random.Generator) -> bool:
     """Return whether a turned outline fits into a convex pocket with any shift and any of many small tilts.
 
-    For a given angle the possible shifts form a polygon. A linear programme with one bound for each edge of the pocket
+    For a given angle the possible shifts form a polygon. A linear program with one bound for each edge of the pocket
     decides exactly whether the polygon is empty. The tilts are sampled.
     """
     from scipy.optimize import linprog
@@ -231,8 +231,8 @@ def _goes_in(outline: np.ndarray, pocket: np.ndarray, turns: int, c: float, rng:
     edges = np.roll(pocket, -1, axis=0) - pocket
     normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
     limits = np.einsum("ij,ij->i", normals, pocket)
-    most = 4.0 * c / 30.0
-    for tilt in (0.0, *rng.uniform(-most, most, 12)):
+    max_shift = 4.0 * c / 30.0
+    for tilt in (0.0, *rng.uniform(-max_shift, max_shift, 12)):
         angle = turns * math.pi / 2.0 + tilt
         turned = outline @ np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
         reach = (turned @ normals.T).max(axis=0)
@@ -250,14 +250,14 @@ def test_solids_fit_in_one_orientation() -> None:
     for turns in range(4):
         turned = prism.translate((-x / 2, -y / 2, 0.0)).rotate((0.0, 0.0, 90.0 * turns)).translate((x / 2, y / 2, 0.0))
         shifts = itertools.product((-c, 0.0, c), repeat=2)
-        least = min(
+        overlap = min(
             (
                 turned.translate((place.origin_mm[0] + dx, place.origin_mm[1] + dy, place.origin_mm[2])) ^ pocketed
             ).volume()
             for dx, dy in shifts
         )
         # Turned, pushed as far away from the filled corner as it goes, a corner of (0.6 - 0.512) / sqrt(2) mm remains.
-        assert least < 1e-3 if turns == 0 else least > 0.01
+        assert overlap < 1e-3 if turns == 0 else overlap > 0.01
 
 
 def test_holders_without_a_key_state_the_possible_orientations() -> None:
@@ -276,7 +276,7 @@ def test_different_holders_never_share_a_name() -> None:
     holders.append(Holder(block=Block.of(1, "released"), preset="released"))
     names = [holder.name for holder in holders]
     assert len(set(names)) == len(names)
-    # What does not touch a holder does not change its name.
+    # Options that do not change a holder do not change its name.
     other = Block.of(3, label=True, copy=2, sampling="grid")
     assert Holder(block=other).name == "holder_paper_x1"
     assert Holder(block=PAPER, slots=6, fit=0.2, rim_mm=1.0).name == "holder_paper_x1_slots6_fit0.2_rim1"
@@ -296,7 +296,7 @@ _OPTIONS: tuple[dict[str, object], ...] = (
 )
 
 
-def test_released_layout_is_that_of_the_page() -> None:
+def test_the_released_layout_agrees_with_the_page() -> None:
     assert RELEASED.walls_mm["wall from pocket to plate edge"] == pytest.approx(4.31)
 
 
@@ -312,6 +312,6 @@ def test_numbers_need_no_cad_and_travel_to_another_process() -> None:
         "heavy = {'OCP', 'cadquery', 'build123d', 'matplotlib', 'scipy.optimize'} & set(sys.modules)\n"
         "assert not heavy, heavy\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr
     assert pickle.loads(pickle.dumps(Holder(block=KEYED))).name == "holder_paper_x1_key3"

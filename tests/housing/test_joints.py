@@ -36,7 +36,7 @@ def box_of_slot(holder: Holder, slot: int) -> tuple[float, ...]:
 
 @pytest.mark.parametrize("align", [None, MIDDLE])
 @pytest.mark.parametrize("rotation", [(0, 0, 0), (20, 30, 40)])
-def test_a_block_goes_into_its_slot_however_it_was_placed(align: object, rotation: tuple[float, ...]) -> None:
+def test_a_block_is_moved_into_its_slot_from_any_placement(align: object, rotation: tuple[float, ...]) -> None:
     holder = HolderPart(TRAY)
     for slot in (0, 1):
         block = bd.Pos(100, 50, -7) * TextureBlock(BLOCK, rotation=rotation, align=align)
@@ -54,7 +54,7 @@ def test_the_joint_is_the_block_frame() -> None:
 
 
 @pytest.mark.parametrize(("align", "rotation"), [(None, (0, 0, 0)), (MIDDLE, (0, 0, 0)), (MIDDLE, (0, 10, 90))])
-def test_the_jig_sits_on_a_holder_that_lies_anywhere(align: object, rotation: tuple[float, ...]) -> None:
+def test_the_jig_follows_a_moved_holder(align: object, rotation: tuple[float, ...]) -> None:
     holder = bd.Pos(5, 6, 7) * HolderPart(TRAY, rotation=rotation, align=align)
     seated = JigPart(JIG, rotation=(180, 0, 0), align=bd.Align.MAX)
     holder.joints["jig"].connect_to(seated.joints["holder"])
@@ -80,7 +80,7 @@ def test_an_assembly_of_holder_blocks_and_jig() -> None:
     assert common is None or sum(solid.volume for solid in common.solids()) < 1e-6
 
 
-def test_an_own_block_in_every_slot_and_no_jig() -> None:
+def test_a_different_block_in_every_slot_and_no_jig() -> None:
     assembly = assembled(TRAY)
     assert [child.label for child in assembly.children] == [TRAY.name, BLOCK.name, BLOCK.name]
 

@@ -1,4 +1,4 @@
-"""Other people's programs and the files that they are given, shared by a whole session."""
+"""Fixtures for programs of other projects and for their input files, each made once per session."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked
 
-#: WebGL by the processor alone, as on a machine without a screen.
+#: Options for WebGL without a graphics card, as on a machine without a screen.
 _FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    """Chromium, driven by Playwright."""
+    """Return Chromium, controlled by Playwright."""
     api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: pip install playwright")
     path = shutil.which("chromium")
     if path is None:
         pytest.skip("chromium is not installed: apt-get install chromium")
-    # Chromium refuses its sandbox to the superuser, which is what a container runs as.
+    # Chromium's sandbox does not work for the superuser, and containers run as the superuser.
     flags = [*_FLAGS, "--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else _FLAGS
     with api.sync_playwright() as playwright:
         running = playwright.chromium.launch(executable_path=path, args=flags)
@@ -52,7 +52,7 @@ def admesh() -> Run:
 
 @pytest.fixture(scope="session")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Written:
-    """Writes a part in a format, once a session, and gives the file's path."""
+    """Return a function that writes a part in a format, once per session, and returns the path of the file."""
     folder = tmp_path_factory.mktemp("parts")
 
     @cache
@@ -69,7 +69,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Written:
 
 @pytest.fixture(scope="session")
 def exported(tmp_path_factory: pytest.TempPathFactory) -> Exported:
-    """Exports a texture to a target, once a session, and gives the texture's folder."""
+    """Return a function that exports a texture to a target, once per session, and returns the folder of the texture."""
     out = tmp_path_factory.mktemp("assets")
 
     @cache
@@ -81,20 +81,22 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Exported:
 
 @pytest.fixture(scope="session")
 def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
-    """Fills a folder once, whichever of the processes that share the tests comes first; the others wait for it."""
+    """Return a function that fills a folder once. If several processes run the tests, the first one fills it, and the
+    others wait.
+    """
     base = tmp_path_factory.getbasetemp()
     shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
 
     def make(name: str, fill: Fill) -> Path:
-        folder, done = shared / name, shared / f"{name}-lock" / "done"
+        folder, complete = shared / name, shared / f"{name}-lock" / "complete"
         while True:
             try:
-                with locked(done.parent):
-                    if not done.exists():
+                with locked(complete.parent):
+                    if not complete.exists():
                         shutil.rmtree(folder, ignore_errors=True)
                         folder.mkdir()
                         fill(folder)
-                        done.touch()
+                        complete.touch()
                     return folder
             except InputError as error:
                 if "another tacbench" not in error.allowed:
@@ -106,7 +108,7 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
 
 @pytest.fixture(scope="session")
 def source(once: Once) -> Path:
-    """A copy of the project as a clean checkout has it."""
+    """Return a copy of the project with only the versioned files."""
 
     def fill(folder: Path) -> None:
         for name in versioned_files():

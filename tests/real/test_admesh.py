@@ -1,4 +1,4 @@
-"""ADMesh, which repairs STL files, finds nothing to repair."""
+"""ADMesh, a program that repairs STL files, finds nothing to repair."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_finds_nothing_to_fix(admesh: Run, written: Written, name: str) -> None:
     part = part_named(name)
     mesh, body = part.mesh
     output = admesh([written(name, "stl")])
-    # Some lines hold two entries, some two numbers (before and after).
+    # Some lines contain two entries, and some contain two numbers (before and after).
     rows = dict(re.findall(r"([A-Z][A-Za-z0-9 ]*?) +: +([\d.]+(?: +[\d.]+)?)", output))
     counts = {name: int(rows[name].split()[0]) for name in REPAIRS}
     assert counts == dict.fromkeys(REPAIRS, 0)

@@ -1,4 +1,4 @@
-"""Processes of this machine and of a real local Dask cluster."""
+"""Worker processes on this machine and on a real local Dask cluster."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ def refuse(number: int) -> int:
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[str]:
-    """Address of a scheduler with two worker processes."""
+    """Return the address of a scheduler with two worker processes."""
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
-    ) as made:
-        yield made.scheduler_address
+    ) as cluster:
+        yield cluster.scheduler_address
 
 
 @pytest.fixture
@@ -47,35 +47,35 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_results_come_in_the_order_of_the_calls(jobs: int) -> None:
+def test_results_are_in_the_order_of_the_calls(jobs: int) -> None:
     with workers(jobs) as executor:
-        found = list(executor.map(square_and_process, range(6)))
-    assert [one for one, _ in found] == [0, 1, 4, 9, 16, 25]
-    assert ({process for _, process in found} == {os.getpid()}) == (jobs == 1)
+        results = list(executor.map(square_and_process, range(6)))
+    assert [square for square, _ in results] == [0, 1, 4, 9, 16, 25]
+    assert ({process for _, process in results} == {os.getpid()}) == (jobs == 1)
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_an_error_of_a_call_arrives_as_it_was_raised(jobs: int) -> None:
+def test_an_error_of_a_call_is_raised_unchanged(jobs: int) -> None:
     with workers(jobs) as executor, pytest.raises(InputError) as caught:
         list(executor.map(refuse, range(6)))
     assert (caught.value.field, caught.value.value, caught.value.allowed) == ("number", 3, "must not be three")
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_an_interruption_gives_up_the_rest_without_a_word(jobs: int, recwarn: pytest.WarningsRecorder) -> None:
+def test_an_interruption_cancels_the_other_calls_without_a_warning(jobs: int, recwarn: pytest.WarningsRecorder) -> None:
     with pytest.raises(KeyboardInterrupt), workers(jobs) as executor:
         for square, _ in executor.map(square_and_process, range(400)):
             if square == 4:
                 raise KeyboardInterrupt
     gc.collect()
-    assert [str(one.message) for one in recwarn] == []
+    assert [str(warning.message) for warning in recwarn] == []
 
 
 def end_the_process(number: int) -> int:
     os._exit(3)
 
 
-def test_a_lost_process_is_said_in_one_line() -> None:
+def test_a_lost_process_is_reported_in_one_line() -> None:
     with workers(2) as executor, pytest.raises(CheckFailedError, match=r"^a worker process ended unexpectedly"):
         list(executor.map(end_the_process, range(4)))
 
@@ -85,7 +85,7 @@ def slowly(number: int) -> int:
     return number
 
 
-def test_a_lost_scheduler_is_said_in_one_line() -> None:
+def test_a_lost_scheduler_is_reported_in_one_line() -> None:
     pytest.importorskip("distributed")
     port = _free_port()
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
@@ -104,63 +104,63 @@ def test_a_lost_scheduler_is_said_in_one_line() -> None:
             for _ in executor.map(slowly, range(50)):
                 scheduler.kill()
     finally:
-        for one in (worker, scheduler):
-            one.kill()
-            one.wait()
+        for process in (worker, scheduler):
+            process.kill()
+            process.wait()
 
 
-def test_no_job_is_refused() -> None:
+def test_zero_jobs_are_refused() -> None:
     with pytest.raises(InputError, match="jobs = 0: must be at least 1"), workers(0):
         pass
 
 
-def test_a_cluster_does_the_work_in_its_own_processes(cluster: str, tmp_path: Path) -> None:
+def test_the_processes_of_a_cluster_do_the_work(cluster: str, tmp_path: Path) -> None:
     with workers(1, cluster, [tmp_path]) as executor:
-        found = list(executor.map(square_and_process, range(8)))
+        results = list(executor.map(square_and_process, range(8)))
     assert executor.jobs == 2
-    assert [one for one, _ in found] == [number * number for number in range(8)]
-    assert os.getpid() not in {process for _, process in found}
+    assert [square for square, _ in results] == [number * number for number in range(8)]
+    assert os.getpid() not in {process for _, process in results}
 
 
-def test_an_error_on_a_cluster_arrives_as_it_was_raised_and_the_cluster_goes_on(cluster: str) -> None:
+def test_a_cluster_raises_an_error_unchanged_and_stays_usable(cluster: str) -> None:
     with workers(1, cluster) as executor, pytest.raises(InputError, match="number = 3: must not be three"):
         list(executor.map(refuse, range(6)))
     with workers(1, cluster) as executor:
         assert list(executor.map(refuse, [1, 2])) == [1, 2]
 
 
-def test_a_folder_that_a_worker_does_not_see_is_named(cluster: str, tmp_path: Path) -> None:
-    gone = tmp_path / "elsewhere"
-    with pytest.raises(InputError, match=f"does not see {gone}"), workers(1, cluster, [gone]):
+def test_a_folder_that_a_worker_cannot_see_is_named(cluster: str, tmp_path: Path) -> None:
+    folder = tmp_path / "elsewhere"
+    with pytest.raises(InputError, match=f"does not see {folder}"), workers(1, cluster, [folder]):
         pass
 
 
 def _free_port() -> int:
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return int(listener.getsockname()[1])
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:{}", "nonsense", "nowhere://127.0.0.1:{}", "tcp://127.0.0.1:x"])
 def test_no_dask_at_the_address(address: str, impatient: None) -> None:
     pytest.importorskip("distributed")
-    began = time.monotonic()
+    start = time.monotonic()
     message = "no Dask scheduler answered within 1 s"
     with pytest.raises(InputError, match=message), workers(1, address.format(_free_port())):
         pass
-    assert time.monotonic() - began < 20.0
+    assert time.monotonic() - start < 20.0
 
 
-def test_something_at_the_address_that_never_answers(impatient: None) -> None:
+def test_a_server_that_never_answers(impatient: None) -> None:
     pytest.importorskip("distributed")
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         silent.listen()
         address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
-        began = time.monotonic()
+        start = time.monotonic()
         with pytest.raises(InputError, match="no Dask scheduler answered"), workers(1, address):
             pass
-        assert time.monotonic() - began < 20.0
+        assert time.monotonic() - start < 20.0
 
 
 def test_a_scheduler_without_workers(impatient: None) -> None:
@@ -181,13 +181,13 @@ def test_a_scheduler_without_workers(impatient: None) -> None:
     ],
 )
 def test_a_worker_with_another_tacbench_is_named(tmp_path: Path, rest: str, words: str) -> None:
-    """A worker whose Python finds another tacbench-cad first, with or without our modules."""
+    """The Python of the worker imports another tacbench-cad, with or without the modules of this version."""
     distributed = pytest.importorskip("distributed")
     other = tmp_path / "tacbench_cad"
     other.mkdir()
     (other / "__init__.py").write_text('__version__ = "0.0.1"\n' + rest)
-    with distributed.LocalCluster(n_workers=0, processes=True, dashboard_address=None, silence_logs=50) as made:
-        command = [sys.executable, "-m", "distributed.cli.dask_worker", made.scheduler_address, "--no-dashboard"]
+    with distributed.LocalCluster(n_workers=0, processes=True, dashboard_address=None, silence_logs=50) as cluster:
+        command = [sys.executable, "-m", "distributed.cli.dask_worker", cluster.scheduler_address, "--no-dashboard"]
         worker = subprocess.Popen(
             [*command, "--no-nanny", "--local-directory", str(tmp_path)],
             cwd=tmp_path,
@@ -196,7 +196,7 @@ def test_a_worker_with_another_tacbench_is_named(tmp_path: Path, rest: str, word
             stderr=subprocess.DEVNULL,
         )
         try:
-            with pytest.raises(InputError, match=words), workers(1, made.scheduler_address):
+            with pytest.raises(InputError, match=words), workers(1, cluster.scheduler_address):
                 pass
         finally:
             worker.kill()
@@ -205,15 +205,15 @@ def test_a_worker_with_another_tacbench_is_named(tmp_path: Path, rest: str, word
 
 @pytest.fixture
 def elsewhere(tmp_path: Path) -> Iterator[str]:
-    """A scheduler whose two worker processes stand in another folder, as those of another machine do."""
+    """Return the address of a scheduler with two worker processes that run in another folder, as on another machine."""
     distributed = pytest.importorskip("distributed")
     folder = tmp_path / "worker"
     folder.mkdir()
     command = [sys.executable, "-m", "distributed.cli.dask_worker", "--no-dashboard", "--no-nanny", "--nthreads", "1"]
-    with distributed.LocalCluster(n_workers=0, processes=True, dashboard_address=None, silence_logs=50) as made:
+    with distributed.LocalCluster(n_workers=0, processes=True, dashboard_address=None, silence_logs=50) as cluster:
         started = [
             subprocess.Popen(
-                [*command, "--local-directory", str(folder), made.scheduler_address],
+                [*command, "--local-directory", str(folder), cluster.scheduler_address],
                 cwd=folder,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
@@ -221,19 +221,19 @@ def elsewhere(tmp_path: Path) -> Iterator[str]:
             for _ in range(2)
         ]
         try:
-            with distributed.Client(made.scheduler_address, set_as_default=False) as client:
+            with distributed.Client(cluster.scheduler_address, set_as_default=False) as client:
                 client.wait_for_workers(2, timeout=30)
-            yield made.scheduler_address
+            yield cluster.scheduler_address
         finally:
-            for one in started:
-                one.kill()
-                one.wait()
+            for worker in started:
+                worker.kill()
+                worker.wait()
 
 
 def test_a_study_is_simulated_and_analysed_on_a_cluster(
     elsewhere: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Simulation, variance and classification; paths are relative to a folder in which no worker stands."""
+    """Run simulation, variance and classification with paths relative to a folder in which no worker runs."""
     pytest.importorskip("cv2")
     pytest.importorskip("sklearn")
     from dataclasses import replace
@@ -248,13 +248,14 @@ def test_a_study_is_simulated_and_analysed_on_a_cluster(
     monkeypatch.chdir(tmp_path)
     study = quick_study()
     protocol = replace(study.protocol, grid=PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0)), stationary_frames=2)
-    blocks = [replace(one, levels=(2,)) for one in study.blocks if one.printed.texture in ("texture-1", "texture-4")]
+    selected = [block for block in study.blocks if block.printed.texture in ("texture-1", "texture-4")]
+    blocks = [replace(block, levels=(2,)) for block in selected]
     study = replace(study, blocks=tuple(blocks), protocol=protocol)
-    seen: list[int] = []
+    progress: list[int] = []
     with workers(1, elsewhere, [tmp_path]) as executor:
-        made = simulate_study(study, Path("runs"), progress=seen.append, cluster=executor)
-    assert [one.name for one in made] == [block.printed.name for block in study.blocks]
-    assert len(seen) == 8 and seen[-1] == sum(one.images for one in made)
+        simulated = simulate_study(study, Path("runs"), progress=progress.append, cluster=executor)
+    assert [run.name for run in simulated] == [block.printed.name for block in study.blocks]
+    assert len(progress) == 8 and progress[-1] == sum(run.images for run in simulated)
     collection = Collection.open([Path("runs")])
     assert variance_table(collection, dask=elsewhere).cells == variance_table(collection).cells
     settings = ClassificationSettings(hold_out=("copy",), components=5)

@@ -1,4 +1,4 @@
-"""Drake: the signed distance is zero on the formula, and a ball dropped into a valley rests where it lets it."""
+"""Drake: the signed distance on the formula is zero, and a ball rests in a valley at the height of the formula."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NUMBERS = "2346"
 
 
 class World:
-    """The texture welded to the world, and a steel ball above it if there is a start."""
+    """A world with the fixed texture and, if a start position is given, a steel ball above it."""
 
     def __init__(self, number: str, exported: Exported, start_mm: tuple[float, float, float] | None = None) -> None:
         builder = DiagramBuilder()
@@ -59,7 +59,7 @@ class World:
 
 @pytest.mark.parametrize("number", NUMBERS)
 def test_heights(number: str, exported: Exported) -> None:
-    """The distance of a point on the formula from the triangles is within what is proved of them."""
+    """The distance between the formula and the triangles must be within the proved error."""
     block = Block.of(number)
     world = World(number, exported)
     query = world.scene.get_query_output_port().Eval(world.scene.GetMyContextFromRoot(world.simulator.get_context()))
@@ -79,6 +79,6 @@ def test_contact_of_a_ball(number: str, exported: Exported) -> None:
     x, y, z = valley_mm(block)
     world = World(number, exported, (x + 0.05, y + 0.03, z + 0.3))
     world.simulator.AdvanceTo(0.5)
-    found = world.ball_mm
-    assert found[2] == pytest.approx(z, abs=NEAR_MM)
-    assert found[2] == pytest.approx(centre_height_mm(block, found[0], found[1]), abs=NEAR_MM)
+    position = world.ball_mm
+    assert position[2] == pytest.approx(z, abs=NEAR_MM)
+    assert position[2] == pytest.approx(centre_height_mm(block, position[0], position[1]), abs=NEAR_MM)

@@ -1,4 +1,4 @@
-"""The examples that ``tacbench classify`` takes as estimators: PyTorch trains, or reads weights, in its processes."""
+"""The example estimators of ``tacbench classify``: PyTorch trains a network or loads weights in worker processes."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A working folder with the examples in it."""
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Return a working folder that contains the examples."""
     for name in EXAMPLES:
         shutil.copy(ROOT / "examples" / f"{name}.py", tmp_path)
     monkeypatch.chdir(tmp_path)
@@ -63,42 +63,42 @@ def predictions(out: str) -> bytes:
     return (Path(out) / "predictions.csv").read_bytes()
 
 
-def test_the_convolutional_network_learns_and_its_numbers_follow_from_the_seed(runs: Path, here: Path) -> None:
+def test_the_convolutional_network_learns_and_is_reproducible(runs: Path, folder: Path) -> None:
     assert main(words(runs, NETWORK, trials=2)) == 0
-    assert accuracy(here / "out") > 0.9, "two textures; chance is 0.5"
+    assert accuracy(folder / "out") > 0.9, "guessing between two textures gives 0.5"
     first = predictions("out")
     assert main(words(runs, NETWORK, out="processes", trials=2, jobs=2)) == 0
     assert predictions("processes") == first
-    kept = sorted((here / "out" / "trials").iterdir())
-    stamp = kept[0].stat().st_mtime_ns
-    kept[1].unlink()
+    files = sorted((folder / "out" / "trials").iterdir())
+    stamp = files[0].stat().st_mtime_ns
+    files[1].unlink()
     assert main(words(runs, NETWORK, trials=2)) == 0
-    assert predictions("out") == first and kept[0].stat().st_mtime_ns == stamp and kept[1].is_file()
+    assert predictions("out") == first and files[0].stat().st_mtime_ns == stamp and files[1].is_file()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
-def test_an_interrupted_network_is_resumed(runs: Path, here: Path) -> None:
+def test_an_interrupted_network_is_resumed(runs: Path, folder: Path) -> None:
     command = words(runs, NETWORK, trials=3)
     program = [sys.executable, "-c", "import sys; from tacbench_cad.cli import main; sys.exit(main())", *command]
-    # Slower than it is, so that the signal comes in the middle.
-    source = (here / "convolutional.py").read_text()
-    (here / "convolutional.py").write_text(source.replace("epochs: int = 10", "epochs: int = 60"))
-    process = subprocess.Popen(program, cwd=here, env=dict(os.environ), stderr=subprocess.PIPE, text=True)
-    trials = here / "out" / "trials"
+    # More epochs make the training slow enough for a signal during the training.
+    source = (folder / "convolutional.py").read_text()
+    (folder / "convolutional.py").write_text(source.replace("epochs: int = 10", "epochs: int = 60"))
+    process = subprocess.Popen(program, cwd=folder, env=dict(os.environ), stderr=subprocess.PIPE, text=True)
+    trials = folder / "out" / "trials"
     deadline = time.monotonic() + 200
     while not list(trials.glob("leak-free-*.json")) and time.monotonic() < deadline:
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=60)
-    assert process.returncode == 130 and "interrupted" in said and "Traceback" not in said
-    kept = {path: path.stat().st_mtime_ns for path in trials.iterdir()}
-    assert 1 <= len(kept) < 3
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130 and "interrupted" in errors and "Traceback" not in errors
+    files = {path: path.stat().st_mtime_ns for path in trials.iterdir()}
+    assert 1 <= len(files) < 3
     assert main(command) == 0
     assert len(list(trials.iterdir())) == 3
-    assert all(path.stat().st_mtime_ns == stamp for path, stamp in kept.items())
+    assert all(path.stat().st_mtime_ns == stamp for path, stamp in files.items())
 
 
-def test_ctrl_c_is_not_taken_for_the_end_of_training(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_during_the_training_is_raised(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calls = iter(range(100))
 
     def interrupted(*_: Any) -> Any:
@@ -114,20 +114,20 @@ def test_ctrl_c_is_not_taken_for_the_end_of_training(here: Path, monkeypatch: py
         network.fit(rows, np.repeat(["a", "b"], 8))
 
 
-def test_random_weights_give_features_and_belong_to_the_trials(runs: Path, here: Path) -> None:
+def test_trials_depend_on_the_weights(runs: Path, folder: Path) -> None:
     command = words(runs, BACKBONE, "--noise", "none", "--brightness", "none")
     for number in (1, 2):
-        write_weights(here / "resnet18.pth", seed=number)
+        write_weights(folder / "resnet18.pth", seed=number)
         assert main(command) == 0
-        assert len(list((here / "out" / "trials").iterdir())) == number, "other weights, another trial"
+        assert len(list((folder / "out" / "trials").iterdir())) == number, "different weights need a new trial"
     first = predictions("out")
-    shutil.rmtree(here / "out")
+    shutil.rmtree(folder / "out")
     assert main(command) == 0
     assert predictions("out") == first
 
 
 def write_weights(path: Path, seed: int) -> None:
-    """Random weights, in the form in which ResNet-18's are published."""
+    """Write random weights in the format of the published weights of ResNet-18."""
     sys.path.insert(0, str(ROOT / "examples"))
     try:
         from frozen_backbone import ResNet18
@@ -136,14 +136,14 @@ def write_weights(path: Path, seed: int) -> None:
     torch.manual_seed(seed)
     weights = dict(ResNet18().state_dict())
     learned = sum(tensor.numel() for name, tensor in weights.items() if name.endswith((".weight", ".bias")))
-    assert learned == 11_176_512, "a ResNet-18 without its last layer"
+    assert learned == 11_176_512, "the network must be a ResNet-18 without its last layer"
     expected = {"conv1.weight", "layer1.0.bn2.running_var", "layer2.0.downsample.1.bias", "layer4.1.conv2.weight"}
     assert expected < set(weights) and len(weights) == 120
     torch.save({**weights, "fc.weight": torch.zeros(1000, 512), "fc.bias": torch.zeros(1000)}, path)
 
 
 class Trap:
-    """Writes a file where it is unpickled without care."""
+    """An object that writes a file when it is unpickled without protection."""
 
     def __reduce__(self) -> Any:
         return (Path.write_text, (Path("sprung"), "code ran"))
@@ -162,7 +162,7 @@ def write_other_network(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("write", "named"),
+    ("write", "needle"),
     [
         (Path.mkdir, "resnet18.pth"),
         (write_trap, "raised UnpicklingError"),
@@ -173,20 +173,20 @@ def write_other_network(path: Path) -> None:
     ids=["a folder", "with code", "a pickle", "of another network", "none"],
 )
 def test_weights_that_cannot_be_used_are_refused_in_one_line(
-    runs: Path, here: Path, capsys: Capture, write: Any, named: str
+    runs: Path, folder: Path, capsys: Capture, write: Any, needle: str
 ) -> None:
     if write is not None:
-        write(here / "resnet18.pth")
+        write(folder / "resnet18.pth")
     assert main(words(runs, BACKBONE)) == 2
-    said = [line for line in capsys.readouterr().err.splitlines() if "reading" not in line]
-    assert len([line for line in said if line.startswith("error:")]) == 1 and named in said[-1]
-    assert not (here / "sprung").exists()
+    lines = [line for line in capsys.readouterr().err.splitlines() if "reading" not in line]
+    assert len([line for line in lines if line.startswith("error:")]) == 1 and needle in lines[-1]
+    assert not (folder / "sprung").exists()
 
 
 @pytest.mark.parametrize("more", [("--components", "3"), ("--roi", "rect:0,0,16,24")])
-def test_what_is_no_image_is_refused_in_one_line(
-    runs: Path, here: Path, capsys: Capture, more: tuple[str, ...]
+def test_settings_that_do_not_give_whole_images_are_refused_in_one_line(
+    runs: Path, folder: Path, capsys: Capture, more: tuple[str, ...]
 ) -> None:
     assert main(words(runs, NETWORK, *more)) == 2
-    said = capsys.readouterr().err.strip().splitlines()[-1]
-    assert said.startswith("error: estimator = ") and "needs whole images" in said and "--roi none" in said
+    line = capsys.readouterr().err.strip().splitlines()[-1]
+    assert line.startswith("error: estimator = ") and "needs whole images" in line and "--roi none" in line

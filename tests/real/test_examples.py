@@ -1,4 +1,4 @@
-"""Each example runs in a process of its own and makes one valid solid, with the volume that its formula gives."""
+"""Each example runs in its own process and makes one valid solid with the volume that follows from the formula."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from tacbench_cad.spec.block import Block
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
-#: Those that are run by ``tacbench classify``: see ``test_estimator_examples.py``.
+#: The examples that ``tacbench classify`` runs; their tests are in ``test_estimator_examples.py``.
 ESTIMATORS = ("convolutional", "frozen_backbone")
-#: Volume of each example's result in closed form, in its own names, and what else must be true of it. The one for CQGI
-#: hosts is run as they do.
+#: Expressions in the names of each example: the closed form of the volume, and conditions that must be true. The
+#: example for CQGI hosts has its own test.
 EXPECTED: dict[str, dict[str, str]] = {
     "custom_texture": {
         "volume": "block.volume_mm3(block.solid_datum_mm)",
         "is the product": f"abs(waves(0.7, 1.9) - {sin(0.7) * sin(1.9) + 0.2 * sin(2.8)!r}) < 1e-12",
-        "files are put in place": "all(one.ok and one.path.is_file() for one in reports) and len(reports) == 2",
+        "files are written": "all(report.ok and report.path.is_file() for report in reports) and len(reports) == 2",
     },
     "hexagonal": {
         "volume": "block.volume_mm3(block.solid_datum_mm)",
         "bumps repeat along the hexagons": "abs(waves(0.4, 0.9) - waves(0.4, 0.9 + 4 * pi / 3 ** 0.5)) < 1e-9",
     },
     "own_housing": {
-        # Over the block the window only has the roof to cut: the space above the block is open already.
+        # Above the block, the window only cuts the roof, because the space below the roof is already open.
         "volume": "(width * depth - sum(pi * bore.diameter_mm**2 / 4 for bore in holder.screws)) "
         "* (GUIDE_MM + holder.rim_height_mm) - pocket.area_mm2 * (holder.rim_height_mm + 0.3) "
         "- (x1 - x0 + PAD_MM[0] + room) * (y1 - y0 + PAD_MM[1] + room) * (GUIDE_MM - 0.3)",
@@ -45,9 +45,9 @@ EXPECTED: dict[str, dict[str, str]] = {
     },
     "staircase": {
         "volume": "result.solids().size() * (STRIP_MM[0] + 2 * GAP_MM) * (len(strips) * pitch + GAP_MM) * PLATE_MM "
-        "+ sum(one.volume_mm3(one.solid_datum_mm) - one.footprint_mm2 * PLATE_MM / 2 for one in strips)",
+        "+ sum(strip.volume_mm3(strip.solid_datum_mm) - strip.footprint_mm2 * PLATE_MM / 2 for strip in strips)",
         "ends at 0.7 mm": "abs(WAVELENGTHS_MM[-1] - 0.7071067811865476) < 1e-9",
-        "shows whole waves": "all(one.size_mm[0] / length >= 5 for one, length in zip(strips, WAVELENGTHS_MM))",
+        "shows whole waves": "all(strip.size_mm[0] / length >= 5 for strip, length in zip(strips, WAVELENGTHS_MM))",
     },
     "texture_on_part": {
         "volume": "wedge.volume - (x + 2 * FREE_MM) * (y + 2 * FREE_MM) * depth_mm "
@@ -61,21 +61,21 @@ EXPECTED: dict[str, dict[str, str]] = {
 }
 
 
-def run(path: Path, cwd: Path, ask: dict[str, str], **host: dict[str, Any]) -> dict[str, Any]:
-    """What an example answers from a child process."""
+def run(path: Path, cwd: Path, expressions: dict[str, str], **host: dict[str, Any]) -> dict[str, Any]:
+    """Run an example in a child process and return the values of the expressions in its names."""
     command = [
         sys.executable,
         str(ROOT / "tests" / "helpers" / "run_example.py"),
         str(path),
-        json.dumps({"ask": ask, **host}),
+        json.dumps({"ask": expressions, **host}),
     ]
-    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
-    answer: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    process = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300)
+    assert process.returncode == 0, process.stderr
+    answer: dict[str, Any] = json.loads(process.stdout.splitlines()[-1])
     return answer
 
 
-@pytest.mark.parametrize("path", [one for one in EXAMPLES if one.stem in EXPECTED], ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [path for path in EXAMPLES if path.stem in EXPECTED], ids=lambda path: path.stem)
 def test_an_example_makes_one_valid_solid(path: Path, tmp_path: Path) -> None:
     answer = run(path, tmp_path, EXPECTED[path.stem])
     assert answer["faults"] == []
@@ -85,7 +85,7 @@ def test_an_example_makes_one_valid_solid(path: Path, tmp_path: Path) -> None:
 
 
 def test_cqgi_parameters_change_the_block(tmp_path: Path) -> None:
-    """The constants, and nothing else, are parameters; a host's values reach the block, and a bad one is named."""
+    """Only the constants are parameters. The block gets the values of the host, and a bad value is named."""
     parameters = {"texture": 1.0, "scale": 1.5, "height_mm": 6.0, "key_mm": 0.0, "label": True}
     path = ROOT / "examples" / "cqgi_block.py"
     answer = run(path, tmp_path, {"name": "block.name"}, parameters=parameters, refused={"texture": 2.7})
@@ -98,21 +98,21 @@ def test_cqgi_parameters_change_the_block(tmp_path: Path) -> None:
     assert answer["volume"] == pytest.approx(block.volume_mm3(block.solid_datum_mm), rel=2e-6)
 
 
-def test_the_dome_in_mujoco_rests_where_the_formula_lets_it(tmp_path: Path) -> None:
+def test_the_dome_in_mujoco_rests_at_the_height_of_the_formula(tmp_path: Path) -> None:
     pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install mujoco")
     command = [sys.executable, str(ROOT / "examples" / "mujoco_press.py")]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
-    (found,) = re.findall(r"lies (\S+) mm below the highest point", done.stdout)
+    process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert process.returncode == 0, process.stderr
+    (depth,) = re.findall(r"lies (\S+) mm below the highest point", process.stdout)
     block = Block.of(2)
     x, y = (side / 2 + np.linspace(-8.0, 8.0, 1601) for side in block.size_mm)
     over = 20.0**2 - (x[:, None] - block.size_mm[0] / 2) ** 2 - (y[None, :] - block.size_mm[1] / 2) ** 2
     centre_mm = float((block.datum_mm + block.surface.grid(x, y) + np.sqrt(over)).max())
-    assert block.height_mm + 20.0 - centre_mm == pytest.approx(0.441, abs=5e-4), "as the manual says"
-    assert float(found) == pytest.approx(block.height_mm + 20.0 - centre_mm, abs=0.01)
+    assert block.height_mm + 20.0 - centre_mm == pytest.approx(0.441, abs=5e-4), "the manual states this depth"
+    assert float(depth) == pytest.approx(block.height_mm + 20.0 - centre_mm, abs=0.01)
 
 
-def test_every_example_says_what_it_makes_and_is_listed() -> None:
+def test_every_example_has_a_description_and_is_listed() -> None:
     assert {path.stem for path in EXAMPLES} == {*EXPECTED, *ESTIMATORS, "cqgi_block", "mujoco_press"}
     readme = (ROOT / "examples" / "README.md").read_text(encoding="utf-8")
     assert set(re.findall(r"\]\((\w+\.py)\)", readme)) == {path.name for path in EXAMPLES}

@@ -1,4 +1,4 @@
-"""Exported runs as their own libraries read them: datasets, mlcroissant, webdataset, zarr."""
+"""Exported runs, read by the libraries of their formats: datasets, mlcroissant, webdataset, zarr."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TEXTURES = (2, 5)
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of each of two textures, of 8 colour images and without gauge or times."""
+    """Write one run for each of two textures, with 8 colour images and without gauge values or times."""
     out = tmp_path_factory.mktemp("runs")
     for texture in TEXTURES:
         protocol = Protocol(
@@ -55,7 +55,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def frames(runs: Path) -> list[Any]:
-    """The frames in the order of the export, RGB."""
+    """Return the frames in the order of the export, in RGB."""
     opened = [Run.open(folder) for folder in sorted(runs.iterdir())]
     return [run.frame(row)[..., ::-1] for run in opened for row in sorted(run.rows, key=lambda row: row.number)]
 

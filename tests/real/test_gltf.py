@@ -1,6 +1,6 @@
-"""glTF: the file as pygltflib and trimesh read it has the formula's heights, in metres with y up.
+"""glTF: pygltflib and trimesh read the heights of the formula from the file, in metres with y up.
 
-Neither has contact of its own; the ball is dropped in PyBullet on the triangles that pygltflib hands out.
+Neither library simulates contact. PyBullet drops the ball on the triangles that pygltflib reads.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.real
 
 
 def mesh_of(number: str, exported: Exported) -> tuple[np.ndarray, np.ndarray]:
-    """Points in mm with z up, and triangles, through the file's own accessors."""
+    """Return the points in mm with z up, and the triangles, read by the accessors of the file."""
     document = pygltflib.GLTF2().load(str(exported(number, "glb") / f"texture-{number}.glb"))
     (mesh,) = document.meshes
     (primitive,) = mesh.primitives
@@ -50,8 +50,8 @@ def test_heights(number: str, exported: Exported) -> None:
 def test_contact_of_a_ball(number: str, exported: Exported) -> None:
     block = Block.of(number)
     x, y, z = valley_mm(block)
-    found = rest_on_triangles(*mesh_of(number, exported), (x + 0.05, y + 0.03, z + 0.3))
-    assert found[2] == pytest.approx(z, abs=NEAR_MM)
+    position = rest_on_triangles(*mesh_of(number, exported), (x + 0.05, y + 0.03, z + 0.3))
+    assert position[2] == pytest.approx(z, abs=NEAR_MM)
 
 
 def test_trimesh_reads_the_same_closed_body(exported: Exported) -> None:

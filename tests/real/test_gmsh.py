@@ -1,4 +1,4 @@
-"""gmsh: each STEP is one closed volume of the right size, and texture 4 gets a mesh within a minute and 2 GB."""
+"""gmsh: each STEP file is one closed volume of the correct size, and texture 4 is meshed within a minute and 2 GB."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from helpers.outsiders import PATIENCE_S, Written, part_named
 
 pytestmark = pytest.mark.real
 
-#: Runs in a process of its own: gmsh brings an Open CASCADE of its own, and its memory is to be measured.
+#: A program for a separate process, because gmsh contains its own Open CASCADE and because its memory is measured.
 SCRIPT = """
 import json, pathlib, resource, sys, time
 import gmsh
 path, size = sys.argv[1], float(sys.argv[2])
 gmsh.initialize(interruptible=False)
 gmsh.option.setNumber("General.Terminal", 0)
-found = gmsh.model.occ.importShapes(path)
+shapes = gmsh.model.occ.importShapes(path)
 gmsh.model.occ.synchronize()
-report = {"shapes": found, "mass": [gmsh.model.occ.getMass(*one) for one in found if one[0] == 3]}
+report = {"shapes": shapes, "mass": [gmsh.model.occ.getMass(*shape) for shape in shapes if shape[0] == 3]}
 volumes = gmsh.model.getEntities(3)
 walls = gmsh.model.getBoundary(volumes, combined=True, oriented=False)
 edges = gmsh.model.getBoundary(walls, combined=True, oriented=False)
@@ -50,17 +50,17 @@ print(json.dumps(report))
 
 
 def examine(path: Path, mesh_size_mm: float = 0.0) -> dict[str, Any]:
-    """What gmsh says of a STEP file; with a size it meshes the faces as well."""
+    """Return gmsh's report on a STEP file; with a size, gmsh also meshes the faces."""
     pytest.importorskip("gmsh", reason="gmsh is not installed: pip install gmsh")
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", SCRIPT, str(path), str(mesh_size_mm)],
         capture_output=True,
         text=True,
         timeout=PATIENCE_S,
         check=False,
     )
-    assert done.returncode == 0, done.stderr[-2000:]
-    report: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    assert process.returncode == 0, process.stderr[-2000:]
+    report: dict[str, Any] = json.loads(process.stdout.splitlines()[-1])
     return report
 
 
@@ -77,9 +77,9 @@ def test_step_is_one_closed_volume(written: Written, name: str) -> None:
 
 
 @pytest.mark.parametrize("size_mm", [1.5, pytest.param(0.3, marks=pytest.mark.long)])
-def test_gets_through_texture_4(written: Written, size_mm: float) -> None:
+def test_texture_4_is_meshed(written: Written, size_mm: float) -> None:
     report = examine(written("paper-4", "step"), size_mm)
     assert report["nodes"] > 3000
     assert report["gigabytes"] < 2.0
-    # the finest waves are 0.3 mm long: triangles of these sizes cut them off, which takes that much off the area
+    # the finest waves are 0.3 mm long; triangles of these sizes flatten them, which reduces the area by this fraction
     assert report["area"] == pytest.approx(2921.2, rel=0.2 if size_mm > 1.0 else 0.12)

@@ -1,4 +1,4 @@
-"""lib3mf's strict reader: no warning, millimetres, the very triangles, and the texture's parameters as metadata."""
+"""The strict reader of lib3mf: no warning, millimetres, the same triangles, and the parameters as metadata."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def test_reads_strictly_and_without_warning(written: Written, name: str) -> None
 
     objects = model.GetMeshObjects()
     assert objects.MoveNext()
-    thing = objects.GetCurrentMeshObject()
-    assert not objects.MoveNext(), "one object"
-    assert thing.IsManifoldAndOriented()
-    assert thing.GetName() == part.name
-    vertices = np.array([list(v.Coordinates) for v in thing.GetVertices()], dtype=np.float64)
-    triangles = np.array([list(t.Indices) for t in thing.GetTriangleIndices()])
+    mesh_object = objects.GetCurrentMeshObject()
+    assert not objects.MoveNext(), "there must be only one object"
+    assert mesh_object.IsManifoldAndOriented()
+    assert mesh_object.GetName() == part.name
+    vertices = np.array([list(v.Coordinates) for v in mesh_object.GetVertices()], dtype=np.float64)
+    triangles = np.array([list(t.Indices) for t in mesh_object.GetTriangleIndices()])
     assert np.array_equal(vertices[triangles], mesh.triangle_points)
     assert model.GetBuildItems().Count() == 1
 

@@ -1,4 +1,4 @@
-"""MuJoCo: rays meet the formula, a ball dropped into a valley rests where the formula lets it, and so does a dome."""
+"""MuJoCo: rays hit the texture at the height of the formula, and a ball and a dome rest at the computed heights."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ pytestmark = pytest.mark.real
 
 DOME_MM, DOME_N = 20.0, 2.0
 FILES = ("", "-tiles")
-#: What MuJoCo takes where nothing is said.
+#: The default contact settings of MuJoCo.
 DEFAULTS = 'solref="0.02 1" solimp="0.9 0.95 0.001" priority="1"'
 
 
 def rest_of_ball(path: Path, start_mm: tuple[float, float, float], seconds: float = 1.0) -> np.ndarray:
-    """Where a steel ball that is let go comes to rest, in mm."""
+    """Drop a steel ball and return its final position in mm."""
     spec = mujoco.MjSpec.from_file(str(path))
     mass = steel_kg(BALL_MM)
-    ball = spec.worldbody.add_body(name="ball", pos=[one / 1e3 for one in start_mm])
+    ball = spec.worldbody.add_body(name="ball", pos=[value / 1e3 for value in start_mm])
     ball.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[BALL_MM / 1e3, 0, 0], mass=mass)
     for axis in np.eye(3):
         ball.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, damping=10.0 * mass)
     ball.add_joint(type=mujoco.mjtJoint.mjJNT_BALL, damping=mass * 1e-5)
     _, data = run(spec, seconds)
-    assert np.abs(data.qvel[:3]).max() < 1e-3, "still moving"
+    assert np.abs(data.qvel[:3]).max() < 1e-3, "the ball is still moving"
     return np.asarray(data.body("ball").xpos) * 1e3
 
 
@@ -48,7 +48,9 @@ def run(spec: Any, seconds: float) -> tuple[Any, Any]:
 
 
 def sinking_of_dome(path: Path, block: Block) -> tuple[float, float]:
-    """How far below the formula's contact a dome under 2 N lies 0.3 s after a drop of 0.3 mm, in mm; its speed, m/s."""
+    """Drop a dome of 2 N from 0.3 mm. Return its depth below the contact with the formula after 0.3 s, in mm, and its
+    speed in m/s.
+    """
     x, y = (side / 2.0 for side in block.size_mm)
     free = centre_height_mm(block, x, y, DOME_MM, samples=1201)
     spec = mujoco.MjSpec.from_file(str(path))
@@ -69,10 +71,10 @@ def test_heights(number: str, kind: str, exported: Exported) -> None:
     mujoco.mj_forward(model, data)
     places = places_mm(block)
     hit, down = np.zeros(1, np.int32), [0, 0, -1]
-    found = [
+    heights = [
         20.0 - 1e3 * mujoco.mj_ray(model, data, [x / 1e3, y / 1e3, 0.02], down, None, 1, -1, hit) for x, y in places
     ]
-    error = np.abs(np.array(found) - block.height_at(*places.T))
+    error = np.abs(np.array(heights) - block.height_at(*places.T))
     assert error.max() <= SimulatorAsset(block).heights.certificate.vertical_mm + 1e-5
 
 
@@ -81,20 +83,20 @@ def test_heights(number: str, kind: str, exported: Exported) -> None:
 def test_contact_of_a_ball(number: str, kind: str, exported: Exported) -> None:
     block = Block.of(number)
     x, y, z = valley_mm(block)
-    found = rest_of_ball(exported(number, "mjcf") / f"texture-{number}{kind}.xml", (x + 0.05, y + 0.03, z + 0.3))
-    assert found[2] == pytest.approx(z, abs=NEAR_MM)
-    assert found[2] == pytest.approx(centre_height_mm(block, found[0], found[1]), abs=NEAR_MM)
+    position = rest_of_ball(exported(number, "mjcf") / f"texture-{number}{kind}.xml", (x + 0.05, y + 0.03, z + 0.3))
+    assert position[2] == pytest.approx(z, abs=NEAR_MM)
+    assert position[2] == pytest.approx(centre_height_mm(block, position[0], position[1]), abs=NEAR_MM)
 
 
 def test_contact_of_a_ball_on_oblique_waves_at_twice_the_size(tmp_path: Path) -> None:
-    """Three waves at 60 degrees: not the sum of a profile along x and one along y."""
+    """The texture has three waves at 60 degrees, so it is not the sum of a profile along x and a profile along y."""
     waves = WaveSum(tuple(Wave(amplitude=0.4, f=f, g=g) for f, g in ((1.0, 0.0), (-0.5, 0.866), (-0.5, -0.866))))
     block = Block.of(Texture(name="hexagonal", equation="three waves", waves=waves), scale=2.0)
     folder = export_to_simulators([block], ["mjcf"], tmp_path)[0].folder
     x, y, z = valley_mm(block)
     for kind in FILES:
-        found = rest_of_ball(folder / f"hexagonal{kind}.xml", (x + 0.05, y + 0.03, z + 0.3))
-        assert found[2] == pytest.approx(z, abs=NEAR_MM)
+        position = rest_of_ball(folder / f"hexagonal{kind}.xml", (x + 0.05, y + 0.03, z + 0.3))
+        assert position[2] == pytest.approx(z, abs=NEAR_MM)
 
 
 @pytest.mark.parametrize("number", "24")
@@ -105,7 +107,7 @@ def test_contact_of_a_dome_on_tiles(number: str, exported: Exported) -> None:
 
 
 def test_a_soft_dome_runs_out_of_contacts_on_one_field(exported: Exported) -> None:
-    """What the tiles are for; with MuJoCo's own settings."""
+    """Show with the default settings of MuJoCo that a single field has too few contacts and that tiles avoid this."""
     folder, block = exported("2", "mjcf"), Block.of("2")
     sinking = []
     for kind in FILES:
@@ -115,11 +117,11 @@ def test_a_soft_dome_runs_out_of_contacts_on_one_field(exported: Exported) -> No
         soft.write_text(text, encoding="utf-8")
         sinking.append(sinking_of_dome(soft, block)[0])
         soft.unlink()
-    one, tiles = sinking
-    assert one > 0.3 and tiles < NEAR_MM
+    single_field, tiles = sinking
+    assert single_field > 0.3 and tiles < NEAR_MM
 
 
-def test_a_scene_of_ones_own_attaches_the_texture(exported: Exported) -> None:
+def test_a_users_scene_attaches_the_texture(exported: Exported) -> None:
     child = mujoco.MjSpec.from_file(str(exported("2", "mjcf") / "texture-2-tiles.xml"))
     scene = mujoco.MjSpec()
     scene.option.timestep = child.option.timestep

@@ -1,6 +1,6 @@
-"""Our Marlin driver against OctoPrint's virtual printer: a Marlin that neither we nor Marlin's authors wrote.
+"""The Marlin driver with the virtual printer of OctoPrint, an independent implementation of Marlin.
 
-It needs OctoPrint in an environment of its own, ``.venv-octoprint``, which ``.ci/run`` sets up.
+The test needs OctoPrint in a separate environment, ``.venv-octoprint``, which ``.ci/run`` creates.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ LIMITS = ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0))
 
 @contextmanager
 def _printer(*options: str) -> Iterator[str]:
-    """The path of a terminal behind which OctoPrint's printer answers."""
+    """Return the path of a terminal that is connected to the printer of OctoPrint."""
     script = ROOT / "tests" / "helpers" / "octoprint_printer.py"
     with subprocess.Popen(
         [PYTHON, script, *options], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
@@ -61,12 +61,12 @@ def test_the_marlin_driver_moves_octoprints_printer() -> None:
             with pytest.raises(OutOfRangeError):
                 stage.move((-1.0, 0.0, 10.0), 100.0)
             assert stage.position() == pytest.approx((12.5, 23.25, 7.125), abs=0.011)
-            # The line numbers are reset, which OctoPrint accepts as Marlin does.
+            # The driver resets the line numbers, which OctoPrint accepts as Marlin does.
             stage.home()
             assert stage.position() == (0.0, 0.0, 0.0)
 
 
-def test_a_marlin_1_is_refused_by_its_name() -> None:
-    # As it comes, OctoPrint's printer says that it is "Virtual Marlin 1.0".
+def test_marlin_1_is_refused() -> None:
+    # The printer of OctoPrint has the name "Virtual Marlin 1.0" by default.
     with _printer() as port, pytest.raises(ProtocolError, match="'Virtual Marlin' is not Marlin 2"):
         open_stage(StageSettings(driver="marlin", port=port, limits_mm=LIMITS, timeout_s=5.0), Clock())

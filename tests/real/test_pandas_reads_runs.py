@@ -1,4 +1,4 @@
-"""A run folder as a user reads it: pandas for the table, OpenCV for the images, tactile_learning's way to both."""
+"""A run folder, read as a user reads it: the table with pandas, the images with OpenCV, and as in tactile_learning."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ START = datetime(2026, 1, 31, 12, 0, tzinfo=UTC)
 
 
 def picture(number: int) -> np.ndarray:
-    """A colour image with a level that tells its number, and noise."""
+    """Return a colour image with noise whose brightness depends on its number."""
     noise = np.random.default_rng(number).integers(0, 20, (48, 64, 3))
     return (noise + np.array([number, 2 * number % 200, 30])).astype(np.uint8)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The paper's 150 presses with small images."""
+    """Write a run with the 150 presses of the paper and small images."""
     info = RunInfo(
         printed=PrintedBlock(block=Block.of(6), printer="form-3", filament="grey-v4"),
         levels=(1, 2, 3),
@@ -80,7 +80,7 @@ def test_opencv_reads_the_images_that_the_table_names(folder: Path) -> None:
     assert np.array_equal(cv2.imread(str(folder / "sensor_images" / "image_0.png")), picture(0))
 
 
-def test_the_export_is_read_the_way_of_tactile_learning(folder: Path, tmp_path: Path) -> None:
+def test_the_export_is_read_as_in_tactile_learning(folder: Path, tmp_path: Path) -> None:
     export_tactile_data(folder, tmp_path / "data")
     table = pd.read_csv(tmp_path / "data" / "targets_images.csv")
     collect = json.loads((tmp_path / "data" / "collect_params.json").read_text())

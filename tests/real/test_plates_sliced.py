@@ -1,4 +1,4 @@
-"""PrusaSlicer takes a plate as it is: every block at the place, and with the texture, that the layout says."""
+"""PrusaSlicer reads a plate unchanged: every block has the position and the texture that the layout states."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tacbench_cad.util.errors import InputError
 pytestmark = pytest.mark.real
 
 
-def test_every_block_is_where_the_layout_says(prusa_slicer: Run, tmp_path: Path) -> None:
+def test_every_block_is_at_its_position_in_the_layout(prusa_slicer: Run, tmp_path: Path) -> None:
     pytest.importorskip("lib3mf")
     plates = arrange_plates([Block.of(1, scale=0.5), Block.of(2, scale=0.5)], 2, printers()["form-3"])
     (files,) = write_plates(plates, "grey-v4", tmp_path)
@@ -39,8 +39,8 @@ def test_every_block_is_where_the_layout_says(prusa_slicer: Run, tmp_path: Path)
     for row in rows:
         block = Block.of(row["texture"], scale=float(row["scale"]))
         frame = Frame(x_mm=float(row["x_mm"]), y_mm=float(row["y_mm"]))
-        found = compare(sliced, block, frame, pitch_mm=0.1)
-        assert found.rms_mm is not None and found.misplaced_rms_mm is not None
-        assert found.rms_mm < 0.075 < found.misplaced_rms_mm
+        comparison = compare(sliced, block, frame, pitch_mm=0.1)
+        assert comparison.rms_mm is not None and comparison.misplaced_rms_mm is not None
+        assert comparison.rms_mm < 0.075 < comparison.misplaced_rms_mm
     with pytest.raises(InputError, match="--frame"):
         compare(sliced, Block.of(1, scale=0.5))

@@ -1,7 +1,7 @@
-"""PrusaSlicer reads every file as it is meant, repairs nothing, and slices it.
+"""PrusaSlicer reads every file correctly, repairs nothing, and slices it.
 
-It calls an empty file manifold and slices almost anything, so what counts are the numbers: triangles, box, volume,
-and the plastic that a solid print would take.
+It calls an empty file manifold and slices almost any file. The tests therefore check the numbers: triangles, box,
+volume, and the volume of plastic for a solid print.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.real
 BLOCKS = [f"{preset}-{number}" for preset in ("paper", "released") for number in range(1, 7)]
 OTHER_BLOCKS = ["grid-4", "keyed-4", "keyed-2"]
 FIXTURES = ["holder", "tray", "holder-released", "jig", "jig-all", "coupon"]
-#: A block with key and label, an aliased one of the released files, and the two fixtures that everybody prints.
+#: A block with key and label, an aliased block of the released files, and the two fixtures.
 SLICED = ["keyed-2", "released-6", "holder", "jig"]
 
 
@@ -39,7 +39,7 @@ def test_reads_it_as_manifold(prusa_slicer: Run, written: Written, name: str, fo
         assert float(info[f"size_{axis}"]) == pytest.approx(side, abs=2e-5)
         if form == "stl":  # a 3MF is placed on the bed
             assert float(info[f"min_{axis}"]) == pytest.approx(0.0, abs=1e-6)
-    # It adds up in single precision: 1e-5 of the volume, no more.
+    # PrusaSlicer computes the sum in single precision, so the relative error is up to 1e-5.
     slack = body.volume_slack_mm3 + 2e-5 * body.volume_mm3
     assert float(info["volume"]) == pytest.approx(body.volume_mm3, abs=slack)
     for word in ("open_edges", "facets_reversed", "backwards_edges", "repaired", "degenerate"):
@@ -48,7 +48,7 @@ def test_reads_it_as_manifold(prusa_slicer: Run, written: Written, name: str, fo
 
 
 def _slice(prusa_slicer: Run, model: Path, target: Path) -> dict[str, str]:
-    """G-code at 0.2 mm with a 0.4 mm nozzle, solid; its own summary."""
+    """Slice a solid print with layers of 0.2 mm and a 0.4 mm nozzle; return the summary in the G-code."""
     output = prusa_slicer(
         [
             *("--export-gcode", "--layer-height", "0.2", "--first-layer-height", "0.2", "--nozzle-diameter", "0.4"),
@@ -66,27 +66,27 @@ def _slice(prusa_slicer: Run, model: Path, target: Path) -> dict[str, str]:
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(one, marks=() if one in SLICED else pytest.mark.long) for one in BLOCKS + OTHER_BLOCKS + FIXTURES],
+    [pytest.param(part, marks=() if part in SLICED else pytest.mark.long) for part in BLOCKS + OTHER_BLOCKS + FIXTURES],
 )
-def test_slices_it(prusa_slicer: Run, written: Written, name: str, tmp_path: Path) -> None:
-    """All its layers up to its height; and a solid print takes the plastic that the part has volume."""
+def test_the_part_is_sliced_completely(prusa_slicer: Run, written: Written, name: str, tmp_path: Path) -> None:
+    """The G-code has all layers up to the height of the part, and needs its volume of plastic for a solid print."""
     part = part_named(name)
     _, body = part.mesh
     summary = _slice(prusa_slicer, written(name, "stl"), tmp_path / "part.gcode")
-    heights = [float(one) for one in summary["heights"].split()]
+    heights = [float(text) for text in summary["heights"].split()]
     assert heights[0] == pytest.approx(0.2)
-    # What is thinner than the nozzle is left out: of textures 4 and 6 the ripples' crests, up to two layers.
-    least = part.size_mm[2] - (0.401 if name.endswith(("-4", "-6")) else 0.201)
-    assert least <= max(heights) <= part.size_mm[2] + 0.001
+    # Details thinner than the nozzle are left out: up to two layers at the crests of the ripples of textures 4 and 6.
+    min_height = part.size_mm[2] - (0.401 if name.endswith(("-4", "-6")) else 0.201)
+    assert min_height <= max(heights) <= part.size_mm[2] + 0.001
     assert len(set(heights)) == round(max(heights) / 0.2), "a layer is missing"
     plastic = 1000.0 * float(summary["filament used [cm3]"])
     assert plastic == pytest.approx(body.volume_mm3, rel=0.03)
 
 
-def test_sees_a_hole(prusa_slicer: Run, written: Written, tmp_path: Path) -> None:
-    """The yardstick itself: one triangle taken out of a good file is found."""
-    whole = written("paper-1", "stl").read_bytes()
-    count = int.from_bytes(whole[80:84], "little") - 1
+def test_a_hole_is_found(prusa_slicer: Run, written: Written, tmp_path: Path) -> None:
+    """The check must find that one triangle is removed from a correct file."""
+    content = written("paper-1", "stl").read_bytes()
+    count = int.from_bytes(content[80:84], "little") - 1
     broken = tmp_path / "broken.stl"
-    broken.write_bytes(whole[:80] + count.to_bytes(4, "little") + whole[84:-50])
+    broken.write_bytes(content[:80] + count.to_bytes(4, "little") + content[84:-50])
     assert _info(prusa_slicer(["--info", broken]))["manifold"].strip() == "no"

@@ -1,4 +1,4 @@
-"""PyBullet: rays meet the formula, and a small ball dropped into a valley rests where the formula lets it."""
+"""PyBullet: rays hit the texture at the height of the formula, and a small ball rests at the computed height."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ def test_contact_of_a_ball(number: str, exported: Exported, world: int) -> None:
     block = Block.of(number)
     load(number, exported, world)
     x, y, z = valley_mm(block)
-    found = drop(pybullet, world, (x + 0.05, y + 0.03, z + 0.3), BALL_MM)
-    assert found[2] == pytest.approx(z, abs=NEAR_MM)
-    assert found[2] == pytest.approx(centre_height_mm(block, found[0], found[1]), abs=NEAR_MM)
+    position = drop(pybullet, world, (x + 0.05, y + 0.03, z + 0.3), BALL_MM)
+    assert position[2] == pytest.approx(z, abs=NEAR_MM)
+    assert position[2] == pytest.approx(centre_height_mm(block, position[0], position[1]), abs=NEAR_MM)
 
 
 @pytest.mark.parametrize("number", "24")

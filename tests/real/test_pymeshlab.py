@@ -1,4 +1,4 @@
-"""pymeshlab: closed, two-manifold everywhere, the right number of holes, and no triangle that cuts another."""
+"""pymeshlab: the meshes are closed and two-manifold, with the correct number of holes and no self-intersection."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from helpers.outsiders import Written, part_named
 
 pytestmark = pytest.mark.real
 
-#: Textures with steep walls and with curved ones, both presets and both ways to sample; and the fixtures.
+#: Textures with steep and with curved walls, both presets and both kinds of sampling, and the fixtures.
 QUICK = ["paper-2", "paper-4", "released-6", "keyed-4", "holder", "jig"]
 ALL = [
     *(f"{preset}-{number}" for preset in ("paper", "released") for number in range(1, 7)),
@@ -15,7 +15,7 @@ ALL = [
 ]
 
 
-@pytest.mark.parametrize("name", [pytest.param(one, marks=() if one in QUICK else pytest.mark.long) for one in ALL])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.long) for name in ALL])
 def test_is_a_closed_manifold(written: Written, name: str) -> None:
     pymeshlab = pytest.importorskip("pymeshlab", reason="pymeshlab is not installed (extra cad)")
     part = part_named(name)

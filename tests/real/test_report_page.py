@@ -1,4 +1,4 @@
-"""The report in a real browser: what its first screen holds, that nothing is cut, and how it prints on A4."""
+"""The report in a real browser: the first screen, no content cut off, and the pages in A4."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tacbench_cad.lab.analysis.report.page import write_report
 
 pytestmark = pytest.mark.real
 
-#: Sides of A4 in points of PDF; the width and height between the page's margins of 15 mm in pixels of CSS.
+#: The sides of A4 in points of PDF, and the width and height inside the page margins of 15 mm in pixels of CSS.
 A4_PT = (595.28, 841.89)
 PRINTED_PX = (180.0 * 96.0 / 25.4, 267.0 * 96.0 / 25.4)
 MAX_PAGES = 20
@@ -29,7 +29,7 @@ BOX = "(e) => { const box = e.getBoundingClientRect(); return [box.right, box.bo
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A report with every section, of simulated data with a long list of what was simulated."""
+    """Write a report with every section about simulated data, with a long list of simulated devices."""
     folder = tmp_path_factory.mktemp("report")
     simulated = "simulated TacTip; " + "; ".join(f"block from a virtual printer, number {n}" for n in range(9))
     write_study(folder / "runs", textures=(1, 2, 3, 4, 5, 6), simulated=simulated, levels=(1, 2))
@@ -39,34 +39,34 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "report.html"
 
 
-def opened(browser: Any, report: Path, width: int, height: int, media: str | None = None) -> tuple[Any, list[str]]:
-    """The report at a size, and what it asked for and complained of."""
+def open_report(browser: Any, report: Path, width: int, height: int, media: str | None = None) -> tuple[Any, list[str]]:
+    """Open the report in a window of the given size; return the page, and a list of its requests and messages."""
     page = browser.new_page(viewport={"width": width, "height": height})
     events: list[str] = []
     page.on("request", lambda request: events.append(request.url))
     page.on("console", lambda message: events.append(message.text))
-    if media is not None:  # what is set here holds in a PDF too
+    if media is not None:  # the PDF also uses this setting
         page.emulate_media(media=media)
     page.goto(report.as_uri())
     return page, [event for event in events if event != report.as_uri() and not event.startswith("data:")]
 
 
 def boxes(page: Any, selector: str) -> list[list[float]]:
-    """The right and lower end, width and height of elements, in pixels."""
+    """Return the right end, the lower end, the width and the height of elements, in pixels."""
     return [element.evaluate(BOX) for element in page.locator(selector).all()]
 
 
 @pytest.mark.parametrize(("width", "height"), [(1366, 768), (390, 844)])
-def test_the_screen_shows_what_answers_and_nothing_is_wider(
+def test_the_first_screen_shows_the_answers_and_nothing_is_wider(
     browser: Any, report: Path, width: int, height: int
 ) -> None:
-    page, events = opened(browser, report, width, height)
+    page, events = open_report(browser, report, width, height)
     assert events == []
     assert page.evaluate("document.scrollingElement.scrollWidth") == width
     assert len(boxes(page, "dd")) == 5
     assert all(bottom < height for _, bottom, _, _ in boxes(page, "dd"))
     if width > 1000:
-        assert boxes(page, "figure img")[0][1] < height, "five sentences and the figure are on the first screen"
+        assert boxes(page, "figure img")[0][1] < height, "five sentences and the figure must be on the first screen"
     assert not page.locator("details table").first.is_visible()
     page.locator("summary").nth(1).click()
     assert page.locator("details#design table").first.is_visible()
@@ -75,7 +75,7 @@ def test_the_screen_shows_what_answers_and_nothing_is_wider(
 
 def test_on_paper_everything_is_open_and_nothing_is_cut(browser: Any, report: Path) -> None:
     width, height = PRINTED_PX
-    page, _ = opened(browser, report, int(width), int(height), "print")
+    page, _ = open_report(browser, report, int(width), int(height), "print")
     assert page.evaluate("document.scrollingElement.scrollWidth") <= width
     for selector in ("table", "img", "p", "li", "pre"):
         for right, _, box_width, box_height in boxes(page, selector):
@@ -84,16 +84,16 @@ def test_on_paper_everything_is_open_and_nothing_is_cut(browser: Any, report: Pa
     assert all(box_height < height for _, _, _, box_height in boxes(page, "figure")), "a figure is longer than a page"
     cut = "(cell) => cell.scrollWidth > cell.clientWidth + 1"
     assert not any(cell.evaluate(cut) for cell in page.locator("th, td, figcaption").all())
-    assert boxes(page, "figure")[0][1] < height, "five sentences and the figure are on page 1"
+    assert boxes(page, "figure")[0][1] < height, "five sentences and the figure must be on page 1"
     page.close()
 
 
 def test_its_pdf_has_pages_of_a4(browser: Any, report: Path) -> None:
-    page, _ = opened(browser, report, 1366, 768)
+    page, _ = open_report(browser, report, 1366, 768)
     data: bytes = page.pdf(prefer_css_page_size=True)
     page.close()
     sizes = re.findall(rb"/MediaBox ?\[ ?0 0 ([\d.]+) ([\d.]+) ?\]", data)
-    assert 5 <= len(sizes) <= MAX_PAGES, "folded sections are printed too"
+    assert 5 <= len(sizes) <= MAX_PAGES, "folded sections must be printed"
     for size in sizes:
         assert tuple(map(float, size)) == pytest.approx(A4_PT, abs=1.0)
     title = re.search(rb"/Title ?(.*)", data)

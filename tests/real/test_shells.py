@@ -1,4 +1,4 @@
-"""Tab completion in the shells themselves: a line is typed at a terminal, with the tab key, and run."""
+"""Tab completion in real shells: the test types a line with the tab key at a terminal and runs it."""
 
 from __future__ import annotations
 
@@ -16,22 +16,23 @@ pty = pytest.importorskip("pty", reason="there are no pseudo-terminals on this s
 
 pytestmark = pytest.mark.real
 
-#: How each shell is started, without the user's own settings, and what makes it load the script.
+#: The options that start each shell without the user's settings, and the command that loads the script.
 SHELLS = {
     "bash": (["--norc", "--noprofile", "-i"], 'eval "$(tacbench completion bash 2>/dev/null)"'),
     "zsh": (["-f", "-i"], 'autoload -U compinit; compinit -D; eval "$(tacbench completion zsh 2>/dev/null)"'),
     "fish": (["--no-config", "-i"], "tacbench completion fish 2>/dev/null | source"),
 }
-PATIENCE_S = 60.0
-#: A shell has ended a completion when it has shown nothing for so long.
+#: The time limit for a shell, in s.
+MAX_SECONDS = 60.0
+#: The time without output after which a completion is regarded as finished, in s.
 QUIET_S = 2.0
 TAB, ENTER = "\t", "\r"
 
 Type = Callable[[str], list[str]]
 
 
-def waited_for(path: Path) -> str:
-    end = time.monotonic() + PATIENCE_S
+def wait_for(path: Path) -> str:
+    end = time.monotonic() + MAX_SECONDS
     while not path.is_file() or not path.read_text().endswith("\n"):
         assert time.monotonic() < end, f"{path.name} was not written"
         time.sleep(0.05)
@@ -39,15 +40,15 @@ def waited_for(path: Path) -> str:
 
 
 @pytest.fixture(params=SHELLS)
-def typed(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Type]:
-    """Types a line with tabs at a shell, and gives the arguments that the command then got."""
+def type_and_run(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Type]:
+    """Return a function that types a line with tabs at a shell and returns the arguments that the command received."""
     shell = request.param
     program = shutil.which(shell)
     if program is None:
         pytest.skip(f"{shell} is not installed: apt-get install {shell}")
     (tmp_path / "bin").mkdir()
     command = tmp_path / "bin" / "tacbench"
-    # Completion is answered by the program. A line that is run writes down its arguments.
+    # The program answers requests for completion. A line that is run writes its arguments to a file.
     command.write_text(
         "#!/bin/sh\n"
         'if [ -n "$_TACBENCH_COMPLETE" ] || [ "$1" = completion ]; then\n'
@@ -72,12 +73,12 @@ def typed(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Mo
     if child == 0:
         os.chdir(work)
         os.execve(program, [shell, *options], environment)
-    shown: list[bytes] = []
+    output: list[bytes] = []
 
     def drain(quiet_s: float) -> None:
         while select.select([terminal], [], [], quiet_s)[0]:
             try:
-                shown.append(os.read(terminal, 65536))
+                output.append(os.read(terminal, 65536))
             except OSError:
                 return
 
@@ -88,26 +89,26 @@ def typed(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Mo
             drain(QUIET_S)
         os.write(terminal, ENTER.encode())
         drain(0.5)
-        return waited_for(tmp_path / "arguments").split()
+        return wait_for(tmp_path / "arguments").split()
 
     drain(QUIET_S)
     os.write(terminal, f"{setup}; echo yes > {tmp_path}/ready{ENTER}".encode())
-    end = time.monotonic() + PATIENCE_S
+    end = time.monotonic() + MAX_SECONDS
     while not (tmp_path / "ready").is_file() and time.monotonic() < end:
         drain(0.2)
-    assert (tmp_path / "ready").is_file(), b"".join(shown).decode(errors="replace")
+    assert (tmp_path / "ready").is_file(), b"".join(output).decode(errors="replace")
     drain(QUIET_S)
     yield type_line
     os.close(terminal)
     os.waitpid(child, 0)
 
 
-def test_a_typed_line_is_completed(typed: Type) -> None:
-    assert typed(f"tacbench simul{TAB}") == ["simulate"]
-    assert typed(f"tacbench make --pres{TAB}rel{TAB}") == ["make", "--preset", "released"]
-    assert typed(f"tacbench make --texture 1,hex{TAB}") == ["make", "--texture", "1,hexagons.toml"]
-    assert typed(f"tacbench plate --printer bamb{TAB}") == ["plate", "--printer", "bambu-p1p"]
-    assert typed(f"tacbench variance ru{TAB}") == ["variance", "runs"]
-    assert typed(f"tacbench classify runs --hold-out copy,prin{TAB}") == [
+def test_a_typed_line_is_completed(type_and_run: Type) -> None:
+    assert type_and_run(f"tacbench simul{TAB}") == ["simulate"]
+    assert type_and_run(f"tacbench make --pres{TAB}rel{TAB}") == ["make", "--preset", "released"]
+    assert type_and_run(f"tacbench make --texture 1,hex{TAB}") == ["make", "--texture", "1,hexagons.toml"]
+    assert type_and_run(f"tacbench plate --printer bamb{TAB}") == ["plate", "--printer", "bambu-p1p"]
+    assert type_and_run(f"tacbench variance ru{TAB}") == ["variance", "runs"]
+    assert type_and_run(f"tacbench classify runs --hold-out copy,prin{TAB}") == [
         *("classify", "runs", "--hold-out", "copy,printer-filament"),
     ]

@@ -1,4 +1,4 @@
-"""The as-sliced check on G-code of real slicers: PrusaSlicer and CuraEngine."""
+"""The comparison of G-code with the formula, for real slicers: PrusaSlicer and CuraEngine."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from tacbench_cad.spec.block import Block
 
 pytestmark = pytest.mark.real
 
-#: Height error and that of the ideal staircase for texture 2 by layer height, in mm.
+#: The height error of texture 2, and the error of the ideal staircase, for each layer height, in mm.
 EXPECTED = {0.1: (0.027, 0.029), 0.15: (0.039, 0.0435), 0.2: (0.052, 0.0575)}
-HEIGHTS = [pytest.param(one, marks=() if one == 0.2 else pytest.mark.long) for one in EXPECTED]
+HEIGHTS = [pytest.param(height, marks=() if height == 0.2 else pytest.mark.long) for height in EXPECTED]
 
 
 @pytest.fixture
@@ -33,61 +33,61 @@ def checked(path: Path, texture: int = 2) -> AsSliced:
     return compare(read_gcode(path), Block.of(texture), pitch_mm=0.1)
 
 
-def require_like_expected(found: AsSliced, layer_mm: float) -> None:
+def require_like_expected(comparison: AsSliced, layer_mm: float) -> None:
     rms, ideal = EXPECTED[layer_mm]
-    assert found.sliced.layer_mm == pytest.approx(layer_mm)
-    assert found.rms_mm == pytest.approx(rms, abs=0.004)
-    assert found.ideal_rms_mm == pytest.approx(ideal, abs=0.001)
-    assert found.misplaced_rms_mm is not None and found.misplaced_rms_mm > 0.055
-    assert found.sideways is not None and found.sideways.missing_fraction < 0.01
-    assert (found.peaks.count, found.peaks.missed) == (9, 0)
-    assert (found.valleys.count, found.valleys.missed) == (9, 0)
-    assert found.sliced.unknown == ()
-    whole = any("whole number of layers" in one for one in found.warnings)
-    assert whole == (layer_mm == 0.15)
+    assert comparison.sliced.layer_mm == pytest.approx(layer_mm)
+    assert comparison.rms_mm == pytest.approx(rms, abs=0.004)
+    assert comparison.ideal_rms_mm == pytest.approx(ideal, abs=0.001)
+    assert comparison.misplaced_rms_mm is not None and comparison.misplaced_rms_mm > 0.055
+    assert comparison.sideways is not None and comparison.sideways.missing_fraction < 0.01
+    assert (comparison.peaks.count, comparison.peaks.missed) == (9, 0)
+    assert (comparison.valleys.count, comparison.valleys.missed) == (9, 0)
+    assert comparison.sliced.unknown == ()
+    warned = any("whole number of layers" in warning for warning in comparison.warnings)
+    assert warned == (layer_mm == 0.15)
 
 
 @pytest.mark.parametrize("layer_mm", HEIGHTS)
 def test_prusaslicer(prusa_slicer: Run, written: Written, tmp_path: Path, layer_mm: float) -> None:
-    found = checked(by_prusa(prusa_slicer, written("paper-2", "stl"), tmp_path / "a.gcode", layer_mm))
-    assert found.sliced.dialect == "PrusaSlicer" and not found.sliced.filament_assumed
-    assert set(found.sliced.left_out) == {"Skirt/Brim"}
-    assert float(found.sliced.beads.width_mm.max()) < 1.0
-    require_like_expected(found, layer_mm)
+    comparison = checked(by_prusa(prusa_slicer, written("paper-2", "stl"), tmp_path / "a.gcode", layer_mm))
+    assert comparison.sliced.dialect == "PrusaSlicer" and not comparison.sliced.filament_assumed
+    assert set(comparison.sliced.left_out) == {"Skirt/Brim"}
+    assert float(comparison.sliced.beads.width_mm.max()) < 1.0
+    require_like_expected(comparison, layer_mm)
 
 
 def test_prusaslicer_relative_turned_and_on_supports(prusa_slicer: Run, written: Written, tmp_path: Path) -> None:
-    """M83 with G92 at each layer, classic walls, a raft, turned by 90 degrees, elsewhere on the bed."""
+    """The G-code has M83, G92 at each layer, classic walls, a raft, a rotation by 90 degrees and another position."""
     options = ("--use-relative-e-distances", "--layer-gcode", "G92 E0", "--perimeter-generator", "classic")
     place = ("--rotate", "90", "--center", "60,70", "--raft-layers", "2")
-    found = checked(by_prusa(prusa_slicer, written("paper-2", "stl"), tmp_path / "a.gcode", 0.2, *options, *place))
-    assert found.frame.quarters == 1
-    assert (found.frame.x_mm, found.frame.y_mm) == pytest.approx((60.0 - 15.0, 70.0 - 11.65), abs=0.02)
-    assert found.sliced.floor_mm > 0.3
-    assert any(name.startswith("Support material") for name in found.sliced.left_out)
-    require_like_expected(found, 0.2)
+    comparison = checked(by_prusa(prusa_slicer, written("paper-2", "stl"), tmp_path / "a.gcode", 0.2, *options, *place))
+    assert comparison.frame.quarters == 1
+    assert (comparison.frame.x_mm, comparison.frame.y_mm) == pytest.approx((60.0 - 15.0, 70.0 - 11.65), abs=0.02)
+    assert comparison.sliced.floor_mm > 0.3
+    assert any(name.startswith("Support material") for name in comparison.sliced.left_out)
+    require_like_expected(comparison, 0.2)
 
 
 @pytest.mark.long
 def test_prusaslicer_loses_the_ripples_of_texture_4(prusa_slicer: Run, written: Written, tmp_path: Path) -> None:
-    found = checked(by_prusa(prusa_slicer, written("paper-4", "stl"), tmp_path / "a.gcode", 0.1), 4)
-    assert found.peaks.missed > 100 and found.valleys.missed > 100
-    assert found.rms_mm is not None and found.ideal_rms_mm is not None
-    assert found.rms_mm > 1.5 * found.ideal_rms_mm
-    assert found.sideways is not None and found.sideways.rms_mm < 0.2
+    comparison = checked(by_prusa(prusa_slicer, written("paper-4", "stl"), tmp_path / "a.gcode", 0.1), 4)
+    assert comparison.peaks.missed > 100 and comparison.valleys.missed > 100
+    assert comparison.rms_mm is not None and comparison.ideal_rms_mm is not None
+    assert comparison.rms_mm > 1.5 * comparison.ideal_rms_mm
+    assert comparison.sideways is not None and comparison.sideways.rms_mm < 0.2
 
 
 @pytest.mark.parametrize("layer_mm", HEIGHTS)
 def test_curaengine(cura_engine: Run, written: Written, tmp_path: Path, layer_mm: float) -> None:
-    found = checked(by_cura(cura_engine, written("paper-2", "stl"), tmp_path / "a.gcode", layer_mm))
-    assert found.sliced.dialect == "Cura" and found.sliced.filament_assumed
-    assert found.sliced.left_out.keys() == {"before the first feature", "SKIRT"}
-    require_like_expected(found, layer_mm)
+    comparison = checked(by_cura(cura_engine, written("paper-2", "stl"), tmp_path / "a.gcode", layer_mm))
+    assert comparison.sliced.dialect == "Cura" and comparison.sliced.filament_assumed
+    assert comparison.sliced.left_out.keys() == {"before the first feature", "SKIRT"}
+    require_like_expected(comparison, layer_mm)
 
 
 @pytest.mark.long
 def test_curaengine_relative_with_a_raft(cura_engine: Run, written: Written, tmp_path: Path) -> None:
     options = ("relative_extrusion=true", "adhesion_type=raft")
-    found = checked(by_cura(cura_engine, written("paper-2", "stl"), tmp_path / "a.gcode", 0.2, options))
-    assert found.sliced.floor_mm > 0.3
-    assert found.rms_mm == pytest.approx(EXPECTED[0.2][0], abs=0.01)
+    comparison = checked(by_cura(cura_engine, written("paper-2", "stl"), tmp_path / "a.gcode", 0.2, options))
+    assert comparison.sliced.floor_mm > 0.3
+    assert comparison.rms_mm == pytest.approx(EXPECTED[0.2][0], abs=0.01)

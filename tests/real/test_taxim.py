@@ -1,7 +1,7 @@
-"""Taxim: read line by line as its loader does, the file fills its height map with the formula's heights.
+"""Taxim: if the file is read line by line, as Taxim does, the height map has the heights of the formula.
 
-Taxim has no package, and its calibration is no part of this project: what stands here is what its loader and its
-height map do with a file (pixels of 0.0295 mm, 480 x 640 of them, points below 0.2 mm left out), in our own words.
+Taxim has no package, and its calibration is not part of this project. This module therefore repeats how Taxim loads a
+file and fills its height map (480 x 640 pixels of 0.0295 mm; points below 0.2 mm are left out), without its code.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ ROWS, COLUMNS, PIXEL_MM, MIN_MM = 480, 640, 0.0295, 0.2
 
 
 def points_of(path: Path) -> np.ndarray:
-    """The points (n, 3) in mm: their count ends the fourth line, they begin with the eleventh."""
+    """Return the points (n, 3) in mm: their number is at the end of line 4, and they start in line 11."""
     lines = path.read_text(encoding="ascii").splitlines()
     count = int(lines[3].split(" ")[-1])
     assert lines[0] == "ply" and lines[9] == "end_header" and len(lines) == 10 + count
@@ -29,7 +29,7 @@ def points_of(path: Path) -> np.ndarray:
 
 
 def map_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The height map in mm, rows along y, and the place (x, y) in mm of the lower corner of its first pixel."""
+    """Return the height map in mm with rows along y, and the lower corner (x, y) of its first pixel in mm."""
     centre = points[:, :2].mean(axis=0)
     columns = ((points[:, 0] - centre[0]) / PIXEL_MM + COLUMNS // 2).astype(int)
     rows = ((points[:, 1] - centre[1]) / PIXEL_MM + ROWS // 2).astype(int)
@@ -50,7 +50,7 @@ def test_heights(number: str, exported: Exported) -> None:
         lines = np.unique(values)
         assert (lines[0], lines[-1]) == pytest.approx((0.0, side)) and np.diff(lines).max() <= PIXEL_MM
     heights, corner = map_of(points)
-    assert heights[1:, 1:].min() > MIN_MM, "a hole in the height map"
+    assert heights[1:, 1:].min() > MIN_MM, "the height map has a hole"
     mid = [corner[k] + PIXEL_MM * (np.arange(1, count) + 0.5) for k, count in enumerate((COLUMNS, ROWS))]
     above = block.datum_mm + block.surface.grid(*mid).T
     assert np.abs(heights[1:, 1:] - above).max() <= steepest * PIXEL_MM
@@ -59,7 +59,7 @@ def test_heights(number: str, exported: Exported) -> None:
 
 @pytest.mark.parametrize("number", "24")
 def test_contact_of_a_ball(number: str, exported: Exported) -> None:
-    """A ball that touches the height map in its lowest place near a valley is where the formula lets it be."""
+    """A ball in the lowest position near a valley that touches the height map is at the height of the formula."""
     block = Block.of(number)
     heights, corner = map_of(points_of(exported(number, "taxim") / f"texture-{number}.ply"))
     x, y, z = valley_mm(block, margin_mm=9.0)

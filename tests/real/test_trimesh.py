@@ -1,6 +1,6 @@
-"""trimesh: the OBJ as it reads it is the closed body, with the formula's heights.
+"""trimesh reads the OBJ file as a closed body with the heights of the formula.
 
-trimesh has no contact of its own; the ball is dropped in PyBullet on the triangles that trimesh hands out.
+trimesh does not simulate contact. PyBullet drops the ball on the triangles that trimesh reads.
 """
 
 from __future__ import annotations
@@ -37,5 +37,5 @@ def test_heights(number: str, exported: Exported) -> None:
 def test_contact_of_a_ball(number: str, exported: Exported) -> None:
     block, body = Block.of(number), body_of(number, exported)
     x, y, z = valley_mm(block)
-    found = rest_on_triangles(body.vertices, body.faces, (x + 0.05, y + 0.03, z + 0.3))
-    assert found[2] == pytest.approx(z, abs=NEAR_MM)
+    position = rest_on_triangles(body.vertices, body.faces, (x + 0.05, y + 0.03, z + 0.3))
+    assert position[2] == pytest.approx(z, abs=NEAR_MM)

@@ -1,6 +1,6 @@
-"""OpenUSD: the stage as usd-core reads it has the formula's heights, metres, z up and unsubdivided triangles.
+"""OpenUSD: usd-core reads a stage in metres with z up, with the heights of the formula and unsubdivided triangles.
 
-usd-core has no contact of its own; the ball is dropped in PyBullet on the triangles that usd-core hands out.
+usd-core does not simulate contact. PyBullet drops the ball on the triangles that usd-core reads.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ pytestmark = pytest.mark.real
 
 
 def mesh_of(number: str, exported: Exported) -> tuple[Any, np.ndarray, np.ndarray]:
-    """The mesh prim, its points in mm with z up, and its triangles."""
+    """Return the mesh prim, its points in mm with z up, and its triangles."""
     stage = Usd.Stage.Open(str(exported(number, "usd") / f"texture-{number}.usda"))
     assert UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z
     to_mm = 1e3 * UsdGeom.GetStageMetersPerUnit(stage)
-    (prim,) = [one for one in stage.Traverse() if one.IsA(UsdGeom.Mesh)]
+    (prim,) = [candidate for candidate in stage.Traverse() if candidate.IsA(UsdGeom.Mesh)]
     assert prim.GetPath().HasPrefix(stage.GetDefaultPrim().GetPath())
     mesh = UsdGeom.Mesh(prim)
     points = np.array(mesh.GetPointsAttr().Get(), dtype=np.float64)
     assert set(mesh.GetFaceVertexCountsAttr().Get()) == {3}
-    # the prim goes out of use with its stage, which is handed back for that reason
+    # the stage is also returned, because the prim becomes invalid without it
     return (stage, prim), points * to_mm, np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
 
 
@@ -58,8 +58,8 @@ def test_contact_of_a_ball(number: str, exported: Exported) -> None:
     assert prim.HasAPI(UsdPhysics.CollisionAPI)
     assert UsdPhysics.MeshCollisionAPI(prim).GetApproximationAttr().Get() == UsdPhysics.Tokens.none
     x, y, z = valley_mm(block)
-    found = rest_on_triangles(points, triangles, (x + 0.05, y + 0.03, z + 0.3))
-    assert found[2] == pytest.approx(z, abs=NEAR_MM)
+    position = rest_on_triangles(points, triangles, (x + 0.05, y + 0.03, z + 0.3))
+    assert position[2] == pytest.approx(z, abs=NEAR_MM)
 
 
 def test_the_physics_material_is_bound(exported: Exported) -> None:
@@ -75,4 +75,4 @@ def test_the_validators_of_openusd_find_nothing(exported: Exported) -> None:
     validators = registry.GetOrLoadAllValidators()
     assert validators
     errors = UsdValidation.ValidationContext(validators).Validate(stage)
-    assert [f"{one.GetName()}: {one.GetMessage()}" for one in errors] == []
+    assert [f"{error.GetName()}: {error.GetMessage()}" for error in errors] == []

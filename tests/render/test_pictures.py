@@ -1,4 +1,4 @@
-"""Pictures show the parts as they are. They are the same on every run, and are written whole or not at all."""
+"""Pictures show the parts correctly. They are equal on every run, and are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Image = pytest.importorskip("PIL.Image", reason="reading pictures needs pillow (
 pytest.importorskip("matplotlib", reason="pictures need the extra plot")
 
 PNG = b"\x89PNG\r\n\x1a\n"
-#: Height of the strip at the bottom of a sheet that holds the scale bar, with its margin, in pixels.
+#: The height of the strip with the scale bar at the bottom of a sheet, with its margin, in pixels.
 BAR_PX = 50
 
 
@@ -40,12 +40,12 @@ def pixels(path: Path) -> Bytes:
 
 
 def ink(image: Bytes) -> Bools:
-    """Where the picture is not white."""
+    """Return a mask of the pixels that are not white."""
     return (image < 250).any(axis=2)
 
 
 def box(x: float, y: float, z: float) -> Mesh:
-    """A box with one corner at the origin."""
+    """Return a box with one corner at the origin."""
     vertices = np.array([(a * x, b * y, c * z) for a in (0, 1) for b in (0, 1) for c in (0, 1)], dtype=np.float64)
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
@@ -53,7 +53,7 @@ def box(x: float, y: float, z: float) -> Mesh:
 
 
 def test_a_box_from_above_fills_its_rectangle() -> None:
-    """Straight from above a box of 20 x 10 mm is a rectangle of twice its depth, in the picture's middle."""
+    """Seen from above, a box of 20 x 10 mm is a rectangle in the middle of the picture, twice as wide as high."""
     shown = ink(render([body_of(box(20.0, 10.0, 5.0))], 220, 220, Camera(azimuth_deg=-90.0, elevation_deg=90.0)))
     rows, columns = np.flatnonzero(shown.any(axis=1)), np.flatnonzero(shown.any(axis=0))
     assert shown[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].all()
@@ -65,7 +65,7 @@ def test_a_box_from_above_fills_its_rectangle() -> None:
 @pytest.mark.parametrize("elevation", [0.0, 20.0, 38.0, 65.0])
 @pytest.mark.parametrize("azimuth", [-62.0, 30.0, 200.0])
 def test_a_box_covers_its_silhouette(azimuth: float, elevation: float) -> None:
-    """The area covered is the silhouette's: the sum of the visible faces, each times the cosine of its tilt."""
+    """The covered area is the sum of the visible faces, each multiplied by the cosine of its tilt."""
     x, y, z = 20.0, 12.0, 7.0
     a, e = math.radians(azimuth), math.radians(elevation)
     across = abs(x * math.sin(a)) + abs(y * math.cos(a))
@@ -75,7 +75,7 @@ def test_a_box_covers_its_silhouette(azimuth: float, elevation: float) -> None:
     assert shown.sum() * (across / width) ** 2 == pytest.approx(silhouette, rel=0.015)
 
 
-def test_nearer_parts_hide_farther_ones() -> None:
+def test_near_parts_hide_distant_parts() -> None:
     """A small box is visible in front of a large box and hidden behind it, whatever the order of the triangles."""
     small, large = box(4.0, 1.0, 4.0), box(20.0, 1.0, 20.0)
     front = Camera(azimuth_deg=-90.0, elevation_deg=0.0)
@@ -93,7 +93,7 @@ def test_nearer_parts_hide_farther_ones() -> None:
 
 
 def test_steep_faces_and_hollows_are_darker() -> None:
-    """The relief can be seen: a sine's walls differ from its crests, and the label from the underside around it."""
+    """The relief is visible: walls of a sine differ from its crests, and the label differs from the underside."""
     top = render([body_of(Block.of(1))], 300, 240)
     grey = top[ink(top)].mean(axis=1)
     assert np.percentile(grey, 95) - np.percentile(grey, 5) > 60
@@ -108,7 +108,7 @@ def test_render_is_reproducible() -> None:
     assert np.array_equal(render([body], 200, 150), render([body], 200, 150))
 
 
-def test_bodies_hide_each_other_in_their_places_and_colours() -> None:
+def test_bodies_have_their_places_and_colours_and_hide_each_other() -> None:
     front = Camera(azimuth_deg=-90.0, elevation_deg=0.0)
     before, behind = np.eye(4), np.eye(4)
     before[1, 3], behind[1, 3] = -5.0, 5.0
@@ -121,7 +121,7 @@ def test_bodies_hide_each_other_in_their_places_and_colours() -> None:
     image = render(bodies, 164, 164, front).astype(int)
     is_red = (image[:, :, 0] > image[:, :, 1] + 40).nonzero()
     assert np.ptp(is_red[0]) == pytest.approx(40, abs=2) and np.ptp(is_red[1]) == pytest.approx(40, abs=2)
-    assert is_red[0].max() > 160 and is_red[1].min() < 4, "the small box in front, at the lower left"
+    assert is_red[0].max() > 160 and is_red[1].min() < 4, "the small box is in front, at the lower left"
 
 
 OWN = Texture(name="hexagonal", waves=plane_waves((0.5, 1.0, 0.0), (0.5, 0.5, 0.866), (0.5, -0.5, 0.866)))
@@ -132,17 +132,17 @@ OWN = Texture(name="hexagonal", waves=plane_waves((0.5, 1.0, 0.0), (0.5, 0.5, 0.
     [*(Block.of(number) for number in range(1, 7)), Block.of(2, key_mm=3.0), Block.of(1, scale=0.5), Block.of(OWN)],
     ids=lambda block: block.name,
 )
-def test_a_texture_within_a_tolerance_is_shaded_as_its_formula(block: Block) -> None:
-    """The edges of the triangles leave no trace: a much finer mesh gives the same picture."""
+def test_a_texture_with_a_tolerance_is_shaded_like_its_formula(block: Block) -> None:
+    """The edges of the triangles are not visible: a much finer mesh gives the same picture."""
     coarse, fine = (render([body], 300, 240).astype(int) for body in (body_of(block), fine_body(block_part(block))))
     inside = binary_erosion(ink(coarse.astype(np.uint8)) & ink(fine.astype(np.uint8)), iterations=2)
     difference = np.abs(coarse - fine).max(axis=2)[inside]
-    assert np.mean(difference > 8) < 0.03, "single pixels along the edges of ripples and walls"
+    assert np.mean(difference > 8) < 0.03, "only single pixels along the edges of ripples and walls may differ"
     assert np.percentile(difference, 90) <= 3
 
 
-def test_triangles_would_leave_a_trace() -> None:
-    """The measure itself: without the formula the streaks of long triangles are found."""
+def test_the_check_finds_traces_of_triangles() -> None:
+    """Without the formula, the check must find the streaks of long triangles."""
     block = Block.of(1)
     body, fine = body_of(block), fine_body(block_part(block))
     flat = render([replace(body, relief=None)], 300, 240).astype(int)
@@ -150,8 +150,8 @@ def test_triangles_would_leave_a_trace() -> None:
     assert np.percentile(difference[ink(flat.astype(np.uint8))], 90) > 2
 
 
-def test_a_relief_is_turned_with_its_body() -> None:
-    """A block that is turned by a quarter, seen by a camera that is turned as well, gives the same picture."""
+def test_a_relief_is_rotated_with_its_body() -> None:
+    """If the block and the camera are both turned by 90 degrees, the picture stays the same."""
     body = body_of(Block.of(2))
     turn = np.array([[0.0, -1.0, 0.0, 3.0], [1.0, 0.0, 0.0, 4.0], [0.0, 0.0, 1.0, 5.0], [0.0, 0.0, 0.0, 1.0]])
     plain = render([body], 200, 160, Camera(azimuth_deg=-62.0))
@@ -164,7 +164,7 @@ def test_a_relief_is_turned_with_its_body() -> None:
     [Block.of(4, "released"), Block.of(2, sampling="grid"), Block.of(1, sampling=Tolerance(mm=0.2))],
     ids=["preset released", "sample grid", "coarse tolerance"],
 )
-def test_where_facets_are_printed_they_are_shown(block: Block) -> None:
+def test_printed_facets_are_shown(block: Block) -> None:
     assert relief_of(block) is None and body_of(block).relief is None
 
 
@@ -175,16 +175,16 @@ def test_a_relief_has_the_heights_and_slopes_of_the_formula() -> None:
         assert relief is not None
         expected = block.height_at(x, y), *block.surface.gradient(x, y)
         scale = max(1.0, block.surface.bound(1, 0), block.surface.bound(0, 1))
-        for values, right in zip(relief(x, y), expected, strict=True):
-            assert np.allclose(values, right, atol=2e-3 * scale)
+        for values, reference in zip(relief(x, y), expected, strict=True):
+            assert np.allclose(values, reference, atol=2e-3 * scale)
 
 
-def test_long_thin_triangles() -> None:
-    """Texture 6 is made of slivers as long as the block: no gap shows between them."""
+def test_long_thin_triangles_leave_no_gaps() -> None:
+    """Texture 6 consists of narrow triangles as long as the block. The picture has no gaps between them."""
     image = render([body_of(Block.of(6))], 420, 320)
     shown = ink(image)
     inside = shown[1:-1, 1:-1] | ~(shown[:-2, 1:-1] & shown[2:, 1:-1] & shown[1:-1, :-2] & shown[1:-1, 2:])
-    assert inside.all(), "a white pixel among drawn ones"
+    assert inside.all(), "white pixels between drawn pixels"
     assert shown.mean() > 0.35
 
 
@@ -197,13 +197,13 @@ def test_sheet_has_a_tile_and_a_caption_for_each_part(tmp_path: Path) -> None:
     assert len(columns) == 6, "three tiles with white between them"
     for left, right in columns.reshape(3, 2):
         rows = np.flatnonzero(np.diff(np.concatenate([[0], shown[:, left:right].any(axis=1).astype(int), [0]])))
-        assert len(rows) >= 6, "the part, and two lines of caption below it"
+        assert len(rows) >= 6, "the part, and a caption of two lines below it"
     pictures.preview_sheet(items, tmp_path / "again.png")
     assert (tmp_path / "sheet.png").read_bytes() == (tmp_path / "again.png").read_bytes()
 
 
 @pytest.mark.parametrize(("suffix", "head"), [(".svg", b"<?xml"), (".pdf", b"%PDF")])
-def test_a_sheet_can_be_a_vector_file_with_its_picture_inside(suffix: str, head: bytes, tmp_path: Path) -> None:
+def test_a_sheet_can_be_a_vector_file_that_contains_the_picture(suffix: str, head: bytes, tmp_path: Path) -> None:
     paths = [tmp_path / f"{run}{suffix}" for run in "ab"]
     for path in paths:
         pictures.preview_sheet([("box", box(3.0, 4.0, 2.0))], path)
@@ -215,12 +215,12 @@ def test_a_sheet_can_be_a_vector_file_with_its_picture_inside(suffix: str, head:
 
 @pytest.mark.parametrize("count", [1, 2, 4, 17, *(pytest.param(count, marks=pytest.mark.long) for count in (8, 40))])
 def test_sheets_of_any_length(tmp_path: Path, count: int) -> None:
-    """Every part is drawn and no part covers another: the ink grows with the number of parts."""
+    """Every part is drawn and no part covers another: the drawn area grows with the number of parts."""
     pictures.preview_sheet([("", box(3.0, 4.0, 2.0))] * count, tmp_path / "bare.png")
     bare = ink(pixels(tmp_path / "bare.png"))[:-BAR_PX]
     body = body_of(box(3.0, 4.0, 2.0))
-    (across, down), wide = extent_mm([body]), first_width(bare)
-    single = ink(render([body], wide + 2, math.ceil(wide * down / across) + 2)).sum()
+    (across, down), width = extent_mm([body]), first_width(bare)
+    single = ink(render([body], width + 2, math.ceil(width * down / across) + 2)).sum()
     assert bare.sum() == pytest.approx(count * single, rel=0.03)
     assert bare.shape[1] <= 1300 and bare.shape[0] <= max(0.72 * 1300, 0.72 * 1300 * count / 12)
     pictures.preview_sheet([("box", box(3.0, 4.0, 2.0))] * count, tmp_path / "sheet.png")
@@ -228,7 +228,7 @@ def test_sheets_of_any_length(tmp_path: Path, count: int) -> None:
 
 
 def first_width(shown: Bools) -> int:
-    """Width in pixels of the leftmost part in the first row of a sheet without captions."""
+    """Return the width in pixels of the leftmost part in the first row of a sheet without captions."""
     rows = np.flatnonzero(shown.any(axis=1))
     last = rows[0] + np.argmin(np.append(shown[rows[0] :].any(axis=1), False))
     columns = shown[rows[0] : last].any(axis=0)
@@ -236,8 +236,8 @@ def first_width(shown: Bools) -> int:
     return int(np.argmin(np.append(columns[first:], False)))
 
 
-def test_all_parts_of_a_sheet_have_the_scale_of_its_bar(tmp_path: Path) -> None:
-    """A box twice as large is drawn twice as wide, and the bar is as long as it says."""
+def test_all_parts_of_a_sheet_have_the_scale_of_the_bar(tmp_path: Path) -> None:
+    """A box of twice the size is drawn twice as wide, and the bar has the stated length."""
     small, large = box(10.0, 10.0, 4.0), box(20.0, 20.0, 8.0)
     pictures.preview_sheet([("", small), ("", large)], tmp_path / "sheet.png")
     shown = ink(pixels(tmp_path / "sheet.png"))
@@ -251,7 +251,7 @@ def test_all_parts_of_a_sheet_have_the_scale_of_its_bar(tmp_path: Path) -> None:
     assert bar_px == pytest.approx(5.0 * pixels_per_mm, abs=3.0), "the bar says 5 mm"
 
 
-def test_blocks_have_rows_of_their_own() -> None:
+def test_blocks_have_separate_rows() -> None:
     items = [Item(f"block {i}", [body_of(box(3.0, 4.0, 2.0))]) for i in range(6)]
     items += [Item("holder", [body_of(box(9.0, 9.0, 2.0))]), Item("jig", [body_of(box(10.0, 10.0, 2.0))])]
     rows = [[cell.item.caption for cell in row] for row in picture_sheet._layout(items).rows]
@@ -268,7 +268,7 @@ def test_long_names_are_broken_and_stay_on_the_sheet(tmp_path: Path) -> None:
     assert "".join(lines) == name and len(lines) == 4
 
 
-def test_underside_is_shown_where_there_is_something_in_it(tmp_path: Path) -> None:
+def test_an_engraved_underside_is_shown(tmp_path: Path) -> None:
     """A label is drawn from below, to the right of the block."""
     widths = []
     for label in (False, True):
@@ -278,7 +278,7 @@ def test_underside_is_shown_where_there_is_something_in_it(tmp_path: Path) -> No
     assert widths[0] < 1.5 < widths[1]
 
 
-def test_a_part_is_drawn_large_with_its_underside_where_that_is_engraved(tmp_path: Path) -> None:
+def test_the_picture_of_a_part_shows_an_engraved_underside(tmp_path: Path) -> None:
     widths = []
     for label in (False, True):
         pictures.part_picture(block_part(Block.of(1, label=label)), tmp_path / "part.png")
@@ -289,8 +289,8 @@ def test_a_part_is_drawn_large_with_its_underside_where_that_is_engraved(tmp_pat
     assert widths[0] > 600 and widths[1] > 1.5 * widths[0]
 
 
-def test_an_assembly_has_its_parts_in_their_colours(tmp_path: Path) -> None:
-    """Put together the jig covers the block; taken apart each of the three colours is seen."""
+def test_the_parts_of_an_assembly_have_their_colours(tmp_path: Path) -> None:
+    """In the assembly the jig covers the block. In the exploded view all three colours are visible."""
     pytest.importorskip("build123d", reason="fixtures need the extra cad")
     from helpers.fixtures import HOLDER, JIG
 
@@ -303,9 +303,11 @@ def test_an_assembly_has_its_parts_in_their_colours(tmp_path: Path) -> None:
         image = pixels(tmp_path / "set.png")[:-80].astype(float)
         drawn = image[ink(image.astype(np.uint8))]
         hue = (drawn - drawn.mean(axis=1, keepdims=True)) / drawn.mean(axis=1, keepdims=True)
-        own = np.array([[COLOURS[kind] >> shift & 0xFF for shift in (16, 8, 0)] for kind in ("holder", "block", "jig")])
-        own = (own - own.mean(axis=1, keepdims=True)) / own.mean(axis=1, keepdims=True)
-        nearest = np.linalg.norm(hue[:, None] - own, axis=2)
+        chroma = np.array(
+            [[COLOURS[kind] >> shift & 0xFF for shift in (16, 8, 0)] for kind in ("holder", "block", "jig")]
+        )
+        chroma = (chroma - chroma.mean(axis=1, keepdims=True)) / chroma.mean(axis=1, keepdims=True)
+        nearest = np.linalg.norm(hue[:, None] - chroma, axis=2)
         return [float((nearest.argmin(axis=1) == i)[nearest.min(axis=1) < 0.15].mean()) for i in range(3)]
 
     holder, block, jig = fractions(0.0)
@@ -325,7 +327,7 @@ def test_texture_picture(tmp_path: Path, block: Block, press: bool) -> None:
     image = pixels(path)
     assert min(image.shape[:2]) > 500
     edge = np.concatenate([image[:4].reshape(-1, 3), image[-4:].reshape(-1, 3), image[:, -4:].reshape(-1, 3)])
-    assert (edge == 255).all(), "something runs off the picture"
+    assert (edge == 255).all(), "something is cut off at the border of the picture"
     assert [file.name for file in tmp_path.iterdir()] == ["texture.png"]
 
 
@@ -336,13 +338,13 @@ def test_texture_pictures_are_equal_on_every_run(tmp_path: Path) -> None:
     assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
-def test_contact_radii_are_the_papers() -> None:
+def test_contact_radii_agree_with_the_paper() -> None:
     assert [round(contact_radius_mm(force), 1) for force in (1.9, 3.0)] == [8.2, 9.2]
     assert contact_radius_mm(1.91295) == pytest.approx(8.25, abs=0.01)
 
 
-def test_contact_circles_lie_where_the_grid_says(tmp_path: Path) -> None:
-    """Measured in the picture: the circle of the highest force is as wide as it should be, in the axes' own scale."""
+def test_contact_circles_are_at_the_positions_of_the_grid(tmp_path: Path) -> None:
+    """The circle of the highest force, measured in the picture, has the correct width at the scale of the axes."""
     pictures.texture_picture(Block.of(5), tmp_path / "press.png", press=True)
     image = pixels(tmp_path / "press.png").astype(int)
     across = image[:, : round(0.70 * image.shape[1])]
@@ -360,7 +362,7 @@ def test_a_grid_off_the_block_is_refused(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_catalogue(tmp_path: Path) -> None:
+def test_picture_of_the_catalogue(tmp_path: Path) -> None:
     pictures.catalogue_picture([Block.of(number) for number in range(1, 7)], tmp_path / "six.png")
     shown = ink(pixels(tmp_path / "six.png"))
     assert shown.shape[1] > 1200
@@ -368,7 +370,9 @@ def test_catalogue(tmp_path: Path) -> None:
     assert all(part[: len(part) // 2].mean() > 0.2 and part[len(part) // 2 :].mean() > 0.2 for part in thirds)
 
 
-def test_without_matplotlib_the_command_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_without_matplotlib_the_message_names_the_install_command(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     real = builtins.__import__
 
     def blocked(name: str, *rest: object) -> object:
@@ -396,11 +400,11 @@ def test_importing_it_loads_no_plotting() -> None:
         "import sys, tacbench_cad.render.pictures;"
         "print([m for m in ('matplotlib', 'scipy', 'OCP') if m in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert process.stdout.strip() == "[]"
 
 
-def test_the_users_settings_do_not_matter(tmp_path: Path) -> None:
+def test_the_users_matplotlib_settings_have_no_effect(tmp_path: Path) -> None:
     import matplotlib
 
     pictures.texture_picture(Block.of(1), tmp_path / "a.png")

@@ -1,4 +1,4 @@
-"""Pictures of CAD objects: every kind is drawn, where it lies and in its colour."""
+"""Pictures of CAD objects: every kind of object is drawn in its place and colour."""
 
 from __future__ import annotations
 
@@ -52,27 +52,27 @@ def test_every_kind_of_object_gives_one_picture(make: Any, tmp_path: Path) -> No
 
 
 def red_and_green_places(shape: Any, folder: Path) -> tuple[float, float]:
-    """Mean column of the red and of the green pixels."""
+    """Return the mean column of the red pixels and of the green pixels."""
     picture = drawn(shape, folder)
     red, green = picture[:, :, 0] > picture[:, :, 1] + 40, picture[:, :, 1] > picture[:, :, 0] + 40
     assert red.any() and green.any()
     return float(np.nonzero(red)[1].mean()), float(np.nonzero(green)[1].mean())
 
 
-def test_children_keep_their_colours_and_places(tmp_path: Path) -> None:
+def test_children_have_their_colours_and_places(tmp_path: Path) -> None:
     left, right = bd.Pos(-5, 0, 0) * bd.Box(2, 2, 2), bd.Pos(5, 0, 0) * bd.Box(2, 2, 2)
     left.color, right.color = bd.Color(0xCC2222), bd.Color(0x22CC22)
     pair = bd.Compound(children=[left, right])
     red, green = red_and_green_places(pair, tmp_path)
     assert red < SIZE[0] / 3 < 2 * SIZE[0] / 3 < green
-    # Moved and nested, the children go with their parents: turned by half, they have changed places.
+    # Nested children move with their parent: after a rotation by 180 degrees they have changed places.
     turned = bd.Compound(children=[bd.Rot(0, 0, 180) * bd.Pos(30, 0, 0) * pair])
     assert np.array_equal(drawn(turned, tmp_path), drawn(bd.Rot(0, 0, 180) * pair, tmp_path))
     red, green = red_and_green_places(turned, tmp_path)
     assert green < SIZE[0] / 3 < 2 * SIZE[0] / 3 < red
 
 
-def test_an_assembly_of_cadquery_keeps_colours_and_places(tmp_path: Path) -> None:
+def test_an_assembly_of_cadquery_has_colours_and_places(tmp_path: Path) -> None:
     box = cq.Workplane().box(2, 2, 2)
     pair = cq.Assembly(box, loc=cq.Location(cq.Vector(-5, 0, 0)), color=cq.Color(0.8, 0.1, 0.1))
     pair.add(box, loc=cq.Location(cq.Vector(10, 0, 0)), color=cq.Color(0.1, 0.8, 0.1))
@@ -90,13 +90,13 @@ def test_an_assembly_of_cadquery_keeps_colours_and_places(tmp_path: Path) -> Non
     ],
     ids=["text", "nothing", "edge", "empty workplane"],
 )
-def test_what_cannot_be_drawn_is_named(shape: Any, message: str, tmp_path: Path) -> None:
+def test_an_object_that_cannot_be_drawn_is_named(shape: Any, message: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=message):
         snapshot(shape, tmp_path / "picture.png")
     assert not list(tmp_path.iterdir())
 
 
-def test_a_tolerance_is_positive_and_a_folder_is_no_file(tmp_path: Path) -> None:
+def test_bad_tolerances_and_folders_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="above 0"):
         snapshot(bd.Box(1, 1, 1), tmp_path / "picture.png", tolerance_mm=0.0)
     with pytest.raises(InputError):

@@ -1,4 +1,4 @@
-"""The 3D page without a browser: what it shows, that it names nothing to load, and what it refuses."""
+"""The 3D page, tested without a browser: its contents, no links to load, and errors."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def description(text: str) -> dict[str, object]:
 
 
 def world(thing: Thing) -> np.ndarray:
-    """A thing's vertices in the world, (n, 3)."""
+    """Return the vertices of an object in world coordinates, shape (n, 3)."""
     return thing.mesh.vertices @ thing.to_world[:3, :3].T + thing.to_world[:3, 3]
 
 
@@ -63,7 +63,7 @@ def test_words_name_textures_and_parts(
     assert request.parts == parts
 
 
-def test_a_formula_on_the_page_is_the_blocks_own() -> None:
+def test_the_page_states_the_formula_of_the_block() -> None:
     (thing,) = seen("4").things
     assert thing.formula is not None
     block = Block.of(4, sampling=Tolerance(mm=0.05))
@@ -75,7 +75,7 @@ def test_a_formula_on_the_page_is_the_blocks_own() -> None:
     assert thing.formula.bound_mm <= 0.05 and slope.max() > 1.0
 
 
-def test_colours_end_at_the_bound_or_at_what_joined_samples_reach() -> None:
+def test_the_colour_scale_ends_at_the_largest_deviation() -> None:
     (fine,) = seen("6").things
     (joined,) = seen("6", options=Request(sampling="grid")).things
     assert fine.formula is not None and joined.formula is not None
@@ -96,7 +96,7 @@ def test_press_positions_lie_on_the_surface() -> None:
     assert [force for force, _ in thing.press.contacts] == [0.08045, 1.91295, 3.0137]
 
 
-def test_a_block_that_the_press_grid_leaves_shows_none(tmp_path: Path) -> None:
+def test_a_block_smaller_than_the_press_grid_shows_no_positions(tmp_path: Path) -> None:
     file = tmp_path / "small.toml"
     file.write_text(
         '[texture]\nname = "small"\nfamily = "series"\nlaw = "square"\nN = 3\naxes = "x"\n[block]\nsize_mm = [8, 8]\n'
@@ -105,21 +105,22 @@ def test_a_block_that_the_press_grid_leaves_shows_none(tmp_path: Path) -> None:
     assert thing.press is None and thing.formula is not None
 
 
-def test_fixtures_fit_together_in_the_world() -> None:
+def test_fixtures_fit_together_on_the_page() -> None:
     pytest.importorskip("build123d", reason="fixtures need the extra cad")
     shown = {thing.kind: thing for thing in seen("2", "holder", "jig").things}
     block, holder, jig = (world(shown[kind]) for kind in ("block", "holder", "jig"))
-    # Holder's plate 45.6 x 52.3 x 7.47; the block stands 1.18 over it and in its middle; the jig's roof 0.3 above.
+    # The plate of the holder has 45.6 x 52.3 x 7.47 mm. The block is in its middle and ends 1.18 mm above it. The roof
+    # of the jig is 0.3 mm above the block.
     assert np.allclose((block.min(axis=0) + block.max(axis=0))[:2], holder.max(axis=0)[:2], atol=1e-5)
     assert block.max(axis=0)[2] - holder.max(axis=0)[2] == pytest.approx(1.18, abs=1e-5)
     inside = jig[(np.abs(jig[:, 0] - 22.8) < 11.0) & (np.abs(jig[:, 1] - 26.15) < 14.0)]
     assert inside[:, 2].min() - block.max(axis=0)[2] == pytest.approx(0.3, abs=1e-5)
     assert {thing.set_number for thing in shown.values()} == {0}
-    assert shown["jig"].mesh.volume_mm3 > 0.0, "seated, the jig must not be turned inside out"
+    assert shown["jig"].mesh.volume_mm3 > 0.0, "the seated jig must not be mirrored"
     assert ("pocket", "23.6 x 30.3 x 5.82 mm") in shown["holder"].facts
 
 
-def test_the_authors_holder_takes_the_block_by_a_quarter_turn() -> None:
+def test_in_the_authors_holder_the_block_is_turned_by_90_degrees() -> None:
     pytest.importorskip("build123d", reason="fixtures need the extra cad")
     block, holder = seen("1", "holder", options=Request(preset="released")).things
     assert np.linalg.det(block.to_world) == pytest.approx(1.0)
@@ -128,16 +129,16 @@ def test_the_authors_holder_takes_the_block_by_a_quarter_turn() -> None:
     assert (low > holder.mesh.vertices.min(axis=0)).all() and (high[:2] < holder.mesh.vertices.max(axis=0)[:2]).all()
 
 
-def test_slots_are_filled_one_after_the_other() -> None:
+def test_each_block_has_its_own_slot() -> None:
     pytest.importorskip("build123d", reason="fixtures need the extra cad")
     blocks = [thing for thing in seen("1", "2", "holder", options=Request(slots=2)).things if thing.kind == "block"]
     (a, b) = (world(thing) for thing in blocks)
-    apart = np.maximum(b.min(axis=0) - a.max(axis=0), a.min(axis=0) - b.max(axis=0))
-    assert apart[:2].max() > 5.0, "two blocks in one slot"
+    gap = np.maximum(b.min(axis=0) - a.max(axis=0), a.min(axis=0) - b.max(axis=0))
+    assert gap[:2].max() > 5.0, "two blocks are in one slot"
     assert [thing.slot for thing in blocks] == [0, 1]
 
 
-def test_the_page_has_everything_in_it_and_repeats() -> None:
+def test_the_page_loads_nothing_and_is_reproducible() -> None:
     shown = seen("1", "2")
     text = page.page_of(shown)
     assert text == page.page_of(shown), "the same scene must give the same bytes"
@@ -151,10 +152,10 @@ def test_the_page_has_everything_in_it_and_repeats() -> None:
     assert packed is not None
     library = zlib.decompress(base64.b64decode(packed[1])).decode()
     assert "url(fonts/" not in library, "the browser would look for the files of these fonts"
-    assert library.count("KaTeX_Main") > 0, "only the fonts are taken out"
+    assert library.count("KaTeX_Main") > 0, "only the fonts are removed"
 
 
-def test_a_mesh_comes_back_from_its_differences() -> None:
+def test_a_mesh_is_restored_from_its_differences() -> None:
     mesh = seen("6").things[0].mesh
     packed = np.frombuffer(page._differences(mesh), dtype=np.uint8).reshape(4, -1)
     steps = np.ascontiguousarray(packed.T).view("<i4").ravel()
@@ -164,13 +165,13 @@ def test_a_mesh_comes_back_from_its_differences() -> None:
     assert np.array_equal(vertices, mesh.vertices) and np.array_equal(triangles, mesh.faces)
 
 
-def test_even_fine_meshes_make_a_small_page() -> None:
+def test_the_page_is_small_even_for_fine_meshes() -> None:
     shown = seen("4", options=Request(sampling=Tolerance(mm=0.003)))
     assert len(shown.things[0].mesh.faces) > 200_000
     assert len(page.page_of(shown)) < 2_500_000
 
 
-def test_a_hostile_name_stays_text(tmp_path: Path) -> None:
+def test_a_hostile_name_is_shown_as_text(tmp_path: Path) -> None:
     (thing,) = seen("1").things
     from dataclasses import replace
 
@@ -179,7 +180,7 @@ def test_a_hostile_name_stays_text(tmp_path: Path) -> None:
     assert "<img" not in text and text.count("</script>") == page.page_of(Scene(things=(thing,))).count("</script>")
 
 
-def test_without_cad_packages_the_blocks_remain(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_cad_packages_only_blocks_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         showing, "why_not_importable", lambda modules: "OCP: libGL.so.1: cannot open shared object file"
     )
@@ -190,7 +191,9 @@ def test_without_cad_packages_the_blocks_remain(monkeypatch: pytest.MonkeyPatch)
         seen("holder")
 
 
-def test_without_k3d_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Capture) -> None:
+def test_without_k3d_the_message_names_the_install_command(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Capture
+) -> None:
     monkeypatch.setattr(tools, "has_module", lambda name: name != "k3d")
     assert main(["view", "1", "-o", str(tmp_path / "view.html")]) == 2
     assert 'pip install "tacbench-cad[view]"' in capsys.readouterr().err

@@ -132,9 +132,8 @@ def test_a_raft_lies_below_the_part(tmp_path: Path) -> None:
     raft = "M83\n;TYPE:Support material\nG1 X0 Z0.8\nG1 X50 E1\n"
     part = sliced(tmp_path, raft + _layers(1.2, 1.4, 1.6))
     assert part.floor_mm == pytest.approx(1.0)
-    pressed = sliced(
-        tmp_path, raft + _layers(1.2, *(1.18 + 0.2 * n for n in range(9)))
-    )  # Cura presses the first layer into the raft
+    # Cura presses the first layer into the raft.
+    pressed = sliced(tmp_path, raft + _layers(1.2, *(1.18 + 0.2 * n for n in range(9))))
     assert pressed.floor_mm == pytest.approx(0.78)
     assert pressed.beads.height_mm == pytest.approx([0.2] * 10, abs=0.021)
 

@@ -130,14 +130,14 @@ def test_all_printers_and_filaments_of_the_paper_are_known() -> None:
     ],
 )
 def test_printers_of_a_users_file(tmp_path: Path, change: str, needles: list[str]) -> None:
-    path = tmp_path / "ours.toml"
+    path = tmp_path / "mine.toml"
     path.write_text('[printer.delta]\nbed_mm = [100, 120]\nheight_mm = 90\nfilaments = ["abs"]\n' + change)
     if not needles:
         assert printers(path)["delta"].bed_mm == (100.0, 120.0) and "form-3" in printers(path)
         return
     with pytest.raises(InputError) as refused:
         printers(path)
-    assert all(needle in str(refused.value) for needle in ["ours.toml", *needles])
+    assert all(needle in str(refused.value) for needle in ["mine.toml", *needles])
 
 
 @pytest.fixture(scope="module")

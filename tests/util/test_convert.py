@@ -1,4 +1,4 @@
-"""Dataclasses from and to plain values: every kind of field, strictness, and what a mistake is called."""
+"""Conversion between dataclasses and plain values: every kind of field, strictness, and error messages."""
 
 from __future__ import annotations
 
@@ -82,9 +82,9 @@ GOOD: dict[str, Any] = {
 }
 
 
-def test_a_document_becomes_a_dataclass_and_the_same_document_again() -> None:
-    made = from_plain(Document, GOOD)
-    assert made == Document(
+def test_a_document_becomes_a_dataclass_and_is_restored_from_it() -> None:
+    document = from_plain(Document, GOOD)
+    assert document == Document(
         protocol=Protocol(forces_n=(1.0, 2.5), depth_mm=3.0, repeats=2, order="random", home=False),
         wave=(Wave(amplitude=1.0), Wave(amplitude=2.0, f=3.0)),
         textures=("1", "waves.toml"),
@@ -99,16 +99,16 @@ def test_a_document_becomes_a_dataclass_and_the_same_document_again() -> None:
         options={"speed": [1, {"any": None}]},
         note="x",
     )
-    assert type(made.protocol.depth_mm) is float and type(made.wave[0].amplitude) is float
-    plain = to_plain(made)
-    assert from_plain(Document, json.loads(json.dumps(plain))) == made
+    assert type(document.protocol.depth_mm) is float and type(document.wave[0].amplitude) is float
+    plain = to_plain(document)
+    assert from_plain(Document, json.loads(json.dumps(plain))) == document
     assert plain["N"] == 25 and plain["side"] == "right" and "terms" not in plain and "cached" not in plain
 
 
 def test_defaults_and_none_can_be_left_out() -> None:
-    made = Document(protocol=Protocol(repeats=4))
-    assert to_plain(made, without_defaults=True) == {"protocol": {"repeats": 4}}
-    assert "size_mm" not in to_plain(made, without_none=True)
+    document = Document(protocol=Protocol(repeats=4))
+    assert to_plain(document, without_defaults=True) == {"protocol": {"repeats": 4}}
+    assert "size_mm" not in to_plain(document, without_none=True)
     assert to_plain({"a": np.float64(0.5), "b": np.arange(2), 3: {Path("x")}}) == {"a": 0.5, "b": [0, 1], "3": ["x"]}
     with pytest.raises(TypeError, match="no plain form"):
         to_plain(object())
@@ -206,7 +206,7 @@ def test_a_hostile_json_file_is_refused_in_one_line(tmp_path: Path, text: str, m
     assert message in str(caught.value) and str(path) in str(caught.value) and len(str(caught.value)) < 500
 
 
-def test_a_byte_order_mark_and_windows_line_ends_do_not_matter(tmp_path: Path) -> None:
+def test_a_byte_order_mark_and_windows_line_ends_are_accepted(tmp_path: Path) -> None:
     path = tmp_path / "x.toml"
     path.write_bytes(b"\xef\xbb\xbfN = 3 # terms\r\n[protocol]\r\nrepeats = 5\r\n")
     assert read_toml(path, Document, "study") == Document(terms=3, protocol=Protocol(repeats=5))

@@ -1,4 +1,4 @@
-"""The one door: what is not a regular file of a sensible size, or no document or table, is refused in one line."""
+"""Input files that are irregular or too large, or that are not documents or tables, are refused in one line."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_a_named_pipe_a_device_and_a_link_to_one_are_refused_at_once(tmp_path: P
     assert "cannot be read" in refusal(tmp_path / "itself")
 
 
-def test_what_is_missing_or_a_folder_is_named(tmp_path: Path) -> None:
+def test_missing_files_and_folders_are_named(tmp_path: Path) -> None:
     assert "cannot be read: No such file" in refusal(tmp_path / "gone")
     assert "is a folder" in refusal(tmp_path)
     with pytest.raises(InputError, match="cannot be read"):
@@ -40,7 +40,7 @@ def test_what_is_missing_or_a_folder_is_named(tmp_path: Path) -> None:
 
 
 @posix
-def test_a_link_may_not_lead_out_of_the_folder(tmp_path: Path) -> None:
+def test_a_link_that_leads_out_of_the_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "secret").write_text("x")
     inner = tmp_path / "run"
     inner.mkdir()
@@ -52,7 +52,7 @@ def test_a_link_may_not_lead_out_of_the_folder(tmp_path: Path) -> None:
     assert door.read_bytes(inner / "out") == b"x"
 
 
-def test_a_size_limit_names_the_variable_that_raises_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_message_about_a_size_limit_names_the_variable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "big.toml"
     with path.open("wb") as stream:
         stream.truncate(20_000_000)
@@ -65,7 +65,7 @@ def test_a_size_limit_names_the_variable_that_raises_it(tmp_path: Path, monkeypa
             door.read_bytes(path)
 
 
-def test_a_table_has_its_header_and_rows_of_one_length(tmp_path: Path) -> None:
+def test_a_table_has_its_header_and_rows_of_equal_length(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     path.write_bytes(b'\xef\xbb\xbfa,b\r\n1,"x, y"\r\n\r\n2,z\r\n')
     assert door.read_rows(path, "table", ("a", "b")) == [["1", "x, y"], ["2", "z"]]
@@ -85,7 +85,7 @@ def test_a_table_has_its_header_and_rows_of_one_length(tmp_path: Path) -> None:
         (b"a," * 2000 + b"\n", "more than 1000 columns"),
     ],
 )
-def test_what_is_no_table_is_refused(tmp_path: Path, content: bytes, needle: str) -> None:
+def test_a_file_that_is_not_a_table_is_refused(tmp_path: Path, content: bytes, needle: str) -> None:
     path = tmp_path / "t.csv"
     path.write_bytes(content)
     with pytest.raises(InputError, match=needle):

@@ -1,4 +1,4 @@
-"""Child processes: results, refusals and losses come back; nothing a child prints reaches our output."""
+"""Child processes: results, refusals and crashes are reported; the output of a child is discarded."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def fill_disk() -> None:
 
 
 def fail() -> None:
-    raise ZeroDivisionError("a mistake of ours")
+    raise ZeroDivisionError("a bug in the child")
 
 
 def crash() -> None:
@@ -42,8 +42,8 @@ def crash() -> None:
 
 
 def chatter() -> str:
-    os.write(1, b"what a C++ library prints\n")
-    print("what Python prints")
+    os.write(1, b"output of a C++ library\n")
+    print("output of Python")
     return "heard"
 
 
@@ -62,13 +62,13 @@ def tests_are_importable_in_children(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(function, "__module__", "test_processes")
 
 
-def test_results_come_back_from_other_processes() -> None:
+def test_results_are_returned_from_other_processes() -> None:
     with Workers(2) as workers:
         assert [job.result() for job in [workers.submit(double, i) for i in range(8)]] == [0, 2, 4, 6, 8, 10, 12, 14]
         assert workers.submit(process).result() != os.getpid()
 
 
-def test_work_for_the_first_child_is_done_by_the_first_child() -> None:
+def test_work_for_the_first_child_runs_in_the_first_child() -> None:
     with Workers(3) as workers:
         first = workers.submit(process, first_child=True).result()
         everyone = {workers.submit(process).result() for _ in range(12)} | {first}
@@ -81,7 +81,7 @@ def test_a_refusal_keeps_its_message_and_exit_code() -> None:
         with pytest.raises(InputError, match="scale = -1: must be positive") as caught:
             workers.submit(refuse).result()
         assert caught.value.exit_code == 2 and caught.value.field == "scale"
-        assert workers.submit(double, 4).result() == 8, "the child must still be of use"
+        assert workers.submit(double, 4).result() == 8, "the child must still work"
 
 
 def test_an_error_of_the_file_system_keeps_its_number() -> None:
@@ -90,8 +90,8 @@ def test_an_error_of_the_file_system_keeps_its_number() -> None:
     assert caught.value.errno == errno.ENOSPC
 
 
-def test_a_mistake_of_ours_shows_where_it_happened() -> None:
-    with Workers(1) as workers, pytest.raises(RuntimeError, match="a mistake of ours"):
+def test_a_bug_shows_the_traceback_of_the_child() -> None:
+    with Workers(1) as workers, pytest.raises(RuntimeError, match="a bug in the child"):
         workers.submit(fail).result()
 
 
@@ -102,7 +102,7 @@ def test_a_lost_child_is_a_failed_check_and_is_replaced() -> None:
         assert workers.submit(double, 3).result() == 6
 
 
-def test_a_call_that_takes_too_long_ends_its_child_only() -> None:
+def test_a_call_that_takes_too_long_ends_only_its_child() -> None:
     begin = time.monotonic()
     with Workers(1) as workers:
         with pytest.raises(LostProcessError, match="sleep took longer than 1 s") as caught:
@@ -113,7 +113,7 @@ def test_a_call_that_takes_too_long_ends_its_child_only() -> None:
 
 
 def test_an_isolated_call_keeps_its_child_and_survives_a_crash(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(processes, "_kept", None)  # one of an earlier test would not know this module
+    monkeypatch.setattr(processes, "_kept", None)  # a child of an earlier test would not know this module
     first = isolated(process)
     assert isolated(process) == first != os.getpid()
     with pytest.raises(LostProcessError, match="code 7") as caught:
@@ -122,8 +122,8 @@ def test_an_isolated_call_keeps_its_child_and_survives_a_crash(monkeypatch: pyte
     assert isolated(double, 2) == 4
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="a limit of memory is kept by Linux")
-def test_a_child_may_be_limited_in_memory() -> None:
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux enforces a memory limit")
+def test_a_child_can_have_a_memory_limit() -> None:
     with Workers(1, max_mb=400) as workers:
         assert workers.submit(allocate, 100).result() == 100
         with pytest.raises(RuntimeError, match="MemoryError"):
@@ -137,31 +137,31 @@ def test_stray_modules_of_the_current_folder_are_not_imported(tmp_path: Path) ->
         "from tacbench_cad.lab.parallel import workers; from tacbench_cad.util.processes import isolated;"
         "from operator import neg;"
         "ok = isolated(neg, 2) == -2;"
-        "context = workers(2, None, ()); team = context.__enter__();"
-        "assert ok and list(team.map(neg, [1, 2])) == [-1, -2]; context.__exit__(None, None, None)"
+        "context = workers(2, None, ()); executor = context.__enter__();"
+        "assert ok and list(executor.map(neg, [1, 2])) == [-1, -2]; context.__exit__(None, None, None)"
     )
-    done = subprocess.run(
+    completed = subprocess.run(
         [sys.executable, "-P", "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
     )
-    assert (done.returncode, done.stdout, "HOSTILE" in done.stderr) == (0, "", False), done.stderr
+    assert (completed.returncode, completed.stdout, "HOSTILE" in completed.stderr) == (0, "", False), completed.stderr
 
 
-def test_what_a_child_prints_goes_nowhere(capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_output_of_a_child_is_discarded(capfd: pytest.CaptureFixture[str]) -> None:
     with Workers(1) as workers:
         assert workers.submit(chatter).result() == "heard"
     assert capfd.readouterr().out == ""
 
 
-def test_closing_ends_a_child_in_the_middle_of_its_work() -> None:
+def test_closing_ends_a_child_during_its_work() -> None:
     workers = Workers(1)
     child = workers.submit(process).result()
     workers.submit(sleep)
-    workers.close()  # would hang for ten minutes if it waited
+    workers.close()  # would take ten minutes if it waited for the child
     with pytest.raises(ProcessLookupError):
         os.kill(child, 0)
 
 
-def test_a_call_that_no_child_has_taken_can_be_cancelled() -> None:
+def test_a_call_that_has_not_started_can_be_cancelled() -> None:
     with Workers(1) as workers:
         workers.submit(sleep)
         waiting = workers.submit(double, 1)
@@ -177,26 +177,26 @@ def test_the_reason_why_a_module_does_not_import(tmp_path: Path, monkeypatch: py
 
 
 @pytest.mark.parametrize(("text", "obeyed"), [("3", True), ("1", True), ("0", False), ("default", False), ("", False)])
-def test_a_count_of_processors_is_taken_from_the_environment(
+def test_the_number_of_processors_is_read_from_the_environment(
     text: str, obeyed: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("PYTHON_CPU_COUNT", raising=False)
-    own = cpu_count()
-    assert own >= 1
+    available = cpu_count()
+    assert available >= 1
     monkeypatch.setenv("PYTHON_CPU_COUNT", text)
-    assert cpu_count() == (int(text) if obeyed else own)
+    assert cpu_count() == (int(text) if obeyed else available)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit of processor time")
-def test_a_child_that_nobody_can_end_any_more_is_ended_by_the_system() -> None:
+def test_the_system_ends_a_child_whose_parent_was_killed() -> None:
     script = (
         "from tacbench_cad.util import processes\n"
         "processes.PROCESSOR_MARGIN_S, processes.cpu_count = 0, lambda: 1\n"
         "processes._limit_processor_time(0.9)\n"
         "while True: pass"
     )
-    done = subprocess.run([sys.executable, "-c", script], timeout=60, check=False)
-    assert done.returncode == -signal.SIGXCPU
+    completed = subprocess.run([sys.executable, "-c", script], timeout=60, check=False)
+    assert completed.returncode == -signal.SIGXCPU
 
 
 def test_no_second_child_is_started_while_one_is_free() -> None:

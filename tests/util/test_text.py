@@ -1,4 +1,4 @@
-"""How counts and intervals stand in messages."""
+"""Text for counts and intervals in messages."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tacbench_cad.util.text import counted, interval
         (2400, "press", "2,400 presses"),
     ],
 )
-def test_counted(number: int, what: str, text: str) -> None:
+def test_number_with_noun(number: int, what: str, text: str) -> None:
     assert counted(number, what) == text
 
 
@@ -35,7 +35,7 @@ def test_counted(number: int, what: str, text: str) -> None:
         (math.nan, 1.0, "none"),
     ],
 )
-def test_interval(low: float | None, high: float | None, text: str) -> None:
+def test_interval_of_values(low: float | None, high: float | None, text: str) -> None:
     assert interval(low, high) == text
 
 

@@ -35,7 +35,7 @@ def oblique(scale: float = 1.0) -> Block:
 
 
 @pytest.mark.parametrize("block", [Block.of("3"), oblique(), Block.of("2", "released"), Block.of("6", scale=2.0)])
-def test_grids_follow_the_formula_within_what_is_proved(block: Block) -> None:
+def test_grids_follow_the_formula_within_the_proved_error(block: Block) -> None:
     field = SimulatorAsset(block).heights
     np.testing.assert_allclose(field.z_mm, block.datum_mm + block.surface.grid(field.x_mm, field.y_mm).T, atol=1e-12)
     assert (field.x_mm[0], field.x_mm[-1]) == pytest.approx((0.0, block.size_mm[0]))

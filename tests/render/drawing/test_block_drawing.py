@@ -1,4 +1,4 @@
-"""A block's drawing: its numbers are the mesh's, its words lie clear of each other, its files are whole and equal."""
+"""The drawing of a block: numbers agree with the mesh, texts do not overlap, files are complete and reproducible."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ BLOCKS = {
 
 @cache
 def drawing_of(name: str) -> Drawing:
-    """With the press grid where the block is large enough."""
+    """Return the drawing, with the press grid if the block is large enough."""
     return block_drawing(BLOCKS[name], press=name not in ("small", "narrow"))
 
 
@@ -45,7 +45,7 @@ def test_every_number_is_the_distance_on_the_mesh(name: str) -> None:
     block = BLOCKS[name]
     exact = isinstance(block.sampling, SampleGrid)
     drawing = drawing_of(name)
-    # A mesh within a tolerance has its valleys within it; a coordinate is a float32.
+    # The valleys of a mesh deviate by its tolerance at most; coordinates are rounded to float32.
     assert faults(drawing, 2e-4 if exact else mesh_block(block)[1].distance_mm) == []
     numbers = {dimension.name: dimension.value_mm for dimension in drawing.dimensions}
     assert (numbers["side x"], numbers["side y"], numbers["height"]) == (*block.size_mm, block.height_mm)
@@ -54,8 +54,8 @@ def test_every_number_is_the_distance_on_the_mesh(name: str) -> None:
         assert numbers["relief"] == pytest.approx(block.relief_mm)
 
 
-def test_a_wrong_number_is_found() -> None:
-    """The measure itself: a shifted end and another part's outlines are faults."""
+def test_the_check_finds_a_wrong_number() -> None:
+    """The check must find a shifted end, and the outlines of another part."""
     drawing = drawing_of("default")
     plan = drawing.plan
     first = plan.dimensions[0]
@@ -66,12 +66,12 @@ def test_a_wrong_number_is_found() -> None:
 
 
 @pytest.mark.parametrize("name", BLOCKS)
-def test_no_words_lie_on_others_or_on_lines(name: str) -> None:
+def test_texts_do_not_overlap_other_texts_or_lines(name: str) -> None:
     assert clashes(drawing_of(name)) == []
 
 
-def test_words_on_others_are_found() -> None:
-    """The measure itself: two labels on each other, and one on the line of a section."""
+def test_the_check_finds_overlapping_texts() -> None:
+    """The check must find two labels that overlap, and a label on the line of a section."""
     drawing = drawing_of("default")
     cut = drawing.plan.cuts[0]
     assert cut is not None
@@ -80,7 +80,7 @@ def test_words_on_others_are_found() -> None:
     assert [fault.split("[")[0] for fault in faults] == ["'here' lies on 'there'", "'on the line' lies on a line "]
 
 
-def test_the_press_grid_is_the_protocols() -> None:
+def test_the_press_grid_agrees_with_the_protocol() -> None:
     block = Block.of(1, scale=1.5)
     numbers = {dimension.name: dimension for dimension in block_drawing(block, press=True).plan.dimensions}
     assert (numbers["first press column"].value_mm, numbers["first press row"].value_mm) == (6.0, 27.0)
@@ -90,7 +90,7 @@ def test_the_press_grid_is_the_protocols() -> None:
         block_drawing(Block.of(2, size_mm=(8.0, 11.0)), press=True)
 
 
-def test_the_label_lies_where_it_is_engraved() -> None:
+def test_the_label_is_drawn_where_it_is_engraved() -> None:
     block = BLOCKS["keyed and labelled"]
     assert block.engraving is not None
     hidden = drawing_of("keyed and labelled").plan.outlines["hidden"]
@@ -98,12 +98,12 @@ def test_the_label_lies_where_it_is_engraved() -> None:
     assert abs(drawn_mm2) == pytest.approx(block.engraving.area_mm2, rel=1e-6)
 
 
-def test_lengths_are_written_to_a_hundredth() -> None:
+def test_lengths_have_two_decimals() -> None:
     assert [length(value) for value in (23.3, 30.0, 2.2849, -0.001, 0.15)] == ["23.3", "30", "2.28", "0", "0.15"]
 
 
 @pytest.mark.usefixtures("own_pdf_fonts")
-def test_each_kind_of_file_is_written_whole_and_equal_on_every_run(tmp_path: Path) -> None:
+def test_files_of_every_format_are_complete_and_equal_on_every_run(tmp_path: Path) -> None:
     drawing = drawing_of("along one axis")
     heads = {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml"}
     for suffix, head in heads.items():
@@ -113,7 +113,7 @@ def test_each_kind_of_file_is_written_whole_and_equal_on_every_run(tmp_path: Pat
         assert paths[0].read_bytes().startswith(head)
         assert paths[0].read_bytes() == paths[1].read_bytes()
         assert b"/work" not in paths[0].read_bytes() and b"Matplotlib" not in paths[0].read_bytes()[:2000]
-    assert b"/CIDFontType2" in (tmp_path / "a.pdf").read_bytes(), "letters that a program can search"
+    assert b"/CIDFontType2" in (tmp_path / "a.pdf").read_bytes(), "the letters are searchable text"
     with Image.open(tmp_path / "a.png") as picture:
         assert picture.size == (2338, 1653)
     assert b'width="841.889764pt"' in (tmp_path / "a.svg").read_bytes()
